@@ -1,0 +1,1 @@
+"""What is measured, and the evidence: rollouts, metrics, suites, the leaderboard and the command line."""

@@ -1,0 +1,52 @@
+"""The cascade of §3.1 of the paper: an inner velocity loop that fights the leakage, an outer position loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.feedback_linearization import linearize, winds_up
+from controllers.policy import State, TorqueLaw
+from fbl_gym.arm import Array
+from fbl_gym.records import Pair, pair, settle
+
+
+def velocity_command(r: Array, r_dot: Array, q: Array, kp: Pair) -> Array:
+    """The outer loop, equation (8): the velocity r' + Kp (r - q) that lets the error decay as exp(-Kp t)."""
+    return r_dot + np.array(kp) * (r - q)
+
+
+@dataclass(frozen=True)
+class CascadeFlm(TorqueLaw):
+    """Inner PI on velocity, outer proportional loop with derivative feed-forward, through the nominal mapping.
+
+    a = P e_v + I int(e_v)  with  e_v = r' + Kp (r - q) - v. As in the paper, there is no feed-forward of r''.
+
+    Args:
+        kp: Kp of the outer loop [1/s], per joint. The paper leaves it open; 10 is the project's choice.
+        velocity_p: P of the inner loops [1/s]; the paper's 30 and 35.
+        velocity_i: I of the inner loops [1/s^2]; the paper's 13 and 20.
+    """
+
+    kp: Pair | float = 10.0
+    velocity_p: Pair | float = (30.0, 35.0)
+    velocity_i: Pair | float = (13.0, 20.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        gains = {name: pair(name, getattr(self, name)) for name in ("kp", "velocity_p", "velocity_i")}
+        settle(self, **gains)
+
+    def initial(self, observation: Array) -> State:
+        return (np.zeros((len(observation), 2)),)
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        q, v = self.read(observation, "position", "velocity")
+        r, r_dot = self.read(observation, "reference_position", "reference_velocity")
+        (integral,) = state
+        error = velocity_command(r, r_dot, q, self.kp) - v  # type: ignore[arg-type]
+        a = np.array(self.velocity_p) * error + np.array(self.velocity_i) * integral
+        torque = linearize(self.interface, q, v, a)
+        pause = winds_up(self.interface, q, v, a, torque, error)
+        return torque, (integral + np.where(pause, 0.0, error * self.interface.control_dt),)

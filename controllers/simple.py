@@ -1,0 +1,50 @@
+"""The floor of the board: no torque at all, and PD with gravity compensation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from controllers.policy import State, TorqueLaw
+from fbl_gym.arm import Array, gravity_torque, inertia_matrix
+from fbl_gym.records import Pair, pair, settle
+
+
+@dataclass(frozen=True)
+class Zero(TorqueLaw):
+    """No torque. What an arm does that nobody drives."""
+
+    needs: ClassVar[tuple[str, ...]] = ()
+    tier: ClassVar[str] = "nothing"
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        return np.zeros((len(observation), 2)), ()
+
+
+@dataclass(frozen=True)
+class PdGravity(TorqueLaw):
+    """torque = Kp e + Kd e' + G(q), with the nominal gravity torque (Takegaki and Arimoto 1981).
+
+    The gains are those of a critically damped (by default) second-order system of the given frequency on the diagonal of the
+    stretched arm's nominal inertia: Kp = w^2 M_ii, Kd = 2 damping w M_ii.
+
+    Args:
+        frequency: w [rad/s], per joint.
+        damping: ratio, per joint.
+    """
+
+    frequency: Pair | float = 10.0
+    damping: Pair | float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        settle(self, frequency=pair("frequency", self.frequency), damping=pair("damping", self.damping))
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        q, v, r, r_dot = self.read(observation, "position", "velocity", "reference_position", "reference_velocity")
+        inertia = np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
+        w = np.array(self.frequency)
+        kp, kd = w**2 * inertia, 2.0 * np.array(self.damping) * w * inertia
+        return kp * (r - q) + kd * (r_dot - v) + gravity_torque(self.interface.nominal, q), ()

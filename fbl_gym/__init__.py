@@ -1,0 +1,75 @@
+"""An uncertain two-link arm for control and reinforcement learning.
+
+Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium.
+"""
+
+from gymnasium.envs.registration import register
+
+from fbl_gym import references, scenarios
+from fbl_gym.arm import SECTION_2_2, TABLE_1, ArmParameters
+from fbl_gym.batch import Truth
+from fbl_gym.env import TwoLinkArmEnv
+from fbl_gym.interface import Interface, Layout, Limits
+from fbl_gym.references import (
+    ArrayReference,
+    FilteredSteps,
+    FourierReference,
+    MinimumJerk,
+    SineReference,
+    Steps,
+)
+from fbl_gym.reward import Reward
+from fbl_gym.scenarios import Scenario
+from fbl_gym.uncertainty import (
+    Actuator,
+    ArrayDisturbance,
+    Friction,
+    Noise,
+    ParameterError,
+    Payload,
+    PiecewiseConstantDisturbance,
+    PulseDisturbance,
+    SensorError,
+    SineDisturbance,
+)
+from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "SECTION_2_2",
+    "TABLE_1",
+    "Actuator",
+    "ArmParameters",
+    "ArrayDisturbance",
+    "ArrayReference",
+    "FilteredSteps",
+    "FourierReference",
+    "Friction",
+    "Interface",
+    "Layout",
+    "Limits",
+    "MinimumJerk",
+    "Noise",
+    "ParameterError",
+    "Payload",
+    "PiecewiseConstantDisturbance",
+    "PulseDisturbance",
+    "Reward",
+    "Scenario",
+    "SensorError",
+    "SineDisturbance",
+    "SineReference",
+    "Steps",
+    "Truth",
+    "TwoLinkArmEnv",
+    "TwoLinkArmVectorEnv",
+    "references",
+    "scenarios",
+]
+
+register(
+    id="fbl_gym/TwoLinkArm-v0",
+    entry_point="fbl_gym.env:TwoLinkArmEnv",
+    vector_entry_point="fbl_gym.vector_env:TwoLinkArmVectorEnv",
+)

@@ -1,0 +1,240 @@
+"""The single environment, `fbl_gym/TwoLinkArm-v0`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import error
+
+from fbl_gym.arm import ArmParameters, Array
+from fbl_gym.batch import ArmBatch, Truth, single
+from fbl_gym.interface import Interface, Layout
+from fbl_gym.kernel import NO_AUTORESET
+from fbl_gym.records import Pair, build, unknown, whole
+from fbl_gym.reward import Reward
+from fbl_gym.scenarios import Scenario, as_scenario
+from fbl_gym.settings import Program, make_program
+
+MAX_SEED = 2**64 - 1
+
+
+class Told:
+    """What both environments say of themselves: the scenario, and the interface that policies are given."""
+
+    scenario: Scenario
+    interface: Interface
+
+    @property
+    def layout(self) -> Layout:
+        """Names, slices and units of the observation."""
+        return self.interface.layout
+
+    @property
+    def nominal(self) -> ArmParameters:
+        """The nominal model: what a controller may know of the arm."""
+        return self.interface.nominal
+
+    @property
+    def control_dt(self) -> float:
+        """Time between two decisions [s]."""
+        return self.interface.control_dt
+
+    @property
+    def torque_limit(self) -> Pair | None:
+        """Largest torque of each joint [N m]; None: no limit."""
+        return self.interface.torque_limit
+
+
+def configure(
+    scenario: Any, action: Any, reward: Any, preview: Any, options: dict[str, Any], max_episode_steps: int | None = None
+) -> tuple[Scenario, Program]:
+    """The scenario and the program that an environment's arguments mean."""
+    built = as_scenario(scenario)
+    if options:
+        built = built.replace(**options)
+    weights = Reward() if reward is None else build("reward", reward, Reward)
+    return built, make_program(
+        built, action=action, reward=weights, preview=preview, max_episode_steps=max_episode_steps
+    )
+
+
+def check_seed(seed: Any) -> int:
+    """`seed` as an int that a stream's key can hold."""
+    value = whole("seed", seed)
+    if value > MAX_SEED:
+        raise ValueError(f"seed must be below 2**64, got {value}")
+    return value
+
+
+def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> None:
+    for name in options or {}:
+        if name not in known:
+            raise (
+                unknown("reset option", name, known)
+                if known
+                else ValueError(
+                    f"unknown reset option {name!r}; this environment has none: its options are given to gym.make"
+                )
+            )
+
+
+class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
+    """An uncertain two-link arm that is to follow a reference.
+
+    ## Description
+
+    Two links turn in a vertical plane, moved by a torque at each joint. The arm obeys equations (1)-(4) of Wang, Wang and
+    Brdys (Cogent Engineering 3:1173529, 2016),
+
+        M(q) a + C(q, v) v + G(q) + F(v) + tau_d = tau
+
+    with theta1 measured from the horizontal and theta2 from the first link. What a policy knows is a nominal model; the
+    real arm may differ from it in every way that the options below name.
+
+    ## Action space
+
+    `Box([-1, -1], [1, 1], (2,), float32)`: the torque of joints 1 and 2 as a fraction of their limits (2,000 and 800 N m by
+    default). With `action="torque"` it is the torque in N m; with `action="acceleration"` it is an acceleration in rad/s^2
+    (within +-100) that goes through the nominal feedback linearisation mapping at the measured state. The torque is held for
+    `control_dt`. An action of dtype float64 is used at its full precision. A value outside the box acts as the nearest
+    inside; NaN or infinity is an error, and nothing moves.
+
+    ## Observation space
+
+    `Box((12,), float64)` with all sensors. `env.unwrapped.layout` gives the slices by name.
+
+    | index | name | unit | bound |
+    |---|---|---|---|
+    | 0, 1 | position: measured joint angles | rad | 8 pi |
+    | 2, 3 | velocity: measured | rad/s | 200 |
+    | 4, 5 | acceleration: measured at the end of the interval, under the torque held | rad/s^2 | 1e5 |
+    | 6, 7 | reference_position | rad | 8 pi |
+    | 8, 9 | reference_velocity | rad/s | 200 |
+    | 10, 11 | reference_acceleration | rad/s^2 | 1e5 |
+    | then | previous_action, only with an actuator delay or lag | as the action | as the action |
+    | then | preview, only with `preview=n`: 6 entries for each of the next n samples | as the reference | as above |
+
+    A sensor that is left out (`sensors=("position",)`) leaves its slot out. Readings saturate at the bounds.
+
+    ## Reward
+
+    Between 0 and 1, 1 for perfect tracking without effort or chatter: see `fbl_gym.reward`. `reward={"tracking": "l1", ...}`
+    changes its form, scales and weights.
+
+    ## Start, end
+
+    The arm starts on its reference (plus `initial_error`), under the torque that would hold the nominal arm still. The
+    episode is truncated after `duration` (10 s), and terminated, with reward 0, when a joint is more than 4 pi from where it
+    started or faster than 100 rad/s (`limits`).
+
+    ## Arguments
+
+    * `scenario`: a name (`fbl_gym.scenarios.names()`), a `Scenario`, or its dict; None: the nominal arm.
+    * `arm`, `parameter_error`, `noise`, `friction`, `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`,
+      `physics_dt`, `duration`, `initial_error`, `limits`: fields of `Scenario` that replace the scenario's. Each is a record or
+      the plain data that makes one; None switches the option off.
+    * `action`: "fraction", "torque" or "acceleration".
+    * `reward`: a `Reward` or a dict of its fields.
+    * `preview`: how many coming samples of the reference are observed.
+
+    ## Determinism
+
+    An episode is a function of (scenario, seed, actions). `reset(seed=s)` starts the first episode of seed s, `reset()` the
+    next one of the same seed. Every random number comes from a named stream, so one option does not shift another.
+
+    ## Version history
+
+    * v0: first release.
+    """
+
+    metadata = {"render_modes": [], "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(
+        self,
+        scenario: Scenario | str | dict[str, Any] | None = None,
+        *,
+        action: str = "fraction",
+        reward: Reward | dict[str, Any] | None = None,
+        preview: int = 0,
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        self.scenario, program = configure(scenario, action, reward, preview, options)
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise unknown("render_mode", render_mode, self.metadata["render_modes"])
+        self.render_mode = render_mode
+        self.interface = program.interface
+        self.observation_space = program.interface.observation_space
+        self.action_space = program.interface.action_space
+        self._batch = ArmBatch(program, 1)
+        self._seeded = False
+        self._size = program.interface.layout.size
+        self._everyone = np.ones(1, dtype=bool)
+        self._unused = np.empty((0, self._size))
+        self._reward, self._terminated, self._truncated = np.zeros(1), np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Start an episode: the first of `seed`, or the next one of the seed given before.
+
+        Without any seed so far, one is drawn from the operating system's entropy.
+
+        Returns:
+            The first observation, [size], and an empty info.
+        """
+        check_reset_options(options, ())
+        if seed is not None:
+            seed = check_seed(seed)
+        super().reset(seed=seed)
+        if seed is not None or not self._seeded:
+            self._batch.seed(0, int(self.np_random.integers(MAX_SEED, dtype=np.uint64)) if seed is None else seed)
+            self._seeded = True
+        else:
+            self._batch.next_episode(0)
+        observation = np.empty((1, self._size))
+        self._batch.reset(self._everyone, observation)
+        return observation[0], {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Hold an action for `control_dt`.
+
+        Args:
+            action: [2], in the action's unit.
+
+        Returns:
+            Observation [size], reward, terminated, truncated, and an empty info.
+
+        Raises:
+            ValueError: if the action has another shape, or is not finite. The environment has not moved then.
+            gymnasium.error.ResetNeeded: before the first `reset`, and after an episode's end.
+        """
+        actions = as_actions(action, (2,)).reshape(1, 2)
+        observation = np.empty((1, self._size))
+        bad, ended = self._batch.step(
+            actions, NO_AUTORESET, observation, self._unused, self._reward, self._terminated, self._truncated
+        )
+        if bad >= 0:
+            raise ValueError(f"action must be finite, got {action!r}")
+        if ended >= 0:
+            raise error.ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
+        return observation[0], float(self._reward[0]), bool(self._terminated[0]), bool(self._truncated[0]), {}
+
+    @property
+    def truth(self) -> Truth:
+        """The true parameters and signals now, made when asked for. A policy must not look."""
+        return single(self._batch.truth())
+
+    def render(self) -> None:
+        """Nothing: this version has no render mode."""
+
+
+def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
+    """`action` as a float64 array of `shape`."""
+    try:
+        array = np.ascontiguousarray(action, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"action must be numbers of shape {shape}, got {action!r}") from None
+    if array.shape != shape:
+        raise ValueError(f"action must have shape {shape}, got shape {array.shape}")
+    return array

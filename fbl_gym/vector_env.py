@@ -1,0 +1,187 @@
+"""The batched environment: the same kernel over many lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import error
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from fbl_gym.arm import Array
+from fbl_gym.batch import ArmBatch, Flags, Truth
+from fbl_gym.env import (
+    MAX_SEED,
+    Told,
+    TwoLinkArmEnv,
+    as_actions,
+    check_reset_options,
+    check_seed,
+    configure,
+)
+from fbl_gym.kernel import NEXT_STEP, NO_AUTORESET, SAME_STEP
+from fbl_gym.records import unknown, whole
+from fbl_gym.reward import Reward
+from fbl_gym.scenarios import Scenario
+
+_AUTORESET = {
+    AutoresetMode.NEXT_STEP: NEXT_STEP,
+    AutoresetMode.SAME_STEP: SAME_STEP,
+    AutoresetMode.DISABLED: NO_AUTORESET,
+}
+
+
+class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
+    """`num_envs` independent arms of one scenario, stepped together.
+
+    Lane i seeded s is bit for bit the single environment (`TwoLinkArmEnv`, which describes spaces, reward and options)
+    seeded s, whatever `num_envs`. `reset(seed=s)` seeds lane i with s + i, as Gymnasium's own vector environments do.
+
+    Args:
+        num_envs: how many, one or more.
+        scenario, action, reward, preview, and the scenario's fields: as for `TwoLinkArmEnv`.
+        autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as `gymnasium.vector.AutoresetMode` or its value.
+        max_episode_steps: truncate after so many steps if that is sooner than the scenario's duration.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: Scenario | str | dict[str, Any] | None = None,
+        *,
+        action: str = "fraction",
+        reward: Reward | dict[str, Any] | None = None,
+        preview: int = 0,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        self.num_envs = whole("num_envs", num_envs, low=1)
+        self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
+        if render_mode is not None:
+            raise unknown("render_mode", render_mode, TwoLinkArmEnv.metadata["render_modes"])
+        if max_episode_steps is not None:
+            whole("max_episode_steps", max_episode_steps, low=1)
+        self.scenario, program = configure(scenario, action, reward, preview, options, max_episode_steps)
+        self.render_mode = None
+        self.metadata = {**TwoLinkArmEnv.metadata, "autoreset_mode": self.autoreset_mode}
+        self.interface = program.interface
+        self.single_observation_space = program.interface.observation_space
+        self.single_action_space = program.interface.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._batch = ArmBatch(program, self.num_envs)
+        self._seeded = False
+        self._size = program.interface.layout.size
+        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
+        self._final = np.zeros((self.num_envs if same_step else 0, self._size))
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every lane, or in those of `options={"reset_mask": mask}` with a boolean `mask` [num_envs].
+
+        Args:
+            seed: s gives lane i the seed s + i; a sequence gives each lane its own, None in it goes on with that lane's;
+                None goes on with the seeds given before (or, at first, draws them).
+
+        Returns:
+            Observations [num_envs x size], those of lanes that were not reset as they were, and an empty info.
+        """
+        check_reset_options(options, ("reset_mask",))
+        mask = self._as_mask((options or {}).get("reset_mask"))
+        seeds = self._as_seeds(seed)
+        first = next((s for s in seeds if s is not None), None)
+        super().reset(seed=None if first is None else int(first))
+        if not self._seeded:
+            drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
+            for lane in range(self.num_envs):
+                self._batch.seed(lane, int(drawn[lane]))
+        for lane in map(int, np.flatnonzero(mask)):
+            if seeds[lane] is not None:
+                self._batch.seed(lane, seeds[lane])  # type: ignore[arg-type]
+            elif self._seeded:
+                self._batch.next_episode(lane)
+        self._seeded = True
+        observations = np.empty((self.num_envs, self._size))
+        self._batch.reset(mask, observations)
+        return observations, {}
+
+    def step(self, actions: Array) -> tuple[Array, Array, Any, Any, dict[str, Any]]:
+        """Hold each lane's action for `control_dt`.
+
+        Args:
+            actions: [num_envs x 2].
+
+        Returns:
+            Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos: in SAME_STEP mode
+            `final_obs` and `final_info` of the lanes that ended, with their masks `_final_obs` and `_final_info`.
+
+        Raises:
+            ValueError: if the actions have another shape, or one is not finite. No lane has moved then.
+            gymnasium.error.ResetNeeded: before the first `reset`; in DISABLED mode also if a lane that ended was not reset.
+        """
+        array = as_actions(actions, (self.num_envs, 2))
+        if not self._seeded:
+            raise error.ResetNeeded("call reset() before the first step()")
+        observations, rewards = np.empty((self.num_envs, self._size)), np.empty(self.num_envs)
+        terminated, truncated = np.empty(self.num_envs, dtype=bool), np.empty(self.num_envs, dtype=bool)
+        bad, ended = self._batch.step(
+            array, _AUTORESET[self.autoreset_mode], observations, self._final, rewards, terminated, truncated
+        )
+        if bad >= 0:
+            raise ValueError(f"actions must be finite, got {array[bad]} in lane {bad}")
+        if ended >= 0:
+            raise error.ResetNeeded(
+                f"the episode of lane {ended} has ended: call reset(options={{'reset_mask': ...}}) before step()"
+            )
+        return observations, rewards, terminated, truncated, self._infos(terminated, truncated)
+
+    def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
+        if self.autoreset_mode != AutoresetMode.SAME_STEP:
+            return {}
+        done = terminated | truncated
+        if not done.any():
+            return {}
+        final = np.full(self.num_envs, None, dtype=object)
+        for lane in np.flatnonzero(done):
+            final[lane] = self._final[lane].copy()
+        return {"final_obs": final, "_final_obs": done, "final_info": {}, "_final_info": done.copy()}
+
+    @property
+    def truth(self) -> Truth:
+        """The true parameters and signals of every lane now, made when asked for. A policy must not look."""
+        return self._batch.truth()
+
+    def _as_mask(self, mask: Any) -> Flags:
+        if mask is None:
+            return np.ones(self.num_envs, dtype=bool)
+        if not (isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,)):
+            raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}")
+        if not mask.any():
+            raise ValueError("reset_mask must have at least one True, got none")
+        return mask
+
+    def _as_seeds(self, seed: Any) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            first = check_seed(seed)
+            check_seed(first + self.num_envs - 1)
+            return [first + lane for lane in range(self.num_envs)]
+        seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seeds)}")
+        return [None if s is None else check_seed(s) for s in seeds]
+
+
+def _as_autoreset_mode(value: Any) -> AutoresetMode:
+    if isinstance(value, AutoresetMode):
+        return value
+    for mode in AutoresetMode:
+        if value in (mode.value, mode.name):
+            return mode
+    raise unknown("autoreset_mode", value, (mode.value for mode in AutoresetMode))

@@ -1,0 +1,213 @@
+"""Interfaces for agents, over the single environment and over the batch: error coordinates, and a residual on a policy.
+
+An acceleration interface is no wrapper but the environment's own `action="acceleration"`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+
+from fbl_gym.arm import Array
+from fbl_gym.interface import Interface
+from fbl_gym.records import number
+
+_CLIP = 10.0
+
+
+class ErrorScales:
+    """How the plain observation becomes error coordinates, each divided by a fixed scale and cut to [-10, 10].
+
+    In this order, each of two entries: tracking errors (reference less measured) of position, velocity and acceleration, as
+    far as those sensors exist; measured position less -pi/2 for joint 1 (so that hanging is zero) and velocity; the
+    reference's acceleration; the previous action, if observed; and for each previewed sample its departure from the
+    reference now (position, velocity, acceleration: six entries).
+
+    Args:
+        interface: of the environment.
+        position, velocity, acceleration: scale of an error [rad], [rad/s], [rad/s^2].
+    """
+
+    def __init__(self, interface: Interface, position: float, velocity: float, acceleration: float) -> None:
+        self.layout = interface.layout
+        self.action_limit = np.array(interface.action_limit)
+        scales = {"position": position, "velocity": velocity, "acceleration": acceleration}
+        self.scales = {name: number(f"{name} scale", value, above=0) for name, value in scales.items()}
+        self.size = len(self(np.zeros((1, self.layout.size)))[0])
+
+    def __call__(self, observations: Array) -> Array:
+        """[... x layout.size] -> [... x size]."""
+        layout = self.layout
+        parts = [
+            (observations[..., layout[f"reference_{name}"]] - observations[..., layout[name]]) / scale
+            for name, scale in self.scales.items()
+            if name in layout
+        ]
+        parts.append(observations[..., layout["position"]] - np.array([-np.pi / 2, 0.0]))
+        if "velocity" in layout:
+            parts.append(observations[..., layout["velocity"]])
+        parts.append(observations[..., layout["reference_acceleration"]] / self.scales["acceleration"])
+        if "previous_action" in layout:
+            parts.append(observations[..., layout["previous_action"]] / self.action_limit)
+        if "preview" in layout:
+            parts.append(self._departures(observations))
+        return np.clip(np.concatenate(parts, axis=-1), -_CLIP, _CLIP)
+
+    def _departures(self, observations: Array) -> Array:
+        preview = observations[..., self.layout["preview"]]
+        now = [observations[..., self.layout[f"reference_{name}"]] for name in self.scales]
+        samples = preview.reshape(*preview.shape[:-1], -1, 6)
+        scale = np.repeat([*self.scales.values()], 2)
+        return ((samples - np.concatenate(now, axis=-1)[..., None, :]) / scale).reshape(preview.shape)
+
+    @property
+    def space(self) -> spaces.Box:
+        return spaces.Box(-_CLIP, _CLIP, (self.size,), dtype=np.float64)
+
+
+class ErrorCoordinates(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs):
+    """Observations as errors at a fixed scale of order one, which agents learn from; see `ErrorScales`.
+
+    Args:
+        env: a `TwoLinkArmEnv`, wrapped or not, whose observation is still the plain one.
+        position, velocity, acceleration: scale of an error [rad], [rad/s], [rad/s^2].
+    """
+
+    def __init__(
+        self, env: gym.Env[Any, Any], position: float = 0.1, velocity: float = 1.0, acceleration: float = 10.0
+    ) -> None:
+        RecordConstructorArgs.__init__(self, position=position, velocity=velocity, acceleration=acceleration)
+        super().__init__(env)
+        self._errors = ErrorScales(env.unwrapped.interface, position, velocity, acceleration)  # type: ignore[attr-defined]
+        self.observation_space = self._errors.space
+
+    def observation(self, observation: Array) -> Array:
+        return self._errors(observation)
+
+
+class VectorErrorCoordinates(VectorWrapper):
+    """`ErrorCoordinates` over a `TwoLinkArmVectorEnv`, in every autoreset mode (`final_obs` included)."""
+
+    def __init__(
+        self, env: VectorEnv, position: float = 0.1, velocity: float = 1.0, acceleration: float = 10.0
+    ) -> None:
+        super().__init__(env)
+        self._errors = ErrorScales(env.unwrapped.interface, position, velocity, acceleration)  # type: ignore[attr-defined]
+        self.single_observation_space = self._errors.space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        observations, infos = self.env.reset(seed=seed, options=options)
+        return self._errors(observations), infos
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        if "final_obs" in infos:
+            final = infos["final_obs"]
+            for lane in np.flatnonzero(infos["_final_obs"]):
+                final[lane] = self._errors(final[lane])
+        return self._errors(observations), rewards, terminated, truncated, infos
+
+
+class BasePolicy(Protocol):
+    """What a residual can stand on: anything with stable-baselines3's `predict`."""
+
+    def predict(
+        self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Array, Any]: ...
+
+
+class _Base:
+    """The policy under a residual: its state, its last observation and which lanes begin an episode."""
+
+    def __init__(self, policy: BasePolicy, scale: float, low: Array, high: Array) -> None:
+        self.policy, self.scale = policy, number("scale", scale, above=0)
+        self.low, self.high = low.astype(float), high.astype(float)
+        self.state: Any = None
+
+    def begin(self, observation: Array, starts: Any) -> None:
+        self.observation, self.starts = observation, starts
+
+    def act(self, residual: Array) -> Array:
+        """The base policy's action plus the scaled residual, within the action box."""
+        action, self.state = self.policy.predict(
+            self.observation, state=self.state, episode_start=self.starts, deterministic=True
+        )
+        half = 0.5 * (self.high - self.low)
+        residual = np.clip(np.asarray(residual, dtype=float), -1.0, 1.0)
+        return np.clip(action + self.scale * half * residual, self.low, self.high)
+
+
+class Residual(gym.Wrapper[Any, Any, Any, Any]):
+    """The agent's action, in [-1, 1], is added to a policy's.
+
+    The policy sees the plain observation; to give the agent error coordinates, wrap this in `ErrorCoordinates`.
+
+    Args:
+        env: a `TwoLinkArmEnv`, wrapped or not, whose observation is still the plain one.
+        policy: anything with `predict`, such as `controllers.make("pid-flm", env)`.
+        scale: the residual's reach, as a share of the environment's own action bound.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], policy: BasePolicy, scale: float = 0.2) -> None:
+        super().__init__(env)
+        box = env.action_space
+        assert isinstance(box, spaces.Box)
+        self._base = _Base(policy, scale, box.low, box.high)
+        self.action_space = spaces.Box(-1.0, 1.0, box.shape, dtype=np.float32)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._base.state = None
+        self._base.begin(observation, None)
+        return observation, info
+
+    def step(self, action: Array) -> tuple[Array, Any, bool, bool, dict[str, Any]]:
+        _check_residual(action, (2,))
+        result = self.env.step(self._base.act(action))
+        self._base.begin(result[0], None)
+        return result
+
+
+class VectorResidual(VectorWrapper):
+    """`Residual` over a `TwoLinkArmVectorEnv`; the policy is told which lanes begin an episode, in every autoreset mode."""
+
+    def __init__(self, env: VectorEnv, policy: BasePolicy, scale: float = 0.2) -> None:
+        super().__init__(env)
+        box = env.single_action_space
+        assert isinstance(box, spaces.Box)
+        self._base = _Base(policy, scale, box.low, box.high)
+        self.single_action_space = spaces.Box(-1.0, 1.0, box.shape, dtype=np.float32)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._done = np.zeros(self.num_envs, dtype=bool)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        mask = (options or {}).get("reset_mask")
+        observations, infos = self.env.reset(seed=seed, options=options)
+        starts = np.ones(self.num_envs, dtype=bool) if mask is None else mask
+        self._done = np.where(starts, False, self._done)
+        self._base.begin(observations, starts)
+        return observations, infos
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        _check_residual(actions, (self.num_envs, 2))
+        result = self.env.step(self._base.act(actions))
+        observations, done = result[0], result[2] | result[3]
+        # In NEXT_STEP mode a lane that ended one step ago has just begun; in SAME_STEP mode, one that ended now.
+        mode = self.env.metadata["autoreset_mode"]
+        self._base.begin(observations, done if mode == AutoresetMode.SAME_STEP else self._done)
+        self._done = done if mode == AutoresetMode.NEXT_STEP else np.zeros_like(done)
+        return result
+
+
+def _check_residual(action: Any, shape: tuple[int, ...]) -> None:
+    """Refuse what cannot be added, before the base policy's state advances."""
+    array = np.asarray(action)
+    if array.shape != shape or array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+        raise ValueError(f"action must be finite numbers of shape {shape}, got {action!r}")
