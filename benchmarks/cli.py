@@ -69,6 +69,10 @@ def _parser() -> argparse.ArgumentParser:
     listing = commands.add_parser("list", help="the names of policies or scenarios, with a line each")
     listing.add_argument("what", choices=("policies", "scenarios"))
     listing.set_defaults(run=_list)
+
+    speed = commands.add_parser("speed", help="steps per second beside Acrobot-v1, in one interleaved run")
+    speed.add_argument("--rounds", type=_count, default=7, metavar="N", help="how often each has its turn (7)")
+    speed.set_defaults(run=_speed)
     return parser
 
 
@@ -143,6 +147,17 @@ def _leaderboard(arguments: argparse.Namespace) -> int:
         print(f"fbl-gym: stopped after {len(done)} of {len(cells)} cells", file=sys.stderr)
         return 130
     return 1 if any(result.error for result in done) else 0
+
+
+def _speed(arguments: argparse.Namespace) -> int:
+    _need("rich", extra="bench")
+    from rich.console import Console
+
+    from benchmarks.report import terminal
+    from benchmarks.speed import measure_speed
+
+    terminal.speed(Console(), measure_speed(arguments.rounds))
+    return 0
 
 
 def _list(arguments: argparse.Namespace) -> int:

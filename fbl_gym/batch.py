@@ -115,11 +115,11 @@ class ArmBatch:
 
     def _row(self, row: int) -> Array:
         """A copy of one row of the state, [n]."""
-        return self._by_row[:, row].ravel()[: self.lanes]
+        return self._by_row[:, row].flatten()[: self.lanes]
 
     def _rows(self, first: int, count: int = 2) -> Array:
         """A copy of neighbouring rows, [n x count]."""
-        return self._by_row[:, first : first + count].transpose(0, 2, 1).reshape(-1, count)[: self.lanes]
+        return self._by_row[:, first : first + count].transpose(0, 2, 1).copy().reshape(-1, count)[: self.lanes]
 
     def truth(self) -> Truth:
         """What is really so, now; computed when asked for."""
@@ -130,7 +130,7 @@ class ArmBatch:
         applied = self._rows(settings.T1)
         interface = self.program.interface
         expected = forward_dynamics(interface.nominal, position, velocity, applied)
-        steps = self._clock_by_row[:, settings.STEP].ravel()[: self.lanes].astype(float)
+        steps = self._clock_by_row[:, settings.STEP].flatten()[: self.lanes].astype(float)
         return Truth(
             time=steps * interface.control_dt,
             position=position,

@@ -34,34 +34,22 @@ def resist(m11, m12, m22, g1, g2, b1, b2):
 
     M is the inertia matrix, g = M f the momentum (or load) the joints would have without friction, and b bounds
     the friction impulse (or torque) of each joint. Returns the velocity (or acceleration) w, where a joint that sticks has
-    exactly zero, and the friction g - M w. The problem is strictly convex, so just one of its nine cases fits:
-    both stick, one sticks while the other slides either way, or both slide.
+    exactly zero, and the friction g - M w.
+
+    Each joint rests, or slides either way: nine cases, told apart one joint at a time. Minimised over w1, the problem stays
+    convex in w2, and its slope at w2 = 0 is the load left on a resting second joint by the first one alone: within b2 it
+    rests, beyond it slides the way of that load. Likewise for w1. So just one case is taken, however close to the border.
     """
-    # One joint at rest, the other sliding: the slider's momentum, shrunk by its friction.
-    slide_1 = _shrink(g1, b1) / m11
-    slide_2 = _shrink(g2, b2) / m22
-    second_rests = abs(g2 - m12 * slide_1) <= b2
-    first_rests = abs(g1 - m12 * slide_2) <= b1
-    both_rest = (abs(g1) <= b1) & (abs(g2) <= b2)
-    # Both sliding: the free velocity less the effect of both frictions, with the signs that agree with the outcome.
+    alone1, alone2 = _shrink(g1, b1) / m11, _shrink(g2, b2) / m22
+    left1, left2 = g1 - m12 * alone2, g2 - m12 * alone1
+    rests1, rests2 = abs(left1) <= b1, abs(left2) <= b2
+    s1, s2 = (1.0 if left1 > 0.0 else -1.0), (1.0 if left2 > 0.0 else -1.0)
+    # Both slide, with their frictions against these directions.
+    h1, h2 = g1 - s1 * b1, g2 - s2 * b2
     scale = 1.0 / (m11 * m22 - m12 * m12)
-    f1 = (m22 * g1 - m12 * g2) * scale
-    f2 = (m11 * g2 - m12 * g1) * scale
-    e11, e12, e21, e22 = m22 * b1 * scale, -m12 * b2 * scale, -m12 * b1 * scale, m11 * b2 * scale
-    w1, w2 = f1 - e11 - e12, f2 - e21 - e22
-    x1, x2 = f1 - e11 + e12, f2 - e21 + e22
-    fits = (x1 > 0.0) & (x2 < 0.0)
-    w1, w2 = x1 if fits else w1, x2 if fits else w2
-    x1, x2 = f1 + e11 - e12, f2 + e21 - e22
-    fits = (x1 < 0.0) & (x2 > 0.0)
-    w1, w2 = x1 if fits else w1, x2 if fits else w2
-    x1, x2 = f1 + e11 + e12, f2 + e21 + e22
-    fits = (x1 < 0.0) & (x2 < 0.0)
-    w1, w2 = x1 if fits else w1, x2 if fits else w2
-    w1 = slide_1 if second_rests else w1
-    w2 = 0.0 if second_rests else w2
-    w1 = 0.0 if first_rests else w1
-    w2 = slide_2 if first_rests else w2
-    w1 = 0.0 if both_rest else w1
-    w2 = 0.0 if both_rest else w2
+    w1 = s1 * max(s1 * (m22 * h1 - m12 * h2) * scale, 0.0)
+    w2 = s2 * max(s2 * (m11 * h2 - m12 * h1) * scale, 0.0)
+    # One rests, and the other goes as if alone (which is at rest, too, where its load is within its bound).
+    w1 = 0.0 if rests1 else (alone1 if rests2 else w1)
+    w2 = 0.0 if rests2 else (alone2 if rests1 else w2)
     return w1, w2, g1 - m11 * w1 - m12 * w2, g2 - m12 * w1 - m22 * w2

@@ -144,7 +144,7 @@ class _Base:
         return np.clip(action + self.scale * half * residual, self.low, self.high)
 
 
-class Residual(gym.Wrapper[Any, Any, Any, Any]):
+class Residual(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """The agent's action, in [-1, 1], is added to a policy's.
 
     The policy sees the plain observation; to give the agent error coordinates, wrap this in `ErrorCoordinates`.
@@ -156,6 +156,7 @@ class Residual(gym.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, env: gym.Env[Any, Any], policy: BasePolicy, scale: float = 0.2) -> None:
+        RecordConstructorArgs.__init__(self, policy=policy, scale=scale)
         super().__init__(env)
         box = env.action_space
         assert isinstance(box, spaces.Box)

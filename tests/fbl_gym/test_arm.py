@@ -1,0 +1,239 @@
+"""The model against MuJoCo, Pinocchio and the paper's equations as printed, and the properties every arm has."""
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters
+from fbl_gym.arm import (
+    coriolis_matrix,
+    coriolis_torque,
+    energy,
+    forward_dynamics,
+    gravity_torque,
+    inertia_matrix,
+    inverse_dynamics,
+    joint_positions,
+    regressor,
+)
+
+ARMS = {
+    "table-1": TABLE_1,
+    "section-2-2": SECTION_2_2,
+    "rods": TABLE_1.as_rods(),
+    "other": ArmParameters(3.0, 7.0, 0.4, 1.3, gravity=1.62, centre=0.4, inertia=0.05),
+}
+arms = pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS.keys())
+
+
+def states(n, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-np.pi, np.pi, (n, 2)), rng.uniform(-5, 5, (n, 2)), rng.uniform(-300, 300, (n, 2))
+
+
+def mujoco_model(arm):
+    """The arm in MuJoCo: x to the right, z up, hinges about -y so that angles count from the horizontal upwards."""
+
+    def link(mass, length):
+        own = max(arm.inertia * mass * length**2, 1e-12)
+        centre = f"{arm.centre * length} 0 0"
+        return f'<inertial pos="{centre}" mass="{mass}" diaginertia="{own} {own} {own}"/>'
+
+    text = f"""
+    <mujoco>
+      <option gravity="0 0 {-arm.gravity}"><flag contact="disable"/></option>
+      <compiler boundmass="0" boundinertia="0" balanceinertia="false" autolimits="false"/>
+      <worldbody>
+        <body><joint type="hinge" axis="0 -1 0"/>{link(arm.m1, arm.L1)}
+          <body pos="{arm.L1} 0 0"><joint type="hinge" axis="0 -1 0"/>{link(arm.m2, arm.L2)}</body>
+        </body>
+      </worldbody>
+    </mujoco>"""
+    return mujoco.MjModel.from_xml_string(text)
+
+
+def pinocchio_model(arm):
+    """The arm in Pinocchio: in the plane of x and y, joints about z, gravity along -y."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, -arm.gravity, 0.0])
+    parent, place = 0, pin.SE3.Identity()
+    for name, mass, length in (("1", arm.m1, arm.L1), ("2", arm.m2, arm.L2)):
+        joint = model.addJoint(parent, pin.JointModelRZ(), place, name)
+        own = arm.inertia * mass * length**2 * np.eye(3)
+        inertia = pin.Inertia(mass, np.array([arm.centre * length, 0.0, 0.0]), own)
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        parent, place = joint, pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
+    return model
+
+
+@arms
+def test_accelerations_are_mujocos(arm):
+    """5,000 random states and torques, to 1e-8 relative."""
+    model = mujoco_model(arm)
+    data = mujoco.MjData(model)
+    q, v, torque = states(5000)
+    theirs = np.empty_like(q)
+    for i in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q[i], v[i], torque[i]
+        mujoco.mj_forward(model, data)
+        theirs[i] = data.qacc
+    ours = forward_dynamics(arm, q, v, torque)
+    relative = np.linalg.norm(ours - theirs, axis=1) / np.linalg.norm(theirs, axis=1)
+    assert relative.max() < 1e-8
+
+
+@arms
+def test_terms_are_pinocchios(arm):
+    model = pinocchio_model(arm)
+    data = model.createData()
+    q, v, _ = states(500)
+    for i in range(len(q)):
+        inertia = pin.crba(model, data, q[i])
+        inertia = np.triu(inertia) + np.triu(inertia, 1).T
+        np.testing.assert_allclose(inertia_matrix(arm, q[i]), inertia, rtol=1e-11)
+        gravity = pin.computeGeneralizedGravity(model, data, q[i])
+        np.testing.assert_allclose(gravity_torque(arm, q[i]), gravity, rtol=1e-9, atol=1e-10)
+        coriolis = pin.computeCoriolisMatrix(model, data, q[i], v[i])
+        scale = np.abs(coriolis).max()
+        np.testing.assert_allclose(coriolis_matrix(arm, q[i], v[i], skew=True), coriolis, atol=1e-12 * scale)
+        np.testing.assert_allclose(coriolis_torque(arm, q[i], v[i]), coriolis @ v[i], atol=1e-11 * scale)
+
+
+@arms
+def test_kinematics_is_pinocchios(arm):
+    model = pinocchio_model(arm)
+    tip = model.addFrame(pin.Frame("tip", 2, pin.SE3(np.eye(3), np.array([arm.L2, 0, 0])), pin.FrameType.OP_FRAME))
+    data = model.createData()
+    for q in states(50)[0]:
+        pin.framesForwardKinematics(model, data, q)
+        points = [data.oMi[1].translation, data.oMi[2].translation, data.oMf[tip].translation]
+        np.testing.assert_allclose(joint_positions(arm, q), np.array(points)[:, :2], atol=1e-12)
+
+
+@arms
+def test_energy_is_pinocchios(arm):
+    """Their potential energy counts from the base; so does ours."""
+    model = pinocchio_model(arm)
+    data = model.createData()
+    q, v, _ = states(50)
+    for i in range(50):
+        theirs = pin.computeKineticEnergy(model, data, q[i], v[i]) + pin.computePotentialEnergy(model, data, q[i])
+        assert energy(arm, q[i], v[i]) == pytest.approx(theirs, rel=1e-11, abs=1e-9)
+
+
+@pytest.mark.parametrize("arm", [TABLE_1, SECTION_2_2])
+def test_the_papers_equations_as_printed(arm):
+    """(2), (3) and (4), written out here once more from the paper."""
+    m1, m2, L1, L2, g = arm.m1, arm.m2, arm.L1, arm.L2, arm.gravity
+    for (t1, t2), (w1, w2), _ in zip(*states(50), strict=True):
+        c2, s2 = np.cos(t2), np.sin(t2)
+        m12 = m2 * L2**2 + m2 * L1 * L2 * c2
+        m11 = m1 * L1**2 + m2 * L2**2 + m2 * L1**2 + 2 * m2 * L1 * L2 * c2
+        np.testing.assert_allclose(inertia_matrix(arm, (t1, t2)), [[m11, m12], [m12, m2 * L2**2]], rtol=1e-13)
+        h = m2 * L1 * L2 * s2
+        printed = np.array([[-2 * w2 * h, -w2 * h], [w1 * h, 0.0]])
+        np.testing.assert_allclose(coriolis_matrix(arm, (t1, t2), (w1, w2)), printed, rtol=1e-13)
+        np.testing.assert_allclose(coriolis_torque(arm, (t1, t2), (w1, w2)), printed @ (w1, w2), rtol=1e-12)
+        g2 = m2 * L2 * g * np.cos(t1 + t2)
+        g1 = m1 * L1 * g * np.cos(t1) + m2 * L1 * g * np.cos(t1) + g2
+        np.testing.assert_allclose(gravity_torque(arm, (t1, t2)), [g1, g2], rtol=1e-12, atol=1e-10)
+
+
+def test_rods_as_the_errata_derive_them():
+    arm = TABLE_1.as_rods()
+    m1, m2, L1, L2, g = arm.m1, arm.m2, arm.L1, arm.L2, arm.gravity
+    for (t1, t2), _, _ in zip(*states(20), strict=True):
+        c2 = np.cos(t2)
+        m11 = m1 * L1**2 / 3 + m2 * L1**2 + m2 * L2**2 / 3 + m2 * L1 * L2 * c2
+        m12 = m2 * L2**2 / 3 + m2 * L1 * L2 * c2 / 2
+        np.testing.assert_allclose(inertia_matrix(arm, (t1, t2)), [[m11, m12], [m12, m2 * L2**2 / 3]], rtol=1e-13)
+        g2 = m2 * g * L2 * np.cos(t1 + t2) / 2
+        g1 = (m1 / 2 + m2) * g * L1 * np.cos(t1) + g2
+        np.testing.assert_allclose(gravity_torque(arm, (t1, t2)), [g1, g2], rtol=1e-12, atol=1e-10)
+
+
+numbers = st.floats(0.05, 50.0)
+angles = st.tuples(st.floats(-10, 10), st.floats(-10, 10))
+anyone = st.builds(
+    ArmParameters, numbers, numbers, numbers, numbers, st.floats(0, 20), st.floats(0.1, 1.0), st.floats(0.0, 1.0)
+)
+
+
+@settings(deadline=None)
+@given(anyone, angles)
+def test_inertia_is_symmetric_and_positive_definite(arm, q):
+    m = inertia_matrix(arm, q)
+    assert m[0, 1] == m[1, 0]
+    assert np.all(np.linalg.eigvalsh(m) > -1e-12 * np.abs(m).max())
+    if arm.m1 > 0.01 * arm.m2:
+        assert np.linalg.det(m) > 0
+
+
+@settings(deadline=None)
+@given(anyone, angles, angles)
+def test_inertias_rate_less_twice_coriolis_is_skew(arm, q, v):
+    """With the Christoffel form; with the paper's C it is not."""
+    q, v, small = np.array(q), np.array(v), 1e-6
+    rate = (inertia_matrix(arm, q + small * v) - inertia_matrix(arm, q - small * v)) / (2 * small)
+    difference = rate - 2 * coriolis_matrix(arm, q, v, skew=True)
+    scale = np.abs(inertia_matrix(arm, q)).max() * (1 + np.abs(v).max())
+    np.testing.assert_allclose(difference + difference.T, 0.0, atol=1e-7 * scale)
+
+
+def test_the_papers_coriolis_matrix_is_not_skew():
+    q, v = np.array([0.3, 1.0]), np.array([1.0, 2.0])
+    rate = (inertia_matrix(TABLE_1, q + 1e-6 * v) - inertia_matrix(TABLE_1, q - 1e-6 * v)) / 2e-6
+    difference = rate - 2 * coriolis_matrix(TABLE_1, q, v)
+    assert np.abs(difference + difference.T).max() > 1.0
+
+
+@settings(deadline=None)
+@given(anyone, angles, angles, angles)
+def test_inverse_and_forward_dynamics_and_regressor_agree(arm, q, v, a):
+    torque = inverse_dynamics(arm, q, v, a)
+    scale = np.abs(torque).max() + 1e-9
+    np.testing.assert_allclose(regressor(q, v, a) @ arm.lumped, torque, rtol=1e-10, atol=1e-11 * scale)
+    m = inertia_matrix(arm, q)
+    tolerance = 1e-13 * np.linalg.cond(m) * (np.abs(a).max() + scale / np.abs(m).max())
+    np.testing.assert_allclose(forward_dynamics(arm, q, v, torque), a, atol=tolerance + 1e-12)
+
+
+@arms
+def test_power_is_the_rate_of_energy(arm):
+    q, v, torque = states(100)
+    a, small = forward_dynamics(arm, q, v, torque), 1e-6
+    rate = (energy(arm, q + small * v, v + small * a) - energy(arm, q - small * v, v - small * a)) / (2 * small)
+    power = (torque * v).sum(axis=1)
+    np.testing.assert_allclose(rate, power, rtol=1e-4, atol=1e-4 * np.abs(power).max())
+
+
+def test_functions_work_on_batches_of_arms():
+    """Lumped parameters [n x 5] give each state its own arm."""
+    q, v, a = states(3)
+    lumped = np.stack([TABLE_1.lumped, SECTION_2_2.lumped, TABLE_1.as_rods().lumped])
+    together = inverse_dynamics(lumped, q, v, a)
+    for i, arm in enumerate((TABLE_1, SECTION_2_2, TABLE_1.as_rods())):
+        np.testing.assert_array_equal(together[i], inverse_dynamics(arm, q[i], v[i], a[i]))
+    assert inertia_matrix(lumped, q).shape == (3, 2, 2)
+    assert regressor(q, v, a).shape == (3, 2, 5)
+    assert joint_positions(TABLE_1, q).shape == (3, 3, 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("m1", -1.0),
+        ("m2", 0.0),
+        ("L1", float("nan")),
+        ("L2", True),
+        ("gravity", -9.81),
+        ("centre", 1.5),
+        ("inertia", "1"),
+    ],
+)
+def test_bad_parameters_are_named(name, value):
+    with pytest.raises(ValueError, match=f"^{name} must be"):
+        ArmParameters(**{name: value})

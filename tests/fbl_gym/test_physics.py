@@ -1,0 +1,412 @@
+"""Motions of the environment against a high-accuracy ODE solver, and against the laws that every motion obeys.
+
+The reference integrates the arm anew, from its particles, with DOP853 at a relative tolerance of 1e-12. It stops and starts at
+every instant at which something jumps: a new command, a delayed one, a payload, a level of the disturbance.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import forward_dynamics, inertia_matrix, inverse_dynamics
+from fbl_gym.interface import Limits
+from fbl_gym.references import SineReference
+from fbl_gym.uncertainty import (
+    Actuator,
+    ArrayDisturbance,
+    Friction,
+    ParameterError,
+    Payload,
+    PulseDisturbance,
+    SineDisturbance,
+)
+
+# The reference: a world of its own.
+
+
+def particles(mass, length, centre):
+    """A link as point masses at distances: one at its end, or the three that have a rod's mass, centre and inertia."""
+    if centre == 1.0:
+        return [(mass, length)]
+    return [(mass / 6, 0.0), (2 * mass / 3, length / 2), (mass / 6, length)]
+
+
+def calm(_t):
+    """No disturbance."""
+    return 0.0, 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class World:
+    """A true arm with what acts on it. `sliding` is a constant friction torque; `jumps` are instants when a level changes."""
+
+    arm: ArmParameters
+    viscous: tuple[float, float] = (0.0, 0.0)
+    sliding: tuple[float, float] = (0.0, 0.0)
+    disturbance: Callable[[float], tuple[float, float]] = calm
+    jumps: tuple[float, ...] = ()
+    lag: float = 0.0
+    delay: float = 0.0
+    load: tuple[float, float, float] = (0.0, math.inf, math.inf)  # mass, pick-up, drop
+
+    def sums(self, t):
+        """First and second moments of link 1's particles; mass and moments of link 2's, with the payload of instant t."""
+        arm, (mass, on, off) = self.arm, self.load
+        first = particles(arm.m1, arm.L1, arm.centre)
+        second = [*particles(arm.m2, arm.L2, arm.centre), (mass if on <= t < off else 0.0, arm.L2)]
+        return [
+            sum(m * r**n for m, r in link)
+            for link, n in ((first, 1), (first, 2), (second, 0), (second, 1), (second, 2))
+        ]
+
+    def acceleration(self, sums, t, q1, q2, v1, v2, t1, t2):
+        """Newton's law for the particles, under the applied torques t1 and t2."""
+        first1, second1, mass2, first2, second2 = sums
+        L1, g = self.arm.L1, self.arm.gravity
+        c1, c2, s2, c12 = math.cos(q1), math.cos(q2), math.sin(q2), math.cos(q1 + q2)
+        m22, m12 = second2, second2 + L1 * first2 * c2
+        m11 = second1 + mass2 * L1**2 + second2 + 2 * L1 * first2 * c2
+        h = L1 * first2 * s2
+        d1, d2 = self.disturbance(t)
+        r1 = t1 - d1 - self.viscous[0] * v1 - self.sliding[0] + h * v2 * (2 * v1 + v2)
+        r2 = t2 - d2 - self.viscous[1] * v2 - self.sliding[1] - h * v1**2
+        r1 -= g * ((first1 + mass2 * L1) * c1 + first2 * c12)
+        r2 -= g * first2 * c12
+        determinant = m11 * m22 - m12**2
+        return (m22 * r1 - m12 * r2) / determinant, (m11 * r2 - m12 * r1) / determinant
+
+    def run(self, policy, start, held, steps, dt):
+        """Positions and velocities at the control instants, [steps + 1 x 4], and the applied torque at the end.
+
+        policy: (t, q1, q2, v1, v2) -> torque. held: the torque before the first command.
+        """
+        x, path, commands = np.array([*start, *held]), [np.array(start)], []
+        for k in range(steps):
+            commands.append(policy(k * dt, *x[:4]))
+            t, end = k * dt, (k + 1) * dt
+            jumps = [j * dt + self.delay for j in range(k + 1)][-math.ceil(self.delay / dt) - 2 :]
+            inner = [s for s in (*jumps, *self.jumps, *self.load[1:]) if t + 1e-9 < s < end - 1e-9]
+            for a, b in zip([t, *sorted(inner)], [*sorted(inner), end], strict=True):
+                arrived = math.floor((a - self.delay) / dt + 1e-6)
+                u1, u2 = commands[arrived] if arrived >= 0 else held
+                if self.lag == 0.0:
+                    x[4:] = u1, u2
+                x = self._solve(x, a, b, u1, u2)
+            path.append(x[:4].copy())
+        return np.array(path), x[4:]
+
+    def _solve(self, x, a, b, u1, u2):
+        sums, rate = self.sums(0.5 * (a + b)), 1.0 / self.lag if self.lag else 0.0
+        inside = min(b, a + (b - a) * (1 - 1e-12))  # the level that holds up to b, not the one from b on
+
+        def slope(t, y):
+            a1, a2 = self.acceleration(sums, min(t, inside), *y)
+            return y[2], y[3], a1, a2, rate * (u1 - y[4]), rate * (u2 - y[5])
+
+        found = solve_ivp(slope, (a, b), x, method="DOP853", rtol=1e-12, atol=1e-13, first_step=(b - a) / 4)
+        assert found.success
+        return found.y[:, -1]
+
+
+# The controlled motion: PD and the nominal arm's gravity, about a path of the test's own.
+
+
+def hang(arm, q1, q2):
+    """The torque that holds the arm of particles still."""
+    first1, _, mass2, first2, _ = World(arm).sums(0.0)
+    g2 = arm.gravity * first2 * math.cos(q1 + q2)
+    return arm.gravity * (first1 + mass2 * arm.L1) * math.cos(q1) + g2, g2
+
+
+def follow(arm, path, kp, kd):
+    """PD with gravity compensation by a nominal arm. path: t -> positions and velocities wanted."""
+
+    def policy(t, q1, q2, v1, v2):
+        (r1, r2), (w1, w2) = path(t)
+        g1, g2 = hang(arm, q1, q2)
+        return g1 + kp[0] * (r1 - q1) + kd[0] * (w1 - v1), g2 + kp[1] * (r2 - q2) + kd[1] * (w2 - v2)
+
+    return policy
+
+
+def sway(reference):
+    """The path of a SineReference without phase, from its definition."""
+    w = 2 * math.pi * reference.frequency
+
+    def path(t):
+        s, c = math.sin(w * t), w * math.cos(w * t)
+        return [m + a * s for m, a in zip(reference.centre, reference.amplitude, strict=True)], [
+            a * c for a in reference.amplitude
+        ]
+
+    return path
+
+
+FAR = Limits(position=1000.0, velocity=1000.0)  # let it turn
+
+
+def run_env(policy, steps, dt, **options):
+    """Positions and velocities of the environment at the control instants, [steps + 1 x 4]; and its truth at the end."""
+    env = TwoLinkArmEnv(action="torque", control_dt=dt, duration=steps * dt, limits=FAR, **options)
+    observation, _ = env.reset(seed=0)
+    path = [observation[:4].copy()]
+    for k in range(steps):
+        observation, _, terminated, truncated, _ = env.step(np.array(policy(k * dt, *path[-1])))
+        assert not terminated
+        path.append(observation[:4].copy())
+    assert truncated
+    np.testing.assert_array_equal(path[-1], np.r_[env.truth.position, env.truth.velocity])
+    return np.array(path), env.truth
+
+
+SWAY = SineReference(centre=(-1.2, 0.4), amplitude=(0.6, 0.8), frequency=0.4)
+SLOW_SWAY = SineReference(centre=(-1.2, 0.4), amplitude=(0.6, 0.8), frequency=0.05)
+SINE = SineDisturbance(amplitude=(80.0, 30.0), frequency=(1.3, 0.7), phase=(0.4, -1.0))
+LEVELS = ((60.0, -20.0), (-90.0, 15.0), (30.0, 30.0))
+
+
+def sine(t):
+    return 80 * math.sin(2 * math.pi * 1.3 * t + 0.4), 30 * math.sin(2 * math.pi * 0.7 * t - 1.0)
+
+
+def levels(t):
+    """LEVELS, each for 1.237 s, the last one for ever."""
+    return LEVELS[min(int(t / 1.237), 2)]
+
+
+def pulse(t):
+    """From 0.5 s on, for 0.103 s out of every 2.5 s."""
+    return (150.0, -60.0) if t >= 0.5 and (t - 0.5) % 2.5 < 0.103 else (0.0, 0.0)
+
+
+PULSES = tuple(0.5 + 2.5 * i + width for i in range(4) for width in (0.0, 0.103))
+OTHER = ArmParameters(m1=30.0, m2=12.0, L1=0.84, L2=0.45)
+ERROR = ParameterError(ratio=(1.5, 0.8, 1.2, 0.9))
+LOAD = ParameterError(payload=Payload(mass=10.0, pick_up=2.503, drop=7.0))
+
+# What the environment is told, and the world that this should be.
+CASES = {
+    "ideal": ({}, World(TABLE_1)),
+    "rods": ({"arm": TABLE_1.as_rods()}, World(TABLE_1.as_rods())),
+    "section-2-2": ({"arm": SECTION_2_2, "reference": SLOW_SWAY}, World(SECTION_2_2)),
+    "other parameters": ({"parameter_error": ERROR}, World(OTHER)),
+    "viscous friction": ({"friction": Friction(viscous=(20.0, 6.0))}, World(TABLE_1, viscous=(20.0, 6.0))),
+    "sine disturbance": ({"disturbance": SINE}, World(TABLE_1, disturbance=sine)),
+    "levels": (
+        {"disturbance": ArrayDisturbance(torque=LEVELS, dt=1.237)},
+        World(TABLE_1, disturbance=levels, jumps=(1.237, 2.474)),
+    ),
+    "pulses": (
+        {"disturbance": PulseDisturbance(amplitude=(150.0, -60.0), period=2.5, width=0.103, start=0.5)},
+        World(TABLE_1, disturbance=pulse, jumps=PULSES),
+    ),
+    "lag": ({"actuator": Actuator(None, lag=0.03)}, World(TABLE_1, lag=0.03)),
+    "delay": ({"actuator": Actuator(None, delay=0.033)}, World(TABLE_1, delay=0.033)),
+    "whole delay": ({"actuator": Actuator(None, delay=0.02)}, World(TABLE_1, delay=0.02)),
+    "lag and short delay": ({"actuator": Actuator(None, delay=0.007, lag=0.02)}, World(TABLE_1, delay=0.007, lag=0.02)),
+    "payload": ({"parameter_error": LOAD}, World(TABLE_1, load=(10.0, 2.503, 7.0))),
+    "all at once": (
+        {
+            "parameter_error": ParameterError(ratio=(1.5, 0.8, 1.2, 0.9), payload=LOAD.payload),
+            "friction": Friction(viscous=(20.0, 6.0)),
+            "disturbance": SINE,
+            "actuator": Actuator(None, delay=0.007, lag=0.02),
+        },
+        World(OTHER, (20.0, 6.0), disturbance=sine, lag=0.02, delay=0.007, load=(10.0, 2.503, 7.0)),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_controlled_motion_is_the_solvers(case):
+    """Ten seconds in closed loop, each side with its own feedback, agree to 1e-8 rad and 1e-8 rad/s throughout."""
+    options, world = CASES[case]
+    options = {"reference": SWAY, "actuator": None, "arm": TABLE_1} | options
+    arm, dt = options["arm"], 0.02
+    gains = ((300.0, 60.0), (90.0, 18.0)) if arm != SECTION_2_2 else ((3000.0, 300.0), (3000.0, 300.0))
+    policy = follow(arm, sway(options["reference"]), *gains)
+    ours, truth = run_env(policy, 500, dt, physics_dt=0.001, **options)
+    theirs, applied = world.run(policy, ours[0], hang(arm, *ours[0, :2]), 500, dt)
+    assert np.ptp(theirs[:, :2], axis=0).min() > 0.5  # it does move
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(truth.applied_torque, applied, rtol=0, atol=1e-4)
+
+
+# Without control.
+
+ARMS = {"table-1": TABLE_1, "rods": TABLE_1.as_rods(), "section-2-2": SECTION_2_2}
+arms = pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS.keys())
+
+
+def nothing(*_):
+    return 0.0, 0.0
+
+
+@arms
+def test_a_free_swing_is_the_solvers(arm):
+    """Ten seconds without torque and friction, agreeing to 1e-8.
+
+    The swing of about 0.8 rad about hanging is regular. A higher one would be chaotic: no two integrators agree for long.
+    """
+    reference = SineReference(centre=(-math.pi / 2 + 0.8, -0.5), amplitude=(0.5, 0.3), frequency=0.1)
+    ours, _ = run_env(nothing, 200, 0.05, physics_dt=5e-4, arm=arm, reference=reference, actuator=None)
+    theirs, _ = World(arm).run(nothing, ours[0], (0.0, 0.0), 200, 0.05)
+    assert np.abs(ours[0, 2:]).min() > 0.1  # both joints start in motion
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8)
+
+
+def test_sliding_under_coulomb_friction_is_the_solvers():
+    """Ten seconds in closed loop with both joints turning one way, joint 2 the other way than joint 1."""
+    start = SineReference(centre=(-2.0, 3.0), amplitude=1.0, frequency=0.16, phase=(0.0, math.pi))
+
+    def path(t):
+        return (-2 + t + 0.2 * math.sin(2 * t), 3 - t + 0.3 * math.sin(1.5 * t)), (
+            1 + 0.4 * math.cos(2 * t),
+            -1 + 0.45 * math.cos(1.5 * t),
+        )
+
+    policy = follow(TABLE_1, path, (400.0, 150.0), (250.0, 50.0))
+    friction = Friction(viscous=(5.0, 2.0), coulomb=(30.0, 10.0))
+    ours, truth = run_env(policy, 1000, 0.01, physics_dt=0.001, friction=friction, reference=start, actuator=None)
+    world = World(TABLE_1, viscous=(5.0, 2.0), sliding=(30.0, -10.0))
+    theirs, _ = world.run(policy, ours[0], hang(TABLE_1, *ours[0, :2]), 1000, 0.01)
+    assert theirs[:, 2].min() > 0.05
+    assert theirs[:, 3].max() < -0.05
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8)
+    printed = np.array([5.0, 2.0]) * truth.velocity + np.array([30.0, -10.0])
+    np.testing.assert_allclose(truth.friction_torque, printed, rtol=1e-12)
+
+
+ORDER_CASES = {
+    "free": ({}, World(TABLE_1)),
+    "viscous friction": CASES["viscous friction"],
+    "sine disturbance": CASES["sine disturbance"],
+    "lag": ({"actuator": Actuator(None, lag=0.1)}, World(TABLE_1, lag=0.1)),
+}
+
+
+@pytest.mark.parametrize("case", ORDER_CASES)
+def test_halving_the_step_divides_the_error_by_sixteen(case):
+    """Runge and Kutta's fourth order, also of what changes within a step."""
+    options, world = ORDER_CASES[case]
+    options = {"reference": SWAY, "actuator": None} | options
+
+    def policy(t, *_):
+        return (120.0, 30.0) if t < 0.5 else (-60.0, 50.0)
+
+    errors = []
+    for h in (0.02, 0.01, 0.005):
+        ours, _ = run_env(policy, 50, 0.02, physics_dt=h, **options)
+        theirs, _ = world.run(policy, ours[0], hang(TABLE_1, *ours[0, :2]), 50, 0.02)
+        errors.append(np.linalg.norm(ours[-1] - theirs[-1]))
+    ratios = np.divide(errors[:-1], errors[1:])
+    assert np.all((ratios > 14) & (ratios < 18)), (errors, ratios)
+
+
+def motions(arm, path):
+    """Each particle's mass, place and velocity along a path [n x 4]: lists of (m, x, y, dx, dy)."""
+    q1, q2, v1, v2 = path.T
+    for mass, r in particles(arm.m1, arm.L1, arm.centre):
+        x, y = r * np.cos(q1), r * np.sin(q1)
+        yield mass, x, y, -y * v1, x * v1
+    for mass, r in particles(arm.m2, arm.L2, arm.centre):
+        x1, y1 = arm.L1 * np.cos(q1), arm.L1 * np.sin(q1)
+        x2, y2 = r * np.cos(q1 + q2), r * np.sin(q1 + q2)
+        yield mass, x1 + x2, y1 + y2, -y1 * v1 - y2 * (v1 + v2), x1 * v1 + x2 * (v1 + v2)
+
+
+def total_energy(arm, path):
+    """Kinetic and potential, [n]."""
+    return sum(m * (0.5 * (dx**2 + dy**2) + arm.gravity * y) for m, _, y, dx, dy in motions(arm, path))
+
+
+def angular_momentum(arm, path):
+    """About the base, [n]."""
+    return sum(m * (x * dy - y * dx) for m, x, y, dx, dy in motions(arm, path))
+
+
+WILD = SineReference(centre=(1.0, 1.5), amplitude=(1.0, 1.0), frequency=0.3)
+
+
+@arms
+def test_energy_is_kept_without_torque_and_friction(arm):
+    """Also in a wild swing over the top, where no trajectory can be compared for long."""
+    path, _ = run_env(nothing, 200, 0.05, physics_dt=5e-4, arm=arm, reference=WILD, actuator=None)
+    found = total_energy(arm, path)
+    scale = arm.gravity * (arm.m1 * arm.L1 + arm.m2 * (arm.L1 + arm.L2))
+    np.testing.assert_allclose(found, found[0], rtol=0, atol=1e-8 * scale)
+
+
+def test_viscous_friction_only_ever_takes_energy():
+    path, _ = run_env(
+        nothing, 500, 0.02, physics_dt=1e-3, friction=Friction(viscous=(2.0, 1.0)), reference=WILD, actuator=None
+    )
+    found = total_energy(TABLE_1, path)
+    assert np.all(np.diff(found) < 0)
+
+
+@arms
+def test_angular_momentum_is_kept_without_gravity(arm):
+    """About the base, where no torque acts here; the second joint's torque is an inner one."""
+    arm = dataclasses.replace(arm, gravity=0.0)
+
+    def policy(t, *_):
+        return 0.0, 5.0 * math.sin(3 * t)
+
+    path, _ = run_env(policy, 250, 0.02, physics_dt=2.5e-4, arm=arm, reference=WILD, actuator=None)
+    found = angular_momentum(arm, path)
+    np.testing.assert_allclose(found, found[0], rtol=1e-11)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_acceleration_sensor_reads_newtons_law(case):
+    """At the start and at the end of each interval, under the torque, disturbance, friction and payload of then."""
+    options, world = CASES[case]
+    options = {"reference": SWAY, "actuator": None} | options
+    env = TwoLinkArmEnv(action="torque", control_dt=0.02, physics_dt=0.001, limits=FAR, **options)
+    rng = np.random.default_rng(0)
+    observation, _ = env.reset(seed=0)
+    for k in range(200):
+        # What jumps at this very instant still has its old value.
+        truth, t = env.truth, max(0.02 * k - 1e-9, 0.0)
+        expected = world.acceleration(world.sums(t), t, *truth.position, *truth.velocity, *truth.applied_torque)
+        np.testing.assert_allclose(truth.acceleration, expected, rtol=1e-6, atol=1e-6)
+        np.testing.assert_array_equal(observation[env.layout["acceleration"]], truth.acceleration)
+        np.testing.assert_allclose(truth.disturbance, world.disturbance(t), rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(truth.friction_torque, np.array(world.viscous) * truth.velocity, rtol=1e-12)
+        observation, *_ = env.step(rng.uniform(-1, 1, 2) * (200.0, 60.0))
+
+
+def test_leakage_is_what_the_errata_say_of_equation_6():
+    """LS = M^-1 [(M - M^) a + (C - C^) v + (G - G^) + F + tau_d], with a what the nominal arm makes of the torque."""
+    options, _ = CASES["all at once"]
+    env = TwoLinkArmEnv(action="torque", control_dt=0.02, reference=SWAY, **options)
+    env.reset(seed=0)
+    for k in range(200):
+        env.step((300.0 * math.cos(0.1 * k), 80.0 * math.sin(0.07 * k)))
+        truth, wrong = env.truth, TABLE_1.lumped - env.truth.lumped
+        q, v = truth.position, truth.velocity
+        a = forward_dynamics(TABLE_1, q, v, truth.applied_torque)
+        torque = truth.friction_torque + truth.disturbance - inverse_dynamics(wrong, q, v, a)
+        leakage = np.linalg.solve(inertia_matrix(truth.lumped, q), torque)
+        assert np.abs(leakage).min() > 0.0
+        np.testing.assert_allclose(truth.leakage, leakage, rtol=1e-9, atol=1e-9)
+
+
+def test_lanes_of_a_batch_move_as_the_solver_says():
+    """Lanes with their own commands, in two blocks of the kernel."""
+    n, steps = 20, 25
+    env = TwoLinkArmVectorEnv(n, action="torque", control_dt=0.02, physics_dt=1e-3, reference=SWAY, actuator=None)
+    observation, _ = env.reset(seed=0)
+    start = observation[:, :4].copy()
+    torque = np.random.default_rng(0).uniform(-1, 1, (n, 2)) * (200.0, 60.0)
+    for _ in range(steps):
+        observation, *_ = env.step(torque)
+    for lane in (0, 7, 15, 16, 19):
+        path, _ = World(TABLE_1).run(lambda *_, u=torque[lane]: u, start[lane], (0.0, 0.0), steps, 0.02)
+        np.testing.assert_allclose(observation[lane, :4], path[-1], rtol=0, atol=1e-8)
