@@ -22,6 +22,7 @@ from fbl_gym.uncertainty import (
     Friction,
     ParameterError,
     Payload,
+    PiecewiseConstantDisturbance,
     PulseDisturbance,
     SineDisturbance,
 )
@@ -234,7 +235,31 @@ def test_a_controlled_motion_is_the_solvers(case):
     theirs, applied = world.run(policy, ours[0], hang(arm, *ours[0, :2]), 500, dt)
     assert np.ptp(theirs[:, :2], axis=0).min() > 0.5  # it does move
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(truth.applied_torque, applied, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(truth.applied_torque, applied, rtol=0, atol=1e-6)
+
+
+def test_a_motion_under_drawn_levels_is_the_solvers():
+    """Piecewise-constant disturbance: the levels are read off the environment, and the motion between them is the solver's."""
+    period, dt, n = 0.2, 0.02, 50
+    push = PiecewiseConstantDisturbance(amplitude=(100.0, 40.0), period=period)
+    env = TwoLinkArmEnv(action="torque", control_dt=dt, reference=SWAY, disturbance=push)
+    observation, _ = env.reset(seed=0)
+    policy, path, drawn = follow(TABLE_1, sway(SWAY), (300.0, 60.0), (90.0, 18.0)), [observation[:4]], []
+    for k in range(10 * n):
+        observation, *_ = env.step(policy(k * dt, *path[-1]))
+        path.append(observation[:4])
+        drawn.append(env.truth.disturbance)
+    by_level = np.reshape(drawn, (n, 10, 2))
+    assert np.ptp(by_level, axis=1).max() == 0.0  # constant for a period, then another
+    assert len(np.unique(by_level[:, 0, 0])) == n
+    levels = by_level[:, 0].tolist()
+    right = [path[0]]
+    for k in range(10 * n):
+        level = levels[k // 10]
+        held = World(TABLE_1, disturbance=lambda _, level=level: level)
+        one, _ = held.run(lambda _, *x, k=k: policy(k * dt, *x), right[-1], (0.0, 0.0), 1, dt)
+        right.append(one[-1])
+    np.testing.assert_allclose(path, right, rtol=0, atol=1e-8)
 
 
 # Without control.

@@ -13,19 +13,52 @@ U = np.uint64
 WORD = 2**64
 
 
-@pytest.mark.parametrize("case", range(20))
-def test_words_are_those_of_numpys_philox(case):
-    """NumPy counts up before it draws, so its block for counter c + 1 comes first when it is set to c."""
-    rng = np.random.default_rng(case)
-    k0, k1, c0, c1, c2 = (int(x) for x in rng.integers(0, WORD, 5, dtype=np.uint64))
-    if case == 0:
-        k0, k1, c0, c1, c2 = 0, 0, 1, 0, 0
-    if case == 1:
-        k0, k1, c0, c1, c2 = WORD - 1, WORD - 1, WORD - 1, WORD - 1, WORD - 1
-    words = streams.philox(U(k0), U(k1), U(c0), U(c1), U(c2))
+LAST = WORD - 1
+
+
+def numpys_words(k0, k1, c0, c1, c2):
+    """NumPy counts up before it draws: set to one less than a counter, it draws that counter's block."""
     counter = (c0 + (c1 << 64) + (c2 << 128) - 1) % 2**256
-    numpys = np.random.Philox(key=k0 + (k1 << 64), counter=counter).random_raw(4)
-    assert [int(w) for w in words] == [int(w) for w in numpys]
+    return [int(w) for w in np.random.Philox(key=k0 + (k1 << 64), counter=counter).random_raw(4)]
+
+
+def our_words(*key_and_counter):
+    return [int(w) for w in streams.philox(*map(U, key_and_counter))]
+
+
+def test_words_are_those_of_numpys_philox():
+    """Random keys and counters."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        case = [int(x) for x in rng.integers(0, WORD, 5, dtype=np.uint64)]
+        assert our_words(*case) == numpys_words(*case)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (0, 0, 0, 0, 0),
+        (0, 0, 1, 0, 0),
+        (5, 7, 0, 1, 0),  # NumPy's carries from the first word to the second,
+        (5, 7, 0, 0, 1),  # and on to the third
+        (5, 7, LAST, 0, 0),
+        (5, 7, LAST, LAST, 3),
+        (LAST, LAST, LAST, LAST, LAST),
+        (LAST, 0, 0, 0, 0),
+        (0, LAST, 0, 0, 0),
+    ],
+)
+def test_words_are_numpys_where_counters_and_keys_wrap_around(case):
+    """The round keys wrap modulo 2**64, too."""
+    assert our_words(*case) == numpys_words(*case)
+
+
+def test_neighbouring_counters_are_numpys_next_blocks():
+    """A stream read step by step is NumPy's sequence, across the carry."""
+    generator = np.random.Philox(key=5 + (7 << 64), counter=WORD - 4)
+    for c in range(WORD - 3, WORD + 4):
+        ours = our_words(5, 7, c % WORD, c // WORD, 0)
+        assert ours == [int(w) for w in generator.random_raw(4)]
 
 
 def test_a_streams_key_is_the_start_of_its_names_hash():
@@ -53,6 +86,32 @@ def test_distributions():
     assert np.abs(np.corrcoef(np.c_[uniform, normal].T) - np.eye(6)).max() < 0.01
     assert abs(np.corrcoef(normal[1:, 0], normal[:-1, 0])[0, 1]) < 0.01
     assert np.all(np.isfinite(normal))
+
+
+def test_uniforms_are_the_words_upper_bits():
+    """52 of them, so that 1 is never reached; four numbers from one block."""
+    key = streams.stream_key("a")
+    words = numpys_words(1, int(key), 3, 4, 2)
+    drawn = streams.uniforms(U(1), key, U(2), U(3), U(4))
+    assert list(drawn) == [(w >> 12) / 2**52 for w in words]
+    assert max((LAST >> 12) / 2**52, *drawn) < 1.0
+
+
+def test_normals_are_box_and_mullers():
+    words = numpys_words(1, int(streams.stream_key("a")), 3, 4, 2)
+    u, angle = (words[0] >> 12) / 2**52, 2 * np.pi * (words[1] >> 12) / 2**52
+    radius = np.sqrt(-2 * np.log1p(-u))
+    drawn = streams.normals(U(1), streams.stream_key("a"), U(2), U(3), U(4))
+    np.testing.assert_allclose(drawn, [radius * np.cos(angle), radius * np.sin(angle)], rtol=1e-13)
+
+
+def test_streams_of_different_names_are_independent():
+    """Position and velocity noise of one step have nothing in common."""
+    position, velocity = np.empty((50_000, 2)), np.empty((50_000, 2))
+    draw(U(3), streams.stream_key("position noise"), np.empty((50_000, 4)), position)
+    draw(U(3), streams.stream_key("velocity noise"), np.empty((50_000, 4)), velocity)
+    assert not np.intersect1d(position, velocity).size
+    assert np.abs(np.corrcoef(np.c_[position, velocity].T) - np.eye(4)).max() < 0.02
 
 
 def test_each_coordinate_of_a_number_matters():
