@@ -48,8 +48,7 @@ def errors(trace: Trace) -> Array:
 
 def amplitude(trace: Trace) -> Array:
     """The reference's largest departure from where the arm started [n x 2] rad; 1 for a joint that is to stand still."""
-    counted = np.where(trace.alive[..., None], np.abs(trace.reference - trace.position[0]), 0.0)
-    size = counted.max(axis=0)
+    size = np.abs(trace.reference - trace.position[0]).max(axis=0)
     return np.where(size > 1e-9, size, 1.0)
 
 

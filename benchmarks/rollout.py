@@ -29,7 +29,7 @@ class Trace:
         position, velocity, reference: [T + 1 x n x 2] rad, rad/s, rad.
         torque: applied torque [T + 1 x n x 2] N m.
         disturbance: [T + 1 x n x 2] N m.
-        alive: [T + 1 x n]; False from the sample on at which a lane diverged. What stands there after is not of its episode.
+        alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the reference is of its episode.
         decision_time: wall time of the policy for one decision of one lane [s], the median over the steps.
     """
 
@@ -82,6 +82,8 @@ def rollout(policy: str, scenario: Scenario, seeds: Sequence[int], gains: dict[s
         alive[k + 1] = alive[k] & ~terminated
         _record(signals, k + 1, env)
     env.close()
+    if not alive.all():
+        signals["reference"] = _asked(scenario, seeds)
     return Trace(
         scenario=scenario,
         seeds=tuple(seeds),
@@ -90,6 +92,18 @@ def rollout(policy: str, scenario: Scenario, seeds: Sequence[int], gains: dict[s
         decision_time=float(np.median(waits)) / n,
         **signals,
     )
+
+
+def _asked(scenario: Scenario, seeds: Sequence[int]) -> Array:
+    """The reference of each seed over the whole episode, [T + 1 x n x 2], whatever the arm does."""
+    calm = scenario.replace(parameter_error=None, friction=None, disturbance=None, actuator=None, initial_error=0.0)
+    env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
+    env.reset(seed=list(seeds))
+    rows = [env.truth.reference]
+    for _ in range(scenario.steps):
+        env.step(np.zeros((len(seeds), 2)))
+        rows.append(env.truth.reference)
+    return np.array(rows)
 
 
 def _record(signals: dict[str, Array], k: int, env: TwoLinkArmVectorEnv) -> None:

@@ -8,20 +8,15 @@ import numpy as np
 
 from controllers.feedback_linearization import linearize, winds_up
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array
+from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.records import Pair, pair, settle
-
-
-def velocity_command(r: Array, r_dot: Array, q: Array, kp: Pair) -> Array:
-    """The outer loop, equation (8): the velocity r' + Kp (r - q) that lets the error decay as exp(-Kp t)."""
-    return r_dot + np.array(kp) * (r - q)
 
 
 @dataclass(frozen=True)
 class CascadeFlm(TorqueLaw):
     """Inner PI on velocity, outer proportional loop with derivative feed-forward, through the nominal mapping.
 
-    a = P e_v + I int(e_v)  with  e_v = r' + Kp (r - q) - v. As in the paper, there is no feed-forward of r''.
+    a = P e_v + I int(e_v)  with  e_v = r' + Kp (r - q) - v, equation (8). As in the paper, there is no feed-forward of r''.
 
     Args:
         kp: Kp of the outer loop [1/s], per joint. The paper leaves it open; 10 is the project's choice.
@@ -43,10 +38,30 @@ class CascadeFlm(TorqueLaw):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         q, v = self.read(observation, "position", "velocity")
+        torque, integral = self.drive(observation, q, v, state[0], self.interface.nominal)
+        return torque, (integral,)
+
+    def drive(
+        self,
+        observation: Array,
+        q: Array,
+        v: Array,
+        integral: Array,
+        model: ArmParameters | Array,
+        schedule: Array | float = 1.0,
+    ) -> tuple[Array, Array]:
+        """Both loops and the mapping: the torque, and the next integral.  All [n x 2].
+
+        Args:
+            observation: for the reference.
+            q, v: position and velocity to go by, measured or filtered.
+            integral: of the inner loops' errors.
+            model: the arm to linearise with; lumped parameters [n x 5] where they are estimated.
+            schedule: factor on the inner loops' error, on P as well as inside the integral; see `gain_scheduling.py`.
+        """
         r, r_dot = self.read(observation, "reference_position", "reference_velocity")
-        (integral,) = state
-        error = velocity_command(r, r_dot, q, self.kp) - v  # type: ignore[arg-type]
+        error = schedule * (r_dot + np.array(self.kp) * (r - q) - v)
         a = np.array(self.velocity_p) * error + np.array(self.velocity_i) * integral
-        torque = linearize(self.interface, q, v, a)
-        pause = winds_up(self.interface, q, v, a, torque, error)
-        return torque, (integral + np.where(pause, 0.0, error * self.interface.control_dt),)
+        torque = linearize(model, q, v, a)
+        pause = winds_up(self.interface, model, q, v, a, torque, error)
+        return torque, integral + np.where(pause, 0.0, error * self.interface.control_dt)

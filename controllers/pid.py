@@ -43,6 +43,6 @@ class PidFlm(TorqueLaw):
         (integral,) = state
         error = r - q
         a = r_ddot + np.array(self.kp) * error + np.array(self.kd) * (r_dot - v) + np.array(self.ki) * integral
-        torque = linearize(self.interface, q, v, a)
-        pause = winds_up(self.interface, q, v, a, torque, error)
+        torque = linearize(self.interface.nominal, q, v, a)
+        pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, error)
         return torque, (integral + np.where(pause, 0.0, error * self.interface.control_dt),)

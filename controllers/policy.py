@@ -70,7 +70,7 @@ class TorqueLaw:
         for sensor in self.needs:
             if sensor not in self.interface.layout:
                 raise ValueError(
-                    f"{type(self).__name__} needs a {sensor} sensor, but the observation only has "
+                    f"{type(self).__name__} needs a sensor of {sensor}, but the observation only has "
                     f"{', '.join(slot.name for slot in self.interface.layout.slots)}"
                 )
 
@@ -213,6 +213,18 @@ for _name, _factory, _summary, _tier in (
         "cascade-flm",
         "controllers.cascade:CascadeFlm",
         "the paper's cascade: inner velocity PI, outer P with feed-forward (§3.1)",
+        "nominal model",
+    ),
+    (
+        "robust-flm",
+        "controllers.kalman:RobustFlm",
+        "the paper's robust controller: the cascade behind a Kalman filter per joint (§3)",
+        "nominal model",
+    ),
+    (
+        "adaptive-flm",
+        "controllers.adaptive:AdaptiveFlm",
+        "the paper's adaptive controller: three-sample parameter estimator, gain scheduling, cascade (§4)",
         "nominal model",
     ),
     (

@@ -21,7 +21,8 @@ Flags = NDArray[np.bool_]
 class Truth:
     """What no policy may know: the real arm at this instant. For plots, checks and the oracle.
 
-    Every field is [2] for a single environment and [n x 2] for a batch, unless said otherwise.
+    Every field is [2] for a single environment and [n x 2] for a batch, unless said otherwise. Where a disturbance's level or
+    the payload changes at this very instant, what is told after a step is still what was in force until now.
 
     Args:
         time: since the episode's start [s]; a number, or [n].

@@ -7,7 +7,7 @@ flag is set anywhere in this package), so that a lane of a batch, a single envir
 all compute the same bits.
 
 The polynomials are plain Taylor series, long enough that truncation lies below rounding. Their distance from
-the C library is bounded in `tests/test_elementary.py`.
+the C library is bounded in `tests/fbl_gym/test_elementary.py`.
 """
 
 import numpy as np
@@ -45,7 +45,7 @@ _SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # sqrt(1/2) as a double
 
 @inline
 def sincos(x):
-    """Sine and cosine of x [rad]; within 2e-16 of the truth for |x| < 1e5, finite garbage beyond 1e9."""
+    """Sine and cosine of x [rad]; within 2e-16 of the truth for |x| < 1.6e6, and meaningless beyond 1e9."""
     shifted = x * _TWO_OVER_PI + _ROUND
     quadrant = np.float64(shifted).view(np.int64)
     k = shifted - _ROUND

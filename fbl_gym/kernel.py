@@ -132,6 +132,7 @@ def _runge_kutta(b, l, h, viscous1, viscous2, c1, c2, k1, k2, w1, w2, friction):
     Exact friction is a torque held over the step. It is what the two joints' box-constrained problem
     v+ = v + h M^-1 (load - f), |f_i| <= F_i(v), gives at the step's start, so that a joint at rest under a load below
     breakaway has no acceleration at all, at any step size; a joint that the problem brings to rest ends the step at rest.
+    Sliding under Coulomb friction keeps the fourth order; where stiction fades, or a joint stops, the step is of first order.
     """
     q1, q2, v1, v2 = b[Q1 * LANES + l], b[Q2 * LANES + l], b[V1 * LANES + l], b[V2 * LANES + l]
     p1, p2, p3 = b[P1 * LANES + l], b[P2 * LANES + l], b[P3 * LANES + l]
@@ -144,13 +145,12 @@ def _runge_kutta(b, l, h, viscous1, viscous2, c1, c2, k1, k2, w1, w2, friction):
         m11, m12, m22, r1, r2 = _load_on_joints(
             p1, p2, p3, p4, p5, q1, q2, v1, v2, b[S1 * LANES + l] - viscous1 * v1, b[S2 * LANES + l] - viscous2 * v2
         )
-        x1, x2, dry1, dry2 = resist(
-            m11, m12, m22,
-            m11 * v1 + m12 * v2 + h * r1, m12 * v1 + m22 * v2 + h * r2,
-            h * dry_friction(v1, c1, k1, w1), h * dry_friction(v2, c2, k2, w2),
-        )  # fmt: skip
+        bound1, bound2 = h * dry_friction(v1, c1, k1, w1), h * dry_friction(v2, c2, k2, w2)
+        g1, g2 = m11 * v1 + m12 * v2 + h * r1, m12 * v1 + m22 * v2 + h * r2
+        x1, x2, dry1, dry2 = resist(m11, m12, m22, g1, g2, bound1, bound2)
         dry1, dry2 = dry1 / h, dry2 / h
-        rest1, rest2 = x1 == 0.0, x2 == 0.0
+        # Only friction can hold a joint: one without any merely has no velocity just now.
+        rest1, rest2 = (x1 == 0.0) & (bound1 > 0.0), (x2 == 0.0) & (bound2 > 0.0)
         free1 = 0.0 if rest1 & (v1 == 0.0) else 1.0
         free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
 

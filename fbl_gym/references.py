@@ -17,7 +17,7 @@ from fbl_gym.records import Pair, build_kind, choice, number, pair, settle, tabl
 
 # Joint angles that the default references stay within: one radian about hanging, so that the moves of `MinimumJerk` ask
 # at most 1,683 and 749 N m of any arm whose masses and lengths lie between half and double Table 1's, with or without
-# 15 kg more at the tip: within the default torque limits of 2,000 and 800 N m (`tests/test_references.py`).
+# 15 kg more at the tip: within the default torque limits of 2,000 and 800 N m (`tests/fbl_gym/test_references.py`).
 LOW: Pair = (-math.pi / 2 - 1.0, -1.0)
 HIGH: Pair = (-math.pi / 2 + 1.0, 1.0)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -50,11 +51,13 @@ def _mean_error(policy: str, results: Sequence[Result]) -> float:
 
 def _table(arm: str, policies: Sequence[str], results: Sequence[Result]) -> Table:
     by_cell = {(result.cell.policy, result.cell.scenario): result for result in results}
-    table = Table(title=f"Arm {arm}: mean absolute tracking error, % of the reference's amplitude", title_style="bold")
+    title = f"Arm {arm}: mean absolute tracking error, % of the reference's amplitude"
+    table = Table(title=title, title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
     table.add_column("scenario", no_wrap=True)
     for policy in policies:
         unranked = controllers.tier(policy) == "truth"
-        table.add_column(f"({policy})" if unranked else policy, justify="right", style="dim" if unranked else "")
+        name = f"({policy})" if unranked else policy
+        table.add_column(name.replace("-", "-\n"), justify="right", style="dim" if unranked else "", no_wrap=True)
     before = ""
     for scenario in dict.fromkeys(result.cell.scenario for result in results):
         name = scenario.rpartition("/")[2]

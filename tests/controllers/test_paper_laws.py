@@ -116,7 +116,7 @@ def test_integrators_pause_while_the_torque_saturates(name, monkeypatch):
 
     paused, unlimited = overshoot(), overshoot(actuator=None)
     module = f"controllers.{name.split('-')[0]}.winds_up"
-    monkeypatch.setattr(module, lambda *arguments: np.zeros_like(arguments[1], dtype=bool))
+    monkeypatch.setattr(module, lambda *arguments: np.zeros_like(arguments[2], dtype=bool))
     wound_up = overshoot()
     assert wound_up > 1.3 * unlimited
     # Of the overshoot that the limit adds to that of an unlimited arm, three quarters and more are avoided.

@@ -1,0 +1,66 @@
+"""The parameter estimator of §4.1: three samples and the pseudo-inverse.
+
+The paper solves K_t X = -M_t e_t for the errors X of seven products of parameters, equations (32)-(37). Two pairs of its seven
+columns are equal, so that at most five combinations can be found (its equation (38)): the five lumped parameters of `arm.py`.
+With the applied torque on the right the same equations read Y p = tau; unlike (36), that holds under saturation too, where
+the commanded acceleration is not what the torque could give.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fbl_gym.arm import STANDARD_GRAVITY, Array, regressor
+
+
+def estimate(q: Array, v: Array, a: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
+    """The five lumped parameters that explain the samples in the least-squares sense, and whether they can be trusted.
+
+    Args:
+        q, v, a: measured motion, [n x s x 2].
+        torque: applied torque, [n x s x 2] N m.
+        weakest: smallest singular value of the regressor (columns scaled to length one) below which the samples do not
+            tell all five apart. At rest the rank is 2, and (39) would return nonsense.
+
+    Returns:
+        Lumped parameters [n x 5], and [n] True where the samples were rich enough and the parameters are physical.
+    """
+    y = regressor(q, v, a)
+    rows = y.reshape(len(y), -1, 5)
+    size = np.sqrt((rows**2).sum(axis=1, keepdims=True))
+    safe = np.where(size > 0.0, size, 1.0)
+    u, s, vt = np.linalg.svd(rows / safe, full_matrices=False)
+    rich = (s[:, -1] > weakest) & np.all(size[:, 0] > 0.0, axis=-1)
+    inverse = np.where(s > 1e-12, 1.0 / np.maximum(s, 1e-300), 0.0)
+    target = np.einsum("nij,ni->nj", u, torque.reshape(len(y), -1))
+    lumped = np.einsum("nji,nj->ni", vt, inverse * target) / safe[:, 0]
+    return lumped, rich & plausible(lumped)
+
+
+def plausible(lumped: Array) -> NDArray[np.bool_]:
+    """Whether lumped parameters [n x 5] are those of an arm: finite, positive, and with an inertia that is so, too."""
+    p1, p2, p3, p4, p5 = (lumped[..., i] for i in range(5))
+    positive = np.all(np.isfinite(lumped) & (lumped > 0.0), axis=-1)
+    return positive & (p1 * p2 > p3 * p3) & (p4 > 0.0) & (p5 > 0.0)
+
+
+def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity: float = STANDARD_GRAVITY) -> Array:
+    """m1, m2, L1 and L2 [n x 4] of point masses with these lumped parameters [n x 5].
+
+    With the total mass known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and m1 = mass - m2, for Y1 = p2,
+    Y2 = p3 and Y3 = p5 / g. Without it, what (39) leaves unused: L1 = g p1 / p4 and m1 + m2 = (p4 / g)^2 / p1.
+    """
+    y1, y2, y3 = lumped[..., 1], lumped[..., 2], lumped[..., 4] / gravity
+    m2, L2 = y3**2 / y1, y1 / y3
+    if total_mass is None:
+        L1 = gravity * lumped[..., 0] / lumped[..., 3]
+        return np.stack([(lumped[..., 3] / gravity) ** 2 / lumped[..., 0] - m2, m2, L1, L2], axis=-1)
+    return np.stack([total_mass - m2, m2, y2 / y3, L2], axis=-1)
+
+
+def lumped_of(parameters: Array, gravity: float = STANDARD_GRAVITY) -> Array:
+    """The lumped parameters [n x 5] of point masses m1, m2, L1, L2 [n x 4]."""
+    m1, m2, L1, L2 = (parameters[..., i] for i in range(4))
+    both = m1 + m2
+    return np.stack([both * L1**2, m2 * L2**2, m2 * L1 * L2, both * L1 * gravity, m2 * L2 * gravity], axis=-1)
