@@ -228,6 +228,12 @@ for _name, _factory, _summary, _tier in (
         "nominal model",
     ),
     (
+        "adaptive-flm-ls",
+        "controllers.adaptive_ls:AdaptiveFlmLs",
+        "its idea made fit for noise: least squares on filtered regressors, friction too, behind the Kalman filter",
+        "nominal model",
+    ),
+    (
         "oracle-flm",
         "controllers.oracle:OracleFlm",
         "feedback linearisation with the true parameters, state, friction and disturbance: the ceiling",

@@ -227,3 +227,321 @@ def test_what_a_controller_may_know():
     assert env.layout.size == env.observation_space.shape[0]
     assert len(env.layout.names) == len(env.layout.units) == env.layout.size
     assert env.observation_space.dtype == np.float64
+
+
+# More of the above: how an environment is made, copied, and what it does with what it is given.
+
+MODES = ("fraction", "torque", "acceleration")
+
+
+@pytest.mark.parametrize("name", [ID, "fbl_gym:fbl_gym/TwoLinkArm-v0"])
+def test_both_names_make_it(name):
+    env = gym.make(name, scenario="noise-1")
+    assert isinstance(env.unwrapped, TwoLinkArmEnv)
+    assert env.unwrapped.scenario.name == "noise-1"
+    assert env.spec.id == ID
+
+
+def test_a_made_environment_can_be_pickled():
+    env = gym.make(ID, **RECORDS)
+    other = pickle.loads(pickle.dumps(env))
+    assert other.unwrapped.scenario == env.unwrapped.scenario
+    np.testing.assert_array_equal(episode(env), episode(other))
+
+
+@pytest.mark.parametrize(
+    "duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
+)
+def test_a_copy_knows_its_own_truth(duplicate):
+    env = TwoLinkArmEnv(**RECORDS)
+    episode(env, 10)
+    other = duplicate(env)
+    for _ in range(20):
+        env.step((0.1, -0.1))
+        other.step((0.1, -0.1))
+    for name, value in vars(env.truth).items():
+        np.testing.assert_array_equal(getattr(other.truth, name), value, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
+)
+def test_a_copy_heeds_its_seeds(duplicate):
+    """Both `reset(seed=...)` and the next episode of a seed are those of the original."""
+    env = TwoLinkArmEnv(**RECORDS)
+    env.reset(seed=3)
+    other = duplicate(env)
+    np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
+    np.testing.assert_array_equal(other.reset(seed=8)[0], env.reset(seed=8)[0])
+    np.testing.assert_array_equal(episode(other, seed=9), episode(env, seed=9))
+
+
+def test_divergence_ends_the_episode_with_reward_zero():
+    env = TwoLinkArmEnv(limits={"velocity": 2.0})
+    env.reset(seed=0)
+    for _ in range(env.scenario.steps):
+        _, reward, terminated, truncated, _ = env.step((1.0, 1.0))
+        if terminated:
+            break
+        assert reward > 0.0
+    assert (reward, terminated, truncated) == (0.0, True, False)
+    assert np.abs(env.truth.velocity).max() > 2.0
+    with pytest.raises(ResetNeeded):
+        env.step((0.0, 0.0))
+    env.reset()
+    assert not env.step((0.0, 0.0))[2]
+
+
+def test_an_arm_that_diverges_at_the_very_end_is_terminated_not_truncated():
+    env = TwoLinkArmEnv(limits={"velocity": 2.0})
+    env.reset(seed=0)
+    last = next(k for k in range(1000) if env.step((1.0, 1.0))[2]) + 1
+    env = TwoLinkArmEnv(limits={"velocity": 2.0}, duration=last * 0.01)
+    env.reset(seed=0)
+    assert [env.step((1.0, 1.0))[2:4] for _ in range(last)] == [(False, False)] * (last - 1) + [(True, False)]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        ("0.1", "0.2"),
+        "ab",
+        None,
+        [None, None],
+        {},
+        (1j, 0.0),
+        np.array([1j, 0.0]),
+        [[0.0], [0.0, 1.0]],
+        (np.nan, -np.inf),
+    ],
+    ids=str,
+)
+def test_what_is_not_two_numbers_is_refused_in_mid_episode(bad):
+    """And the run goes on, over many steps, as that of an undisturbed twin: observations, rewards, truth."""
+    env, twin = TwoLinkArmEnv(**RECORDS), TwoLinkArmEnv(**RECORDS)
+    episode(env, 10)
+    episode(twin, 10)
+    for k in range(30):
+        if k % 7 == 0:
+            with pytest.raises(ValueError, match="action must"):
+                env.step(bad)
+        a, b = env.step((0.1, 0.02 * k)), twin.step((0.1, 0.02 * k))
+        np.testing.assert_array_equal(a[0], b[0])
+        assert a[1:] == b[1:]
+        np.testing.assert_array_equal(env.truth.velocity, twin.truth.velocity)
+
+
+def test_a_bad_action_at_the_border_of_an_episode_is_no_step_either():
+    env = TwoLinkArmEnv(duration=0.02)
+    env.reset(seed=0)
+    env.step((0.0, 0.0))
+    with pytest.raises(ValueError, match="finite"):
+        env.step((np.nan, 0.0))
+    assert env.step((0.0, 0.0))[3]
+    with pytest.raises(ResetNeeded):
+        env.step((0.0, 0.0))
+
+
+def test_what_is_returned_is_never_written_to_again():
+    env = TwoLinkArmEnv(**RECORDS)
+    kept = [env.reset(seed=0)[0]] + [env.step((0.1, 0.1))[0] for _ in range(50)] + [env.reset()[0]]
+    copies = [observation.copy() for observation in kept]
+    infos = [env.step((0.2, 0.2))[4] for _ in range(10)]
+    for observation, before in zip(kept, copies, strict=True):
+        np.testing.assert_array_equal(observation, before)
+    assert len({id(observation.base if observation.base is not None else observation) for observation in kept}) == 52
+    assert len({id(info) for info in infos}) == 10
+
+
+def test_what_is_given_is_neither_kept_nor_changed():
+    env, twin = TwoLinkArmEnv(actuator={"delay": 0.02}), TwoLinkArmEnv(actuator={"delay": 0.02})
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    action = np.array([3.0, -0.5])
+    env.step(action)
+    np.testing.assert_array_equal(action, [3.0, -0.5])
+    action[:] = 0.0
+    twin.step((3.0, -0.5))
+    np.testing.assert_array_equal(env.step((0.1, 0.1))[0], twin.step((0.1, 0.1))[0])
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_an_action_outside_its_box_acts_as_the_nearest_inside(mode):
+    one, two = TwoLinkArmEnv(action=mode), TwoLinkArmEnv(action=mode)
+    one.reset(seed=0)
+    two.reset(seed=0)
+    edge = np.array(one.interface.action_limit)
+    for far in (1.5, 1e9, 1e300):
+        a, b = one.step((far * edge[0], -0.25 * edge[1])), two.step((edge[0], -0.25 * edge[1]))
+        np.testing.assert_array_equal(a[0], b[0])
+        assert a[1] == b[1]
+        np.testing.assert_array_equal(one.step((0.0, -far * edge[1]))[0], two.step((0.0, -edge[1]))[0])
+
+
+def test_a_double_keeps_its_precision():
+    env, coarse = TwoLinkArmEnv(), TwoLinkArmEnv()
+    env.reset(seed=0)
+    coarse.reset(seed=0)
+    env.step(np.array([0.1, 0.1]))
+    coarse.step(np.array([0.1, 0.1], dtype=np.float32))
+    np.testing.assert_array_equal(env.truth.applied_torque, 0.1 * np.array([2000.0, 800.0]))
+    np.testing.assert_array_equal(coarse.truth.applied_torque, np.float64(np.float32(0.1)) * np.array([2000.0, 800.0]))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_actions_and_torques_are_each_others_inverse(mode):
+    interface = TwoLinkArmEnv(action=mode).interface
+    rng = np.random.default_rng(0)
+    q, v = rng.uniform(-3, 3, (500, 2)), rng.uniform(-3, 3, (500, 2))
+    torque = rng.uniform(-1, 1, (500, 2)) * (300.0, 60.0)
+    action = interface.action_from_torque(torque, q, v)
+    inside = (np.abs(action) < interface.action_limit).all(axis=1)
+    assert inside.mean() > 0.5
+    np.testing.assert_allclose(
+        interface.torque_from_action(action, q, v)[inside], torque[inside], rtol=1e-11, atol=1e-10
+    )
+
+
+def test_three_modes_with_equivalent_actions_are_one_motion():
+    """On an arm without noise, each from its own observation: 1 s under the same torques."""
+    envs = [TwoLinkArmEnv(action=mode) for mode in MODES]
+    seen = [env.reset(seed=0)[0] for env in envs]
+    at, rng = envs[0].layout, np.random.default_rng(0)
+    for _ in range(100):
+        torque = np.array([-60.0, -10.0]) + rng.uniform(-1, 1, 2) * (60.0, 20.0)
+        for i, env in enumerate(envs):
+            q, v = seen[i][at["position"]], seen[i][at["velocity"]]
+            seen[i] = env.step(env.interface.action_from_torque(torque, q, v))[0]
+            np.testing.assert_allclose(env.truth.applied_torque, torque, rtol=1e-12)
+    for env in envs[1:]:
+        np.testing.assert_allclose(env.truth.position, envs[0].truth.position, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(env.truth.velocity, envs[0].truth.velocity, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_interface_says_what_torque_an_action_makes(mode):
+    """At the measured state, noise and all, which is where an acceleration goes through the nominal model."""
+    env = TwoLinkArmEnv(action=mode, noise={"position": 0.1, "velocity": 0.3}, parameter_error=1.5)
+    observation, _ = env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        action = rng.uniform(-1.1, 1.1, 2) * env.interface.action_limit * 0.2
+        q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
+        expected = env.interface.torque_from_action(action, q, v)
+        observation = env.step(action)[0]
+        np.testing.assert_allclose(env.truth.applied_torque, expected, rtol=1e-12, atol=1e-9)
+
+
+def test_the_interface_is_right_without_a_torque_limit_too():
+    """Also where the action lies outside its box."""
+    env = TwoLinkArmEnv(action="torque", actuator=None)
+    observation, _ = env.reset(seed=0)
+    q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
+    action = np.array([3e6, -10.0])
+    env.step(action)
+    np.testing.assert_array_equal(env.interface.torque_from_action(action, q, v), env.truth.applied_torque)
+
+
+def test_the_first_observation_of_a_heavy_unlimited_arm_lies_in_its_space():
+    """The torque that holds it still, shown as the previous action, exceeds the box of a torque action."""
+    env = TwoLinkArmEnv(arm={"m1": 1e5, "L1": 50.0}, action="torque", actuator={"torque_limit": None, "delay": 0.01})
+    assert all(env.reset(seed=seed)[0] in env.observation_space for seed in range(10))
+
+
+@pytest.mark.parametrize("form", ["log", "l1"])
+def test_reward_stays_within_its_bounds_at_any_action(form):
+    env = TwoLinkArmEnv(reward={"tracking": form, "worst": 0.3, "weight_effort": 1.0, "weight_chatter": 1.0})
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    rewards = []
+    for _ in range(200):
+        _, reward, terminated, _, _ = env.step(np.sign(rng.normal(size=2)) * 5.0)
+        rewards.append(reward)
+        if terminated:
+            env.reset()
+    assert all(0.0 <= reward <= 1.0 for reward in rewards)
+    assert all(type(reward) is float for reward in rewards)
+    assert len(set(rewards)) > 10
+
+
+def test_an_arm_without_limits_pays_for_tracking_alone():
+    env = TwoLinkArmEnv(actuator=None, action="torque", reward={"tracking": "l1", "worst": 3.0})
+    env.reset(seed=0)
+    for k in range(30):
+        reward = env.step((500.0 * (-1) ** k, 0.0))[1]
+        error = np.abs(env.truth.reference - env.truth.position).sum()
+        assert reward == pytest.approx(1 - min(error / 3.0, 1.0) / 1.12, abs=1e-12)
+
+
+@pytest.mark.parametrize("form", ["log", "l1"])
+def test_reward_has_a_slope_at_zero_error(form):
+    """And is one at perfect tracking without effort or chatter."""
+    weights = {"weight_effort": 0.0, "weight_chatter": 0.0}
+
+    def reward(error):
+        """Of an arm that floats beside its reference."""
+        env = TwoLinkArmEnv(
+            reward={"tracking": form, **weights},
+            reference={"kind": "minimum-jerk", "points": [(0.0, 0.0)]},
+            initial_error=(error, 0.0),
+            arm={"gravity": 0.0},
+        )
+        env.reset(seed=0)
+        return env.step((0.0, 0.0))[1]
+
+    errors = np.array([0.0, 1e-6, 1e-4, 1e-2])
+    rewards = np.array([reward(error) for error in errors])
+    assert rewards[0] == 1.0
+    assert np.all(np.diff(rewards) / np.diff(errors) < -0.1)
+
+
+def test_no_numpy_or_python_random_state_is_touched_by_making_seeding_or_drawing():
+    before = random.getstate(), repr(np.random.get_state(legacy=False))  # noqa: NPY002
+    env = TwoLinkArmEnv("everything-3", reference="fourier")
+    env.reset()
+    env.reset(seed=4)
+    episode(env)
+    assert random.getstate() == before[0]
+    assert repr(np.random.get_state(legacy=False)) == before[1]  # noqa: NPY002
+
+
+def test_global_seeds_change_no_episode():
+    random.seed(1)
+    np.random.seed(1)  # noqa: NPY002
+    first = episode(TwoLinkArmEnv("everything-3"))
+    random.seed(2)
+    np.random.seed(2)  # noqa: NPY002
+    np.testing.assert_array_equal(first, episode(TwoLinkArmEnv("everything-3")))
+
+
+def test_an_episode_does_not_depend_on_what_was_run_before():
+    fresh, used = TwoLinkArmEnv(**RECORDS), TwoLinkArmEnv(**RECORDS)
+    for seed in range(3):
+        episode(used, 7 * seed, seed)
+    np.testing.assert_array_equal(episode(fresh), episode(used))
+
+
+@pytest.mark.parametrize("wrong", [{"acton": "torque"}, {"rewards": {}}, {"prevew": 2}, {"scenaro": "nominal"}])
+def test_a_mistyped_argument_of_the_environment_is_recognised(wrong):
+    """Not only the scenario's fields: action, reward, preview and scenario are options of `gym.make` too."""
+    meant = {"acton": "action", "rewards": "reward", "prevew": "preview", "scenaro": "scenario"}
+    (name,) = wrong
+    with pytest.raises(ValueError, match=f"did you mean '{meant[name]}'"):
+        gym.make(ID, **wrong)
+
+
+@pytest.mark.parametrize("sensors", [None, 5])
+def test_sensors_of_the_wrong_type_are_named(sensors):
+    with pytest.raises(ValueError, match="sensors"):
+        TwoLinkArmEnv(sensors=sensors)
+
+
+def test_looking_at_the_truth_of_a_diverged_arm_is_harmless():
+    """pytest turns NumPy's warnings into errors here."""
+    env = TwoLinkArmEnv(arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1)
+    env.reset(seed=0)
+    observation, reward, terminated, *_ = env.step((1.0, -1.0))
+    assert terminated
+    assert reward == 0.0
+    assert observation in env.observation_space
+    assert env.truth.time == pytest.approx(0.1)

@@ -1,5 +1,6 @@
 """The batch: each lane bit for bit the single environment, in every autoreset mode."""
 
+import copy
 import pickle
 
 import gymnasium as gym
@@ -168,3 +169,269 @@ def test_a_hundred_thousand_lanes():
     np.testing.assert_array_equal(observations[-1], single.step(np.zeros(2))[0])
     assert env._batch._state.nbytes < 2**28
     assert rewards.shape == (100_000,)
+
+
+# More of the above: any order of steps and resets, what is returned, copies.
+
+
+def assert_same_infos(a, b, lanes):
+    """Infos of two vector environments: keys, masks, and the final observation of each lane that ended."""
+    assert a.keys() == b.keys()
+    for key in a:
+        if key == "final_obs":
+            assert a[key].shape == (lanes,)
+            assert a[key].dtype == b[key].dtype == object
+            for x, y in zip(a[key], b[key], strict=True):
+                assert (x is None) == (y is None)
+                if x is not None:
+                    np.testing.assert_array_equal(x, y)
+        elif key == "final_info":
+            assert a[key] == b[key]
+        else:
+            np.testing.assert_array_equal(a[key], b[key])
+            assert a[key].dtype == b[key].dtype
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("seed", range(4))
+def test_any_order_of_steps_and_resets(mode, seed):
+    """200 random calls (steps; resets of all or some lanes, with a seed, a list with None, or without) on both."""
+    rng, lanes = np.random.default_rng(seed), (3, 16, 17, 5)[seed]
+    ours, theirs = pair(lanes, mode)
+    ended = np.zeros(lanes, dtype=bool)
+    np.testing.assert_array_equal(ours.reset(seed=seed)[0], theirs.reset(seed=seed)[0])
+    for _ in range(200):
+        if rng.random() < 0.85:
+            if mode == "Disabled" and ended.any():
+                continue
+            actions = rng.uniform(-1, 1, (lanes, 2))
+            a, b = ours.step(actions), theirs.step(actions)
+            for x, y in zip(a[:4], b[:4], strict=True):
+                np.testing.assert_array_equal(x, y)
+                assert x.dtype == y.dtype
+            assert_same_infos(a[4], b[4], lanes)
+            ended = a[2] | a[3]
+            continue
+        several = [None if rng.random() < 0.5 else int(rng.integers(1000)) for _ in range(lanes)]
+        arguments = {"seed": (None, int(rng.integers(1000)), several)[rng.integers(3)]}
+        mask = rng.random(lanes) < 0.4
+        if rng.random() < 0.7 and mask.any() and not (mode == "Disabled" and (ended & ~mask).any()):
+            a = ours.reset(**arguments, options={"reset_mask": mask.copy()})
+            b = theirs.reset(**arguments, options={"reset_mask": mask.copy()})
+            ended &= ~mask
+        else:
+            a, b = ours.reset(**arguments), theirs.reset(**arguments)
+            ended[:] = False
+        np.testing.assert_array_equal(a[0], b[0])
+        assert a[1] == b[1] == {}
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_lanes_that_are_not_masked_do_not_notice(mode):
+    """Their observations, rewards, flags and truth are those of a batch in which nothing was reset."""
+    env, twin = pair(20, mode)[0], pair(20, mode)[0]
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    mask = np.arange(20) % 3 == 0
+    for k in range(12):
+        actions = np.full((20, 2), 0.01 * k)
+        a, b = env.step(actions), twin.step(actions)
+        for x, y in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(x[~mask], y[~mask])
+        if k % 4 == 3:
+            shown, _ = env.reset(options={"reset_mask": mask})
+            np.testing.assert_array_equal(shown[~mask], b[0][~mask])
+            for name, value in vars(env.truth).items():
+                np.testing.assert_array_equal(value[~mask], getattr(twin.truth, name)[~mask], err_msg=name)
+    assert not np.array_equal(a[0][mask], b[0][mask])
+
+
+def test_a_lane_that_waits_for_its_reset_goes_on_waiting_when_others_are_reset():
+    """NEXT_STEP: an ended lane outside the mask restarts at the next step; one inside the mask does not do so twice."""
+    env = TwoLinkArmVectorEnv(2, duration=0.02)
+    env.reset(seed=0)
+    env.step(np.zeros((2, 2)))
+    assert env.step(np.zeros((2, 2)))[3].all()
+    env.reset(options={"reset_mask": np.array([True, False])})
+    _, rewards, _, truncated, _ = env.step(np.zeros((2, 2)))
+    assert rewards[0] > 0.0
+    assert rewards[1] == 0.0
+    assert not truncated.any()
+    np.testing.assert_allclose(env.truth.time, [0.01, 0.0])
+
+
+@pytest.mark.parametrize("lanes", [1, 16, 33])
+def test_truth_of_a_lane_is_that_of_the_single_environment(lanes):
+    options = {**OPTIONS, "limits": {"position": 100.0, "velocity": 1e4}}
+    env = TwoLinkArmVectorEnv(lanes, **options)
+    env.reset(seed=5)
+    singles = [TwoLinkArmEnv(**options) for _ in range(lanes)]
+    for lane, single in enumerate(singles):
+        single.reset(seed=5 + lane)
+    for k in range(8):
+        action = np.array([0.02 * k, -0.01])
+        env.step(np.tile(action, (lanes, 1)))
+        for single in singles:
+            single.step(action)
+    for lane, single in enumerate(singles):
+        for name, value in vars(single.truth).items():
+            np.testing.assert_array_equal(getattr(env.truth, name)[lane], value, err_msg=name)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_what_is_returned_is_never_written_to_again(mode):
+    env = TwoLinkArmVectorEnv(3, autoreset_mode=mode, duration=0.05)
+    kept = [(env.reset(seed=0)[0], np.zeros(3), np.zeros(3), np.zeros(3))]
+    finals = []
+    for _ in range(20):
+        *arrays, infos = env.step(np.full((3, 2), 0.1))
+        kept.append(arrays)
+        finals += [x for x in infos.get("final_obs", ()) if x is not None]
+        if mode == "Disabled" and arrays[3].any():
+            kept.append((env.reset()[0], *arrays[1:]))
+    copies = [[x.copy() for x in arrays] for arrays in kept]
+    before = [x.copy() for x in finals]
+    truth = env.truth
+    position = truth.position.copy()
+    env.reset(seed=9)
+    env.step(np.full((3, 2), 0.3))
+    for arrays, old in zip(kept, copies, strict=True):
+        for x, y in zip(arrays, old, strict=True):
+            np.testing.assert_array_equal(x, y)
+    for x, y in zip(finals, before, strict=True):
+        np.testing.assert_array_equal(x, y)
+    np.testing.assert_array_equal(truth.position, position)
+    assert len(finals) == (12 if mode == "SameStep" else 0)
+
+
+def test_observations_of_successive_steps_are_different_arrays():
+    env = TwoLinkArmVectorEnv(3)
+    first = env.reset(seed=0)[0]
+    before = first.copy()
+    second, rewards, *_ = env.step(np.full((3, 2), 0.1))
+    third, others, *_ = env.step(np.full((3, 2), 0.1))
+    assert not np.shares_memory(first, second)
+    assert not np.shares_memory(second, third)
+    assert not np.shares_memory(rewards, others)
+    np.testing.assert_array_equal(first, before)
+
+
+@pytest.mark.parametrize("duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy])
+def test_a_copied_batch_knows_its_own_truth_and_heeds_its_seeds(duplicate):
+    env = TwoLinkArmVectorEnv(20, **OPTIONS)
+    env.reset(seed=0)
+    other = duplicate(env)
+    for _ in range(3):
+        env.step(np.full((20, 2), 0.1))
+        other.step(np.full((20, 2), 0.1))
+    np.testing.assert_array_equal(other.truth.position, env.truth.position)
+    np.testing.assert_array_equal(other.reset(seed=40)[0], env.reset(seed=40)[0])
+    np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
+
+
+def test_copies_go_their_own_ways():
+    env = TwoLinkArmVectorEnv(3)
+    env.reset(seed=0)
+    other = copy.deepcopy(env)
+    other.step(np.ones((3, 2)))
+    twin = TwoLinkArmVectorEnv(3)
+    twin.reset(seed=0)
+    np.testing.assert_array_equal(env.step(np.zeros((3, 2)))[0], twin.step(np.zeros((3, 2)))[0])
+
+
+def test_make_vec_takes_the_same_options_as_make():
+    options = {"scenario": "noise-1", "action": "acceleration", "preview": 2, "reward": {"tracking": "l1"}}
+    envs = gym.make_vec("fbl_gym/TwoLinkArm-v0", 3, vectorization_mode="vector_entry_point", **options)
+    assert isinstance(envs.unwrapped, TwoLinkArmVectorEnv)
+    single = gym.make("fbl_gym/TwoLinkArm-v0", **options)
+    assert envs.unwrapped.interface == single.unwrapped.interface
+    assert envs.single_observation_space == single.observation_space
+    assert envs.single_action_space == single.action_space
+    assert envs.observation_space.shape == (3, single.observation_space.shape[0])
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    actions = np.array([[1.0, 2.0]] * 3)
+    np.testing.assert_array_equal(envs.reset(seed=6)[0][0], single.reset(seed=6)[0])
+    a, b = envs.step(actions), single.step(actions[0])
+    np.testing.assert_array_equal(a[0][0], b[0])
+    assert a[1][0] == b[1]
+
+
+def test_both_names_make_a_batch():
+    envs = gym.make_vec("fbl_gym:fbl_gym/TwoLinkArm-v0", 2, vectorization_mode="vector_entry_point")
+    assert envs.num_envs == 2
+
+
+@pytest.mark.parametrize("mode", [*AutoresetMode, *MODES, "NEXT_STEP", "SAME_STEP", "DISABLED"])
+def test_every_way_to_name_a_mode(mode):
+    envs = gym.make_vec("fbl_gym/TwoLinkArm-v0", 2, vectorization_mode="vector_entry_point", autoreset_mode=mode)
+    found = envs.metadata["autoreset_mode"]
+    assert isinstance(found, AutoresetMode)
+    assert mode in (found, found.value, found.name)
+    assert "autoreset_mode" not in TwoLinkArmEnv.metadata
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_max_episode_steps_ends_each_episode(mode):
+    """If it is sooner than the duration; else the duration does."""
+    for most, expected in ((5, 5), (50, 10)):
+        env = TwoLinkArmVectorEnv(2, autoreset_mode=mode, max_episode_steps=most, duration=0.1)
+        env.reset(seed=0)
+        flags = [env.step(np.zeros((2, 2)))[3] for _ in range(expected)]
+        assert np.array(flags).all(axis=1).tolist() == [False] * (expected - 1) + [True]
+
+
+def test_the_first_bad_lane_is_named_and_the_batch_goes_on():
+    env, twin = TwoLinkArmVectorEnv(37, **OPTIONS), TwoLinkArmVectorEnv(37, **OPTIONS)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    for k in range(45):
+        actions = np.random.default_rng(k).uniform(-1, 1, (37, 2))
+        for lane, value in ((36, np.nan), (20, np.inf), (k % 37, -np.inf)):
+            bad = actions.copy()
+            bad[lane, k % 2] = value
+            bad[36, 0] = np.nan
+            with pytest.raises(ValueError, match=f"finite, got .*in lane {lane}$"):
+                env.step(bad)
+        a, b = env.step(actions), twin.step(actions)
+        for x, y in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+@pytest.mark.parametrize("seed", [2.5, np.float64(2.0), "ab", True, -1, [1, 2.5], [1, "2"], {}, [1]])
+def test_a_bad_seed_is_named_and_nothing_is_lost(seed):
+    env, twin = TwoLinkArmVectorEnv(2), TwoLinkArmVectorEnv(2)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    with pytest.raises(ValueError, match="seed must be"):
+        env.reset(seed=seed)
+    np.testing.assert_array_equal(env.step(np.zeros((2, 2)))[0], twin.step(np.zeros((2, 2)))[0])
+    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+def test_a_bad_mask_or_option_loses_nothing():
+    env, twin = TwoLinkArmVectorEnv(2), TwoLinkArmVectorEnv(2)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    with pytest.raises(ValueError, match=r"reset_mask must be a boolean array of shape \(2,\)"):
+        env.reset(seed=5, options={"reset_mask": np.array([True, False, True])})
+    with pytest.raises(ValueError, match="unknown reset option 'reset_masc'; did you mean 'reset_mask'"):
+        env.reset(options={"reset_masc": np.array([True, False])})
+    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+@pytest.mark.parametrize("num_envs", [0, -1, 2.5, True, "2", None])
+def test_a_bad_number_of_lanes_is_named(num_envs):
+    with pytest.raises(ValueError, match="num_envs must be a whole number not below 1, got"):
+        TwoLinkArmVectorEnv(num_envs)
+
+
+def test_seeds_may_be_numpy_numbers():
+    env = TwoLinkArmVectorEnv(2)
+    first, _ = env.reset(seed=np.int64(3))
+    np.testing.assert_array_equal(first, env.reset(seed=np.array([3, 4]))[0])
+    np.testing.assert_array_equal(first, env.reset(seed=(3, 4))[0])
+
+
+def test_lanes_without_a_seed_differ():
+    env = TwoLinkArmVectorEnv(16)
+    assert len(np.unique(env.reset()[0][:, 0])) == 16

@@ -1,0 +1,77 @@
+"""Least squares on filtered regressors: where the paper's three samples fail, and what it must not do."""
+
+import numpy as np
+import pytest
+
+import controllers
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+
+PAPER = float(np.sqrt(0.1))
+EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
+NOISY = {"position": PAPER, "acceleration": PAPER}
+
+
+def learn(policy, scenario, lanes=8, **gains):
+    """Relative errors [steps x lanes x 4] of m1, m2, L1, L2, and the last state."""
+    env = TwoLinkArmVectorEnv(lanes, scenario)
+    observation, _ = env.reset(seed=0)
+    actor, state, found = controllers.make(policy, env, **gains), None, []
+    for _ in range(scenario.steps - 1):
+        action, state = actor.predict(observation, state)
+        observation = env.step(action)[0]
+        found.append(actor.parameters(state))
+    truth = env.truth
+    return np.abs(np.array(found) / np.hstack([truth.masses, truth.lengths]) - 1), state
+
+
+def test_it_works_where_three_samples_do_not():
+    """Acceleration noise of 0.316 rad/s^2 and position noise of 0.316 rad a sample, at 1 kHz, every parameter between half
+    and double: after five seconds a median error below 5 %, against more than half."""
+    scenario = scenarios.get("mixed-error-3").replace(reference=EXCITING, noise=NOISY, control_dt=1e-3)
+    error, _ = learn("adaptive-flm-ls", scenario, acceleration_sigma=PAPER, position_sigma=PAPER)
+    assert np.all(np.median(error[5000:], axis=(0, 1)) < 0.05)
+    paper, _ = learn("adaptive-flm", scenario.replace(duration=6.0))
+    assert np.median(paper[5000:]) > 0.5
+
+
+def test_without_noise_it_finds_the_arm():
+    error, _ = learn("adaptive-flm-ls", scenarios.get("mixed-error-3").replace(reference=EXCITING))
+    assert np.median(error[500:]) < 0.01
+
+
+def test_friction_is_found_too():
+    friction = {"viscous": (20.0, 5.0), "coulomb": (30.0, 10.0)}
+    scenario = scenarios.get("nominal").replace(reference=EXCITING, friction=friction)
+    _, state = learn("adaptive-flm-ls", scenario)
+    found = np.median(state[8][:, 5:], axis=0)
+    np.testing.assert_allclose(found, [20.0, 5.0, 30.0, 10.0], rtol=0.15)
+
+
+def test_at_rest_nothing_is_learned_or_forgotten():
+    still = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+    env = TwoLinkArmEnv(reference=still)
+    policy, state = controllers.make("adaptive-flm-ls", env), None
+    observation, _ = env.reset(seed=0)
+    for _ in range(200):
+        action, state = policy.predict(observation, state)
+        observation = env.step(action)[0]
+    a_sum, found = state[6], state[8]
+    assert not a_sum.any()
+    np.testing.assert_array_equal(found[0, :5], env.nominal.lumped)
+
+
+def test_an_implausible_fit_is_refused():
+    policy = controllers.make("adaptive-flm-ls", TwoLinkArmEnv())
+    before = np.concatenate([TwoLinkArmEnv().nominal.lumped, np.ones(4)])[None]
+    a = np.eye(9)[None]
+    good = policy.fit(a, np.array([[2.0, 2.0, 1.5, 2.0, 2.0, 0.5, 0.5, -0.5, 0.5]]), before)
+    np.testing.assert_allclose(good[0, :5], before[0, :5] * [2.0, 2.0, 1.5, 2.0, 2.0], rtol=1e-6)
+    assert good[0, 7] == 0.0  # friction is not negative
+    bad = policy.fit(a, np.array([[2.0, -1.0, 1.0, 1.0, 1.0, 0, 0, 0, 0]]), before)
+    np.testing.assert_array_equal(bad, before)
+
+
+@pytest.mark.parametrize("name", ["memory", "bandwidth", "prior", "excitation", "moving", "turn"])
+def test_bad_arguments_are_named(name):
+    with pytest.raises(ValueError, match=f"{name} must be"):
+        controllers.make("adaptive-flm-ls", TwoLinkArmEnv(), **{name: 0.0})
