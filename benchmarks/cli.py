@@ -124,7 +124,7 @@ def _leaderboard(arguments: argparse.Namespace) -> int:
     from benchmarks.suite import leaderboard
 
     cells = leaderboard(arguments.policies, arguments.scenarios, range(arguments.seeds))
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else 120)  # a file has no width of its own
     done: list[Result] = []
     columns = (
         TextColumn("{task.description:<40}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),

@@ -72,10 +72,20 @@ class ArmBatch:
         self._clock = np.zeros(blocks * CLOCK_ROWS * LANES, dtype=np.uint64)
         # The last block's spare lanes get an episode too, so that their numbers stay sane.
         self.reset(np.ones(blocks * LANES, dtype=bool), np.empty((0, program.interface.layout.size)))
-        self._by_row = self._state.reshape(blocks, program.rows, LANES)
-        self._clock_by_row = self._clock.reshape(blocks, CLOCK_ROWS, LANES)
         # Before its first step, a lane must be reset.
         self._clock_by_row[:, settings.ENDED] = 1
+
+    # Views, made anew each time: kept as attributes, they would part from the arrays in a copy.
+
+    @property
+    def _by_row(self) -> Array:
+        """The state as [blocks x rows x lanes of a block]."""
+        return self._state.reshape(-1, self.program.rows, LANES)
+
+    @property
+    def _clock_by_row(self) -> NDArray[np.uint64]:
+        """The clock as [blocks x rows x lanes of a block]."""
+        return self._clock.reshape(-1, CLOCK_ROWS, LANES)
 
     def seed(self, lane: int, seed: int) -> None:
         """Give a lane a seed; the episode that starts next is the first of that seed."""

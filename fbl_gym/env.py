@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import gymnasium as gym
@@ -18,6 +19,16 @@ from fbl_gym.scenarios import Scenario, as_scenario
 from fbl_gym.settings import Program, make_program
 
 MAX_SEED = 2**64 - 1
+ARGUMENTS = (
+    "scenario",
+    "action",
+    "reward",
+    "preview",
+    "render_mode",
+    "autoreset_mode",
+    "max_episode_steps",
+    "num_envs",
+)
 
 
 class Told:
@@ -52,6 +63,10 @@ def configure(
 ) -> tuple[Scenario, Program]:
     """The scenario and the program that an environment's arguments mean."""
     built = as_scenario(scenario)
+    fields = [f.name for f in dataclasses.fields(Scenario)]
+    for name in options:
+        if name not in fields:
+            raise unknown("option", name, (*ARGUMENTS, *fields))
     if options:
         built = built.replace(**options)
     weights = Reward() if reward is None else build("reward", reward, Reward)
@@ -230,11 +245,13 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
 
 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
-    """`action` as a float64 array of `shape`."""
+    """`action` as a contiguous float64 array of `shape`."""
     try:
-        array = np.ascontiguousarray(action, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"action must be numbers of shape {shape}, got {action!r}") from None
+        array = np.asarray(action)
+    except ValueError:
+        array = np.empty(0, dtype=object)  # rows of different lengths
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, got shape {array.shape}")
-    return array
+    return np.ascontiguousarray(array, dtype=np.float64)

@@ -153,7 +153,7 @@ class Interface:
         if self.action == "fraction":
             return self.saturate(torque) / np.array(self.torque_limit)
         if self.action == "torque":
-            return self.saturate(torque)
+            return np.clip(torque, -np.array(self.action_limit), self.action_limit)
         acceleration = forward_dynamics(self.nominal, position, velocity, torque)
         return np.clip(acceleration, -self.action_limit[0], self.action_limit[0])
 
@@ -162,7 +162,7 @@ class Interface:
         if self.action == "fraction":
             return np.clip(action, -1.0, 1.0) * np.array(self.torque_limit)
         if self.action == "torque":
-            return self.saturate(np.asarray(action, dtype=float))
+            return np.clip(action, -np.array(self.action_limit), self.action_limit)
         acceleration = np.clip(action, -self.action_limit[0], self.action_limit[0])
         return self.saturate(inverse_dynamics(self.nominal, position, velocity, acceleration))
 

@@ -553,6 +553,8 @@ def _hold_still(b, l, x):
     b[Y3 * LANES + l], b[Y4 * LANES + l] = 0.0, 0.0
     u1, u2 = _nominal_torque(b, l, x, 0.0, 0.0)
     limit1, limit2 = x[at.TORQUE_LIMIT], x[at.TORQUE_LIMIT + 1]
+    if x[at.ACTION] == at.TORQUE:  # an unlimited arm's box of torques has bounds all the same
+        limit1, limit2 = x[at.ACTION_LIMIT], x[at.ACTION_LIMIT + 1]
     u1, u2 = max(min(u1, limit1), -limit1), max(min(u2, limit2), -limit2)
     b[U1 * LANES + l], b[U2 * LANES + l] = u1, u2
     b[T1 * LANES + l], b[T2 * LANES + l] = u1, u2

@@ -61,7 +61,9 @@ def whole(name: str, value: object, *, low: int = 0) -> int:
 
 def pair(name: str, value: object, **limits: Any) -> Pair:
     """One number per joint; a single number stands for both."""
-    if isinstance(value, list | tuple | np.ndarray):
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
         if len(value) != 2:
             raise ValueError(f"{name} must be one number, or one for each of the two joints, got {value!r}")
         return number(f"{name}[0]", value[0], **limits), number(f"{name}[1]", value[1], **limits)
@@ -117,7 +119,7 @@ def build_kind(name: str, value: object, kinds: tuple[type, ...]) -> Any:
     if not isinstance(value, Mapping) or "kind" not in value:
         known = ", ".join(sorted(by_kind))
         raise ValueError(f"{name} must be one of its records, or a dict with a 'kind' of {known}, got {value!r}")
-    if value["kind"] not in by_kind:
+    if not isinstance(value["kind"], str) or value["kind"] not in by_kind:
         raise unknown(f"kind of {name}", value["kind"], by_kind)
     return build(name, value, by_kind[value["kind"]])
 

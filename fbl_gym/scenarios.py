@@ -167,6 +167,8 @@ def _optional(name: str, value: Any, cls: type, scalar: str | None = None) -> An
 
 
 def _sensors(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, str | list | tuple | set | frozenset):
+        raise ValueError(f"sensors must be names out of {SENSORS}, got {value!r}")
     names = (value,) if isinstance(value, str) else tuple(value)
     for name in names:
         choice("sensor", name, SENSORS)
@@ -190,7 +192,7 @@ _LOAD = (0.0, 1 / 3, 2 / 3, 1.0)  # of m2
 _STICTION = (0.0, 10.0, 30.0, 60.0)
 _PUSH = (0.0, 30.0, 100.0, 200.0)
 # What each arm needs for the default motion with every parameter between half and double and the heaviest payload
-# is 1,683 and 749, and 62,271 and 18,269 N m.
+# is 1,683 and 749, and 62,290 and 19,460 N m.
 _TORQUE_LIMITS = {"table-1": (2000.0, 800.0), "section-2-2": (70000.0, 22000.0)}
 
 
@@ -271,13 +273,14 @@ def family(name: str, severity: int = 0, arm: str = "table-1") -> Scenario:
     """
     if name not in families():
         raise unknown("family", name, families())
-    if severity not in SEVERITIES:
+    if isinstance(severity, bool) or severity not in SEVERITIES:
         raise ValueError(f"severity must be one of {SEVERITIES}, got {severity!r}")
     if arm not in _ARMS:
         raise unknown("arm", arm, _ARMS)
+    severity = int(severity)
     parameters = _ARMS[arm]
     text = families()[name]
-    options = {} if name == "nominal" else _FAMILIES[name][1](parameters, int(severity))
+    options = {} if name == "nominal" else _FAMILIES[name][1](parameters, severity)
     return Scenario(
         name=_family_name(name, severity, arm),
         description=text,

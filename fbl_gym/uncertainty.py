@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
+import numpy as np
+
 from fbl_gym.records import Pair, build, build_kind, choice, number, pair, settle, table
 
 PARAMETERS = ("m1", "m2", "L1", "L2")
@@ -58,6 +60,8 @@ class ParameterError:
     payload: Payload | Mapping[str, Any] | float | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.parameters, str | list | tuple):
+            raise ValueError(f"parameters must be names out of {PARAMETERS}, got {self.parameters!r}")
         names = (self.parameters,) if isinstance(self.parameters, str) else tuple(self.parameters)
         settle(
             self,
@@ -80,6 +84,8 @@ def _ratios(value: object) -> tuple[float, ...]:
         for name in value:
             choice("parameter of ratio", name, PARAMETERS)
         value = [value.get(name, 1.0) for name in PARAMETERS]
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, list | tuple):
         if len(value) != 4:
             raise ValueError(f"ratio must be one number, four (m1, m2, L1, L2) or a dict of them, got {value!r}")

@@ -172,6 +172,8 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             first = check_seed(seed)
             check_seed(first + self.num_envs - 1)
             return [first + lane for lane in range(self.num_envs)]
+        if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str):
+            raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
         seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seeds)}")

@@ -17,10 +17,13 @@ from benchmarks.speed import Speed
 
 
 def leaderboard(console: Console, results: Sequence[Result]) -> None:
-    """A table per arm, one row per scenario and one column per policy, the best first."""
+    """A table per arm, one row per scenario and one column per policy, the best first; side by side as far as they fit."""
     order = ranking(results)
+    across = max((console.width - 14) // 11, 1)
     for arm in dict.fromkeys(_arm(result.cell.scenario) for result in results):
-        console.print(_table(arm, order, [result for result in results if _arm(result.cell.scenario) == arm]))
+        ours = [result for result in results if _arm(result.cell.scenario) == arm]
+        for first in range(0, len(order), across):
+            console.print(_table(arm, order, order[first : first + across], ours))
     console.print(
         "The best ranked policy of a row is green. Red: share of runs that diverged; such a run counts as half a turn of error "
         "from then on. In brackets: knows the truth, not ranked. All policies met the same seeds."
@@ -49,12 +52,12 @@ def _mean_error(policy: str, results: Sequence[Result]) -> float:
     return summarize(_rows(policy, results))["error_pct"]
 
 
-def _table(arm: str, policies: Sequence[str], results: Sequence[Result]) -> Table:
+def _table(arm: str, policies: Sequence[str], shown: Sequence[str], results: Sequence[Result]) -> Table:
     by_cell = {(result.cell.policy, result.cell.scenario): result for result in results}
     title = f"Arm {arm}: mean absolute tracking error, % of the reference's amplitude"
     table = Table(title=title, title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
     table.add_column("scenario", no_wrap=True)
-    for policy in policies:
+    for policy in shown:
         unranked = controllers.tier(policy) == "truth"
         name = f"({policy})" if unranked else policy
         table.add_column(name.replace("-", "-\n"), justify="right", style="dim" if unranked else "", no_wrap=True)
@@ -65,13 +68,13 @@ def _table(arm: str, policies: Sequence[str], results: Sequence[Result]) -> Tabl
         if before and family != before:
             table.add_section()
         before = family
-        cells = [by_cell.get((policy, scenario)) for policy in policies]
-        best = _best(policies, cells)
+        best = _best(policies, [by_cell.get((policy, scenario)) for policy in policies])
+        cells = [by_cell.get((policy, scenario)) for policy in shown]
         table.add_row(name, *(_cell(result, result is best) for result in cells))
     table.add_section()
-    means = [_number(_mean_error(p, results)) if _rows(p, results) else "failed" for p in policies]
+    means = [_number(_mean_error(p, results)) if _rows(p, results) else "failed" for p in shown]
     table.add_row("mean", *means, style="bold")
-    table.add_row("us/decision", *(_decision(policy, results) for policy in policies))
+    table.add_row("us/decision", *(_decision(policy, results) for policy in shown))
     return table
 
 

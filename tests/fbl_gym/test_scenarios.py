@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -67,6 +68,153 @@ def test_papers_figures_have_the_papers_arms():
     large = TwoLinkArmEnv("paper-6a", action="torque")
     large.reset(seed=0)
     np.testing.assert_allclose([*large.truth.masses, *large.truth.lengths], [200.0, 150.0, 7.0, 5.0])
+
+
+# More of the above.
+
+
+def test_the_names_are_the_papers_figures_and_the_families_for_both_arms():
+    figures = {f"paper-{name}" for name in ("3a", "3b", "4a", "4b", "6a", "6b", "8", "10")}
+    families = (
+        "mass-error",
+        "length-error",
+        "mixed-error",
+        "payload",
+        "noise",
+        "stiction",
+        "disturbance",
+        "everything",
+    )
+    own = {"nominal"} | {f"{family}-{severity}" for family in families for severity in range(4)}
+    assert set(scenarios.names()) == figures | own | {f"section-2-2/{name}" for name in own}
+    assert len(scenarios.names()) == len(set(scenarios.names()))
+    assert set(scenarios.families()) == {"nominal", *families}
+
+
+@pytest.mark.parametrize("arm", scenarios.arms())
+@pytest.mark.parametrize("name", scenarios.families())
+def test_severity_zero_behaves_as_nominal_to_the_bit(name, arm):
+    nominal = TwoLinkArmEnv(scenarios.family("nominal", arm=arm))
+    none = TwoLinkArmEnv(scenarios.family(name, 0, arm))
+    np.testing.assert_array_equal(nominal.reset(seed=0)[0], none.reset(seed=0)[0])
+    for k in range(30):
+        a, b = nominal.step((0.1, 0.01 * k)), none.step((0.1, 0.01 * k))
+        np.testing.assert_array_equal(a[0], b[0])
+        assert a[1] == b[1]
+
+
+@pytest.mark.parametrize("name", sorted(set(scenarios.families()) - {"nominal"}))
+def test_every_severity_is_another_world_of_the_same_motion(name):
+    """The seed's way-points are the same in all, so that policies are compared on one task."""
+    ends, motions = [], []
+    for severity in scenarios.SEVERITIES:
+        env = TwoLinkArmEnv(scenarios.family(name, severity), preview=100, limits={"position": 1e3, "velocity": 1e4})
+        observation, _ = env.reset(seed=0)
+        motions.append(observation[env.layout["preview"]])
+        for _ in range(500):
+            observation = env.step((0.0, 0.0))[0]
+        ends.append(tuple(observation[env.layout["position"]]))
+    assert len(set(ends)) == 4
+    np.testing.assert_array_equal(motions, np.tile(motions[0], (4, 1)))
+
+
+def test_each_family_varies_its_own_option_only():
+    own = {
+        "mass-error": {"parameter_error"},
+        "length-error": {"parameter_error"},
+        "mixed-error": {"parameter_error"},
+        "payload": {"parameter_error"},
+        "noise": {"noise"},
+        "stiction": {"friction"},
+        "disturbance": {"disturbance"},
+        "everything": {"parameter_error", "noise", "friction", "disturbance"},
+    }
+    for name, options in own.items():
+        for severity in (1, 2, 3):
+            scenario = scenarios.family(name, severity)
+            changed = {
+                f.name for f in dataclasses.fields(Scenario) if getattr(scenario, f.name) != getattr(Scenario(), f.name)
+            }
+            assert changed - {"name", "description"} == options
+
+
+@pytest.mark.parametrize(
+    ("name", "touched"), [("mass-error", (0, 1)), ("length-error", (2, 3)), ("mixed-error", (0, 1, 2, 3))]
+)
+def test_parameter_families_draw_within_their_radius(name, touched):
+    nominal = np.array([20.0, 15.0, 0.7, 0.5])
+    for severity, radius in ((1, 0.25), (2, 0.5), (3, 1.0)):
+        env = TwoLinkArmVectorEnv(2048, scenarios.family(name, severity))
+        env.reset(seed=0)
+        found = np.hstack([env.truth.masses, env.truth.lengths]) / nominal
+        for i in range(4):
+            if i in touched:
+                assert found[:, i].min() == pytest.approx(1 / (1 + radius), rel=0.01)
+                assert found[:, i].max() == pytest.approx(1 + radius, rel=0.01)
+            else:
+                assert np.all(found[:, i] == 1.0)
+
+
+def test_the_payload_family_carries_up_to_the_second_links_mass_from_3_to_7_s():
+    for severity, share in ((1, 1 / 3), (2, 2 / 3), (3, 1.0)):
+        load = scenarios.family("payload", severity).parameter_error.payload
+        assert (load.mass, load.pick_up, load.drop) == (pytest.approx(15.0 * share), 3.0, 7.0)
+        load = scenarios.family("payload", severity, "section-2-2").parameter_error.payload
+        assert load.mass == pytest.approx(0.5 * share)
+
+
+@pytest.mark.parametrize("name", scenarios.names())
+def test_every_named_scenario_makes_a_batch_too(name):
+    scenario = scenarios.get(name)
+    action = "torque" if scenario.actuator.torque_limit is None else "fraction"
+    env, single = TwoLinkArmVectorEnv(3, name, action=action), TwoLinkArmEnv(name, action=action)
+    np.testing.assert_array_equal(env.reset(seed=5)[0][2], single.reset(seed=7)[0])
+    np.testing.assert_array_equal(env.step(np.zeros((3, 2)))[0][2], single.step(np.zeros(2))[0])
+
+
+def test_a_scenario_by_name_record_or_dict_is_the_same():
+    scenario = scenarios.get("everything-2")
+    made = [TwoLinkArmEnv(x).scenario for x in ("everything-2", scenario, scenario.to_dict())]
+    assert made[0] == made[1] == made[2] == scenario
+    assert TwoLinkArmEnv(None).scenario == TwoLinkArmEnv().scenario == scenarios.get("nominal")
+    assert Scenario.from_dict({}) == Scenario()
+
+
+def test_options_replace_a_scenarios_fields_and_keep_the_rest():
+    scenario = TwoLinkArmEnv("everything-2", friction={"viscous": 1.0}, control_dt=0.02).scenario
+    assert scenario.friction.viscous == (1.0, 1.0)
+    assert scenario == scenarios.get("everything-2").replace(friction={"viscous": 1.0}, control_dt=0.02)
+    assert scenario.noise == scenarios.get("everything-2").noise
+
+
+@pytest.mark.parametrize("severity", [4, -1, 1.5, "1", None, True])
+def test_a_wrong_severity_is_named(severity):
+    with pytest.raises(ValueError, match=re.escape(f"severity must be one of (0, 1, 2, 3), got {severity!r}")):
+        scenarios.family("mass-error", severity)
+
+
+@pytest.mark.parametrize("severity", [np.int64(2), 2.0])
+def test_a_severity_that_equals_a_right_one_makes_its_scenario(severity):
+    assert scenarios.family("mass-error", severity) == scenarios.get("mass-error-2")
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [("paper3a", "paper-3a"), ("everthing-3", "everything-3"), ("section-2-2/nominl", "section-2-2/nominal")],
+)
+def test_the_nearest_scenario_is_suggested(name, near):
+    with pytest.raises(ValueError, match=f"unknown scenario '{name}'; did you mean '{near}'"):
+        scenarios.get(name)
+    with pytest.raises(ValueError, match=f"did you mean '{near}'"):
+        TwoLinkArmVectorEnv(2, name)
+
+
+def test_the_papers_scenarios_run_at_the_papers_rates():
+    rates = {name: scenarios.get(name).control_dt for name in scenarios.names() if name.startswith("paper-")}
+    assert rates.pop("paper-6b") == 1e-4
+    assert set(rates.values()) == {1e-3}
+    assert all(scenarios.get(name).physics_dt == scenarios.get(name).control_dt for name in rates)
+    assert all("roject's choice" in scenarios.get(name).description for name in rates if name not in ("paper-3b",))
 
 
 # Any valid combination of options works.
