@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         return arguments.run(arguments)
+    except BrokenPipeError:  # whoever read our output, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except (ValueError, MissingExtra, OSError) as problem:
         print(f"fbl-gym: {problem}", file=sys.stderr)
         return 2
@@ -69,6 +73,12 @@ def _parser() -> argparse.ArgumentParser:
     listing = commands.add_parser("list", help="the names of policies or scenarios, with a line each")
     listing.add_argument("what", choices=("policies", "scenarios"))
     listing.set_defaults(run=_list)
+
+    paper = commands.add_parser("reproduce", help="the paper's figures and claims, measured, each with a verdict")
+    paper.add_argument(
+        "--out", type=Path, default=Path("results/paper"), metavar="DIR", help="where to write (results/paper)"
+    )
+    paper.set_defaults(run=_reproduce)
 
     speed = commands.add_parser("speed", help="steps per second beside Acrobot-v1, in one interleaved run")
     speed.add_argument("--rounds", type=_count, default=7, metavar="N", help="how often each has its turn (7)")
@@ -147,6 +157,30 @@ def _leaderboard(arguments: argparse.Namespace) -> int:
         print(f"fbl-gym: stopped after {len(done)} of {len(cells)} cells", file=sys.stderr)
         return 130
     return 1 if any(result.error for result in done) else 0
+
+
+def _reproduce(arguments: argparse.Namespace) -> int:
+    _need("rich", "matplotlib", extra="bench")
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from benchmarks import results
+    from benchmarks.paper import CLAIMS, Claim, measure_claims
+    from benchmarks.report import terminal
+    from benchmarks.report.plot import plot_trace
+
+    found: list[Claim] = []
+    with Progress(console=Console(stderr=True)) as progress:
+        task = progress.add_task("measuring", total=len(CLAIMS))
+        for name, claim, trace in measure_claims():
+            found.append(claim)
+            for ending in ("png", "svg"):
+                plot_trace(trace, f"figure {claim.figure}: {claim.claim}", arguments.out / f"{name}.{ending}")
+            progress.update(task, advance=1, description=name)
+    terminal.claims(Console(), found)
+    results.write_claims(arguments.out, found)
+    print(f"claims and plots: {arguments.out}")
+    return 0
 
 
 def _speed(arguments: argparse.Namespace) -> int:

@@ -8,11 +8,13 @@ import os
 import platform
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from benchmarks.metrics import METRICS, summarize
+from benchmarks.paper import Claim
 from benchmarks.runner import Result
 
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "scipy", "numba")
@@ -75,6 +77,14 @@ def _document(results: Sequence[Result], command: str) -> dict[str, Any]:
 
 def _plain(summary: dict[str, float]) -> dict[str, float | None]:
     return {name: None if value != value else value for name, value in summary.items()}
+
+
+def write_claims(folder: Path, claims: Sequence[Claim]) -> None:
+    """Write the claims of the paper and their verdicts to `claims.json` in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _replace(
+        folder / "claims.json", json.dumps([asdict(claim) for claim in claims], indent=1, ensure_ascii=False) + "\n"
+    )
 
 
 def command_line() -> str:

@@ -79,6 +79,10 @@ def test_commands_of_the_readme_run(command, tmp_path, monkeypatch):
     arguments = shlex.split(command)[1:]
     if arguments[0] == "leaderboard":
         arguments += ["--seeds", "1", "--scenarios", "nominal"]
+    if arguments[0] == "speed":
+        arguments += ["--rounds", "1"]
+    if arguments[0] == "reproduce":
+        pytest.skip("run whole in tests/benchmarks/test_paper.py")
     assert cli.main(arguments) == 0
 
 

@@ -12,6 +12,7 @@ from rich.table import Table
 
 import controllers
 from benchmarks.metrics import describe, summarize
+from benchmarks.paper import Claim
 from benchmarks.runner import Result
 from benchmarks.speed import Speed
 
@@ -116,6 +117,18 @@ def evaluation(console: Console, title: str, rows: list[dict[str, float]], decis
         known = [row[name] for row in rows if not np.isnan(row[name])]
         table.add_row(name, value, f"{max(known):.4g}" if known else "-", escape(meaning))
     table.add_row("decision_us", f"{decision_us:.3g}", "", escape("wall time of one decision of one lane [us]"))
+    console.print(table)
+
+
+def claims(console: Console, found: Sequence[Claim]) -> None:
+    """The paper's claims: what it says, what was measured, and the verdict."""
+    table = Table(title="The paper's claims, measured", title_style="bold", box=SIMPLE_HEAD)
+    for name in ("figure", "claim", "paper", "measured", "verdict"):
+        table.add_column(name, overflow="fold")
+    colour = {"reproduced": "green", "under a reading": "yellow", "not reproduced": "red"}
+    for claim in found:
+        verdict = f"[{colour[claim.verdict]}]{claim.verdict}[/]"
+        table.add_row(claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), verdict)
     console.print(table)
 
 

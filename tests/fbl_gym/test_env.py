@@ -448,6 +448,21 @@ def test_the_first_observation_of_a_heavy_unlimited_arm_lies_in_its_space():
     assert all(env.reset(seed=seed)[0] in env.observation_space for seed in range(10))
 
 
+def test_effort_and_chatter_are_of_the_command_not_of_what_the_drive_delivers():
+    env = TwoLinkArmEnv(
+        actuator={"delay": 0.05, "lag": 0.1},
+        reward={"weight_tracking": 0.0, "weight_effort": 1.0, "weight_chatter": 3.0},
+    )
+    env.reset(seed=0)
+    before, rng = env.truth.applied_torque / env.torque_limit, np.random.default_rng(0)
+    for _ in range(20):
+        u = rng.uniform(-1.5, 1.5, 2)
+        reward = env.step(u)[1]
+        u = np.clip(u, -1.0, 1.0)
+        assert reward == pytest.approx(1 - (np.abs(u).mean() + 3.0 * np.abs(u - before).mean() / 2) / 4.0, abs=1e-12)
+        before = u
+
+
 @pytest.mark.parametrize("form", ["log", "l1"])
 def test_reward_stays_within_its_bounds_at_any_action(form):
     env = TwoLinkArmEnv(reward={"tracking": form, "worst": 0.3, "weight_effort": 1.0, "weight_chatter": 1.0})
@@ -545,3 +560,36 @@ def test_looking_at_the_truth_of_a_diverged_arm_is_harmless():
     assert reward == 0.0
     assert observation in env.observation_space
     assert env.truth.time == pytest.approx(0.1)
+
+
+# Readings beyond the bounds of the observation.
+
+
+def test_an_acceleration_goes_through_the_readings_that_are_shown():
+    """Also where a reading saturates: what the interface reckons from the observation is what the environment does."""
+    env = TwoLinkArmEnv(action="acceleration", limits={"velocity": 1.0}, noise={"velocity": {"bias": 5.0}})
+    observation, _ = env.reset(seed=0)
+    q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
+    np.testing.assert_array_equal(v, 2.0)
+    expected = env.interface.torque_from_action(np.array([1.0, 1.0]), q, v)
+    env.step((1.0, 1.0))
+    np.testing.assert_allclose(env.truth.applied_torque, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [{"bias": 1e200}, {"bias": -1e308, "sigma": 1e308}, {"quantization": 1e-310}, {"quantization": 1e308}],
+    ids=str,
+)
+@pytest.mark.parametrize("sensor", ["position", "velocity"])
+def test_a_reading_beyond_all_bounds_makes_no_nan(sensor, error):
+    """Not in the torque that an acceleration becomes at that reading, nor, before a delay lets it through, in the reward."""
+    env = TwoLinkArmEnv(action="acceleration", actuator={"delay": 0.02}, noise={sensor: error})
+    observation, _ = env.reset(seed=0)
+    for _ in range(5):
+        assert observation in env.observation_space
+        observation, reward, terminated, *_ = env.step((1.0, 1.0))
+        assert 0.0 <= reward <= 1.0
+        assert np.isfinite(env.truth.applied_torque).all()
+        if terminated:
+            break

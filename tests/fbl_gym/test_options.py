@@ -478,7 +478,7 @@ def test_a_payload_from_the_start_is_there_at_the_start():
     assert np.all(lumped > TABLE_1.lumped)
 
 
-@pytest.mark.parametrize("start", [0.0, 0.017])
+@pytest.mark.parametrize("start", [0.0, 0.017, 0.05])
 def test_pulses_go_on_and_off_at_their_physics_steps(start):
     push = {"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.03, "width": 0.007, "start": start}
     (seen,) = watch("disturbance", disturbance=push)
