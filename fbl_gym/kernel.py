@@ -76,6 +76,7 @@ from fbl_gym.settings import (
     Y3,
     Y4,
     Y5,
+    Y6,
 )  # fmt: skip
 from fbl_gym.streams import normals, stream_key, uniforms
 
@@ -338,6 +339,13 @@ def _lump(b, l, x):
 
 
 @inline
+def _within(value, bound):
+    """`value` cut to [-bound, bound]; NaN becomes -bound."""
+    value = value if value > -bound else -bound
+    return value if value < bound else bound
+
+
+@inline
 def _sense(b, clock, x, first, last):
     """The readings of the lanes from `first` up to `last`."""
     if x[at.SENSES_ACCELERATION] != 0.0:
@@ -351,6 +359,15 @@ def _sense(b, clock, x, first, last):
         _disturb_reading(b, clock, x, 0, _STREAM_POSITION, first, last)
         _disturb_reading(b, clock, x, 2, _STREAM_VELOCITY, first, last)
         _disturb_reading(b, clock, x, 4, _STREAM_ACCELERATION, first, last)
+    # A sensor reads no further than its range.
+    position, velocity, acceleration = 2.0 * x[at.MAX_POSITION], 2.0 * x[at.MAX_VELOCITY], x[at.MAX_ACCELERATION]
+    for l in range(first, last):
+        b[Y1 * LANES + l] = _within(b[Y1 * LANES + l], position)
+        b[Y2 * LANES + l] = _within(b[Y2 * LANES + l], position)
+        b[Y3 * LANES + l] = _within(b[Y3 * LANES + l], velocity)
+        b[Y4 * LANES + l] = _within(b[Y4 * LANES + l], velocity)
+        b[Y5 * LANES + l] = _within(b[Y5 * LANES + l], acceleration)
+        b[Y6 * LANES + l] = _within(b[Y6 * LANES + l], acceleration)
 
 
 @compiled
@@ -442,28 +459,21 @@ def _refer(b, clock, x, tables):
         b[R4 * LANES + l], b[R5 * LANES + l], b[R6 * LANES + l] = r4, r5, r6
 
 
-@inline
-def _within(value, bound):
-    """`value` cut to [-bound, bound]; NaN becomes -bound."""
-    value = value if value > -bound else -bound
-    return value if value < bound else bound
-
-
 @compiled
 def _observe(b, l, x, tables, step, out, i):
     """The observation of a lane, written to row i of `out`."""
     position, velocity, acceleration = 2.0 * x[at.MAX_POSITION], 2.0 * x[at.MAX_VELOCITY], x[at.MAX_ACCELERATION]
     n = 0
     for joint in range(2):
-        out[i, n + joint] = _within(b[(Y1 + joint) * LANES + l], position)
+        out[i, n + joint] = b[(Y1 + joint) * LANES + l]
     n += 2
     if x[at.SENSES_VELOCITY] != 0.0:
         for joint in range(2):
-            out[i, n + joint] = _within(b[(Y3 + joint) * LANES + l], velocity)
+            out[i, n + joint] = b[(Y3 + joint) * LANES + l]
         n += 2
     if x[at.SENSES_ACCELERATION] != 0.0:
         for joint in range(2):
-            out[i, n + joint] = _within(b[(Y5 + joint) * LANES + l], acceleration)
+            out[i, n + joint] = b[(Y5 + joint) * LANES + l]
         n += 2
     for joint in range(2):
         out[i, n + joint] = _within(b[(R1 + joint) * LANES + l], position)

@@ -192,7 +192,7 @@ _LOAD = (0.0, 1 / 3, 2 / 3, 1.0)  # of m2
 _STICTION = (0.0, 10.0, 30.0, 60.0)
 _PUSH = (0.0, 30.0, 100.0, 200.0)
 # What each arm needs for the default motion with every parameter between half and double and the heaviest payload
-# is 1,683 and 749, and 62,290 and 19,460 N m.
+# is 1,683 and 749, and 62,300 and 19,700 N m.
 _TORQUE_LIMITS = {"table-1": (2000.0, 800.0), "section-2-2": (70000.0, 22000.0)}
 
 

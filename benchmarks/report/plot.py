@@ -49,6 +49,6 @@ def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
             axis.margins(x=0)
     ended = "" if end == len(trace.time) else f", diverged at {t[-1]:.2f} s"
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
-    figure.suptitle(f"{title}, seed {trace.seeds[lane]}{ended}")
+    figure.suptitle(f"{title}, seed {trace.seeds[lane]}{ended}", x=0.01, horizontalalignment="left")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)

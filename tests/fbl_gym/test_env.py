@@ -424,8 +424,9 @@ def test_the_interface_says_what_torque_an_action_makes(mode):
     env = TwoLinkArmEnv(action=mode, noise={"position": 0.1, "velocity": 0.3}, parameter_error=1.5)
     observation, _ = env.reset(seed=0)
     rng = np.random.default_rng(0)
-    for _ in range(100):
-        action = rng.uniform(-1.1, 1.1, 2) * env.interface.action_limit * 0.2
+    for k in range(60):
+        reach = 1.5 if k % 3 == 0 else 0.1  # also where the action, or the torque it makes, is beyond its limit
+        action = rng.uniform(-reach, reach, 2) * env.interface.action_limit
         q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
         expected = env.interface.torque_from_action(action, q, v)
         observation = env.step(action)[0]

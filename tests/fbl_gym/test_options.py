@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, SensorError, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import forward_dynamics, gravity_torque
+from fbl_gym.arm import forward_dynamics, gravity_torque, inertia_matrix
 
 LANES = 64
 WAYS = ("position", "velocity", "acceleration")
@@ -553,6 +553,26 @@ def test_a_lag_behind_a_delay_answers_a_step_as_an_exponential():
     np.testing.assert_allclose(applied, expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"actuator": {"lag": 0.005, "torque_limit": None}},
+        {"disturbance": {"kind": "sine", "amplitude": 100.0, "frequency": 5.0}},
+    ],
+    ids=["lag", "sine"],
+)
+def test_what_varies_within_a_physics_step_is_followed_there(options):
+    """A physics step of 1 ms and one of 0.1 ms agree to the order of Runge-Kutta, not only to that of a held torque."""
+    ends = []
+    for physics_dt in (1e-3, 1e-4):
+        env = TwoLinkArmEnv(action="torque", physics_dt=physics_dt, **options)
+        env.reset(seed=0)
+        for k in range(50):
+            env.step(torques(10 * k, 1)[0])
+        ends.append(np.concatenate([env.truth.position, env.truth.velocity]))
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7)
+
+
 def test_a_torque_limit_is_what_a_fraction_is_of():
     env = TwoLinkArmEnv(actuator={"torque_limit": (300.0, 50.0)})
     env.reset(seed=0)
@@ -827,3 +847,47 @@ def test_the_laws_of_friction_differ_at_rest_only_in_what_sticks():
         moved[law] = env.truth.position
     np.testing.assert_array_equal(moved["exact"], 0.0)
     assert np.abs(moved["literal"]).max() > 0.0
+
+
+def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
+    """The laws differ at rest; in motion both are the printed curve, so that a swing agrees as closely as the step allows."""
+    swings = []
+    for law in ("exact", "literal", None):
+        friction = law and {"viscous": 1.0, "coulomb": (6.0, 3.0), "stiction": 2.0, "v_s": 4.0, "law": law}
+        env = TwoLinkArmEnv(action="acceleration", friction=friction, physics_dt=1e-4)
+        env.reset(seed=0)
+        for _ in range(40):
+            env.step((4.0, 6.0))
+            assert np.all(env.truth.velocity > 0.0)
+        swings.append(env.truth.position)
+    np.testing.assert_allclose(swings[1], swings[0], rtol=0, atol=1e-4)
+    assert np.abs(swings[2] - swings[0]).max() > 1e-2
+
+
+def test_leakage_is_what_the_nominal_model_expects_less_what_happens():
+    """Equation (5): the acceleration is a - LS, with a that which the applied torque gives the nominal arm."""
+    env = TwoLinkArmEnv(
+        action="acceleration", parameter_error={"ratio": (2.0, 0.5, 1.2, 0.9)}, friction={"viscous": 5.0}
+    )
+    env.reset(seed=0)
+    np.testing.assert_allclose(
+        env.truth.leakage, -env.truth.acceleration, atol=1e-9
+    )  # the nominal arm would hold still
+    for a in ((1.0, -2.0), (-3.0, 0.5)):
+        env.step(a)
+        truth = env.truth
+        expected = forward_dynamics(TABLE_1, truth.position, truth.velocity, truth.applied_torque)
+        np.testing.assert_allclose(truth.acceleration, expected - truth.leakage, rtol=1e-12)
+        assert np.abs(truth.leakage).max() > 0.1
+
+
+def test_leakage_of_a_disturbance_alone_is_what_it_does_to_the_arm():
+    """Equation (6): LS = M^-1 tau_d."""
+    env = TwoLinkArmEnv(disturbance={"kind": "array", "torque": [(30.0, -7.0)]})
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step((0.05, 0.01))
+        truth = env.truth
+        np.testing.assert_array_equal(truth.disturbance, [30.0, -7.0])
+        expected = np.linalg.solve(inertia_matrix(TABLE_1, truth.position), [30.0, -7.0])
+        np.testing.assert_allclose(truth.leakage, expected, rtol=1e-8)

@@ -350,7 +350,7 @@ def test_an_array_longer_than_the_episode_is_cut():
     ("arm", "load", "stated", "limit"),
     [
         (ArmParameters(), 15.0, (1683, 749), (2000, 800)),
-        (ArmParameters(0.7, 0.5, 20.0, 15.0), 0.5, (62290, 19460), (70000, 22000)),
+        (ArmParameters(0.7, 0.5, 20.0, 15.0), 0.5, (62300, 19700), (70000, 22000)),
     ],
     ids=["table-1", "section-2-2"],
 )

@@ -284,15 +284,16 @@ def test_truth_of_a_lane_is_that_of_the_single_environment(lanes):
 def test_what_is_returned_is_never_written_to_again(mode):
     env = TwoLinkArmVectorEnv(3, autoreset_mode=mode, duration=0.05)
     kept = [(env.reset(seed=0)[0], np.zeros(3), np.zeros(3), np.zeros(3))]
-    finals = []
+    copies = [[x.copy() for x in kept[0]]]
+    finals, before = [], []
     for _ in range(20):
         *arrays, infos = env.step(np.full((3, 2), 0.1))
         kept.append(arrays)
+        copies.append([x.copy() for x in arrays])
         finals += [x for x in infos.get("final_obs", ()) if x is not None]
+        before += [x.copy() for x in infos.get("final_obs", ()) if x is not None]
         if mode == "Disabled" and arrays[3].any():
-            kept.append((env.reset()[0], *arrays[1:]))
-    copies = [[x.copy() for x in arrays] for arrays in kept]
-    before = [x.copy() for x in finals]
+            env.reset()
     truth = env.truth
     position = truth.position.copy()
     env.reset(seed=9)
