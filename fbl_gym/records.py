@@ -21,8 +21,8 @@ def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
     """The error for a name that is not known: lists what is, and the nearest first."""
     names = sorted(known)
     near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return ValueError(f"unknown {what} {name!r}{hint} Known: {', '.join(names)}")
+    hint = f"; did you mean {near[0]!r}?" if near else "."
+    return ValueError(f"unknown {what} {name!r}{hint} Known: {', '.join(names) or 'none'}")
 
 
 def choice(name: str, value: object, known: Iterable[str]) -> str:
@@ -105,7 +105,10 @@ def build(name: str, value: object, cls: type[Record], *, scalar: str | None = N
             return cls(**{scalar: value})
         except ValueError as problem:
             raise ValueError(f"{name}: {problem}") from None
-    form = f"a {cls.__name__}, a dict of its fields ({', '.join(fields)})" + (f" or its {scalar}" if scalar else "")
+    article = "an" if cls.__name__[0] in "AEIOU" else "a"
+    form = f"{article} {cls.__name__}, a dict of its fields ({', '.join(fields)})" + (
+        f" or its {scalar}" if scalar else ""
+    )
     raise ValueError(f"{name} must be {form}, got {value!r}")
 
 

@@ -46,7 +46,9 @@ _ARMS = {"table-1": TABLE_1, "section-2-2": SECTION_2_2}
 
 @dataclass(frozen=True)
 class Scenario:
-    """One task. Every field takes its record or the plain data that makes one; None switches an option off.
+    """One task. Every field takes its record or the plain data that makes one.
+
+    None switches off what can be absent: parameter_error, noise, friction, disturbance and the limits of the actuator.
 
     Args:
         arm: the nominal model: ArmParameters, a dict of them, "table-1" or "section-2-2".
@@ -192,7 +194,8 @@ _LOAD = (0.0, 1 / 3, 2 / 3, 1.0)  # of m2
 _STICTION = (0.0, 10.0, 30.0, 60.0)
 _PUSH = (0.0, 30.0, 100.0, 200.0)
 # What each arm needs for the default motion with every parameter between half and double and the heaviest payload
-# is 1,683 and 749, and 62,300 and 19,700 N m.
+# is 1,683 and 749, and 62,300 and 19,700 N m. Friction and disturbance come on top: at its worst corner, everything-3 can ask
+# for some 836 N m of the second joint's 800.
 _TORQUE_LIMITS = {"table-1": (2000.0, 800.0), "section-2-2": (70000.0, 22000.0)}
 
 

@@ -274,7 +274,7 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
     x[POINT_TIME] = period
     x[LOW : LOW + 2], x[HIGH : HIGH + 2] = reference.low, reference.high
     if reference.points is None:
-        n = int(np.ceil(scenario.duration / period - 1e-9)) + 1
+        n = int(scenario.duration / period + 1e-9) + 2  # one more than is reached, for a jump at the very end
         x[POINT_TABLE] = -1.0
     else:
         n = len(reference.points)
