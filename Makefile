@@ -48,7 +48,7 @@ constraints:
 # The lower bounds of pyproject.toml, in an environment of its own.
 test-oldest:
 	$(PYTHON) -m venv .venv-oldest
-	.venv-oldest/bin/python -m pip install --quiet 'gymnasium==1.2.0' 'numpy==2.0.0' 'scipy==1.14.0' 'numba==0.61.2' \
+	.venv-oldest/bin/python -m pip install --quiet 'gymnasium==1.2.0' 'numpy==2.0.0' 'scipy==1.14.0' 'numba==0.61.0' \
 		'filterpy==1.4.5' 'matplotlib==3.9.0' 'rich==13.7.0' 'stable-baselines3==2.7.0' 'torch>=2.6,<2.14' \
 		hypothesis mujoco pin pytest pytest-xdist hatchling
 	.venv-oldest/bin/python -m pip install --quiet --no-deps --editable .

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,6 +27,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("fbl-gym: stopped", file=sys.stderr)
         return 130
+
+
+SAVE_EVERY = 5.0
+"""A leaderboard's results are written this often while it runs [s], so that a killed run leaves what it had."""
 
 
 class MissingExtra(ImportError):
@@ -144,8 +149,12 @@ def _leaderboard(arguments: argparse.Namespace) -> int:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(cells))
         try:
+            written = time.monotonic()
             for result in run(cells):
                 done.append(result)
+                if time.monotonic() - written > SAVE_EVERY:
+                    results.write(arguments.out, done, results.command_line())
+                    written = time.monotonic()
                 progress.update(task, advance=1, description=result.cell.id)
         except KeyboardInterrupt:
             stopped = True

@@ -1,10 +1,9 @@
-"""Elementary functions that vectorise, and give the same bits on every machine.
+"""Elementary functions that vectorise, and take nothing from the C library.
 
 Why they exist: a call to the C library's `sin` inside a loop keeps the compiler from running that loop on
 several lanes at once, and its last bit differs from one C library to the next. Here each function is a fixed
 sequence of additions and multiplications without a branch. LLVM may not reorder or fuse them (no fast-math
-flag is set anywhere in this package), so that a lane of a batch, a single environment, and another machine
-all compute the same bits.
+flag is set anywhere in this package), so that a lane of a batch and a single environment compute the same bits.
 
 The polynomials are plain Taylor series, long enough that truncation lies below rounding. Their distance from
 the C library is bounded in `tests/fbl_gym/test_elementary.py`.

@@ -180,6 +180,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
+        self.metadata = dict(self.metadata)  # Gymnasium before 1.4 writes the autoreset mode of a vector into it
         self.interface = program.interface
         self.observation_space = program.interface.observation_space
         self.action_space = program.interface.action_space

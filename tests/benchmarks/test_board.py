@@ -93,6 +93,22 @@ def test_leaderboard_command(tmp_path, capsys):
     assert not list(tmp_path.glob(".*"))
 
 
+def test_a_killed_run_leaves_what_it_had(tmp_path, monkeypatch):
+    """Results are written while the run goes on: here after each cell, and the run dies in the second."""
+    monkeypatch.setattr(cli, "SAVE_EVERY", 0.0)
+    first = run_cell(Cell("zero", "nominal", (0,)))
+
+    def dies(_):
+        yield first
+        raise SystemExit(137)
+
+    monkeypatch.setattr("benchmarks.runner.run", dies)
+    with pytest.raises(SystemExit):
+        cli.main(["leaderboard", "--seeds", "1", "--out", str(tmp_path)])
+    (cell,) = json.loads((tmp_path / "leaderboard.json").read_text())["cells"]
+    assert cell["id"] == "zero/nominal"
+
+
 def test_evaluate_command_with_a_plot(tmp_path, capsys):
     picture = tmp_path / "trace.png"
     assert cli.main(["evaluate", "pid-flm", "--scenario", "paper-3a", "--seeds", "1", "--plot", str(picture)]) == 0
