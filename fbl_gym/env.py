@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import error
+from gymnasium import error, logger
 
 from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.batch import ArmBatch, Truth, single
@@ -18,13 +18,18 @@ from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario, as_scenario
 from fbl_gym.settings import Program, make_program
 
+if TYPE_CHECKING:
+    from fbl_gym.render import View
+
 MAX_SEED = 2**64 - 1
+MIN_RENDER_SIZE = 160
 ARGUMENTS = (
     "scenario",
     "action",
     "reward",
     "preview",
     "render_mode",
+    "render_size",
     "autoreset_mode",
     "max_episode_steps",
     "num_envs",
@@ -95,6 +100,20 @@ def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) 
             )
 
 
+def frame_rate(scenario: Scenario) -> int:
+    """At so many frames per second, a film with one frame for each step runs in real time."""
+    return max(1, round(1.0 / scenario.control_dt))
+
+
+def check_render(render_mode: str | None, has_begun: bool) -> str | None:
+    """The mode to draw in; None, with a warning as in Gymnasium's own environments, where none was asked for."""
+    if render_mode is None:
+        logger.warn('render() draws nothing without a render_mode: gym.make(..., render_mode="rgb_array")')
+    elif not has_begun:
+        raise error.ResetNeeded("call reset() before the first render()")
+    return render_mode
+
+
 class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
     """An uncertain two-link arm that is to follow a reference.
 
@@ -153,6 +172,9 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
     * `action`: "fraction", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: how many coming samples of the reference are observed.
+    * `render_mode`: "human", a window in real time, or "rgb_array", a frame for each `render()`; both need pygame
+      (`pip install 'fbl-gym[render]'`).
+    * `render_size`: of the square frame [pixels]; 480.
 
     ## Determinism
 
@@ -164,7 +186,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
     * v0: first release.
     """
 
-    metadata = {"render_modes": [], "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 100}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
@@ -174,16 +196,19 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
         reward: Reward | dict[str, Any] | None = None,
         preview: int = 0,
         render_mode: str | None = None,
+        render_size: int = 480,
         **options: Any,
     ) -> None:
         self.scenario, program = configure(scenario, action, reward, preview, options)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        self.metadata = dict(self.metadata)  # Gymnasium before 1.4 writes the autoreset mode of a vector into it
+        self.render_size = whole("render_size", render_size, low=MIN_RENDER_SIZE)
+        self.metadata = {**self.metadata, "render_fps": frame_rate(self.scenario)}
         self.interface = program.interface
         self.observation_space = program.interface.observation_space
         self.action_space = program.interface.action_space
+        self._view: View | None = None
         self._batch = ArmBatch(program, 1)
         self._seeded = False
         self._size = program.interface.layout.size
@@ -210,6 +235,8 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
             self._batch.next_episode(0)
         observation = np.empty((1, self._size))
         self._batch.reset(self._everyone, observation)
+        if self.render_mode == "human":
+            self.render()
         return observation[0], {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -234,6 +261,8 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
             raise ValueError(f"action must be finite, got {action!r}")
         if ended >= 0:
             raise error.ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
+        if self.render_mode == "human":
+            self.render()
         return observation[0], float(self._reward[0]), bool(self._terminated[0]), bool(self._truncated[0]), {}
 
     @property
@@ -241,8 +270,26 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
         """The true parameters and signals now, made when asked for. A policy must not look."""
         return single(self._batch.truth())
 
-    def render(self) -> None:
-        """Nothing: this version has no render mode."""
+    def render(self) -> Any:
+        """The frame of this instant, [size x size x 3]; None in mode "human", where `reset` and `step` show it themselves.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first `reset`.
+            gymnasium.error.DependencyNotInstalled: without pygame.
+        """
+        if check_render(self.render_mode, self._seeded) is None:
+            return None
+        if self._view is None:
+            from fbl_gym.render import View
+
+            self._view = View(self.scenario, self.render_size)
+        return self._view.show(self.truth) if self.render_mode == "human" else self._view.frame(self.truth)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._view is not None:
+            self._view.close()
+            self._view = None
 
 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -208,6 +209,14 @@ def _error(arm: ArmParameters, severity: int, *parameters: str, load: bool = Fal
     return ParameterError(radius=_RADII[severity], parameters=parameters, payload=payload)
 
 
+def _one_sided(severity: int, larger: bool) -> ParameterError | None:
+    """Each parameter's factor from [1, 1 + r], or from [1/(1+r), 1]: a fixed ratio in the middle, and a radius about it."""
+    if severity == 0:
+        return None
+    middle = math.sqrt(1.0 + _RADII[severity])
+    return ParameterError(ratio=middle if larger else 1.0 / middle, radius=middle - 1.0)
+
+
 def _stiction(severity: int) -> Friction | None:
     level = _STICTION[severity]
     return Friction(coulomb=(level, level / 3), stiction=(level, level / 3), v_s=1e-3) if level else None
@@ -230,6 +239,18 @@ _FAMILIES: dict[str, tuple[str, Callable[[ArmParameters, int], dict[str, Any]]]]
     "mixed-error": (
         "masses and lengths off, each by its own factor from [1/(1+r), 1+r]; r = 0, 0.25, 0.5, 1",
         lambda arm, s: {"parameter_error": _error(arm, s, *PARAMETERS)},
+    ),
+    "uniform-error": (
+        "masses and lengths off by one factor for all, drawn from [1/(1+r), 1+r]; r = 0, 0.25, 0.5, 1",
+        lambda arm, s: {"parameter_error": ParameterError(radius=_RADII[s], sampling="together") if s else None},
+    ),
+    "larger-error": (
+        "real masses and lengths larger than nominal, each by its own factor from [1, 1+r]; r = 0, 0.25, 0.5, 1",
+        lambda arm, s: {"parameter_error": _one_sided(s, larger=True)},
+    ),
+    "smaller-error": (
+        "real masses and lengths smaller than nominal, each by its own factor from [1/(1+r), 1]; r = 0, 0.25, 0.5, 1",
+        lambda arm, s: {"parameter_error": _one_sided(s, larger=False)},
     ),
     "payload": (
         "0, 1/3, 2/3 or all of the second link's mass again, picked up at the tip at 3 s and dropped at 7 s",

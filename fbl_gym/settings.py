@@ -146,7 +146,7 @@ def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: in
         bound, unit = (1.0, 1.0), "of the torque limit"
     elif action == "torque":
         # Without a limit, the box still needs one: far above what any arm here can use.
-        bound, unit = (limit if limit is not None else (1e6, 1e6)), "N m"  # type: ignore[assignment]
+        bound, unit = (limit if limit is not None else (1e9, 1e9)), "N m"  # type: ignore[assignment]
     else:
         if "velocity" not in scenario.sensors:
             raise ValueError(

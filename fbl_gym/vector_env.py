@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import error
@@ -14,17 +14,22 @@ from fbl_gym.arm import Array
 from fbl_gym.batch import ArmBatch, Flags, Truth
 from fbl_gym.env import (
     MAX_SEED,
+    MIN_RENDER_SIZE,
     Told,
-    TwoLinkArmEnv,
     as_actions,
+    check_render,
     check_reset_options,
     check_seed,
     configure,
+    frame_rate,
 )
 from fbl_gym.kernel import NEXT_STEP, NO_AUTORESET, SAME_STEP
-from fbl_gym.records import unknown, whole
+from fbl_gym.records import choice, unknown, whole
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
+
+if TYPE_CHECKING:
+    from fbl_gym.render import Frame, View
 
 _AUTORESET = {
     AutoresetMode.NEXT_STEP: NEXT_STEP,
@@ -44,7 +49,11 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         scenario, action, reward, preview, and the scenario's fields: as for `TwoLinkArmEnv`.
         autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after so many steps if that is sooner than the scenario's duration.
+        render_mode: "rgb_array", or None.
+        render_size: of each lane's square frame [pixels].
     """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
@@ -57,22 +66,29 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
+        render_size: int = 480,
         **options: Any,
     ) -> None:
         self.num_envs = whole("num_envs", num_envs, low=1)
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
         if render_mode is not None:
-            raise unknown("render_mode", render_mode, TwoLinkArmEnv.metadata["render_modes"])
+            choice("render_mode", render_mode, self.metadata["render_modes"])
         if max_episode_steps is not None:
             whole("max_episode_steps", max_episode_steps, low=1)
         self.scenario, program = configure(scenario, action, reward, preview, options, max_episode_steps)
-        self.render_mode = None
-        self.metadata = {**TwoLinkArmEnv.metadata, "autoreset_mode": self.autoreset_mode}
+        self.render_mode = render_mode
+        self.render_size = whole("render_size", render_size, low=MIN_RENDER_SIZE)
+        self.metadata = {
+            **self.metadata,
+            "render_fps": frame_rate(self.scenario),
+            "autoreset_mode": self.autoreset_mode,
+        }
         self.interface = program.interface
         self.single_observation_space = program.interface.observation_space
         self.single_action_space = program.interface.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._views: list[View] = []
         self._batch = ArmBatch(program, self.num_envs)
         self._seeded = False
         self._size = program.interface.layout.size
@@ -155,6 +171,18 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
     def truth(self) -> Truth:
         """The true parameters and signals of every lane now, made when asked for. A policy must not look."""
         return self._batch.truth()
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """Every lane's frame of this instant, [size x size x 3] each; see `TwoLinkArmEnv.render`."""
+        if check_render(self.render_mode, self._seeded) is None:
+            return None
+        if not self._views:
+            from fbl_gym.render import View
+
+            self._views = [View(self.scenario, self.render_size) for _ in range(self.num_envs)]
+        truth = vars(self.truth)
+        lanes = (Truth(**{name: values[lane] for name, values in truth.items()}) for lane in range(self.num_envs))
+        return tuple(view.frame(lane) for view, lane in zip(self._views, lanes, strict=True))
 
     def _as_mask(self, mask: Any) -> Flags:
         if mask is None:

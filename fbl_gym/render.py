@@ -1,0 +1,431 @@
+"""Pictures of the arm. Imported only when a frame is asked for, and the one module that needs pygame.
+
+`draw` is a pure function from a `Picture`, plain numbers, to a frame. Shapes are painted by their signed distance: a pixel
+is covered by as much of it as lies inside the edge, so edges are smooth and nothing is rounded to whole pixels. pygame
+gives the letters and the window; a frame alone opens none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+from fbl_gym.arm import STANDARD_GRAVITY, ArmParameters, Array, joint_positions
+from fbl_gym.batch import Truth
+from fbl_gym.records import Pair
+from fbl_gym.scenarios import Scenario
+
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # pygame greets on the standard output
+try:
+    import pygame
+except ImportError as problem:
+    raise DependencyNotInstalled("drawing needs pygame: pip install 'fbl-gym[render]'") from problem
+
+Frame: TypeAlias = NDArray[np.uint8]
+Pixels: TypeAlias = NDArray[np.floating[Any]]
+Distance: TypeAlias = Callable[[Pixels, Pixels], Pixels]
+Point: TypeAlias = tuple[float, float]
+Colour: TypeAlias = tuple[int, int, int]
+
+# Okabe and Ito, "Color Universal Design" (2008): told apart with any colour vision.
+BLUE, SKY, ORANGE = (0, 114, 178), (86, 180, 233), (230, 159, 0)
+VERMILLION, PURPLE = (213, 94, 0), (204, 121, 167)
+PAPER, RULE, GHOST, INK = (252, 252, 250), (224, 224, 220), (168, 168, 164), (44, 44, 44)
+
+FULL_TURN = 1.5 * math.pi
+"""The arc [rad] that stands for a joint's whole torque."""
+
+TRAIL_SPAN, TRAIL_STEP = 1.5, 0.02
+"""How long the tip's trace lasts, and how far apart its points are [s]."""
+
+WINDOW_FPS = 50
+"""The window shows so many pictures per simulated second, at most."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One instant of one arm, in plain numbers: all that a frame shows.
+
+    Args:
+        title, subtitle: above the arm, left.
+        time: since the episode's start [s].
+        lengths: true lengths of the links [m].
+        position, reference: joint angles [rad].
+        torque: applied to the joints [N m].
+        push: what the disturbance adds to it, -tau_d of equation (1) [N m]; None: the scenario has none.
+        full_torque: what the longest arc stands for [N m].
+        payload: mass carried at the tip [kg].
+        trail: where the tip was, oldest first, [k x 3] as (time [s], x, y [m]).
+    """
+
+    title: str
+    subtitle: str
+    time: float
+    lengths: Pair
+    position: Pair
+    reference: Pair
+    torque: Pair
+    push: Pair | None
+    full_torque: Pair
+    payload: float
+    trail: Array
+
+
+def full_torque(scenario: Scenario) -> Pair:
+    """The torque limits; of drives without, ten times what holds the nominal arm stretched out on Earth [N m]."""
+    if scenario.actuator.torque_limit is not None:
+        return scenario.actuator.torque_limit  # type: ignore[return-value]
+    *_, p4, p5 = dataclasses.replace(scenario.arm, gravity=STANDARD_GRAVITY).lumped
+    return 10.0 * float(p4 + p5), 10.0 * float(p5)
+
+
+class Trail:
+    """The tip's recent way, kept from one picture to the next. An earlier time than the last begins a new one."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[float, float, float]] = []
+
+    def extended(self, now: float, tip: Array) -> Array:
+        """The trail up to and with `tip` [2] at the time `now`, [k x 3]."""
+        points = [p for p in self._points if now - TRAIL_SPAN <= p[0] < now]
+        if len(points) > 1 and points[-1][0] - points[-2][0] < 0.99 * TRAIL_STEP:
+            points.pop()
+        self._points = [*points, (now, float(tip[0]), float(tip[1]))]
+        return np.array(self._points)
+
+
+class View:
+    """The pictures of one arm, from its truth, and the window that shows them.
+
+    Args:
+        scenario: what the arm lives in.
+        size: of a frame, which is square [pixels].
+    """
+
+    def __init__(self, scenario: Scenario, size: int) -> None:
+        self.scenario = scenario
+        self.size = size
+        self._full_torque = full_torque(scenario)
+        self._trail = Trail()
+        self._shown, self._due = math.inf, 0.0
+        self._has_window = False
+
+    def picture(self, truth: Truth) -> Picture:
+        """What is to be seen now, of the truth of a single arm; the trail remembers it."""
+        q, r = _pair(truth.position), _pair(truth.reference)
+        lengths, now = _pair(truth.lengths), float(truth.time)
+        return Picture(
+            title=self.scenario.name,
+            subtitle="",
+            time=now,
+            lengths=lengths,
+            position=q,
+            reference=r,
+            torque=_pair(truth.applied_torque),
+            push=None if self.scenario.disturbance is None else _pair(-truth.disturbance),
+            full_torque=self._full_torque,
+            payload=float(truth.payload),
+            trail=self._trail.extended(now, _joints(lengths, q)[2]),
+        )
+
+    def frame(self, truth: Truth) -> Frame:
+        """The frame of this instant, [size x size x 3]."""
+        return draw(self.picture(truth), self.size)
+
+    def show(self, truth: Truth) -> None:
+        """Show this instant in the window, no sooner than its time has come; in between, leave the window as it is."""
+        picture = self.picture(truth)
+        passed = picture.time - self._shown
+        if 0.0 <= passed < 0.99 / WINDOW_FPS:
+            return
+        frame = draw(picture, self.size)
+        now = time.perf_counter()
+        due = self._due + passed
+        if now < due < now + passed:
+            time.sleep(due - now)
+        else:  # a new episode, or late
+            due = now
+        self._shown, self._due = picture.time, due
+        window = pygame.display.get_surface()
+        if window is None or window.get_size() != (self.size, self.size):
+            pygame.display.init()
+            pygame.display.set_caption("fbl-gym")
+            window = pygame.display.set_mode((self.size, self.size))
+            self._has_window = True
+        pygame.surfarray.blit_array(window, frame.swapaxes(0, 1))
+        pygame.event.pump()
+        pygame.display.flip()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._has_window:
+            pygame.display.quit()
+            self._has_window = False
+
+
+def _pair(x: Array) -> Pair:
+    """Of a diverged arm, what is no longer a number is drawn as zero."""
+    first, second = np.nan_to_num(x, posinf=0.0, neginf=0.0).tolist()
+    return first, second
+
+
+def _joints(lengths: Pair, q: Pair) -> Array:
+    return joint_positions(ArmParameters(L1=lengths[0], L2=lengths[1]), q)
+
+
+# Where things lie, as fractions of the frame's size.
+
+CENTRE = (0.5, 0.458)
+REACH = 0.35
+MARGIN = 0.035
+TITLE, SUBTITLE, SCALE, TABLE = 0.045, 0.088, 0.785, 0.856
+LETTERS = 0.034
+WIDTHS = (0.04, 0.032, 0.02)
+"""Of the links at base, elbow and tip."""
+
+
+def project(points: Array, lengths: Pair, size: int) -> Array:
+    """Where points [... x 2] in metres lie in a frame, [... x 2] in pixels from the upper left corner, y downwards."""
+    scale = REACH * size / sum(lengths)
+    return size * np.array(CENTRE) + scale * np.asarray(points) * (1.0, -1.0)
+
+
+def draw(picture: Picture, size: int = 480) -> Frame:
+    """The frame of a picture, [size x size x 3].
+
+    The ring is how far the arm reaches; grey is where the reference wants it. Arcs at each joint, from its link on, are the
+    torque applied and the push of the disturbance; their length grows with the square root of their share of the full torque.
+    """
+    canvas = Canvas(size, size)
+    reach = functools.partial(project, lengths=picture.lengths, size=size)
+    base, elbow, tip = _points(reach(_joints(picture.lengths, picture.position)))
+    canvas.ring(base, REACH * size, 0.003 * size, RULE)
+    canvas.line([base, (base[0], base[1] + 0.085 * size)], [0.06 * size] * 2, RULE)
+    _draw_scale(canvas, picture.lengths, size)
+    if len(picture.trail) > 1:
+        age = (picture.time - picture.trail[:, 0]) / TRAIL_SPAN
+        canvas.trail(_points(reach(picture.trail[:, 1:])), 1.0 - age, 0.006 * size, SKY)
+    widths = [size * width for width in WIDTHS]
+    canvas.line(_points(reach(_joints(picture.lengths, picture.reference))), widths, GHOST, 0.5)
+    if picture.payload > 0.0:
+        canvas.disc(tip, 0.03 * size, ORANGE)
+    canvas.line([base, elbow, tip], widths, BLUE)
+    _draw_torques(canvas, picture, (base, elbow), size)
+    for joint, radius in ((base, 0.013), (elbow, 0.011), (tip, 0.009)):
+        canvas.disc(joint, (radius + 0.004) * size, PAPER)
+        canvas.disc(joint, radius * size, INK)
+    _write_numbers(canvas, picture, size)
+    return canvas.frame
+
+
+def _draw_scale(canvas: Canvas, lengths: Pair, size: int) -> None:
+    """A bar of 1, 2 or 5 times a power of ten metres, below the ring's right."""
+    metre = REACH * size / sum(lengths)
+    longest = 0.16 * size / metre
+    decade = 10.0 ** math.floor(math.log10(longest))
+    length = decade * max(n for n in (1, 2, 5) if n * decade <= longest)
+    right, y, tick, thin = (1.0 - MARGIN) * size, SCALE * size, 0.008 * size, [0.004 * size] * 2
+    left = right - length * metre
+    canvas.line([(left, y), (right, y)], thin, GHOST)
+    for x in (left, right):
+        canvas.line([(x, y - tick), (x, y + tick)], thin, GHOST)
+    canvas.write(f"{length:g} m", ((left + right) / 2, y - 0.026 * size), 0.9 * LETTERS * size, GHOST, 0.5)
+
+
+def _draw_torques(canvas: Canvas, picture: Picture, joints: tuple[Point, Point], size: int) -> None:
+    q1, q2 = picture.position
+    push = picture.push or (0.0, 0.0)
+    for i, (joint, angle) in enumerate(zip(joints, (q1, q1 + q2), strict=True)):
+        for torque, radius, colour in ((picture.torque[i], 0.052, VERMILLION), (push[i], 0.076, PURPLE)):
+            share = min(abs(torque) / picture.full_torque[i], 1.0)
+            sweep = math.copysign(FULL_TURN * math.sqrt(share), torque)
+            beside = math.copysign(0.6 * WIDTHS[0] / radius, torque)  # the link
+            canvas.arrow(joint, radius * size, angle + beside, sweep, 0.007 * size, colour)
+
+
+def _write_numbers(canvas: Canvas, picture: Picture, size: int) -> None:
+    left, right, line = MARGIN * size, (1.0 - MARGIN) * size, LETTERS * size
+    canvas.write(picture.title, (left, TITLE * size), 1.2 * line, INK)
+    canvas.write(picture.subtitle, (left, SUBTITLE * size), line, INK)
+    canvas.write(f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
+    if picture.payload > 0.0:
+        canvas.write(f"payload {picture.payload:.3g} kg", (right, SUBTITLE * size), line, INK, 1.0)
+    error = [1e3 * (r - q) for r, q in zip(picture.reference, picture.position, strict=True)]
+    rows = [("error [mrad]", error, GHOST), ("torque [N m]", picture.torque, VERMILLION)]
+    if picture.push is not None:
+        rows.append(("push [N m]", picture.push, PURPLE))
+    columns = (0.7 * size, right)
+    for i, x in enumerate(columns):
+        canvas.write(f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
+    for i, (name, values, colour) in enumerate(rows, start=1):
+        y = TABLE * size + 1.06 * i * line
+        canvas.disc((left + 0.3 * line, y), 0.25 * line, colour)
+        canvas.write(name, (left + line, y), line, INK)
+        for value, x in zip(values, columns, strict=True):
+            number = f"{value:+,.1f}" if abs(value) < 1e6 else f"{value:+.1e}"
+            canvas.write(number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
+
+
+def _points(array: Array) -> list[Point]:
+    return [(x, y) for x, y in array.tolist()]
+
+
+class Canvas:
+    """Paper that shapes are painted on; lengths and positions in pixels from the upper left corner, y downwards.
+
+    The distances are those of Quilez, "2D distance functions" (https://iquilezles.org/articles/distfunctions2d).
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self._pixels = np.empty((3, height, width), dtype=np.float32)
+        self._pixels[:] = _channels(PAPER)
+
+    @property
+    def frame(self) -> Frame:
+        """What was painted, [height x width x 3]."""
+        return np.ascontiguousarray(np.moveaxis((self._pixels + np.float32(0.5)).astype(np.uint8), 0, -1))
+
+    def disc(self, centre: Point, radius: float, colour: Colour) -> None:
+        """A filled circle."""
+        self._paint([centre], radius, lambda x, y: _length(x, y, centre) - radius, colour)
+
+    def ring(self, centre: Point, radius: float, width: float, colour: Colour) -> None:
+        """A circle."""
+        self._paint([centre], radius + width, lambda x, y: abs(_length(x, y, centre) - radius) - width / 2, colour)
+
+    def line(self, points: Sequence[Point], widths: Sequence[float], colour: Colour, opacity: float = 1.0) -> None:
+        """A line through some points, with its width at each, and round ends."""
+
+        def distance(x: Pixels, y: Pixels) -> Pixels:
+            pieces = zip(points[:-1], points[1:], widths[:-1], widths[1:], strict=True)
+            return functools.reduce(np.minimum, (_along(x, y, *piece) for piece in pieces))
+
+        self._paint(points, max(widths), distance, colour, opacity)
+
+    def trail(self, points: Sequence[Point], opacity: Array, width: float, colour: Colour) -> None:
+        """A line through many points, as opaque at each as `opacity` [k] says."""
+        rows, columns = self._region(points, width)
+        cover = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=np.float32)
+        for a, b, strength in zip(points[:-1], points[1:], opacity[1:].tolist(), strict=True):
+            y, x = self._region([a, b], width)
+            piece = cover[y.start - rows.start : y.stop - rows.start, x.start - columns.start : x.stop - columns.start]
+            inside = _cover((y, x), lambda x, y, a=a, b=b: _along(x, y, a, b, width, width))  # type: ignore[misc]
+            np.maximum(piece, strength * inside, out=piece)
+        self._blend((rows, columns), cover, colour)
+
+    def arrow(self, centre: Point, radius: float, start: float, sweep: float, width: float, colour: Colour) -> None:
+        """An arc about a centre, with an arrowhead beyond its end; angles counter-clockwise from the right [rad]."""
+        if abs(sweep) * radius < 0.5 * width:
+            return
+        end, middle = start + sweep, start + sweep / 2
+
+        def distance(x: Pixels, y: Pixels) -> Pixels:
+            away = np.arctan2(centre[1] - y, x - centre[0]) - middle
+            within = abs((away + math.pi) % (2 * math.pi) - math.pi) <= abs(sweep) / 2
+            to_ends = (_length(x, y, _on_circle(centre, radius, angle)) for angle in (start, end))
+            return np.where(within, abs(_length(x, y, centre) - radius), np.minimum(*to_ends)) - width / 2
+
+        self._paint([centre], radius + width, distance, colour)
+        head = 3.0 * width
+        point = _on_circle(centre, radius, end + math.copysign(head / radius, sweep))
+        wing = math.copysign(0.6 * head, sweep)
+        self._polygon([point, *(_on_circle(centre, radius + w, end) for w in (-wing, wing))], colour)
+
+    def write(self, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
+        """A line of text.
+
+        Args:
+            text: what to write.
+            at: a point at half its height; where along its width, `align` says.
+            height: of the line.
+            colour: of the letters.
+            align: 0: `at` is its left end, 1/2: its middle, 1: its right end.
+        """
+        letters = _letters(text, height)
+        high, wide = letters.shape
+        left, top = max(round(at[0] - align * wide), 0), max(round(at[1] - high / 2), 0)
+        letters = letters[: self._pixels.shape[1] - top, : self._pixels.shape[2] - left]
+        self._blend((slice(top, top + high), slice(left, left + wide)), letters, colour)
+
+    def _polygon(self, corners: Sequence[Point], colour: Colour) -> None:
+        """A filled convex polygon, its corners in counter-clockwise order as seen."""
+
+        def distance(x: Pixels, y: Pixels) -> Pixels:
+            sides = []
+            for (x0, y0), (x1, y1) in zip(corners, [*corners[1:], corners[0]], strict=True):
+                sides.append(((y - y0) * (x1 - x0) - (x - x0) * (y1 - y0)) / math.hypot(x1 - x0, y1 - y0))
+            return np.maximum.reduce(sides)
+
+        self._paint(corners, 0.0, distance, colour)
+
+    def _paint(
+        self, points: Sequence[Point], margin: float, distance: Distance, colour: Colour, opacity: float = 1.0
+    ) -> None:
+        """Paint where the signed distance to an edge is negative, which it is only within `margin` of the points."""
+        region = self._region(points, margin)
+        self._blend(region, opacity * _cover(region, distance), colour)
+
+    def _region(self, points: Sequence[Point], margin: float) -> tuple[slice, slice]:
+        """The rows and columns with everything that is within `margin` of the points."""
+        _, height, width = self._pixels.shape
+        x, y = [p[0] for p in points], [p[1] for p in points]
+        return _span(min(y) - margin, max(y) + margin, height), _span(min(x) - margin, max(x) + margin, width)
+
+    def _blend(self, region: tuple[slice, slice], cover: Pixels, colour: Colour) -> None:
+        rows, columns = region
+        part = self._pixels[:, rows, columns]
+        part += cover * (_channels(colour) - part)
+
+
+def _channels(colour: Colour) -> Pixels:
+    return np.array(colour, dtype=np.float32)[:, None, None]
+
+
+def _span(low: float, high: float, size: int) -> slice:
+    """The pixels out of `size` between two edges, with one more on either side for the soft edge."""
+    start = min(max(math.floor(low) - 1, 0), size)
+    return slice(start, max(min(math.ceil(high) + 1, size), start))
+
+
+def _cover(region: tuple[slice, slice], distance: Distance) -> Pixels:
+    """How much of each pixel is covered: all where its centre lies half a pixel inside the edge, none as far outside."""
+    rows, columns = region
+    y = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None] + np.float32(0.5)
+    x = np.arange(columns.start, columns.stop, dtype=np.float32) + np.float32(0.5)
+    return np.clip(0.5 - distance(x, y), 0.0, 1.0)
+
+
+def _length(x: Pixels, y: Pixels, centre: Point) -> Pixels:
+    return np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
+
+
+def _along(x: Pixels, y: Pixels, a: Point, b: Point, width_a: float, width_b: float) -> Pixels:
+    """Distance to the edge of a straight piece from a to b whose width goes from one value to the other."""
+    x, y, bx, by = x - a[0], y - a[1], b[0] - a[0], b[1] - a[1]
+    h = np.clip((x * bx + y * by) / max(bx * bx + by * by, 1e-12), 0.0, 1.0)
+    return np.sqrt((x - h * bx) ** 2 + (y - h * by) ** 2) - 0.5 * (width_a + h * (width_b - width_a))
+
+
+def _on_circle(centre: Point, radius: float, angle: float) -> Point:
+    return centre[0] + radius * math.cos(angle), centre[1] - radius * math.sin(angle)
+
+
+@functools.lru_cache(maxsize=256)
+def _letters(text: str, height: float) -> Pixels:
+    """How much of each pixel the letters of a line cover, [rows x columns]; drawn four times as large and averaged."""
+    n = 4
+    pygame.font.init()
+    surface = pygame.font.Font(None, round(1.36 * n * height)).render(text, True, INK)
+    fine = pygame.surfarray.array_alpha(surface).T.astype(np.float32) / 255.0
+    fine = np.pad(fine, [(0, -k % n) for k in fine.shape])
+    return fine.reshape(fine.shape[0] // n, n, fine.shape[1] // n, n).mean(axis=(1, 3))

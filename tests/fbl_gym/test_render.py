@@ -1,0 +1,370 @@
+"""Frames, films and windows, as Gymnasium's users ask for them; and that drawing shows the truth and changes nothing."""
+
+import copy
+import pickle
+import subprocess
+import sys
+import time
+
+import gymnasium as gym
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from gymnasium.error import DependencyNotInstalled, ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordVideo, RenderCollection
+from scipy import ndimage
+
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, render
+from fbl_gym.arm import ArmParameters, inverse_dynamics, joint_positions
+from fbl_gym.render import INK, ORANGE, PAPER, PURPLE, RULE, VERMILLION, Canvas, Picture, Trail, View, draw
+
+ID = "fbl_gym/TwoLinkArm-v0"
+ACTION = np.array([0.1, -0.05])
+
+
+@pytest.fixture(autouse=True)
+def _without_a_display(monkeypatch):
+    """Windows go nowhere."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    yield
+    render.pygame.display.quit()
+
+
+def picture(**changes):
+    plain = {
+        "title": "", "subtitle": "", "time": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1),
+        "torque": (0.0, 0.0), "push": None, "full_torque": (2000.0, 800.0), "payload": 0.0, "trail": np.zeros((0, 3)),
+    }  # fmt: skip
+    return Picture(**(plain | changes))
+
+
+def follow(env):
+    """A step under computed torque with the truth."""
+    now = env.unwrapped.truth
+    a = 100.0 * (now.reference - now.position) + 20.0 * (now.reference_velocity - now.velocity)
+    return env.step(inverse_dynamics(now.lumped, now.position, now.velocity, a) / env.unwrapped.torque_limit)
+
+
+def count(frame, colour):
+    return int((frame == colour).all(axis=-1).sum())
+
+
+def discs(frame, near):
+    """The middle of each patch of the joints' colour within the ring, the nearest to each of some points."""
+    labels, n = ndimage.label((frame == INK).all(axis=-1))
+    sizes = ndimage.sum_labels(np.ones_like(labels), labels, range(1, n + 1))
+    # A pixel's middle lies half a pixel from its corner.
+    found = [ndimage.center_of_mass(labels == k + 1)[::-1] for k in range(n) if sizes[k] > 30]
+    found = np.array(found) + 0.5
+    return np.array([found[np.hypot(*(found - point).T).argmin()] for point in near])
+
+
+@pytest.mark.parametrize("size", [480, 800])
+@pytest.mark.parametrize("lengths", [(0.7, 0.5), (20.0, 15.0), (0.3, 0.9)])
+def test_joints_are_drawn_where_the_kinematics_has_them(size, lengths):
+    """Base in the middle of the ring, y upwards, one scale for both links: within half a pixel, in any pose."""
+    arm = ArmParameters(L1=lengths[0], L2=lengths[1])
+    for q in ((0.6, 1.1), (-1.4, 0.3), (2.9, -1.9), (4.0, 0.9)):
+        expected = joint_positions(arm, q) / sum(lengths) * (1, -1) * 0.35 * size + (0.5 * size, 0.458 * size)
+        found = discs(draw(picture(lengths=lengths, position=q, reference=q), size), expected)
+        np.testing.assert_allclose(found, expected, atol=0.5)
+
+
+def test_an_environment_draws_its_true_arm():
+    env = gym.make(ID, scenario="everything-3", render_mode="rgb_array")
+    env.reset(seed=3)
+    for _ in range(330):
+        follow(env)
+    truth = env.unwrapped.truth
+    arm = ArmParameters(L1=truth.lengths[0], L2=truth.lengths[1])
+    assert arm.L1 != env.unwrapped.nominal.L1
+    expected = render.project(joint_positions(arm, truth.position), tuple(truth.lengths), 480)
+    frame = env.render()
+    assert (frame.shape, frame.dtype) == ((480, 480, 3), np.uint8)
+    np.testing.assert_allclose(discs(frame, expected), expected, atol=0.5)
+    assert truth.payload > 0.0
+    assert count(frame, ORANGE) > 100
+    assert count(frame, PURPLE) > 50
+
+
+def test_a_picture_shows_what_it_is_told():
+    bare = draw(picture())
+    assert count(bare, ORANGE) == 0
+    assert count(draw(picture(payload=2.0)), ORANGE) > 100
+    assert count(draw(picture(push=(0.0, 0.0))), PURPLE) > count(bare, PURPLE)  # its line of the table
+    loads = [count(draw(picture(torque=(torque, 0.0))), VERMILLION) for torque in (0.0, 100.0, 500.0, 2000.0, 1e9)]
+    assert loads == sorted(loads)
+    assert loads[0] < loads[1] < loads[2] < loads[3] == loads[4]
+    for change in ({"title": "x"}, {"subtitle": "x"}, {"time": 1.0}, {"reference": (0.9, 1.1)}, {"torque": (0.1, 0.0)}):
+        assert not np.array_equal(draw(picture(**change)), bare), change
+    trail = np.array([[-0.4, 0.1, 0.9], [-0.2, 0.2, 1.0], [0.0, 0.3, 1.0]])
+    assert not np.array_equal(draw(picture(trail=trail)), bare)
+    np.testing.assert_array_equal(draw(picture()), bare)
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_torques_turn_the_way_they_push(turn):
+    """Of an arm that lies to the right, a positive torque's arc is above the first link, a negative one's below."""
+    frame = draw(picture(position=(0.0, 0.0), reference=(0.0, 0.0), torque=(100.0 * turn, 0.0)))
+    rows = np.nonzero((frame[:380] == VERMILLION).all(axis=-1))[0]
+    assert np.all(np.sign(0.458 * 480 - rows) == turn)
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_an_arc_begins_at_its_link_and_is_as_long_as_the_root_of_its_share(turn):
+    """A quarter of joint 2's torque: half the longest arc, from beside the second link on, and a head beyond."""
+    q = (0.6, 1.1)
+    frame = draw(picture(position=q, torque=(0.0, turn * 200.0)), 800)
+    x, y = render.project(joint_positions(ArmParameters(), q)[1], (0.7, 0.5), 800)
+    rows, columns = np.nonzero((frame[:640] == VERMILLION).all(axis=-1))
+    away = turn * (np.arctan2(y - rows - 0.5, columns + 0.5 - x) - sum(q)) % (2 * np.pi)
+    assert away.min() == pytest.approx(0.6 * 0.04 / 0.052, abs=0.1)
+    assert away.max() - away.min() == pytest.approx(0.5 * render.FULL_TURN + 3 * 0.007 / 0.052, abs=0.15)
+
+
+def test_the_numbers_are_those_of_the_picture(monkeypatch):
+    written = []
+    monkeypatch.setattr(Canvas, "write", lambda self, text, *_: written.append(text))
+    told = {"title": "here", "subtitle": "there", "time": 1.234, "position": (0.5, 1.2), "payload": 2.5}
+    draw(picture(**told, torque=(-1234.56, 2.0), push=(-3.0, 1e300)))
+    assert {"here", "there", "1.23 s", "payload 2.5 kg", "0.5 m"} < set(written)
+    rows = [
+        ["error [mrad]", "+100.0", "−100.0"],
+        ["torque [N m]", "−1,234.6", "+2.0"],
+        ["push [N m]", "−3.0", "+1.0e+300"],
+    ]
+    assert written[-9:] == [text for row in rows for text in row]
+
+
+def test_shapes_cover_what_geometry_says():
+    """Edges are soft, and lose no area: disc, ring, tapered line and arrow against their formulas."""
+
+    def area(paint):
+        canvas = Canvas(200, 200)
+        paint(canvas)
+        ink = np.array(PAPER, dtype=float) - canvas.frame
+        return (ink.sum(axis=-1) / (np.array(PAPER) - INK).sum()).sum()
+
+    centre = (100.3, 99.6)
+    assert area(lambda c: c.disc(centre, 30.0, INK)) == pytest.approx(np.pi * 30**2, rel=2e-3)
+    assert area(lambda c: c.ring(centre, 60.0, 4.0, INK)) == pytest.approx(2 * np.pi * 60 * 4, rel=2e-3)
+    tapered = area(lambda c: c.line([(40, 50), (160, 50)], [20, 10], INK))
+    assert tapered == pytest.approx(120 * 15 + np.pi / 2 * (10**2 + 5**2), rel=2e-3)
+    # An arc with round ends and a head of three widths' length, less the end that the head covers.
+    arrow = 60 * 2.0 * 4 + np.pi * 2**2 / 2 + 12 * 14.4 / 2
+    assert area(lambda c: c.arrow(centre, 60.0, 0.5, 2.0, 4.0, INK)) == pytest.approx(arrow, rel=2e-2)
+    assert area(lambda c: c.arrow(centre, 60.0, 0.5, -2.0, 4.0, INK)) == pytest.approx(arrow, rel=2e-2)
+
+
+def test_what_lies_outside_the_canvas_is_left_out():
+    canvas = Canvas(40, 30)
+    canvas.disc((-50.0, 10.0), 20.0, INK)
+    canvas.line([(100.0, 100.0), (200.0, 100.0)], [5.0, 5.0], INK)
+    canvas.write("far too long for so small a canvas", (20.0, 15.0), 12.0, PURPLE, 0.5)
+    assert canvas.frame.shape == (30, 40, 3)
+    assert count(canvas.frame, INK) == 0
+    assert count(canvas.frame, PAPER) < 30 * 40
+
+
+def test_the_trail_forgets_and_an_earlier_time_begins_a_new_one():
+    trail = Trail()
+    for k in range(400):
+        rows = trail.extended(0.01 * k, np.array([k, -k]))
+    np.testing.assert_allclose(rows[-1], [3.99, 399, -399])
+    assert rows[0, 0] >= 3.99 - render.TRAIL_SPAN
+    assert np.all(np.diff(rows[:-1, 0]) > 0.019)
+    assert len(trail.extended(0.0, np.zeros(2))) == 1
+
+
+def test_drawing_changes_no_episode():
+    rng = np.random.default_rng(0)
+    drawn = TwoLinkArmEnv("everything-3", render_mode="rgb_array", render_size=160)
+    human, plain = TwoLinkArmEnv("everything-3", render_mode="human", render_size=160), TwoLinkArmEnv("everything-3")
+    first = [env.reset(seed=1)[0] for env in (drawn, human, plain)]
+    np.testing.assert_array_equal(first[0], first[2])
+    for _ in range(20):
+        action = rng.uniform(-0.2, 0.2, 2)
+        drawn.render()
+        steps = [env.step(action) for env in (drawn, human, plain)]
+        for step in steps[:2]:
+            np.testing.assert_array_equal(step[0], steps[2][0])
+            assert step[1:] == steps[2][1:]
+
+
+def test_importing_and_stepping_brings_neither_pygame_nor_matplotlib():
+    code = """
+import sys, gymnasium as gym, fbl_gym
+env = gym.make("fbl_gym/TwoLinkArm-v0", render_mode="rgb_array")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+assert not {"pygame", "matplotlib", "fbl_gym.render"} & set(sys.modules)
+env.render()
+assert "matplotlib" not in sys.modules
+import pygame
+assert not pygame.display.get_init()
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_without_pygame_the_error_says_what_to_install(monkeypatch):
+    env = TwoLinkArmEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    monkeypatch.delitem(sys.modules, "fbl_gym.render")
+    with pytest.raises(DependencyNotInstalled, match=r"pip install 'fbl-gym\[render\]'"):
+        env.render()
+
+
+def test_a_frame_opens_no_window():
+    env = TwoLinkArmEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    assert env.render() is not None
+    assert not render.pygame.display.get_init()
+    env.close()
+
+
+@pytest.mark.parametrize("mode", ["human", "rgb_array"])
+def test_checker_passes_with_a_render_mode(mode):
+    check_env(gym.make(ID, scenario="everything-1", render_mode=mode).unwrapped, skip_render_check=False)
+
+
+def test_a_window_shows_the_episode_in_real_time_and_close_takes_it_away():
+    env = gym.make(ID, render_mode="human", render_size=200)
+    env.reset(seed=0)
+    window = render.pygame.display.get_surface()
+    assert window.get_size() == (200, 200)
+    before = render.pygame.surfarray.array3d(window)
+    begin = time.perf_counter()
+    for _ in range(30):
+        env.step(ACTION)
+    assert time.perf_counter() - begin > 0.25
+    assert env.render() is None
+    assert not np.array_equal(render.pygame.surfarray.array3d(window), before)
+    env.close()
+    assert render.pygame.display.get_surface() is None
+    env.close()
+
+
+@pytest.mark.parametrize(("control_dt", "drawn"), [(0.1, 5), (0.01, 25), (0.001, 25)])
+def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt, drawn):
+    frames = []
+    monkeypatch.setattr(render, "draw", lambda picture, size: frames.append(1) or np.zeros((size, size, 3), np.uint8))
+    monkeypatch.setattr(render.time, "sleep", lambda _: None)
+    env = TwoLinkArmEnv(render_mode="human", control_dt=control_dt, physics_dt=0.001)
+    env.reset(seed=0)
+    for _ in range(round(0.5 / control_dt)):
+        env.step(ACTION)
+    assert len(frames) == 1 + drawn
+    env.reset()
+    assert len(frames) == 2 + drawn
+
+
+@pytest.mark.parametrize(("control_dt", "fps"), [(0.01, 100), (0.001, 1000), (0.003, 333), (2.0, 1)])
+def test_the_frame_rate_is_real_time(control_dt, fps):
+    options = {"control_dt": control_dt, "physics_dt": 0.001, "duration": 30 * control_dt}
+    assert TwoLinkArmEnv(**options).metadata["render_fps"] == fps
+    assert TwoLinkArmVectorEnv(2, **options).metadata["render_fps"] == fps
+
+
+@pytest.mark.parametrize("scenario", ["nominal", "paper-3a"])
+def test_record_video_writes_a_frame_for_every_step(tmp_path, scenario):
+    options = {"action": "torque", "duration": 0.3, "render_mode": "rgb_array", "render_size": 160}
+    env = RecordVideo(gym.make(ID, scenario=scenario, **options), str(tmp_path / "films"))
+    env.reset(seed=0)
+    steps, truncated = 0, False
+    while not truncated:
+        truncated = env.step(ACTION)[3]
+        steps += 1
+    assert len(env.recorded_frames) == steps + 1
+    env.close()
+    (film,) = (tmp_path / "films").glob("*.mp4")
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(film))
+    assert frames - steps in (1, 2)  # MoviePy shows the last one twice where the film's length does not round well
+    assert seconds == pytest.approx(0.3, abs=0.05)
+
+
+def test_frames_can_be_collected():
+    env = RenderCollection(gym.make(ID, render_mode="rgb_array", render_size=160))
+    env.reset(seed=0)
+    for _ in range(5):
+        env.step(ACTION)
+    frames = env.render()
+    assert [frame.shape for frame in frames] == [(160, 160, 3)] * 6
+    assert not np.array_equal(frames[0], frames[-1])
+    assert len(gym.make(ID, render_mode="rgb_array_list", render_size=160).unwrapped.metadata["render_modes"]) == 2
+
+
+def test_rendering_in_the_wrong_moment():
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert TwoLinkArmEnv().render() is None
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert TwoLinkArmVectorEnv(2).render() is None
+    for env in (TwoLinkArmEnv(render_mode="rgb_array"), TwoLinkArmVectorEnv(2, render_mode="rgb_array")):
+        with pytest.raises(ResetNeeded, match=r"reset\(\)"):
+            env.render()
+    with pytest.raises(ValueError, match=r"unknown render_mode 'human'\. Known: rgb_array"):
+        TwoLinkArmVectorEnv(2, render_mode="human")
+    with pytest.raises(ValueError, match="render_size must be a whole number not below 160, got 10"):
+        TwoLinkArmEnv(render_size=10)
+
+
+def test_a_vector_environment_draws_every_lane_as_a_single_one():
+    options = {"scenario": "everything-2", "render_mode": "rgb_array", "render_size": 160, "duration": 0.05}
+    envs = gym.make_vec(ID, num_envs=3, vectorization_mode="vector_entry_point", **options)
+    singles = [gym.make(ID, **options) for _ in range(3)]
+    envs.reset(seed=4)
+    for lane, env in enumerate(singles):
+        env.reset(seed=4 + lane)
+    for _ in range(5):
+        frames = envs.render()
+        assert type(frames) is tuple
+        for frame, env in zip(frames, singles, strict=True):
+            np.testing.assert_array_equal(frame, env.render())
+            env.step(ACTION)
+        envs.step(np.tile(ACTION, (3, 1)))
+
+
+@pytest.mark.parametrize(
+    "duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
+)
+def test_a_copy_draws_on(duplicate):
+    env = TwoLinkArmEnv(render_mode="rgb_array", render_size=160)
+    env.reset(seed=0)
+    env.render()
+    other = duplicate(env)
+    for one in (env, other):
+        one.step(ACTION)
+    np.testing.assert_array_equal(env.render(), other.render())
+
+
+def test_letters_outlive_another_environments_close():
+    """Gymnasium's own environments shut all of pygame down when they close."""
+    env = TwoLinkArmEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    before = env.render()
+    render.pygame.quit()
+    np.testing.assert_array_equal(env.render(), before)
+    render._letters.cache_clear()
+    np.testing.assert_array_equal(env.render(), before)
+
+
+def test_an_arm_that_diverged_can_be_drawn():
+    env = TwoLinkArmEnv(
+        arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1, render_mode="rgb_array"
+    )
+    env.reset(seed=0)
+    assert env.step((1.0, -1.0))[2]
+    assert count(env.render(), RULE) > 100
+
+
+@pytest.mark.parametrize("scenario", ["nominal", "section-2-2/nominal", "paper-10"])
+def test_drives_without_a_limit_are_measured_by_the_arms_weight(scenario):
+    env = TwoLinkArmEnv(scenario, action="torque")
+    limit = env.torque_limit
+    full = View(env.scenario, 160).picture(env.truth).full_torque
+    nominal = env.nominal
+    weight = 9.81 * np.array(
+        [(nominal.m1 + nominal.m2) * nominal.L1 + nominal.m2 * nominal.L2, nominal.m2 * nominal.L2]
+    )
+    np.testing.assert_allclose(full, 10 * weight if limit is None else limit)
