@@ -3,6 +3,6 @@
 `make("pid-flm", env)` builds one, `names()` lists them.
 """
 
-from controllers.policy import Policy, TorqueLaw, make, names, register, summary, tier
+from controllers.policy import Policy, TorqueLaw, factory, kind, make, names, register, summary, tier, tuned
 
-__all__ = ["Policy", "TorqueLaw", "make", "names", "register", "summary", "tier"]
+__all__ = ["Policy", "TorqueLaw", "factory", "kind", "make", "names", "register", "summary", "tier", "tuned"]

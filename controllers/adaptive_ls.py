@@ -7,7 +7,10 @@ the filtered equation (Y p + friction) = tau is fitted by exponentially weighted
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -53,6 +56,10 @@ class AdaptiveFlmLs(RobustFlm):
     excitation: float = 0.02
     moving: float = 0.05
     turn: float = 0.02
+
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
+        {**RobustFlm.ranges, "memory": (1.0, 20.0), "bandwidth": (5.0, 100.0)}
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +26,10 @@ class CascadeFlm(TorqueLaw):
         velocity_p: P of the inner loops [1/s]; the paper's 30 and 35.
         velocity_i: I of the inner loops [1/s^2]; the paper's 13 and 20.
     """
+
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
+        {"kp": (1.0, 100.0), "velocity_p": (5.0, 200.0), "velocity_i": (1.0, 2000.0)}
+    )
 
     kp: Pair | float = 10.0
     velocity_p: Pair | float = (30.0, 35.0)

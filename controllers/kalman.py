@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -104,6 +106,9 @@ class RobustFlm(CascadeFlm):
     position_sigma: float = PAPER_SIGMA
 
     needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
+        {**CascadeFlm.ranges, "position_sigma": (1e-4, 1.0)}
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,6 +28,10 @@ class PidFlm(TorqueLaw):
         ki: [1/s^3], per joint.
         kd: [1/s], per joint.
     """
+
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
+        {"kp": (1.0, 1e4), "ki": (1e-2, 1e4), "kd": (1.0, 200.0)}
+    )
 
     kp: Pair | float = 10.0
     ki: Pair | float = 0.0

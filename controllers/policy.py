@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
@@ -21,6 +24,8 @@ from fbl_gym.interface import Interface
 from fbl_gym.records import choice, unknown
 
 State: TypeAlias = tuple[Array, ...]
+
+KINDS = ("classical", "learned")
 
 TIERS = ("nothing", "nominal model", "truth")
 """What a policy is told of the arm: nothing, the nominal model, or the truth (such rows are not ranked)."""
@@ -58,13 +63,15 @@ class TorqueLaw:
         interface: all that the law may know: `env.unwrapped.interface`.
 
     A subclass is a frozen dataclass whose fields are its gains. It works on batches: observations are [n x size], torques
-    [n x 2] N m, and a state is a tuple of arrays with n rows each. `needs` names the sensors without which it cannot run.
+    [n x 2] N m, and a state is a tuple of arrays with n rows each. `needs` names the sensors without which it cannot run;
+    `ranges` says for each gain worth tuning between which values (of one number for both joints) to look for it.
     """
 
     interface: Interface
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity")
     tier: ClassVar[str] = "nominal model"
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
 
     def __post_init__(self) -> None:
         for sensor in self.needs:
@@ -125,25 +132,36 @@ class _Entry:
     factory: str | Callable[..., Any]
     summary: str
     tier: str
+    kind: str
 
 
 _REGISTRY: dict[str, _Entry] = {}
 ENTRY_POINTS = "fbl_gym.policies"
 
+TUNED = Path(__file__).with_name("tuned")
+"""Folder of tuned gains: POLICY.json is what `fbl-gym tune POLICY` found, and makes the policy POLICY@tuned."""
 
-def register(name: str, factory: str | Callable[..., Any], summary: str, tier: str = "nominal model") -> None:
+
+def register(
+    name: str,
+    factory: str | Callable[..., Any],
+    summary: str,
+    tier: str = "nominal model",
+    kind: str = "classical",
+) -> None:
     """Make a policy known by name.
 
     Args:
         name: lower case, words joined by hyphens.
-        factory: called as factory(interface, **gains), or "module:attribute" that leads to it. One whose first parameter is
+        factory: called as `factory(interface, **gains)`, or "module:attribute" that leads to it. One whose first parameter is
             called `env` is given the environment instead, as only the truth tier may be.
         summary: one line.
         tier: what it is told: "nothing", "nominal model" or "truth".
+        kind: "classical" or "learned".
     """
     if name in _REGISTRY:
         raise ValueError(f"a policy named {name!r} is registered already")
-    _REGISTRY[name] = _Entry(factory, summary, choice("tier", tier, TIERS))
+    _REGISTRY[name] = _Entry(factory, summary, choice("tier", tier, TIERS), choice("kind", kind, KINDS))
 
 
 def _strangers() -> dict[str, Any]:
@@ -155,7 +173,21 @@ def names() -> tuple[str, ...]:
     return (*_REGISTRY, *_strangers())
 
 
+def tuned() -> tuple[str, ...]:
+    """The policies with tuned gains, such as "pid-flm@tuned"."""
+    return tuple(f"{name}@tuned" for name in _REGISTRY if (TUNED / f"{name}.json").is_file())
+
+
+def tuned_gains(name: str) -> dict[str, float]:
+    """The gains behind POLICY@tuned, such as {"kp": 25.0}."""
+    if name not in tuned():
+        raise unknown("tuned policy", name, tuned())
+    found: dict[str, float] = json.loads((TUNED / f"{name.removesuffix('@tuned')}.json").read_text())["gains"]
+    return found
+
+
 def _entry(name: str) -> _Entry:
+    name = name.removesuffix("@tuned")
     if name in _REGISTRY:
         return _REGISTRY[name]
     strangers = _strangers()
@@ -163,7 +195,7 @@ def _entry(name: str) -> _Entry:
         raise unknown("policy", name, names())
     factory = strangers[name].load()
     text = (inspect.getdoc(factory) or "").split("\n")[0]
-    return _Entry(factory, text, getattr(factory, "tier", "nominal model"))
+    return _Entry(factory, text, getattr(factory, "tier", "nominal model"), getattr(factory, "kind", "classical"))
 
 
 def summary(name: str) -> str:
@@ -176,28 +208,44 @@ def tier(name: str) -> str:
     return _entry(name).tier
 
 
-def make(name: str, env: Any, **gains: Any) -> Policy:
+def kind(name: str) -> str:
+    """Whether a policy is "classical" or "learned"."""
+    return _entry(name).kind
+
+
+def factory(name: str) -> Callable[..., Any]:
+    """What makes a policy: a class or a function, called with the interface (or the environment) and gains."""
+    found = _entry(name).factory
+    if isinstance(found, str):
+        module, attribute = found.split(":")
+        found = getattr(importlib.import_module(module), attribute)
+    return found
+
+
+def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     """A policy by name, for an environment.
 
     Args:
-        name: one of `names()`.
+        name: one of `names()`, or a factory as `register` takes it.
         env: the environment, single or batched, wrapped or not; or its `interface`.
         **gains: arguments of the policy; left out, they take their defaults.
     """
-    entry = _entry(name)
-    factory = entry.factory
-    if isinstance(factory, str):
-        module, attribute = factory.split(":")
-        factory = getattr(importlib.import_module(module), attribute)
-    parameters = list(inspect.signature(factory).parameters)
+    build = factory(name) if isinstance(name, str) else name
+    if isinstance(name, str) and name.endswith("@tuned"):
+        gains = tuned_gains(name) | gains
+    parameters = list(inspect.signature(build).parameters)
     for gain in gains:
         if gain not in parameters[1:]:
-            raise unknown(f"argument of {name}", gain, parameters[1:])
+            raise unknown(f"argument of {_called(name)}", gain, parameters[1:])
     if parameters[0] == "env":
         if isinstance(env, Interface):
-            raise ValueError(f"{name} looks at the truth, so it needs the environment, got its interface")
-        return factory(env.unwrapped, **gains)
-    return factory(env if isinstance(env, Interface) else env.unwrapped.interface, **gains)
+            raise ValueError(f"{_called(name)} looks at the truth, so it needs the environment, got its interface")
+        return build(env.unwrapped, **gains)
+    return build(env if isinstance(env, Interface) else env.unwrapped.interface, **gains)
+
+
+def _called(name: str | Callable[..., Any]) -> str:
+    return name if isinstance(name, str) else getattr(name, "__name__", repr(name))
 
 
 for _name, _factory, _summary, _tier in (
@@ -231,6 +279,62 @@ for _name, _factory, _summary, _tier in (
         "adaptive-flm-ls",
         "controllers.adaptive_ls:AdaptiveFlmLs",
         "its idea made fit for noise: least squares on filtered regressors, friction too, behind the Kalman filter",
+        "nominal model",
+    ),
+    ("adrc", "controllers.adrc:Adrc", "active disturbance rejection on the position sensor alone", "nominal model"),
+    (
+        "time-delay",
+        "controllers.time_delay:TimeDelay",
+        "time-delay control: what the last torque missed, by the accelerometer, is added to the next",
+        "nominal model",
+    ),
+    (
+        "lqg",
+        "controllers.lqg:Lqg",
+        "optimal regulator with integral action behind the Kalman filter, on the nominally linearised arm",
+        "nominal model",
+    ),
+    (
+        "rbf-adaptive",
+        "controllers.rbf_adaptive:RbfAdaptive",
+        "neural adaptive control: radial basis functions along the reference learn what the model misses",
+        "nominal model",
+    ),
+    ("pid-gravity", "controllers.pid_gravity:PidGravity", "PID with the nominal gravity torque", "nominal model"),
+    (
+        "computed-torque",
+        "controllers.computed_torque:ComputedTorque",
+        "plain computed torque, critically damped",
+        "nominal model",
+    ),
+    (
+        "computed-torque-dob",
+        "controllers.disturbance_observer:ComputedTorqueDob",
+        "computed torque with a momentum-based disturbance observer (De Luca)",
+        "nominal model",
+    ),
+    (
+        "slotine-li",
+        "controllers.slotine_li:SlotineLi",
+        "adaptive passivity-based control of the lumped parameters (Slotine and Li)",
+        "nominal model",
+    ),
+    (
+        "slotine-li-composite",
+        "controllers.slotine_li:CompositeSlotineLi",
+        "the same, driven by the prediction error of the torque too",
+        "nominal model",
+    ),
+    (
+        "sliding-mode",
+        "controllers.sliding_mode:SuperTwisting",
+        "super-twisting on the nominal linearisation (Levant; Moreno and Osorio)",
+        "nominal model",
+    ),
+    (
+        "spong-robust",
+        "controllers.spong:SpongRobust",
+        "Spong's robust law with a bound for each parameter",
         "nominal model",
     ),
     (

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -35,6 +37,10 @@ class PdGravity(TorqueLaw):
         damping: ratio, per joint.
     """
 
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
+        {"frequency": (2.0, 100.0), "damping": (0.3, 3.0)}
+    )
+
     frequency: Pair | float = 10.0
     damping: Pair | float = 1.0
 
@@ -42,9 +48,13 @@ class PdGravity(TorqueLaw):
         super().__post_init__()
         settle(self, frequency=pair("frequency", self.frequency), damping=pair("damping", self.damping))
 
+    @property
+    def inertia(self) -> Array:
+        """M_ii of the stretched nominal arm [2], kg m^2."""
+        return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
+
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         q, v, r, r_dot = self.read(observation, "position", "velocity", "reference_position", "reference_velocity")
-        inertia = np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
         w = np.array(self.frequency)
-        kp, kd = w**2 * inertia, 2.0 * np.array(self.damping) * w * inertia
+        kp, kd = w**2 * self.inertia, 2.0 * np.array(self.damping) * w * self.inertia
         return kp * (r - q) + kd * (r_dot - v) + gravity_torque(self.interface.nominal, q), ()

@@ -1,0 +1,96 @@
+"""Time-delay control against the incremental law, the pole of its estimate and its error equation."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import controllers
+from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import forward_dynamics, gravity_torque, inertia_matrix
+
+STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+AT_ONCE = 1e6
+"""A bandwidth at which nothing is filtered [rad/s]."""
+
+
+def test_without_the_filter_it_is_the_incremental_law():
+    """tau = tau_0 + M(q) (a - a_0): nominal Coriolis and gravity torques cancel (Sieberling, Chu and Mulder 2010, eq. 9)."""
+    env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
+    policy = controllers.make("time-delay", env, bandwidth=AT_ONCE, frequency=8.0)
+    observation, _ = env.reset(seed=0)
+    state = None
+    before = gravity_torque(env.nominal, policy.read(observation, "position")[0])
+    for _ in range(100):
+        q, v, a = policy.read(observation, "position", "velocity", "acceleration")
+        r, dr, ddr = policy.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        wished = ddr + 64.0 * (r - q) + 16.0 * (dr - v)
+        expected = before + np.einsum("nij,nj->ni", inertia_matrix(env.nominal, q), wished - a)
+        torque, state = policy.predict(observation, state)
+        np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
+        observation, before = env.step(torque)[0], torque
+
+
+@pytest.mark.parametrize("k", [0.2, 1.0, 4.0])
+def test_the_estimates_pole(k):
+    """Masses 1 / k of the nominal ones, held in place: what is left to find shrinks by 1 - k (1 - exp(-g dt)) per sample."""
+    g, q = 15.0, np.array([-1.0, 0.5])
+    env = TwoLinkArmEnv(reference=STILL, actuator=None, action="torque")
+    real = ArmParameters(TABLE_1.m1 / k, TABLE_1.m2 / k, TABLE_1.L1, TABLE_1.L2)
+    policy = controllers.make("time-delay", env, bandwidth=g)
+    observation, _ = env.reset(seed=0)
+    torque, state, log = gravity_torque(env.nominal, q), None, []
+    for _ in range(60):
+        observation = observation.copy()
+        observation[env.layout["acceleration"]] = forward_dynamics(real, q, np.zeros(2), torque)
+        torque, state = policy.predict(observation, state)
+        log.append(state[0][0])
+    # At rest and on its reference the arm needs G of the real arm: d = (1 / k - 1) G.
+    left = np.array(log) - (1.0 / k - 1.0) * gravity_torque(TABLE_1, q)
+    pole = 1.0 - k * (1.0 - np.exp(-g * 0.01))
+    expected = left[0] * pole ** np.arange(60)[:, None]
+    np.testing.assert_allclose(left, expected, atol=1e-9 * np.abs(gravity_torque(TABLE_1, q)).max())
+
+
+def test_the_error_equation_under_a_constant_load():
+    """Exact model, 1 kHz: M (e'' + 2 w e' + w^2 e) = d - d_found, with d_found' = g (d - d_found)."""
+    w, g, load = 8.0, 12.0, np.array([20.0, 6.0])
+    env = TwoLinkArmEnv(
+        reference=STILL, control_dt=1e-3, physics_dt=1e-3, disturbance={"kind": "array", "torque": (tuple(load),)}
+    )
+    policy = controllers.make("time-delay", env, frequency=w, bandwidth=g)
+    observation, _ = env.reset(seed=0)
+    state, found = None, [np.zeros(2)]
+    for _ in range(2000):
+        action, state = policy.predict(observation, state)
+        observation = env.step(action)[0]
+        found.append(env.truth.reference - env.truth.position)
+    # x = (e, e', what is left to find), each per joint, in units of M^-1 d.
+    step = expm(np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * w, 1.0], [0.0, 0.0, -g]]) * 1e-3)
+    x, expected = np.array([0.0, 0.0, 1.0]), []
+    for _ in range(2001):
+        expected.append(x[0])
+        x = step @ x
+    push = np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), load)
+    expected = np.outer(expected, push)
+    assert np.abs(np.array(found) - expected).max() < 0.03 * np.abs(expected).max()
+    assert np.abs(found[-1]).max() < 1e-5
+
+
+def test_hsias_condition():
+    """Unfiltered, an arm of less than half its nominal inertia is unstable; the filter makes it stable."""
+
+    def worst(bandwidth):
+        env = TwoLinkArmEnv(
+            reference=STILL, initial_error=(-0.01, 0.0), parameter_error={"ratio": {"m1": 0.4, "m2": 0.4}}
+        )
+        policy = controllers.make("time-delay", env, bandwidth=bandwidth, frequency=5.0)
+        observation, _ = env.reset(seed=0)
+        state, log = None, []
+        for _ in range(600):
+            action, state = policy.predict(observation, state)
+            observation = env.step(action)[0]
+            log.append(np.abs(env.truth.reference - env.truth.position).max())
+        return max(log[-100:])
+
+    assert worst(AT_ONCE) > 0.1
+    assert worst(12.0) < 1e-4
