@@ -1,12 +1,13 @@
 # Two commands, each enough on a fresh machine with Python >= 3.10, pip and make:
 #   make leaderboard    run the leaderboard and print it
 #   make test           check everything
+# And: make docs        build the documentation into build/docs
 
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: leaderboard test lint format constraints test-oldest clean
+.PHONY: leaderboard test lint format docs constraints test-oldest clean
 
 leaderboard: .venv/ready-bench
 	$(BIN)/fbl-gym leaderboard
@@ -19,6 +20,10 @@ lint: .venv/ready-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+
+docs: .venv/ready-dev
+	$(BIN)/sphinx-build -q -E -W --keep-going -b html docs build/docs
+	@echo "open build/docs/index.html"
 
 format: .venv/ready-dev
 	$(BIN)/ruff check --fix .
@@ -34,7 +39,7 @@ format: .venv/ready-dev
 	touch $@
 
 .venv/ready-dev: .venv/python pyproject.toml constraints.txt
-	$(INSTALL) '.[bench,rl,dev]'
+	$(INSTALL) '.[all,dev]'
 	touch $@
 
 # The versions that the commands above install, for Python 3.10 and newer. What torch brings along is left to torch.

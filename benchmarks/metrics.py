@@ -36,6 +36,7 @@ METRICS: dict[str, str] = {
     "variation": "total variation of the torque per second, both joints [N m/s]",
     "saturated_pct": "share of samples in which a joint's torque is at its limit [%]",
     "diverged": "1 where the run diverged, else 0",
+    "stay_pct": "error_pct of an arm that stays where it started: what the score counts as 0",
 }
 """Every metric's name and meaning, in the order of the columns."""
 
@@ -77,6 +78,7 @@ def measure(trace: Trace) -> list[dict[str, float]]:
         "variation": change.sum(axis=(0, 2)) / duration,
         "saturated_pct": 100 * at_limit.any(axis=-1).sum(axis=0) / count,
         "diverged": (~trace.alive[-1]).astype(float),
+        "stay_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
     }
     return [{name: float(columns[name][i]) for name in METRICS} for i in range(len(trace.seeds))]
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-import controllers
+from benchmarks import joining
 from fbl_gym.arm import Array
 from fbl_gym.scenarios import Scenario
 from fbl_gym.vector_env import TwoLinkArmVectorEnv
@@ -31,6 +31,7 @@ class Trace:
         disturbance: [T + 1 x n x 2] N m.
         alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the reference is of its episode.
         decision_time: wall time of the policy for one decision of one lane [s], the median over the steps.
+        watched: what `rollout` was asked to watch besides, by name; [T x n x ...], from sample 1 on.
     """
 
     scenario: Scenario
@@ -43,7 +44,11 @@ class Trace:
     disturbance: Array
     alive: NDArray[np.bool_]
     decision_time: float
+    watched: dict[str, Array] = field(default_factory=dict)
 
+
+Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
+"""What to look at after each step: a function of the environment, the policy and its state."""
 
 _SIGNALS = ("position", "velocity", "reference", "torque", "disturbance")
 
@@ -53,21 +58,29 @@ def action_of(scenario: Scenario) -> str:
     return "torque" if scenario.actuator.torque_limit is None else "fraction"
 
 
-def rollout(policy: str, scenario: Scenario, seeds: Sequence[int], gains: dict[str, Any] | None = None) -> Trace:
+def rollout(
+    policy: str,
+    scenario: Scenario,
+    seeds: Sequence[int],
+    gains: Mapping[str, Any] | None = None,
+    watch: Mapping[str, Watch] | None = None,
+) -> Trace:
     """One episode for each seed.
 
     Args:
-        policy: a name that `controllers.make` knows.
+        policy: a name, or what else `joining.make` understands.
         scenario: the task.
         seeds: one lane each.
         gains: arguments of the policy.
+        watch: what else to record after each step, by name.
     """
     n, steps = len(seeds), scenario.steps
     env = TwoLinkArmVectorEnv(n, scenario, action=action_of(scenario))
-    actor = controllers.make(policy, env, **(gains or {}))
+    actor = joining.make(policy, env, **(gains or {}))
     signals = {name: np.empty((steps + 1, n, 2)) for name in _SIGNALS}
     alive = np.ones((steps + 1, n), dtype=bool)
     waits = np.empty(steps)
+    watched: dict[str, list[Array]] = {name: [] for name in watch or {}}
     state: Any = None
     starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     observation, _ = env.reset(seed=list(seeds))
@@ -81,6 +94,8 @@ def rollout(policy: str, scenario: Scenario, seeds: Sequence[int], gains: dict[s
         starts, ended = ended, terminated | truncated
         alive[k + 1] = alive[k] & ~terminated
         _record(signals, k + 1, env)
+        for name, look in (watch or {}).items():
+            watched[name].append(look(env, actor, state))
     env.close()
     if not alive.all():
         signals["reference"] = _asked(scenario, seeds)
@@ -90,6 +105,7 @@ def rollout(policy: str, scenario: Scenario, seeds: Sequence[int], gains: dict[s
         time=scenario.control_dt * np.arange(steps + 1.0),
         alive=alive,
         decision_time=float(np.median(waits)) / n,
+        watched={name: np.array(rows) for name, rows in watched.items()},
         **signals,
     )
 

@@ -1,51 +1,196 @@
-"""Runs cells one after another; a policy that fails is a result with its error, not the end of the run."""
+"""Runs the cells that a store lacks, through joblib: on this machine, or on a Ray or Dask cluster.
+
+The worker that computed a cell writes it into the store. So nothing is lost with a worker or with the run itself: what the
+store lacks is what is still to do, and a run goes on until nothing is missing or nothing gets done any more.
+"""
 
 from __future__ import annotations
 
+import os
+import random
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import Any
 
+from benchmarks import joining
 from benchmarks.metrics import measure
 from benchmarks.rollout import rollout
+from benchmarks.store import Result, Store, identity, provenance
 from benchmarks.suite import Cell
-from fbl_gym import scenarios
+from fbl_gym.records import choice
+
+BACKENDS = ("loky", "ray", "dask")
+
+ATTEMPTS = 3
+"""How often in a row a pool may die without a single cell done before what is left counts as failed."""
+
+
+_ROUND = 32
+"""Cells that Ray is given at a time."""
 
 
 @dataclass(frozen=True)
-class Result:
-    """What a cell gave.
+class Outcome:
+    """What became of a cell in this run.
 
     Args:
-        cell: which one.
-        rows: the metrics of each seed, in the seeds' order; empty where it failed.
-        decision_us: the policy's wall time for one decision of one lane [us].
-        wall_s: time that the cell took [s].
-        error: what went wrong; empty: nothing.
+        id: of the cell.
+        done: "computed", "found" (it was in the store), or "failed".
+        wall_s: time that it took [s].
+        error: why it failed.
     """
 
-    cell: Cell
-    rows: tuple[dict[str, float], ...]
-    decision_us: float
-    wall_s: float
+    id: str
+    done: str
+    wall_s: float = 0.0
     error: str = ""
 
 
-def run_cell(cell: Cell) -> Result:
-    """The result of one cell."""
+def run_cell(cell: Cell, command: str = "") -> Result:
+    """The result of one cell. A policy that fails is a result with its error."""
     begin = time.perf_counter()
+    known: dict[str, Any] = {}
     try:
-        trace = rollout(cell.policy, scenarios.get(cell.scenario), cell.seeds)
-        rows, decision = tuple(measure(trace)), 1e6 * trace.decision_time
+        known = identity(cell)
+        trace = rollout(cell.policy, cell.scenario, cell.seeds)
+        rows, decision, error = tuple(measure(trace)), 1e6 * trace.decision_time, ""
     except Exception as problem:  # a stranger's policy may raise anything, and the other rows must not suffer
-        return Result(cell, (), float("nan"), time.perf_counter() - begin, f"{type(problem).__name__}: {problem}")
-    return Result(cell, rows, decision, time.perf_counter() - begin)
+        rows, decision, error = (), float("nan"), f"{type(problem).__name__}: {problem}"
+    known = known or {"policy": cell.policy, "scenario": cell.scenario.name, "seeds": list(cell.seeds)}
+    return Result(cell, rows, decision, time.perf_counter() - begin, error, known, provenance(command))
 
 
-def run(cells: Sequence[Cell], on_result: Callable[[Result], None] | None = None) -> Iterator[Result]:
-    """The results of the cells, in their order."""
+def compute(cell: Cell, store: Store, command: str, trusted: Sequence[str] = ()) -> Outcome:
+    """Compute a cell and write it into the store, unless it is there. What a worker does."""
+    from threadpoolctl import threadpool_limits
+
+    for path in trusted:
+        joining.trust(path)
+    with threadpool_limits(1):
+        if _finished(cell, store):
+            return Outcome(cell.id, "found")
+        result = run_cell(cell, command)
+        store.save(result)
+    return Outcome(cell.id, "failed" if result.error else "computed", result.wall_s, result.error)
+
+
+def missing(cells: Sequence[Cell], store: Store) -> list[Cell]:
+    """The cells that the store lacks."""
+    return [cell for cell in cells if not _finished(cell, store)]
+
+
+def _finished(cell: Cell, store: Store) -> bool:
+    try:
+        return store.path(cell, identity(cell)).exists()
+    except Exception:  # it cannot even be made: running it says why
+        return False
+
+
+def run(
+    cells: Sequence[Cell],
+    store: Store,
+    *,
+    workers: int = 1,
+    backend: str = "loky",
+    address: str | None = None,
+    command: str = "",
+    trusted: Sequence[str] = (),
+) -> Iterator[Outcome]:
+    """Run the cells that the store lacks, in any order; yields what becomes of each.
+
+    Args:
+        cells: all that shall be in the store.
+        store: where results go; on a cluster, a folder that all its machines see.
+        workers: processes; -1: one per core.
+        backend: "loky" for processes on this machine, "ray" or "dask" for a cluster.
+        address: of the cluster's scheduler; None: one of its own on this machine.
+        command: that this run was started with, for the record.
+        trusted: archives that may be loaded; see `joining.trust`.
+    """
+    choice("backend", backend, BACKENDS)
+    store = Store(store.folder.resolve())
+    left = missing(cells, store)
+    waiting = {id(cell) for cell in left}
     for cell in cells:
-        result = run_cell(cell)
-        if on_result is not None:
-            on_result(result)
-        yield result
+        if id(cell) not in waiting:
+            yield Outcome(cell.id, "found")
+    # Two runs that share a store rarely want the same cell at the same time.
+    random.Random(os.getpid()).shuffle(left)
+    idle = 0
+    while left and idle < ATTEMPTS:
+        failed: set[str] = set()
+        problem = ""
+        try:
+            for outcome in _pool(left, store, workers, backend, address, command, trusted):
+                if outcome.done == "failed":
+                    failed.add(outcome.id)
+                yield outcome
+        except _deaths(backend) as death:
+            problem = f"{type(death).__name__}: {death}"
+        after = [cell for cell in missing(left, store) if cell.id not in failed]
+        idle = idle + 1 if len(after) == len(left) else 0
+        left = after
+    for cell in left:
+        yield Outcome(cell.id, "failed", error=f"its worker died {ATTEMPTS} times ({problem})")
+
+
+def _pool(
+    cells: Sequence[Cell],
+    store: Store,
+    workers: int,
+    backend: str,
+    address: str | None,
+    command: str,
+    trusted: Sequence[str],
+) -> Iterator[Outcome]:
+    """One pool of workers over the cells; ends early, with an exception, if a worker dies."""
+    from joblib import Parallel, delayed
+
+    jobs = [delayed(compute)(cell, store, command, trusted) for cell in cells]
+    with _backend(backend, workers, address):
+        if backend != "ray":
+            yield from Parallel(return_as="generator_unordered")(jobs)
+            return
+        # Ray's backend returns lists only; so that progress is seen, and little is lost with a worker, they are short.
+        for first in range(0, len(jobs), _ROUND):
+            yield from Parallel()(jobs[first : first + _ROUND])
+
+
+def _backend(backend: str, workers: int, address: str | None) -> AbstractContextManager[Any]:
+    from joblib import parallel_config
+
+    if backend == "loky":
+        return parallel_config(backend="loky", n_jobs=workers, inner_max_num_threads=1)
+    if backend == "ray":
+        import ray
+        from ray.util.joblib import register_ray
+
+        if not ray.is_initialized():
+            ray.init(address=address, num_cpus=None if address else max(workers, 1), log_to_driver=False)
+        register_ray()
+        return parallel_config(backend="ray", n_jobs=workers)
+    from distributed import Client, get_client
+
+    try:
+        client = get_client()
+    except ValueError:
+        client = Client(address) if address else Client(n_workers=max(workers, 1), threads_per_worker=1)
+    return parallel_config(backend="dask", n_jobs=workers, client=client)
+
+
+def _deaths(backend: str) -> tuple[type[BaseException], ...]:
+    """What a pool raises when a worker dies."""
+    from joblib.externals.loky.process_executor import BrokenProcessPool, TerminatedWorkerError
+
+    found: list[type[BaseException]] = [BrokenProcessPool, TerminatedWorkerError]
+    if backend == "ray":
+        from ray.exceptions import RayError
+
+        found.append(RayError)
+    if backend == "dask":
+        from distributed.scheduler import KilledWorker
+
+        found.append(KilledWorker)
+    return tuple(found)

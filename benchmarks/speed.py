@@ -1,17 +1,23 @@
-"""Steps per second beside Gymnasium's Acrobot, which is the same kind of arm: all in one interleaved run, one thread.
+"""How fast the environment and the controllers are, beside their peers: all in one interleaved run, one thread.
 
-Machines drift, so what counts is the ratio of medians over rounds in which every contestant had its turn.
+Machines drift, so what counts is the ratio of medians over rounds in which every contestant had its turn. One step of the
+arm is ten Runge-Kutta steps of 1 ms, forty evaluations of its dynamics.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+
+import controllers
+from fbl_gym import TABLE_1, TwoLinkArmVectorEnv, scenarios
+from fbl_gym.arm import ArmParameters
 
 ROUND_S = 0.1
 """How long a contestant runs in each round [s]."""
@@ -51,46 +57,130 @@ def _batch(env: gym.vector.VectorEnv, actions: np.ndarray) -> Callable[[], int]:
     return step
 
 
+_BUSY: dict[str, Any] = {
+    "friction": {"coulomb": 10.0, "stiction": 10.0},
+    "noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 1e-1},
+    "disturbance": {"kind": "piecewise-constant", "amplitude": 10.0},
+}
+_OURS = "fbl_gym:fbl_gym/TwoLinkArm-v0"
+_ACROBOT, _ACROBOTS = "Acrobot-v1", "SyncVectorEnv(Acrobot-v1), 256"
+
+
 def _contestants() -> dict[str, tuple[Callable[[], int], str]]:
     """A name, its step, and the name of the peer that it is compared with."""
-    ours = "fbl_gym:fbl_gym/TwoLinkArm-v0"
-    busy: dict[str, Any] = {
-        "friction": {"coulomb": 10.0, "stiction": 10.0},
-        "noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 1e-1},
-        "disturbance": {"kind": "piecewise-constant", "amplitude": 10.0},
-    }
     found: dict[str, tuple[Callable[[], int], str]] = {
-        "Acrobot-v1": (_single(gym.make("Acrobot-v1"), 1), ""),
-        "TwoLinkArm-v0": (_single(gym.make(ours), np.zeros(2)), "Acrobot-v1"),
-        "TwoLinkArm-v0, busy": (_single(gym.make(ours, **busy), np.zeros(2)), "Acrobot-v1"),
-        "SyncVectorEnv(Acrobot-v1), 256": (
-            _batch(gym.make_vec("Acrobot-v1", num_envs=256, vectorization_mode="sync"), np.ones(256, dtype=int)),
+        _ACROBOT: (_single(gym.make(_ACROBOT), 1), ""),
+        "Pendulum-v1": (_single(gym.make("Pendulum-v1"), np.zeros(1)), _ACROBOT),
+        "TwoLinkArm-v0": (_single(gym.make(_OURS), np.zeros(2)), _ACROBOT),
+        "TwoLinkArm-v0, busy": (_single(gym.make(_OURS, **_BUSY), np.zeros(2)), _ACROBOT),
+        "TwoLinkArm-v0, unwrapped": (_single(gym.make(_OURS).unwrapped, np.zeros(2)), _ACROBOT),
+        _ACROBOTS: (
+            _batch(gym.make_vec(_ACROBOT, num_envs=256, vectorization_mode="sync"), np.ones(256, dtype=int)),
             "",
         ),
     }
+    if find_spec("mujoco"):
+        found["Reacher-v5"] = (_single(gym.make("Reacher-v5"), np.zeros(2)), _ACROBOT)
+        found["MuJoCo, the same arm, RK4"] = (_mujoco(TABLE_1), _ACROBOT)
     for lanes in (16, 256, 4096):
-        for name, options in (("", {}), (", busy", busy)):
-            env = gym.make_vec(ours, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
-            step = _batch(env, np.zeros((lanes, 2)))
-            found[f"TwoLinkArm-v0 batch, {lanes}{name}"] = (step, "SyncVectorEnv(Acrobot-v1), 256")
+        for name, options in (("", {}), (", busy", _BUSY)):
+            env = gym.make_vec(_OURS, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
+            found[f"TwoLinkArm-v0 batch, {lanes}{name}"] = (_batch(env, np.zeros((lanes, 2))), _ACROBOTS)
     return found
+
+
+def _mujoco(arm: ArmParameters) -> Callable[[], int]:
+    """A control step of MuJoCo's own Runge-Kutta on the same arm: ten steps of 1 ms, without any interface around it."""
+    import mujoco
+
+    tip = '<geom type="sphere" size="0.01" mass="{}" pos="{} 0 0"/>'
+    first, second = tip.format(arm.m1, arm.L1), tip.format(arm.m2, arm.L2)
+    joint = '<joint type="hinge" axis="0 0 1"/>'
+    text = (
+        f'<mujoco><compiler inertiafromgeom="true"/><option timestep="0.001" gravity="0 -{arm.gravity} 0" integrator="RK4">'
+        f'<flag contact="disable"/></option><worldbody><body>{joint}{first}<body pos="{arm.L1} 0 0">{joint}{second}</body>'
+        "</body></worldbody></mujoco>"
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+
+    def step() -> int:
+        mujoco.mj_step(model, data, 10)
+        return 1
+
+    return step
+
+
+def _rates(contestants: Mapping[str, Callable[[], int]], rounds: int) -> dict[str, list[float]]:
+    """Steps per second of each in each round, one after the other within a round."""
+    for step in contestants.values():
+        step()
+    rates: dict[str, list[float]] = {name: [] for name in contestants}
+    for _ in range(rounds):
+        for name, step in contestants.items():
+            count, begin = 0, time.perf_counter()
+            while (elapsed := time.perf_counter() - begin) < ROUND_S:
+                for _ in range(10 if elapsed < 0.5 * ROUND_S else 1):
+                    count += step()
+            rates[name].append(count / elapsed)
+    return rates
 
 
 def measure_speed(rounds: int = 7) -> list[Speed]:
     """Steps per second of every contestant. "busy" has stick-slip friction, noise on every sensor and a disturbance."""
     contestants = _contestants()
-    for step, _ in contestants.values():
-        step()
-    rates: dict[str, list[float]] = {name: [] for name in contestants}
-    for _ in range(rounds):
-        for name, (step, _) in contestants.items():
-            count, begin = 0, time.perf_counter()
-            while (elapsed := time.perf_counter() - begin) < ROUND_S:
-                for _ in range(10):
-                    count += step()
-            rates[name].append(count / elapsed)
+    rates = _rates({name: step for name, (step, _) in contestants.items()}, rounds)
     medians = {name: float(np.median(values)) for name, values in rates.items()}
     return [
         Speed(name, medians[name], min(rates[name]), max(rates[name]), medians[name] / medians[peer or name], peer)
         for name, (_, peer) in contestants.items()
     ]
+
+
+LANES = (1, 4, 16, 64, 256, 1024, 4096, 16384, 65536)
+SUBSTEPS = (1, 2, 5, 10, 20, 50)
+
+
+def measure_growth(rounds: int = 3) -> tuple[dict[int, float], dict[int, float]]:
+    """Time of a step of one lane [ns]: by the size of the batch, and by the physics steps in it for 256 lanes."""
+
+    def of(scenario: dict[str, Any], lanes: int) -> Callable[[], int]:
+        return _batch(TwoLinkArmVectorEnv(lanes, **scenario), np.zeros((lanes, 2)))
+
+    by_lanes = _rates({str(n): of({}, n) for n in LANES}, rounds)
+    by_substeps = _rates({str(k): of({"control_dt": 1e-3 * k}, 256) for k in SUBSTEPS}, rounds)
+    times = [{int(n): 1e9 / float(np.median(r)) for n, r in rates.items()} for rates in (by_lanes, by_substeps)]
+    return times[0], times[1]
+
+
+def measure_policies(rounds: int = 3, lanes: int = 4096) -> dict[str, float]:
+    """How many of the environment's own steps a batched decision of each policy takes."""
+    env = TwoLinkArmVectorEnv(lanes, scenarios.get("everything-2"))
+    observation, _ = env.reset(seed=0)
+    contestants: dict[str, Callable[[], int]] = {"the step itself": _batch(env, np.zeros((lanes, 2)))}
+    for name in controllers.names():
+        if controllers.tier(name) != "truth" and name != "nmpc":
+            contestants[name] = _decision(controllers.make(name, env), observation)
+    rates = {name: float(np.median(r)) for name, r in _rates(contestants, rounds).items()}
+    return {name: rates["the step itself"] / rate for name, rate in rates.items() if name != "the step itself"}
+
+
+def _decision(policy: Any, observation: np.ndarray) -> Callable[[], int]:
+    _, state = policy.predict(observation)
+
+    def decide() -> int:
+        policy.predict(observation, state)
+        return len(observation)
+
+    return decide
+
+
+def as_plain(rows: list[Speed]) -> list[dict[str, Any]]:
+    """The rows as plain data."""
+    return [asdict(row) for row in rows]
+
+
+def against(rows: list[Speed], baseline: list[dict[str, Any]]) -> dict[str, float]:
+    """Each contestant's ratio to its peer, over what it was in a stored baseline."""
+    before = {row["name"]: row["ratio"] for row in baseline if row["peer"]}
+    return {row.name: row.ratio / before[row.name] for row in rows if row.peer and row.name in before}

@@ -1,13 +1,31 @@
-"""Cells as data: which policy meets which scenario with which seeds."""
+"""Cells as data: which policy meets which scenario with which seeds; and the suites that have names."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-import controllers
-from fbl_gym import scenarios
-from fbl_gym.records import unknown
+from benchmarks import joining
+from fbl_gym import Scenario, scenarios
+from fbl_gym.records import number, settle, unknown, whole
+from fbl_gym.scenarios import as_scenario
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+SPLITS: dict[str, range] = {
+    "test": range(0, 10_000),
+    "tuning": range(10_000, 20_000),
+    "validation": range(20_000, 30_000),
+    "training": range(1_000_000, 2**31),
+}
+"""Which seeds may be used for what. The board is measured on `test`, which nothing that tunes or trains may touch."""
 
 
 @dataclass(frozen=True)
@@ -15,49 +33,147 @@ class Cell:
     """One policy on one scenario over a batch of seeds.
 
     Args:
-        policy: its name.
-        scenario: its name.
+        policy: a name, or what else `joining.load` understands.
+        scenario: a Scenario, its name, or the plain data that makes one.
         seeds: every policy meets the same, so that comparisons are paired.
     """
 
     policy: str
-    scenario: str
+    scenario: Scenario
     seeds: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        settle(self, scenario=as_scenario(self.scenario), seeds=tuple(self.seeds))
 
     @property
     def id(self) -> str:
         """A readable name that leads to the settings, such as "cascade-flm/mass-error-2"."""
-        return f"{self.policy}/{self.scenario}"
+        return f"{self.policy}/{self.scenario.name}"
 
 
-def leaderboard_scenarios(arms: Sequence[str] = ()) -> list[str]:
-    """The names of the leaderboard's scenarios: for each arm the nominal one, then every family at severities 1 to 3."""
+@dataclass(frozen=True)
+class Suite:
+    """A set of cells: every policy on every scenario with the same seeds.
+
+    Args:
+        name: of the suite.
+        policies: what the cells' policies are.
+        scenarios: likewise.
+        seeds: how many of the test seeds, from 0 on.
+    """
+
+    name: str
+    policies: tuple[str, ...]
+    scenarios: tuple[Scenario, ...]
+    seeds: int
+
+    def __post_init__(self) -> None:
+        settle(self, seeds=whole("seeds", self.seeds, low=1))
+        if self.seeds > len(SPLITS["test"]):
+            raise ValueError(f"seeds must be at most {len(SPLITS['test'])}, the test seeds there are, got {self.seeds}")
+
+    @property
+    def cells(self) -> list[Cell]:
+        """Scenario by scenario, each with every policy."""
+        seeds = tuple(SPLITS["test"][: self.seeds])
+        return [Cell(policy, scenario, seeds) for scenario in self.scenarios for policy in self.policies]
+
+
+def leaderboard_scenarios(arms: Sequence[str] = (), severities: Sequence[int] = scenarios.SEVERITIES[1:]) -> list[str]:
+    """The names of the leaderboard's scenarios: for each arm the nominal one, then every family at the severities."""
     names = []
     for arm in arms or scenarios.arms():
         names.append(scenarios.family("nominal", 0, arm).name)
         for family in scenarios.families():
             if family != "nominal":
-                names.extend(scenarios.family(family, severity, arm).name for severity in scenarios.SEVERITIES[1:])
+                names.extend(scenarios.family(family, severity, arm).name for severity in severities)
     return names
 
 
-def leaderboard(
-    policies: Sequence[str] = (), scenario_names: Sequence[str] = (), seeds: Sequence[int] = tuple(range(32))
-) -> list[Cell]:
-    """The cells of the leaderboard, or of a part of it.
+SUITES: dict[str, str] = {
+    "quick": "every policy on every family at severity 2, Table 1's arm, 100 Hz, 32 seeds: under two minutes on two cores",
+    "full": "every policy on every family and severity, both arms, 100 Hz, 256 seeds",
+    "kilohertz": "every classical policy on every family at severity 2, Table 1's arm, 1 kHz, 64 seeds: what the rate buys",
+}
+"""The suites that have names, with a line each."""
+
+
+def at_rate(scenario: Scenario, control_dt: float) -> Scenario:
+    """The scenario with another time between decisions [s], which its name then tells."""
+    name = scenario.name if control_dt == scenario.control_dt else f"{scenario.name}@{1.0 / control_dt:g}Hz"
+    return scenario.replace(control_dt=control_dt, physics_dt=min(scenario.physics_dt, control_dt), name=name)
+
+
+def named(name: str) -> Suite:
+    """The suite of that name."""
+    if name not in SUITES:
+        raise unknown("suite", name, SUITES)
+    policies = joining.names()
+    if name == "full":
+        return Suite(name, policies, tuple(map(scenarios.get, leaderboard_scenarios())), 256)
+    members = [scenarios.get(s) for s in leaderboard_scenarios(["table-1"], [2])]
+    if name == "quick":
+        return Suite(name, policies, tuple(members), 32)
+    classical = tuple(policy for policy in policies if not joining.learned(policy))
+    return Suite(name, classical, tuple(at_rate(scenario, 1e-3) for scenario in members), 64)
+
+
+def load(name: str) -> Suite:
+    """A suite by name, or from a TOML file.
+
+    The file has `policies` and `scenarios` (names, families, or tables with the options of a scenario), and may have `seeds`
+    (64) and `control_dt` [s] for all of them.
+    """
+    path = Path(name)
+    if path.suffix != ".toml":
+        return named(name)
+    with path.open("rb") as file:
+        try:
+            data = tomllib.load(file)
+        except tomllib.TOMLDecodeError as problem:
+            raise ValueError(f"{path} is no TOML: {problem}") from None
+    for key in data:
+        if key not in ("policies", "scenarios", "seeds", "control_dt"):
+            raise unknown(f"entry of {path}", key, ("policies", "scenarios", "seeds", "control_dt"))
+    suite = Suite(path.stem, joining.names(), (), data.get("seeds", 64))
+    suite = narrow(suite, data.get("policies", ()), data.get("scenarios", leaderboard_scenarios()))
+    if "control_dt" in data:
+        dt = number("control_dt", data["control_dt"], above=0)
+        suite = dataclasses.replace(suite, scenarios=tuple(at_rate(scenario, dt) for scenario in suite.scenarios))
+    return suite
+
+
+def narrow(
+    suite: Suite,
+    policies: Sequence[str] = (),
+    scenario_names: Sequence[str | Mapping[str, Any]] = (),
+    seeds: int | None = None,
+) -> Suite:
+    """The suite with other policies, scenarios or seeds.
 
     Args:
-        policies: names; empty: all.
-        scenario_names: names of scenarios, or of families, which stand for all their severities on both arms; empty: all.
-        seeds: of every cell.
+        suite: to start from.
+        policies: what `joining.load` understands; empty: the suite's.
+        scenario_names: names of scenarios, or of families, which stand for all their severities on both arms, or tables of
+            options; empty: the suite's.
+        seeds: how many test seeds; None: the suite's.
     """
-    known = controllers.names()
     for policy in policies:
-        if policy not in known:
-            raise unknown("policy", policy, known)
-    wanted: list[str] = []
+        joining.check(policy)
+    chosen: list[Scenario] = []
     for name in scenario_names:
-        members = [s for s in leaderboard_scenarios() if s.rpartition("/")[2].rpartition("-")[0] == name]
-        wanted.extend(members or [scenarios.get(name).name])
-    chosen = wanted or leaderboard_scenarios()
-    return [Cell(policy, scenario, tuple(seeds)) for scenario in chosen for policy in policies or known]
+        members = [s for s in leaderboard_scenarios() if _family(s) == name]
+        chosen.extend(scenarios.get(s) for s in members)
+        if not members:
+            chosen.append(as_scenario(name))
+    return dataclasses.replace(
+        suite,
+        policies=tuple(policies) or suite.policies,
+        scenarios=tuple(chosen) or suite.scenarios,
+        seeds=suite.seeds if seeds is None else seeds,
+    )
+
+
+def _family(scenario: str) -> str:
+    own = scenario.rpartition("/")[2]
+    return own.rpartition("-")[0]

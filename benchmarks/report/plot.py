@@ -1,14 +1,106 @@
-"""The trace of one seed as a figure."""
+"""Figures: the trace of one seed, and panels of lines."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.rollout import Trace
+from fbl_gym.arm import Array
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+"""Okabe and Ito's colours, which colour-blind readers tell apart."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a panel.
+
+    Args:
+        x, y: [n].
+        label: for the legend.
+        color: None: the next one.
+        style: Matplotlib's line style, such as "-", "--" or ":".
+        low, high: a band about it, [n] each; None: none.
+    """
+
+    x: Array
+    y: Array
+    label: str
+    color: str | None = None
+    style: str = "-"
+    low: Array | None = None
+    high: Array | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Args:
+        title, x, y: its texts, with units.
+        lines: what it shows.
+        scales: of both axes, "linear" or "log".
+        bounds: of the y axis; None: what the lines need.
+        marks: horizontal lines, each its height and its label.
+    """
+
+    title: str
+    x: str
+    y: str
+    lines: tuple[Line, ...]
+    scales: tuple[str, str] = ("linear", "linear")
+    bounds: tuple[float, float] | None = None
+    marks: tuple[tuple[float, str], ...] = ()
+
+
+def plot_lines(title: str, panels: Sequence[Panel], path: Path) -> None:
+    """Draw panels side by side, two in a row, with one legend where they show the same.
+
+    Args:
+        title: above the figure.
+        panels: one or more.
+        path: the file; its ending says the format (.png, .svg, .pdf).
+    """
+    rows, columns = -(-len(panels) // 2), min(len(panels), 2)
+    figure = Figure(figsize=(5.5 * columns + 1, 3.6 * rows + 0.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    shared = len({tuple(line.label for line in panel.lines) for panel in panels}) == 1
+    for axes, panel in zip(grid.ravel(), panels, strict=False):
+        _draw(axes, panel)
+        if not shared:
+            axes.legend(fontsize="small")
+    for axes in grid.ravel()[len(panels) :]:
+        axes.set_visible(False)
+    if shared:
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
+    _save(figure, title, path)
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    for i, line in enumerate(panel.lines):
+        color = line.color or COLORS[i % len(COLORS)]
+        axes.plot(line.x, line.y, color=color, linestyle=line.style, label=line.label)
+        if line.low is not None and line.high is not None:
+            axes.fill_between(line.x, line.low, line.high, color=color, alpha=0.15, linewidth=0)
+    for height, label in panel.marks:
+        axes.axhline(height, color="0.4", linestyle="--", linewidth=1.0)
+        axes.annotate(
+            label, (1.0, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small"
+        )
+    axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y, xscale=panel.scales[0], yscale=panel.scales[1])
+    if panel.bounds is not None:
+        axes.set_ylim(panel.bounds)
+    axes.margins(x=0)
+    axes.grid(alpha=0.25)
 
 
 def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
@@ -49,6 +141,30 @@ def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
             axis.margins(x=0)
     ended = "" if end == len(trace.time) else f", diverged at {t[-1]:.2f} s"
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
-    figure.suptitle(f"{title}, seed {trace.seeds[lane]}{ended}", x=0.01, horizontalalignment="left")
+    _save(figure, f"{title}, seed {trace.seeds[lane]}{ended}", path)
+
+
+def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, lane: int = 0) -> None:
+    """Draw the reference and the tracking errors of several policies on one seed.
+
+    Args:
+        traces: by policy, of the same scenario and seeds.
+        title, path, lane: as for `plot_trace`.
+    """
+    first = next(iter(traces.values()))
+
+    def errors(joint: int) -> tuple[Line, ...]:
+        found = []
+        for policy, trace in traces.items():
+            error = 1e3 * (trace.reference[:, lane, joint] - trace.position[:, lane, joint])
+            found.append(Line(trace.time, np.where(trace.alive[:, lane], error, np.nan), policy))
+        return tuple(found)
+
+    panels = tuple(Panel(f"joint {joint + 1}", "time [s]", "tracking error [mrad]", errors(joint)) for joint in (0, 1))
+    plot_lines(f"{title}, seed {first.seeds[lane]}", panels, path)
+
+
+def _save(figure: Figure, title: str, path: Path) -> None:
+    figure.suptitle(title, x=0.01, horizontalalignment="left")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)

@@ -10,102 +10,60 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-import controllers
+from benchmarks import joining
+from benchmarks.board import Board
 from benchmarks.metrics import describe, summarize
-from benchmarks.paper import Claim
-from benchmarks.runner import Result
+from benchmarks.paper.claim import Claim
 from benchmarks.speed import Speed
 
 
-def leaderboard(console: Console, results: Sequence[Result]) -> None:
-    """A table per arm, one row per scenario and one column per policy, the best first; side by side as far as they fit."""
-    order = ranking(results)
-    across = max((console.width - 14) // 11, 1)
-    for arm in dict.fromkeys(_arm(result.cell.scenario) for result in results):
-        ours = [result for result in results if _arm(result.cell.scenario) == arm]
-        for first in range(0, len(order), across):
-            console.print(_table(arm, order, order[first : first + across], ours))
+def leaderboard(console: Console, board: Board) -> None:
+    """One row per policy, the best first: score, errors, failures, and the error in each family of scenarios."""
+    table = Table(
+        title=f"{len(board.scenarios)} scenarios, {len(board.seeds)} seeds each", title_style="bold", box=SIMPLE_HEAD,
+        padding=(0, 0, 0, 1), pad_edge=False,
+    )  # fmt: skip
+    table.add_column("policy", no_wrap=True)
+    for name in ("rank", "score", "error\n%", "failed\n%", "us"):
+        table.add_column(name, justify="right", no_wrap=True)
+    families = {family: board.family_error(family).value for family in board.families}
+    best = {family: min(values[i] for i in board.ranked) for family, values in families.items() if board.ranked}
+    for family in families:
+        table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)
+    ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
+    for i in board.order:
+        told = joining.tier(board.policies[i]) == "truth"
+        errors = [
+            f"[green]{_number(values[i])}[/green]" if not told and values[i] == best[family] else _number(values[i])
+            for family, values in families.items()
+        ]
+        failed = 100 * board.failures.value[i]
+        table.add_row(
+            f"({board.policies[i]})" if told else board.policies[i],
+            "" if told else _range(*ranks[i]),
+            "" if board.score is None else f"{board.score.value[i]:.1f}",
+            _number(board.error.value[i]),
+            f"[red]{failed:.2g}[/red]" if failed else "0",
+            f"{board.decision_us[i]:.2g}",
+            *errors,
+            style="dim" if told else "",
+        )  # fmt: skip
+    console.print(table)
     console.print(
-        "The best ranked policy of a row is green. Red: share of runs that diverged; such a run counts as half a turn of error "
-        "from then on. In brackets: knows the truth, not ranked. All policies met the same seeds."
+        "score: 0 as an arm that stays where it started, 100 as the oracle. error: interquartile mean of the mean absolute "
+        "tracking error in % of the reference's amplitude, over all scenarios and in each family. failed: share of runs that "
+        "diverged. rank: 95 % interval. us: per decision. In brackets: knows the truth, not ranked."
     )
-    for error in dict.fromkeys(f"{r.cell.policy}: {r.error}" for r in results if r.error):
-        console.print(f"[red]failed[/red] {escape(error)}")
+    for policy, reason in board.incomplete.items():
+        console.print(f"[red]left out[/red] {escape(policy)}: {escape(reason)}")
 
 
-def ranking(results: Sequence[Result]) -> list[str]:
-    """The policies by their mean error over all cells, best first; then those that know the truth, then the failed ones."""
-    policies = dict.fromkeys(result.cell.policy for result in results)
-    return sorted(
-        policies, key=lambda p: (not _rows(p, results), controllers.tier(p) == "truth", _mean_error(p, results))
-    )
-
-
-def _arm(scenario: str) -> str:
-    return scenario.rpartition("/")[0] or "table-1"
-
-
-def _rows(policy: str, results: Sequence[Result]) -> list[dict[str, float]]:
-    return [row for result in results if result.cell.policy == policy for row in result.rows]
-
-
-def _mean_error(policy: str, results: Sequence[Result]) -> float:
-    return summarize(_rows(policy, results))["error_pct"]
-
-
-def _table(arm: str, policies: Sequence[str], shown: Sequence[str], results: Sequence[Result]) -> Table:
-    by_cell = {(result.cell.policy, result.cell.scenario): result for result in results}
-    title = f"Arm {arm}: mean absolute tracking error, % of the reference's amplitude"
-    table = Table(title=title, title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
-    table.add_column("scenario", no_wrap=True)
-    for policy in shown:
-        unranked = controllers.tier(policy) == "truth"
-        name = f"({policy})" if unranked else policy
-        table.add_column(name.replace("-", "-\n"), justify="right", style="dim" if unranked else "", no_wrap=True)
-    before = ""
-    for scenario in dict.fromkeys(result.cell.scenario for result in results):
-        name = scenario.rpartition("/")[2]
-        family = name.rpartition("-")[0] or name
-        if before and family != before:
-            table.add_section()
-        before = family
-        best = _best(policies, [by_cell.get((policy, scenario)) for policy in policies])
-        cells = [by_cell.get((policy, scenario)) for policy in shown]
-        table.add_row(name, *(_cell(result, result is best) for result in cells))
-    table.add_section()
-    means = [_number(_mean_error(p, results)) if _rows(p, results) else "failed" for p in shown]
-    table.add_row("mean", *means, style="bold")
-    table.add_row("us/decision", *(_decision(policy, results) for policy in shown))
-    return table
-
-
-def _best(policies: Sequence[str], cells: Sequence[Result | None]) -> Result | None:
-    ranked = [
-        (summarize(list(result.rows))["error_pct"], i, result)
-        for i, (policy, result) in enumerate(zip(policies, cells, strict=True))
-        if result is not None and result.rows and controllers.tier(policy) != "truth"
-    ]
-    return min(ranked)[2] if ranked else None
-
-
-def _cell(result: Result | None, best: bool) -> str:
-    if result is None:
-        return ""
-    if not result.rows:
-        return "[red]failed[/red]"
-    mean = summarize(list(result.rows))
-    text = _number(mean["error_pct"])
-    text = f"[green]{text}[/green]" if best else text
-    return text + (f" [red]{100 * mean['diverged']:.0f}%[/red]" if mean["diverged"] else "")
+def _range(low: float, high: float) -> str:
+    return f"{low:.0f}" if low == high else f"{low:.0f}-{high:.0f}"
 
 
 def _number(value: float) -> str:
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
-
-
-def _decision(policy: str, results: Sequence[Result]) -> str:
-    times = [result.decision_us for result in results if result.cell.policy == policy and not result.error]
-    return f"{np.median(times):.2g}" if times else ""
+    return f"{value:.0f}" if value >= 100 else f"{value:.1f}" if value >= 10 else f"{value:.2f}"
 
 
 def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:

@@ -1,19 +1,23 @@
 """Rollouts, suites, results on disk and the command line, run as a user runs them."""
 
-import builtins
 import csv
+import dataclasses
 import json
-from pathlib import Path
+import sys
 
 import numpy as np
 import pytest
+from scipy.stats import trim_mean
 
 import controllers
-from benchmarks import cli, results
+from benchmarks import cli
+from benchmarks.board import assemble, family_of
 from benchmarks.metrics import METRICS, measure
 from benchmarks.rollout import rollout
 from benchmarks.runner import run_cell
-from benchmarks.suite import Cell, leaderboard, leaderboard_scenarios
+from benchmarks.store import Store
+from benchmarks.suite import SPLITS, leaderboard_scenarios, named, narrow
+from benchmarks.tuning import ship
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 
@@ -57,56 +61,229 @@ def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
     np.testing.assert_array_equal(found.reference, rollout("pd-gravity", scenario, range(16)).reference)
 
 
-def test_the_suite_covers_every_family_on_both_arms():
+def test_the_scenarios_cover_every_family_on_both_arms():
     names = leaderboard_scenarios()
     assert len(names) == len(set(names)) == 2 * (1 + 3 * (len(scenarios.families()) - 1))
-    cells = leaderboard(seeds=range(2))
-    assert len(cells) == len(names) * len(controllers.names())
-    assert {cell.seeds for cell in cells} == {(0, 1)}
-    assert [c.scenario for c in leaderboard(["zero"], ["stiction"])] == [
-        f"{arm}stiction-{s}" for arm in ("", "section-2-2/") for s in (1, 2, 3)
-    ]
+    stiction = [scenario.name for scenario in narrow(named("quick"), ["zero"], ["stiction"]).scenarios]
+    assert stiction == [f"{arm}stiction-{s}" for arm in ("", "section-2-2/") for s in (1, 2, 3)]
 
 
-def test_a_failing_policy_is_a_row_with_its_error(monkeypatch):
-    monkeypatch.setattr(controllers, "make", lambda *_: 1 / 0)
-    result = run_cell(Cell("pid-flm", "nominal", (0,)))
-    assert result.rows == ()
-    assert "ZeroDivisionError" in result.error
+SOME = ["--policies", "zero", "pid-flm", "cascade-flm", "oracle-flm", "--workers", "1"]
 
 
 def test_leaderboard_command(tmp_path, capsys):
-    arguments = ["leaderboard", "--seeds", "2", "--scenarios", "mass-error-1", "section-2-2/nominal"]
-    assert cli.main([*arguments, "--out", str(tmp_path)]) == 0
+    arguments = ["leaderboard", *SOME, "--seeds", "4", "--scenarios", "mass-error-1", "section-2-2/nominal"]
+    assert cli.main([*arguments, "--store", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
-    for word in ("mass-error-1", "cascade-", "(oracle-", "Arm section-2-2", "leaderboard.csv"):
+    for word in ("2 scenarios, 4 seeds each", "cascade-flm", "(oracle-flm)", "board.csv"):
         assert word in shown.replace("\n", "")
-    with (tmp_path / "leaderboard.csv").open() as file:
+    with (tmp_path / "board.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 2 * 2 * len(controllers.names())
-    assert set(rows[0]) == {"policy", "scenario", "seed", *METRICS}
-    document = json.loads((tmp_path / "leaderboard.json").read_text())
-    assert {cell["id"] for cell in document["cells"]} >= {"zero/mass-error-1", "oracle-flm/section-2-2/nominal"}
-    assert document["packages"]["gymnasium"]
-    mean = {cell["id"]: cell["mean"]["error_pct"] for cell in document["cells"]}
-    assert mean["oracle-flm/mass-error-1"] < mean["cascade-flm/mass-error-1"] < mean["zero/mass-error-1"]
+    assert len(rows) == 2 * 4 * 4
+    assert set(rows[0]) == {"policy", "scenario", "control_dt", "seed", *METRICS}
     assert not list(tmp_path.glob(".*"))
 
 
-def test_a_killed_run_leaves_what_it_had(tmp_path, monkeypatch):
-    """Results are written while the run goes on: here after each cell, and the run dies in the second."""
-    monkeypatch.setattr(cli, "SAVE_EVERY", 0.0)
-    first = run_cell(Cell("zero", "nominal", (0,)))
+def board(policies=("zero", "pid-flm", "cascade-flm", "oracle-flm"), seeds=8, families=("nominal", "mass-error")):
+    return assemble([run_cell(cell) for cell in narrow(named("quick"), policies, families, seeds).cells])
 
-    def dies(_):
-        yield first
-        raise SystemExit(137)
 
-    monkeypatch.setattr("benchmarks.runner.run", dies)
-    with pytest.raises(SystemExit):
-        cli.main(["leaderboard", "--seeds", "1", "--out", str(tmp_path)])
-    (cell,) = json.loads((tmp_path / "leaderboard.json").read_text())["cells"]
-    assert cell["id"] == "zero/nominal"
+def test_the_board_against_its_definitions():
+    found = board()
+    assert found.errors.shape == (4, 7, 8)
+    stay, oracle = found.runs["stay_pct"][0], found.errors[3]
+    np.testing.assert_allclose(found.scores[2], 100 * (stay - found.errors[2]) / (stay - oracle))
+    np.testing.assert_allclose(found.score.value[3], 100.0)
+    np.testing.assert_allclose(found.error.value, [trim_mean(found.errors[i].ravel(), 0.25) for i in range(4)])
+    assert [found.policies[i] for i in found.order] == ["cascade-flm", "pid-flm", "zero", "oracle-flm"]
+    assert found.ranked == [0, 1, 2]
+    np.testing.assert_array_equal(found.rank.value, [3, 2, 1])
+    assert found.families == {"nominal": [0], "mass-error": [1, 2, 3, 4, 5, 6]}
+    severities, estimate = found.degradation("mass-error", "")
+    assert severities == [0, 1, 2, 3]
+    assert estimate.value.shape == (4, 4)
+
+
+def test_an_arm_that_stays_scores_nothing():
+    """A reference and an arm that does not move: its error is stay_pct to the bit."""
+    trace = rollout("zero", scenarios.get("nominal").replace(friction={"coulomb": 1e6}, actuator=None), range(3))
+    for row in measure(trace):
+        assert row["error_pct"] == row["stay_pct"]
+
+
+def test_a_policy_without_results_is_left_out_and_named():
+    some = [run_cell(cell) for cell in narrow(named("quick"), ["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells]
+    found = assemble([*some[:3], dataclasses.replace(some[3], rows=(), error="RuntimeError: no")])
+    assert found.policies == ("zero",)
+    assert found.incomplete == {"pid-flm": "RuntimeError: no"}
+    assert found.score is None
+    with pytest.raises(ValueError, match="no policy with a result for every scenario"):
+        assemble([])
+
+
+def test_family_of():
+    for name, family in {
+        "section-2-2/mass-error-2@1000Hz": "mass-error", "nominal": "nominal", "everything-3": "everything", "mine": "mine",
+    }.items():  # fmt: skip
+        assert family_of(name) == family
+
+
+def test_report_and_query_commands(tmp_path, capsys):
+    store, out = tmp_path / "store", tmp_path / "out"
+    same = [*SOME[:-2], "--seeds", "3", "--scenarios", "nominal", "--store", str(store)]
+    assert cli.main(["leaderboard", *same, "--workers", "1"]) == 0
+    readme = tmp_path / "README.md"
+    readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
+    assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
+    table = (out / "board.md").read_text()
+    assert table.startswith("| policy | told | rank | score |")
+    assert readme.read_text() == f"before\n<!-- leaderboard -->\n{table}<!-- /leaderboard -->\nafter\n"
+    page = (out / "board.html").read_text()
+    assert "cascade-flm" in page
+    assert "src=" not in page.partition("<body")[0].replace("data:", "")
+    capsys.readouterr()
+    parquet = tmp_path / "board.parquet"
+    assert cli.main(["query", f"COPY results TO '{parquet}'", "--store", str(store)]) == 0
+    assert parquet.read_bytes().startswith(b"PAR1")
+    sql = "SELECT count(*) AS rows, count(DISTINCT policy) AS policies FROM results"
+    assert cli.main(["query", sql, "--store", str(store)]) == 0
+    assert "12" in capsys.readouterr().out
+
+
+def test_verify_command(tmp_path, capsys):
+    arguments = ["leaderboard", *SOME, "--seeds", "2", "--scenarios", "noise-1", "--store", str(tmp_path)]
+    assert cli.main(arguments) == 0
+    capsys.readouterr()
+    assert cli.main(["verify", "pid-flm/noise-1", "--store", str(tmp_path)]) == 0
+    assert "pid-flm/noise-1, 2 seeds: holds, bit for bit" in capsys.readouterr().out
+    store = Store(tmp_path)
+    (path,) = [p for p in store.files() if p.name.startswith("pid-flm")]
+    published = store.load(path)
+    forged = ({**published.rows[0], "error_pct": 0.001}, *published.rows[1:])
+    store.save(dataclasses.replace(published, rows=forged))
+    assert cli.main(["verify", str(path)]) == 1
+    assert "DIFFERS: error_pct by up to" in capsys.readouterr().out
+    assert cli.main(["verify", "pid-flm/noise-2", "--store", str(tmp_path)]) == 2
+    assert "did you mean 'pid-flm/noise-1'" in capsys.readouterr().err
+
+
+STRANGER = """
+from dataclasses import dataclass
+
+import controllers
+from fbl_gym.arm import inverse_dynamics
+
+
+@dataclass(frozen=True)
+class Mine(controllers.TorqueLaw):
+    w: float = 8.0
+
+    def torque(self, observation, state):
+        q, v = self.read(observation, "position", "velocity")
+        r, dr, ddr = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        a = ddr + self.w**2 * (r - q) + 2 * self.w * (dr - v)
+        return inverse_dynamics(self.interface.nominal, q, v, a), state
+
+
+make_policy = Mine
+"""
+
+
+def test_a_strangers_file_joins_the_board(tmp_path, capsys):
+    file = tmp_path / "mine.py"
+    file.write_text(STRANGER)
+    assert cli.main(["check-policy", str(file)]) == 0
+    assert "keeps what policies promise" in capsys.readouterr().out
+    assert cli.main(["evaluate", f"{file}:Mine", "--seeds", "2"]) == 0
+    arguments = [
+        "--policies",
+        "zero",
+        "--policy",
+        str(file),
+        "--scenarios",
+        "nominal",
+        "--seeds",
+        "2",
+        "--workers",
+        "1",
+    ]
+    capsys.readouterr()
+    assert cli.main(["leaderboard", *arguments, "--store", str(tmp_path / "store")]) == 0
+    assert "mine.py" in capsys.readouterr().out
+
+
+CHEAT = """
+import numpy as np
+
+
+class Cheat:
+    \"\"\"Keeps its state in itself, looks outside the box, and changes what it is given.\"\"\"
+
+    def __init__(self, interface):
+        self.calls = 0
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        self.calls += 1
+        observation[..., 0] += 1.0
+        return np.full((*observation.shape[:-1], 2), 1.0 + self.calls), None
+
+
+make_policy = Cheat
+"""
+
+
+def test_broken_promises_are_found(tmp_path, capsys):
+    file = tmp_path / "cheat.py"
+    file.write_text(CHEAT)
+    assert cli.main(["check-policy", str(file)]) == 1
+    shown = capsys.readouterr().out
+    for promise in ("actions have the observations' shape, are finite and lie in the box", "predict is a function"):
+        assert f"BROKEN  {promise}" in shown
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        ("nowhere.py", "there is no file nowhere.py"),
+        ("controllers.simple:Zeros", "unknown factory of controllers.simple 'Zeros'; did you mean 'Zero'"),
+        ("pid-fml", "did you mean 'pid-flm'"),
+    ],
+)
+def test_policies_that_cannot_be_found(policy, message, capsys):
+    assert cli.main(["check-policy", policy]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_an_archive_is_not_loaded_without_trust(tmp_path, capsys):
+    archive = tmp_path / "model.zip"
+    archive.write_bytes(b"PK")
+    assert cli.main(["check-policy", str(archive)]) == 2
+    assert "runs whatever code it holds; give --trust" in capsys.readouterr().err
+
+
+def test_tune_goes_on_where_it_stopped(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("benchmarks.commands.tune.ship", lambda found: ship(found, tmp_path))
+    arguments = ["tune", "pid-flm", "--seeds", "2", "--scenarios", "nominal", "--storage", str(tmp_path), "--ship"]
+    assert cli.main([*arguments, "--trials", "2"]) == 0
+    assert json.loads((tmp_path / "pid-flm.json").read_text())["trials"] == 2
+    assert cli.main([*arguments, "--trials", "5"]) == 0
+    found = json.loads((tmp_path / "pid-flm.json").read_text())
+    assert found["trials"] == 5
+    assert found["environment_steps"] == 5 * 2 * 1000
+    assert found["objective"] <= found["objective_of_defaults"]
+    assert found["seeds"][0] == SPLITS["tuning"].start
+    assert set(found["gains"]) == {"kp", "ki", "kd"}
+    assert cli.main(["tune", "zero"]) == 2
+    assert "says of no gain" in capsys.readouterr().err
+
+
+def test_tuned_gains_make_a_policy_of_their_own():
+    for name in controllers.tuned():
+        made = controllers.make(name, TwoLinkArmEnv())
+        for gain, value in controllers.policy.tuned_gains(name).items():
+            assert np.allclose(getattr(made, gain), value)
+    with pytest.raises(ValueError, match="unknown tuned policy 'zero@tuned'"):
+        controllers.make("zero@tuned", TwoLinkArmEnv())
 
 
 def test_evaluate_command_with_a_plot(tmp_path, capsys):
@@ -149,42 +326,41 @@ def test_seeds_must_be_a_number(seeds, capsys):
 
 
 def test_a_missing_extra_is_named(monkeypatch, capsys):
-    real = builtins.__import__
-
-    def without_matplotlib(name, *rest, **options):
-        if name.startswith("matplotlib"):
-            raise ImportError(f"No module named {name!r}")
-        return real(name, *rest, **options)
-
-    monkeypatch.setattr(builtins, "__import__", without_matplotlib)
-    assert cli.main(["evaluate", "zero", "--plot", "x.png"]) == 2
-    assert "pip install 'fbl-gym[bench]'" in capsys.readouterr().err
+    monkeypatch.delitem(sys.modules, "benchmarks.commands.evaluate", raising=False)
+    monkeypatch.delitem(sys.modules, "benchmarks.report.plot", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib.axes", None)
+    assert cli.main(["evaluate", "zero"]) == 2
+    assert "this needs matplotlib, which is not installed: pip install 'fbl-gym[bench]'" in capsys.readouterr().err
 
 
 def test_a_folder_that_cannot_be_written_is_an_error(tmp_path, capsys):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    arguments = ["leaderboard", "--seeds", "1", "--policies", "zero", "--scenarios", "nominal", "--out", str(blocked)]
-    assert cli.main(arguments) == 2
+    arguments = ["leaderboard", "--seeds", "1", "--policies", "zero", "--scenarios", "nominal", "--workers", "1"]
+    assert cli.main([*arguments, "--store", str(blocked)]) == 2
     assert "file" in capsys.readouterr().err
 
 
-def test_a_full_disk_leaves_the_old_results(tmp_path, monkeypatch):
-    """A write that fails halfway neither destroys what was there nor leaves its rubbish behind."""
-    done = [run_cell(Cell("zero", "nominal", (0,)))]
-    results.write(tmp_path, done, "first")
-    before = (tmp_path / "leaderboard.csv").read_text()
+def test_compare_and_doctor_commands(tmp_path, capsys):
+    picture = tmp_path / "errors.png"
+    assert cli.main(["compare", "cascade-flm", "zero", "--seeds", "4", "--plot", str(picture)]) == 0
+    assert "0 % (0-0)" in capsys.readouterr().out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert cli.main(["doctor"]) == 0
+    assert "all is well" in capsys.readouterr().out
 
-    def full(self, text, **_):
-        with self.open("w") as file:
-            file.write(text[:10])
-        raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(OSError, match="No space left"):
-        results.write(tmp_path, done * 2, "second")
-    assert (tmp_path / "leaderboard.csv").read_text() == before
-    assert not list(tmp_path.glob(".*"))
+def test_help_names_every_command(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main([])
+    shown = capsys.readouterr().out
+    for name in cli.COMMANDS:
+        assert f"  {name} " in shown
+        if name != "train":  # needs torch, and takes a while to import
+            with pytest.raises(SystemExit, match="0"):
+                cli.main([name, "--help"])
+    assert cli.main(["leaderbord"]) == 2
+    assert "did you mean 'leaderboard'" in capsys.readouterr().err
 
 
 def test_lists(capsys):

@@ -1,0 +1,33 @@
+"""What several commands share."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+
+def count(text: str) -> int:
+    """A whole number, 1 or more, as an argument's type."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more, got {text!r}")
+    return int(text)
+
+
+def console() -> Console:
+    """What tables are printed on; a file has no width of its own."""
+    return Console(width=None if sys.stdout.isatty() else 132)
+
+
+def command_line() -> str:
+    """The command that this process was started with, as one could type it."""
+    return " ".join(["fbl-gym", *sys.argv[1:]])
+
+
+def add_store(parser: argparse.ArgumentParser) -> None:
+    """The folder of results."""
+    parser.add_argument(
+        "--store", type=Path, default=Path("results/board"), metavar="DIR", help="the folder of results (results/board)"
+    )

@@ -1,0 +1,49 @@
+"""`fbl-gym report`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from benchmarks import joining
+from benchmarks.board import assemble
+from benchmarks.commands.common import command_line, console
+from benchmarks.commands.leaderboard import add_suite, results_of, suite_of
+from benchmarks.reach import reaches
+from benchmarks.report import markdown, terminal
+from benchmarks.report.contents import contents
+from benchmarks.report.export import write_csv
+from benchmarks.report.page import write_page
+from benchmarks.store import Store, write_text
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_suite(parser)
+    parser.add_argument("--out", type=Path, default=Path("results/report"), metavar="DIR", help="(results/report)")
+    parser.add_argument(
+        "--radius", action="store_true", help="measure the uncertainty radius of every policy too (minutes)"
+    )
+    parser.add_argument("--readme", type=Path, metavar="FILE", help="put the table between the markers of this file")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if arguments.trust:
+        for policy in (*arguments.policies, *arguments.policy):
+            joining.trust(policy)
+    store = Store(arguments.store)
+    results = results_of(suite_of(arguments).cells, store)
+    board = assemble(results)
+    radii = reaches(board.policies, store, arguments.workers) if arguments.radius else {}
+    terminal.leaderboard(console(), board)
+    table = markdown.leaderboard(board)
+    write_text(arguments.out / "board.md", table)
+    write_csv(arguments.out / "board.csv", results)
+    write_page(arguments.out / "board.html", contents(board, results, radii, command_line()))
+    if arguments.readme is not None:
+        write_text(arguments.readme, markdown.replace_between(arguments.readme.read_text(encoding="utf-8"), table))
+    print(f"report: {arguments.out / 'board.html'}, board.md and board.csv beside it")
+    return 0

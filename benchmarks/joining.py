@@ -1,0 +1,178 @@
+"""Where policies come from: the registry, a tuned study, a stranger's module or file, an SB3 archive.
+
+A policy is named by text, which workers on other machines can resolve again:
+
+- a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed package;
+- "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
+- "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
+- "path/to/run", a folder that `fbl-gym train` wrote;
+- "path/to/model.zip", a model saved by stable-baselines3, after `trust` has let it in.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import controllers
+from benchmarks.rl.policy import SavedAgent, load_zip
+from fbl_gym.interface import Interface
+from fbl_gym.records import unknown
+
+ATTRIBUTE = "make_policy"
+"""What a file is asked for where no attribute is named."""
+
+
+class Untrusted(ValueError):
+    """A file whose loading runs code, and that nobody has vouched for."""
+
+
+_TRUSTED: set[str] = set()
+
+
+def trust(path: str) -> None:
+    """Let an archive be loaded, which runs whatever code it holds."""
+    _TRUSTED.add(str(Path(path).resolve()))
+
+
+def names() -> tuple[str, ...]:
+    """Every policy that needs no file: the package's own, those of installed packages, and those with tuned gains."""
+    return (*controllers.names(), *controllers.tuned())
+
+
+def learned(policy: str) -> bool:
+    """Whether a policy was trained, not designed."""
+    return policy.endswith(".zip") or _is_run(policy) or (_registered(policy) and controllers.kind(policy) == "learned")
+
+
+def tier(policy: str) -> str:
+    """What a policy is told of the arm: "nothing", "nominal model" or "truth"."""
+    if _registered(policy):
+        return controllers.tier(policy)
+    return "nominal model" if learned(policy) else getattr(_attribute(policy), "tier", "nominal model")
+
+
+def sensors(policy: str) -> str:
+    """The sensors that a policy cannot do without, such as "position, velocity"; empty where it does not say."""
+    factory = controllers.factory(policy) if _registered(policy) else None
+    return ", ".join(getattr(factory, "needs", ()))
+
+
+def tuning(policy: str) -> str:
+    """Whether a policy's gains are tuned."""
+    if learned(policy):
+        return "trained"
+    return "tuned" if policy.endswith("@tuned") else "default gains"
+
+
+def _registered(policy: str) -> bool:
+    return policy in names()
+
+
+def _is_run(policy: str) -> bool:
+    """Whether it is the folder of a trained agent."""
+    return (Path(policy) / "agent.json").is_file()
+
+
+def foreign(policy: str) -> bool:
+    """Whether a policy is named by where it lies, so that its name says nothing of what it is."""
+    return ":" in policy or _is_file(policy) or _is_run(policy)
+
+
+def _is_file(policy: str) -> bool:
+    return policy.partition(":")[0].endswith((".py", ".zip"))
+
+
+def check(policy: str) -> None:
+    """An error that names what is wrong, if a policy cannot be found."""
+    if _is_file(policy):
+        path = Path(policy.partition(":")[0])
+        if not path.is_file():
+            raise ValueError(f"there is no file {path}, of which a policy was to be made")
+        if path.suffix == ".zip" and str(path.resolve()) not in _TRUSTED:
+            raise Untrusted(f"loading {path} runs whatever code it holds; give --trust if you know where it comes from")
+    elif ":" in policy:
+        _attribute(policy)
+    elif not _is_run(policy) and not _registered(policy):
+        raise unknown("policy", policy, names())
+
+
+def make(policy: str, env: Any, **gains: Any) -> Any:
+    """The policy for an environment, or for its interface.
+
+    Args:
+        policy: see this file's head.
+        env: as for `controllers.make`.
+        **gains: arguments of the policy.
+    """
+    check(policy)
+    interface = env if isinstance(env, Interface) else env.unwrapped.interface
+    if policy.endswith(".zip"):
+        return load_zip(Path(policy), interface, trust=True)
+    if _is_run(policy):
+        return SavedAgent(interface, policy)
+    return controllers.make(_attribute(policy) if ":" in policy or _is_file(policy) else policy, env, **gains)
+
+
+def _attribute(policy: str) -> Callable[..., Any]:
+    source, _, name = policy.partition(":")
+    module = _from_file(Path(source)) if source.endswith(".py") else importlib.import_module(source)
+    name = name or ATTRIBUTE
+    if not callable(getattr(module, name, None)):
+        public = [n for n in vars(module) if callable(getattr(module, n)) and not n.startswith("_")]
+        raise unknown(f"factory of {source}", name, public)
+    factory: Callable[..., Any] = getattr(module, name)
+    return factory
+
+
+def _from_file(path: Path) -> ModuleType:
+    path = path.resolve()
+    name = f"fbl_gym_joined_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+    return sys.modules[name]
+
+
+def configuration(policy: str, made: Any) -> dict[str, Any]:
+    """What tells one configuration of a policy from another, as plain data: its gains, and the code or weights behind it.
+
+    A policy that is no dataclass may say so itself with an attribute `configuration`.
+    """
+    own = getattr(made, "configuration", None)
+    if isinstance(own, dict):
+        found: dict[str, Any] = dict(own)
+    elif dataclasses.is_dataclass(made):
+        found = {f.name: getattr(made, f.name) for f in dataclasses.fields(made)}
+        found = {name: value for name, value in found.items() if name not in ("interface", "env")}
+    else:
+        found = {}
+    source = _source(policy)
+    if source is not None:
+        found["source"] = hashlib.sha256(source.read_bytes()).hexdigest()
+    return found
+
+
+def _source(policy: str) -> Path | None:
+    """The file that a stranger's policy comes from."""
+    if _is_file(policy):
+        return Path(policy.partition(":")[0])
+    if ":" not in policy:
+        return None
+    file = getattr(importlib.import_module(policy.partition(":")[0]), "__file__", None)
+    return None if file is None else Path(file)

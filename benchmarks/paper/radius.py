@@ -1,0 +1,113 @@
+"""How far each of the paper's controllers reaches: tracking error against the ratio real / nominal, and the measured radius."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.metrics import measure
+from benchmarks.paper.claim import ARMS, NOT, READING, REPRODUCED, Claim, Draw, Effort, Measured, seed_range
+from benchmarks.reach import BOUND, LARGEST, SHARE, with_radius
+from benchmarks.report.plot import Line, Panel, plot_lines
+from benchmarks.rollout import rollout
+from benchmarks.statistics import Radius, radius
+from fbl_gym import Scenario, scenarios
+from fbl_gym.arm import Array
+
+POLICIES = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
+
+
+def task(arm: str) -> Scenario:
+    """Way-points at 1 kHz without noise, friction or torque limit, so that nothing but parameters is wrong."""
+    return scenarios.get("nominal").replace(arm=ARMS[arm], control_dt=1e-3, actuator=None, duration=4.0)
+
+
+def errors(policy: str, scenario: Scenario, seeds: int) -> Array:
+    """Mean tracking error of each seed [%]."""
+    return np.array([row["error_pct"] for row in measure(rollout(policy, scenario, range(seeds)))])
+
+
+def measured_radius(policy: str, scenario: Scenario, direction: str, seeds: int, effort: Effort) -> Radius:
+    """The largest radius at which 95 % of the seeds track within 5 %."""
+
+    def share(r: float) -> float:
+        return float(np.mean(errors(policy, with_radius(scenario, r, direction), seeds) <= BOUND))
+
+    return radius(
+        share, bracket=(0.0, LARGEST), share=SHARE, scan=effort.ratios // 2 + 1, tolerance=0.6 / effort.ratios
+    )
+
+
+def _maps(scenario: Scenario, effort: Effort, arm: str) -> Draw:
+    """Draws error against the ratio for uniform errors, and against the radius for mixed ones."""
+    r = np.expm1(np.linspace(0.0, np.log1p(LARGEST), effort.ratios))
+    ratio = np.concatenate([1.0 / (1.0 + r[:0:-1]), 1.0 + r])
+    seeds = effort.seeds
+    uniform, mixed = [], []
+    for policy in POLICIES:
+        same = [np.median(errors(policy, scenario.replace(parameter_error=float(x)), seeds)) for x in ratio]
+        uniform.append(Line(ratio, np.array(same), policy))
+        each = [errors(policy, with_radius(scenario, x, "both"), seeds) for x in r]
+        low, middle, high = np.quantile(each, (0.05, 0.5, 0.95), axis=1)
+        mixed.append(Line(1.0 + r, middle, policy, low=low, high=high))
+    y, logs, marks = "mean tracking error [%]", ("log", "log"), ((BOUND, "5 %"),)
+    panels = (
+        Panel("all parameters by one factor", "real / nominal", y, tuple(uniform), logs, None, marks),
+        Panel("each by its own: median, 5 to 95 % of the seeds", "1 + radius", y, tuple(mixed), logs, None, marks),
+    )  # fmt: skip
+    return lambda path: plot_lines(f"Tracking error against parameter error, {arm}", panels, path)
+
+
+def robust_radius(effort: Effort, arm: str) -> Measured:
+    scenario, seeds = task(arm), 4 * effort.seeds
+    found = {p: measured_radius(p, scenario, "both", seeds, effort) for p in POLICIES}
+    one_sided = [
+        measured_radius("robust-flm", scenario, direction, seeds, effort) for direction in ("larger", "smaller")
+    ]
+    text = ", ".join(f"{policy} {found[policy]}" for policy in POLICIES)
+    same = max(np.median(errors("robust-flm", scenario.replace(parameter_error=x), effort.seeds)) for x in (0.5, 2.0))
+    reached = [r.value >= 1.0 for r in (found["robust-flm"], *one_sided)]
+    claim = Claim(
+        "§3", f"the robust design holds within a radius of 100 % ({arm})", "radius 1: satisfactory",
+        f"radius {text}; robust-flm {one_sided[0]} where the real parameters are larger, {one_sided[1]} where smaller, and at "
+        f"most {same:.2g} % error with one factor of 2 or 1/2 for all",
+        REPRODUCED if all(reached) else READING if any(reached) or same < BOUND else NOT,
+        "radius: 95 % of the seeds track within 5 %, each parameter by its own factor; a reading: in some directions, or where "
+        "all share one factor; way-points at 1 kHz, no noise, no torque limit", "nominal", seed_range(seeds),
+    )  # fmt: skip
+    return claim, _maps(scenario, effort, arm)
+
+
+def adaptive_radius(effort: Effort, arm: str) -> Measured:
+    """The adaptive controller, whose first three samples must come before the arm is lost: the faster the better."""
+    slow = task(arm).replace(duration=1.0)
+    fast = slow.replace(control_dt=1e-4, physics_dt=1e-4)
+    seeds = 2 * effort.seeds
+    larger = measured_radius("adaptive-flm", slow, "larger", seeds, effort)
+    smaller = {
+        rate: measured_radius("adaptive-flm", scenario, "smaller", seeds, effort)
+        for rate, scenario in (("1 kHz", slow), ("10 kHz", fast))
+    }
+    wide = larger.value >= 9.0 and smaller["10 kHz"].value >= 9.0
+    claim = Claim(
+        "§4", f"the adaptive design holds beyond it ({arm})", "1000 %: radius 9",
+        f"real parameters larger: {larger} at 1 kHz; smaller: {smaller['1 kHz']} at 1 kHz, {smaller['10 kHz']} at 10 kHz",
+        REPRODUCED if wide and smaller["1 kHz"].value >= 9.0 else READING if wide else NOT,
+        "as for the robust design, no noise, no friction; a reading: it takes 10 kHz where the arm is lighter than its model",
+        "nominal", seed_range(seeds),
+    )  # fmt: skip
+    grid = np.expm1(np.linspace(0.0, np.log1p(LARGEST), effort.ratios))
+
+    def line(scenario: Scenario, direction: str, name: str) -> Line:
+        found = [np.quantile(errors("adaptive-flm", with_radius(scenario, r, direction), seeds), 0.95) for r in grid]
+        return Line(1.0 + grid, np.array(found), name)
+
+    lines = (
+        line(slow, "larger", "larger, 1 kHz"),
+        line(slow, "smaller", "smaller, 1 kHz"),
+        line(fast, "smaller", "smaller, 10 kHz"),
+    )
+    panel = Panel(
+        "adaptive-flm, each parameter by its own factor", "1 + radius", "error that 95 % of the seeds keep [%]", lines,
+        ("log", "log"), None, ((BOUND, "5 %"),),
+    )  # fmt: skip
+    return claim, lambda path: plot_lines(f"How far the adaptive controller reaches, {arm}", (panel,), path)

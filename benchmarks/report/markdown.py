@@ -1,0 +1,59 @@
+"""Tables in Markdown, for the README and the documentation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from benchmarks import joining
+from benchmarks.board import Board
+from benchmarks.paper.claim import Claim
+from benchmarks.statistics import Estimate
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table, one line a row."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def claims(found: Iterable[Claim]) -> str:
+    """The paper's claims: what it says, what was measured under which choices, and the verdict."""
+    header = ("figure", "claim", "paper", "measured", "verdict", "under which choices", "seeds")
+    rows = ((c.figure, c.claim, c.paper, c.measured, c.verdict, c.reading, c.seed) for c in found)
+    return table(header, rows)
+
+
+BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
+"""Between these lines of a file stands the leaderboard."""
+
+
+def leaderboard(board: Board) -> str:
+    """The board, best first, with the intervals of score and rank."""
+    header = ["policy", "told", "rank", "score", "error %", "failed %", "us/decision", *board.families]
+    families = [board.family_error(family).value for family in board.families]
+    ranks = dict(zip(board.ranked, zip(board.rank.low, board.rank.high, strict=True), strict=True))
+    rows = []
+    for i in board.order:
+        rank = "{:.0f}–{:.0f}".format(*ranks[i]) if i in ranks else "not ranked"
+        score = "" if board.score is None else f"{_with_interval(board.score, i, 1)}"
+        rows.append(
+            [
+                f"`{board.policies[i]}`", joining.tier(board.policies[i]), rank, score, _with_interval(board.error, i, 2),
+                f"{100 * board.failures.value[i]:.2g}", f"{board.decision_us[i]:.2g}", *(f"{x[i]:.3g}" for x in families),
+            ]
+        )  # fmt: skip
+    return table(header, rows)
+
+
+def _with_interval(estimate: Estimate, i: int, digits: int) -> str:
+    value, low, high = estimate.value[i], estimate.low[i], estimate.high[i]
+    return f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})"
+
+
+def replace_between(text: str, table: str) -> str:
+    """A file's text with another leaderboard between its markers."""
+    head, begin, rest = text.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"the file must have the lines {BEGIN} and {END}, between which the table stands")
+    return f"{head}{BEGIN}\n{table}{END}{tail}"

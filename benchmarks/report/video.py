@@ -1,0 +1,137 @@
+"""Traces as a film: the arms of several policies side by side, in real time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import numpy as np
+
+from benchmarks.metrics import errors
+from benchmarks.rollout import Trace
+from fbl_gym.arm import ArmParameters, joint_positions
+from fbl_gym.records import Pair
+from fbl_gym.render import INK, LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Canvas, Frame, Picture, draw, full_torque
+from fbl_gym.scenarios import Scenario
+from fbl_gym.uncertainty import Payload
+from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+FPS = {".mp4": 50, ".gif": 25}
+"""Frames per second; a GIF's frames last whole hundredths of a second."""
+
+_PALETTE = "split[a][b];[a]palettegen[colours];[b][colours]paletteuse=dither=none"
+_WRITER: dict[str, dict[str, Any]] = {
+    ".mp4": {"codec": "libx264", "pix_fmt_out": "yuv420p", "output_params": ["-crf", "18"]},
+    ".gif": {"codec": "gif", "pix_fmt_out": "pal8", "output_params": ["-vf", _PALETTE]},
+}
+
+
+def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size: int = 480) -> None:
+    """Film one seed of some traces, at a constant frame rate and in real time.
+
+    Args:
+        traces: by the policy's name; all of one scenario and the same seeds.
+        path: the file; its ending says the format, .mp4 or .gif.
+        lane: which seed.
+        size: of each arm's square [pixels], even.
+    """
+    ending = path.suffix.lower()
+    if ending not in FPS:
+        raise ValueError(f"path must end in {' or '.join(FPS)}, got {str(path)!r}")
+    if size % 2:
+        raise ValueError(f"size must be even, got {size}")
+    frames = film(traces, FPS[ending], lane=lane, size=size)
+    first = next(frames)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    height, width, _ = first.shape
+    writer = imageio_ffmpeg.write_frames(
+        str(path), (width, height), fps=FPS[ending], quality=None, macro_block_size=2, ffmpeg_log_level="error",
+        **_WRITER[ending],
+    )  # fmt: skip
+    writer.send(None)
+    writer.send(first)
+    for frame in frames:
+        writer.send(frame)
+    writer.close()
+
+
+def film(traces: Mapping[str, Trace], fps: float, *, lane: int = 0, size: int = 480) -> Iterator[Frame]:
+    """The frames of `write_video`, one for each 1 / fps seconds of the episode."""
+    if not traces:
+        raise ValueError("traces must have at least one trace, got none")
+    one = next(iter(traces.values()))
+    if not 0 <= lane < len(one.seeds):
+        raise ValueError(f"lane must be one of the {len(one.seeds)} seeds' places, counted from 0, got {lane}")
+    for name, trace in traces.items():
+        if (trace.scenario, trace.seeds) != (one.scenario, one.seeds):
+            raise ValueError(
+                f"traces must be of one scenario and the same seeds, got {one.scenario.name} with seeds {one.seeds} and, "
+                f"of {name}, {trace.scenario.name} with seeds {trace.seeds}"
+            )
+    scenes = [Scene(name, trace, lane) for name, trace in traces.items()]
+    header = Canvas(len(traces) * size, 2 * round(0.04 * size))
+    header.write(f"{one.scenario.name}, seed {one.seeds[lane]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
+    strip = header.frame
+    for k in range(int(one.time[-1] * fps + 1e-9) + 1):
+        sample = min(round(k / fps / one.scenario.control_dt), len(one.time) - 1)
+        yield np.vstack([strip, np.hstack([draw(scene.picture(sample), size) for scene in scenes])])
+
+
+class Scene:
+    """One lane of a trace as pictures."""
+
+    def __init__(self, title: str, trace: Trace, lane: int) -> None:
+        self.title = title
+        self.trace = trace
+        self.lane = lane
+        self.lengths = _true_lengths(trace.scenario, trace.seeds[lane])
+        arm = ArmParameters(L1=self.lengths[0], L2=self.lengths[1])
+        self.tip = joint_positions(arm, trace.position[:, lane])[:, 2]
+        square = (errors(trace)[:, lane] ** 2).mean(axis=-1)
+        self.rms = np.sqrt(np.cumsum(square) / np.arange(1, len(square) + 1))
+        self.last = int(trace.alive[:, lane].sum()) - 1
+
+    def picture(self, k: int) -> Picture:
+        """The picture of sample k; an arm that has diverged stays where it was last."""
+        trace, lane, now = self.trace, self.lane, min(k, self.last)
+        dt = trace.scenario.control_dt
+        stride = max(1, round(TRAIL_STEP / dt))
+        oldest = -(-max(k - round(TRAIL_SPAN / dt), 0) // stride) * stride
+        points = np.minimum([*range(oldest, k, stride), k], self.last)
+        running = f"RMS error {1e3 * self.rms[k]:,.1f} mrad"
+        return Picture(
+            title=self.title,
+            subtitle=running if k <= self.last else f"diverged at {trace.time[self.last + 1]:.2f} s",
+            time=float(trace.time[k]),
+            lengths=self.lengths,
+            position=_pair(trace.position[now, lane]),
+            reference=_pair(trace.reference[k, lane]),
+            torque=_pair(trace.torque[now, lane]),
+            push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[now, lane]),
+            full_torque=full_torque(trace.scenario),
+            payload=_payload(trace.scenario, float(trace.time[now])),
+            trail=np.column_stack([trace.time[points], self.tip[points]]),
+        )
+
+
+def _pair(x: Any) -> Pair:
+    return float(x[0]), float(x[1])
+
+
+def _true_lengths(scenario: Scenario, seed: int) -> Pair:
+    """Of the episode's arm [m]: a function of scenario and seed alone."""
+    env = TwoLinkArmVectorEnv(1, scenario, action="torque")
+    env.reset(seed=[seed])
+    return _pair(env.truth.lengths[0])
+
+
+def _payload(scenario: Scenario, time: float) -> float:
+    """The mass carried until `time` [kg]."""
+    load = scenario.parameter_error.payload if scenario.parameter_error else None
+    if not isinstance(load, Payload):
+        return 0.0
+    half = scenario.physics_dt / 2
+    carried = load.pick_up + half < time and (load.drop is None or time < load.drop + half)
+    return load.mass if carried else 0.0

@@ -1,0 +1,1 @@
+"""Reinforcement learning: the adapter for stable-baselines3, training, and the agents that are shipped."""

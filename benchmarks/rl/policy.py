@@ -1,0 +1,252 @@
+"""Trained agents as policies: a deterministic actor in NumPy, read from plain data. Neither torch nor SB3 is needed."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import importlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from benchmarks.rl.interface import SENSORS, AgentInterface, Body
+from controllers.policy import Policy, State, TorqueLaw
+from fbl_gym.arm import Array
+from fbl_gym.interface import Interface
+from fbl_gym.records import choice, unknown
+
+SHIPPED = Path(__file__).parent / "agents"
+"""The agents that the package ships: a folder for each, and in it one for each training seed."""
+
+ALGORITHMS = {
+    "ppo": "stable_baselines3:PPO",
+    "sac": "stable_baselines3:SAC",
+    "td3": "stable_baselines3:TD3",
+    "tqc": "sb3_contrib:TQC",
+    "crossq": "sb3_contrib:CrossQ",
+}
+
+_ACTIVATIONS: dict[str, Callable[[Array], Array]] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
+_BLOCK = 16
+_OUTPUTS: dict[str, Callable[[Array], Array]] = {"clip": lambda x: np.clip(x, -1.0, 1.0), "tanh": np.tanh}
+
+
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """A multilayer perceptron from what an agent sees to its action in [-1, 1].
+
+    Args:
+        layers: a weight [out x in] and a bias [out] each.
+        activation: behind every layer but the last: "tanh" or "relu".
+        output: behind the last: "clip" or "tanh".
+    """
+
+    layers: tuple[tuple[Array, Array], ...]
+    activation: str
+    output: str
+
+    def __post_init__(self) -> None:
+        choice("activation", self.activation, _ACTIVATIONS)
+        choice("output", self.output, _OUTPUTS)
+
+    def __call__(self, x: Array) -> Array:
+        """[n x in] -> [n x 2], in double precision; a lane has the same bits alone and in a batch."""
+        # Linear algebra rounds by the size of its matrices, so all that it is given are blocks of one size.
+        blocks = np.zeros((-(-len(x) // _BLOCK), _BLOCK, x.shape[-1]))
+        blocks.reshape(-1, x.shape[-1])[: len(x)] = x
+        *hidden, (weight, bias) = self.layers
+        for w, b in hidden:
+            blocks = _ACTIVATIONS[self.activation](blocks @ w.T + b)
+        return _OUTPUTS[self.output](blocks @ weight.T + bias).reshape(-1, len(bias))[: len(x)]
+
+
+@dataclass(frozen=True, eq=False)
+class Agent(TorqueLaw):
+    """An actor in its body, as a policy: it takes the environment's plain observation and gives any kind of action.
+
+    Args:
+        agent: what it sees and does.
+        actor: its network.
+    """
+
+    agent: AgentInterface
+    actor: Actor
+
+    needs: ClassVar[tuple[str, ...]] = SENSORS
+
+    @cached_property
+    def body(self) -> Body:
+        return Body(self.agent, self.interface)
+
+    def initial(self, observation: Array) -> State:
+        return self.body.initial(observation)
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        action = self.actor(self.body.see(observation, state))
+        return self.body.torque(action, observation, state)
+
+
+@dataclass(frozen=True)
+class SavedAgent(TorqueLaw):
+    """The agent that lies in a folder, as `fbl-gym train` writes it.
+
+    Args:
+        folder: with its `agent.json` and `weights.npz`.
+    """
+
+    folder: str
+
+    needs: ClassVar[tuple[str, ...]] = SENSORS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.agent  # read now, so that a folder without an agent is an error here
+
+    @cached_property
+    def agent(self) -> Agent:
+        return Agent(self.interface, *read(Path(self.folder)))
+
+    @property
+    def configuration(self) -> dict[str, str]:
+        """What tells this agent from others, wherever its folder lies: a hash of its files."""
+        content = b"".join((Path(self.folder) / name).read_bytes() for name in ("agent.json", "weights.npz"))
+        return {"agent": hashlib.sha256(content).hexdigest()}
+
+    def initial(self, observation: Array) -> State:
+        return self.agent.initial(observation)
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        return self.agent.torque(observation, state)
+
+
+def write(folder: Path, actor: Actor, description: dict[str, Any]) -> None:
+    """Write an agent: `agent.json` says what it is, `weights.npz` holds its actor in single precision.
+
+    Args:
+        folder: made if it isn't there.
+        actor: its network.
+        description: plain data; its entry `interface` holds the fields of the `AgentInterface`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays: dict[str, Any] = {}
+    for i, (weight, bias) in enumerate(actor.layers):
+        arrays[f"weight_{i}"], arrays[f"bias_{i}"] = np.float32(weight), np.float32(bias)
+    np.savez(folder / ".weights.npz", **arrays)
+    (folder / ".weights.npz").replace(folder / "weights.npz")
+    network = {"layers": len(actor.layers), "activation": actor.activation, "output": actor.output}
+    text = json.dumps({**description, "network": network}, indent=1)
+    (folder / ".agent.json").write_text(text + "\n")
+    (folder / ".agent.json").replace(folder / "agent.json")
+
+
+def describe(folder: Path) -> dict[str, Any]:
+    """What the `agent.json` of a folder says."""
+    path = folder / "agent.json"
+    if not path.exists():
+        raise ValueError(f"folder must hold an agent.json, as `fbl-gym train` writes it, got {str(folder)!r}")
+    return json.loads(path.read_text())
+
+
+def read(folder: Path) -> tuple[AgentInterface, Actor]:
+    """The agent in a folder; nothing of it is executed."""
+    description = describe(folder)
+    network = description["network"]
+    with np.load(folder / "weights.npz", allow_pickle=False) as file:
+        layers = tuple(
+            (file[f"weight_{i}"].astype(float), file[f"bias_{i}"].astype(float)) for i in range(network["layers"])
+        )
+    return AgentInterface(**description["interface"]), Actor(layers, network["activation"], network["output"])
+
+
+def shipped() -> dict[str, tuple[int, ...]]:
+    """The names of the shipped agents, each with its training seeds."""
+    found = sorted(SHIPPED.glob("*/*/agent.json"))
+    names = sorted({path.parent.parent.name for path in found})
+    return {n: tuple(sorted(int(path.parent.name) for path in found if path.parent.parent.name == n)) for n in names}
+
+
+def curves(name: str) -> dict[int, Array]:
+    """The learning curves of a shipped agent: for each training seed [n x 3], steps, wall time [s], validation error [mrad]."""
+    if name not in shipped():
+        raise unknown("agent", name, shipped())
+    found = {}
+    for seed in shipped()[name]:
+        with (SHIPPED / name / str(seed) / "curve.csv").open() as file:
+            found[seed] = np.array([[float(x) for x in row] for row in list(csv.reader(file))[1:]])
+    return found
+
+
+def best_seed(name: str) -> int:
+    """The training seed of a shipped agent with the smallest error on the validation seeds."""
+    return min(shipped()[name], key=lambda seed: describe(SHIPPED / name / str(seed))["validation_mrad"])
+
+
+def shipped_agent(name: str, interface: Interface, seed: int | None = None) -> SavedAgent:
+    """A shipped agent by its name.
+
+    Args:
+        name: one of `shipped()`.
+        interface: of the environment.
+        seed: of its training; None: the best one, as the validation seeds have it.
+    """
+    if name not in shipped():
+        raise unknown("agent", name, shipped())
+    if seed is not None and seed not in shipped()[name]:
+        raise unknown("training seed", seed, map(str, shipped()[name]))
+    return SavedAgent(interface, str(SHIPPED / name / str(best_seed(name) if seed is None else seed)))
+
+
+def _factory(name: str, summary: str) -> Callable[..., SavedAgent]:
+    def factory(interface: Interface, seed: int | None = None) -> SavedAgent:
+        return shipped_agent(name, interface, seed)
+
+    factory.__doc__ = summary
+    factory.kind = "learned"  # type: ignore[attr-defined]
+    return factory
+
+
+ppo_torque = _factory("ppo-torque", "PPO on torques, memoryless; trained on everything-2")
+ppo_acceleration = _factory(
+    "ppo-acceleration", "PPO on accelerations through the nominal mapping; trained on everything-2"
+)
+ppo_residual = _factory("ppo-residual", "PPO on top of cascade-flm; trained on everything-2")
+ppo_memory = _factory("ppo-memory", "PPO on torques that sees its last steps and actions; trained on everything-2")
+sac = _factory("sac", "SAC on torques; trained on everything-2")
+td3 = _factory("td3", "TD3 on torques; trained on everything-2")
+tqc = _factory("tqc", "TQC on torques; trained on everything-2")
+crossq = _factory("crossq", "CrossQ on torques; trained on everything-2")
+
+
+def find_class(algorithm: str) -> Any:
+    """SB3's class of an algorithm."""
+    module, name = ALGORITHMS[choice("algorithm", algorithm, ALGORITHMS)].split(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as problem:
+        raise ValueError(f"{algorithm} needs {module}, which is not installed: pip install 'fbl-gym[rl]'") from problem
+
+
+def load_zip(path: str | Path, interface: Interface, algorithm: str = "ppo", trust: bool = False) -> Policy:
+    """A stranger's SB3 model as a policy; it was trained on the environment's own observations and actions.
+
+    Args:
+        path: the .zip that SB3's `save` wrote.
+        interface: of the environment that it is to act in.
+        algorithm: one of `ALGORITHMS`.
+        trust: a .zip of SB3 holds pickled code, which runs when it is loaded; True says that you trust where it came from.
+    """
+    if not trust:
+        raise ValueError(
+            f"loading {str(path)!r} runs the code in it: give trust=True if you trust its source, got {trust!r}"
+        )
+    model = find_class(algorithm).load(path, device="cpu")
+    for what in ("observation_space", "action_space"):
+        theirs, ours = getattr(model, what), getattr(interface, what)
+        if theirs.shape != ours.shape:
+            raise ValueError(f"the model's {what} must have the environment's shape {ours.shape}, got {theirs.shape}")
+    return model

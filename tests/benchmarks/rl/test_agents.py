@@ -1,0 +1,123 @@
+"""The shipped agents are what their descriptions say, and strangers' tools take environment and agents unchanged."""
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+
+from benchmarks import cli
+from benchmarks.rl import policy
+from benchmarks.rl.policy import SHIPPED, best_seed, curves, describe, shipped, shipped_agent
+from benchmarks.rl.settings import Settings
+from benchmarks.rl.splits import measure_splits
+from benchmarks.rl.train import VALIDATION, tracking_error, train
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "rl.md").read_text()
+
+
+def test_what_is_promised_is_shipped():
+    factories = {
+        name.replace("_", "-") for name, value in vars(policy).items() if getattr(value, "kind", "") == "learned"
+    }
+    assert set(shipped()) == factories
+    for interface in ("torque", "acceleration", "residual"):
+        assert shipped()[f"ppo-{interface}"] == (0, 1, 2, 3, 4)
+    assert sum(path.stat().st_size for path in SHIPPED.rglob("*")) < 10e6
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_a_shipped_agent_has_the_error_that_it_states(name):
+    """On the validation seeds, by which it was chosen; so the physics has not changed under it either."""
+    found = describe(SHIPPED / name / str(best_seed(name)))
+    scenario = Scenario.from_dict(found["scenario"])
+    env = TwoLinkArmVectorEnv(len(VALIDATION), scenario)
+    error = tracking_error(shipped_agent(name, env.interface), env, VALIDATION).mean()
+    assert error == pytest.approx(found["validation_mrad"], rel=0.01)
+    assert found["command"].startswith("fbl-gym train")
+    assert found["licence"] == "MIT"
+    assert {"steps", "wall_s", "packages", "hyperparameters", "seed"} <= set(found)
+
+
+def test_learning_curves_are_data():
+    found = curves("ppo-torque")
+    assert set(found) == {0, 1, 2, 3, 4}
+    for rows in found.values():
+        assert rows.shape[1] == 3
+        assert np.all(np.diff(rows[:, 0]) > 0)
+        assert rows[-1, 2] < 0.01 * rows[0, 2]
+    with pytest.raises(ValueError, match="unknown agent 'ppo-torq'; did you mean 'ppo-torque'"):
+        curves("ppo-torq")
+    with pytest.raises(ValueError, match="unknown training seed 9"):
+        policy.ppo_torque(TwoLinkArmEnv().interface, seed=9)
+
+
+def test_splits_have_intervals():
+    found = measure_splits("ppo-residual", seeds=range(2))
+    assert [*found] == ["interpolation", "in distribution", "extrapolation", "far extrapolation"]
+    for e in found.values():
+        assert e.low <= e.value <= e.high
+
+
+def test_sb3_evaluates_an_agent_as_it_is():
+    env = Monitor(gym.make("fbl_gym/TwoLinkArm-v0", scenario="everything-2", duration=1.0))
+    reward, _ = evaluate_policy(policy.ppo_torque(env.unwrapped.interface), env, n_eval_episodes=2)
+    assert 80.0 < reward <= 100.0
+
+
+def test_sb3_learns_on_the_registered_environment():
+    model = PPO("MlpPolicy", gym.make("fbl_gym/TwoLinkArm-v0"), n_steps=64, batch_size=64, device="cpu")
+    assert model.learn(64).num_timesteps == 64
+
+
+def test_rl_zoo3_trains_with_the_shipped_hyperparameters(tmp_path):
+    pytest.importorskip("rl_zoo3")
+    command = "-m rl_zoo3.train --algo ppo --env fbl_gym/TwoLinkArm-v0 --gym-packages fbl_gym --conf-file"
+    options = [str(ROOT / "benchmarks" / "rl" / "rl_zoo3.yml"), *["--eval-freq", "-1", "-n", "4096", "--device", "cpu"]]
+    done = subprocess.run([sys.executable, *command.split(), *options], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert list(tmp_path.rglob("*.zip"))
+
+
+@pytest.mark.skipif(importlib.util.find_spec("tensorboard") is None, reason="needs tensorboard")
+def test_tensorboard_gets_the_validation_error(tmp_path):
+    train(short(), tmp_path, evaluations=2)
+    assert list((tmp_path / "tensorboard").rglob("events.*"))
+
+
+def test_weights_and_biases_by_option(tmp_path, monkeypatch):
+    calls = []
+    fake = types.SimpleNamespace(init=lambda **options: calls.append(options), __spec__=None)
+    monkeypatch.setitem(sys.modules, "wandb", fake)
+    train(short(), tmp_path, evaluations=1, wandb="arms")
+    assert calls[0]["project"] == "arms"
+    assert calls[0]["config"]["algorithm"] == "ppo"
+
+
+def short():
+    own = {"lanes": 2, "steps": 80, "arguments": {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}}
+    scenario = scenarios.get("everything-2").replace(duration=0.2)
+    return Settings("ppo", scenario=scenario, hyperparameters=own)
+
+
+def test_the_page_on_learning_is_true(tmp_path, monkeypatch):
+    """Its training command in short, then its Python as it stands."""
+    (command,) = [line for line in PAGE.splitlines() if line == "fbl-gym train ppo"]
+    monkeypatch.chdir(tmp_path)
+    assert cli.main([*command.split()[1:], "--steps", "16384"]) == 0
+    for block in re.findall(r"```python\n(.*?)```", PAGE, flags=re.S):
+        done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "trace.png").exists()
+    assert json.loads((tmp_path / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"

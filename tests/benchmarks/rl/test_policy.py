@@ -1,0 +1,155 @@
+"""Agents as policies: what SB3's model did in training, the NumPy actor does anywhere."""
+
+import dataclasses
+import importlib
+
+import numpy as np
+import pytest
+
+from benchmarks.rl.interface import ACTIONS, AgentInterface, VectorBody
+from benchmarks.rl.policy import ALGORITHMS, Actor, Agent, SavedAgent, load_zip, read, write
+from benchmarks.rl.train import export
+from benchmarks.rl.vec_env import ArmVecEnv
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+
+SMALL = {
+    "ppo": {"n_steps": 16, "batch_size": 16},
+    "sac": {"learning_starts": 10, "buffer_size": 100},
+    "td3": {"learning_starts": 10, "buffer_size": 100},
+    "tqc": {"learning_starts": 10, "buffer_size": 100},
+    "crossq": {"learning_starts": 10, "buffer_size": 100},
+}
+
+
+def actor(agent, interface, seed=0):
+    """A network of random weights that fits."""
+    rng, size = np.random.default_rng(seed), Agent(interface, agent, None).body.size
+    layers = ((rng.normal(0, 0.3, (8, size)), rng.normal(0, 0.1, 8)), (rng.normal(0, 0.3, (2, 8)), np.zeros(2)))
+    return Actor(tuple((np.float32(w).astype(float), np.float32(b).astype(float)) for w, b in layers), "tanh", "clip")
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_the_exported_actor_is_sb3s_own(algorithm):
+    """To the single precision in which SB3 computes; after some learning, so that no bias or normalisation is trivial."""
+    module, name = ALGORITHMS[algorithm].split(":")
+    if module == "sb3_contrib":
+        pytest.importorskip(module)
+    env = ArmVecEnv(VectorBody(TwoLinkArmVectorEnv(2, "everything-2", autoreset_mode="SameStep"), AgentInterface()))
+    model = getattr(importlib.import_module(module), name)(
+        "MlpPolicy",
+        env,
+        seed=0,
+        device="cpu",
+        learning_rate=0.01,
+        policy_kwargs={"net_arch": [16, 16]},
+        **SMALL[algorithm],
+    )
+    model.learn(64)
+    seen = np.random.default_rng(0).uniform(-2, 2, (200, 12))
+    theirs = model.predict(seen.astype(np.float32), deterministic=True)[0]
+    assert theirs.std() > 0.01
+    np.testing.assert_allclose(export(model)(seen.astype(np.float32).astype(float)), theirs, rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+@pytest.mark.parametrize("history", [0, 3])
+def test_an_agent_acts_as_it_did_in_training(action, history):
+    """Its closed loop on the plain environment is that of its actor on the training environment, over several episodes."""
+    agent = AgentInterface(action=action, history=history)
+    options = {"scenario": "everything-2", "duration": 0.3, "autoreset_mode": "SameStep"}
+    plain, trained = TwoLinkArmVectorEnv(3, **options), VectorBody(TwoLinkArmVectorEnv(3, **options), agent)
+    policy = Agent(plain.interface, agent, actor(agent, plain.interface))
+    a, b = plain.reset(seed=3)[0], trained.reset(seed=3)[0]
+    state, starts = None, np.ones(3, dtype=bool)
+    ended = 0
+    for _ in range(70):
+        actions, state = policy.predict(a, state, starts)
+        a, reward, terminated, truncated, _ = plain.step(actions)
+        b, *theirs, infos = trained.step(policy.actor(b))
+        starts = terminated | truncated
+        for mine, his in zip((reward, terminated, truncated), theirs, strict=True):
+            np.testing.assert_array_equal(mine, his)
+        for lane in np.flatnonzero(starts):
+            assert infos["final_obs"][lane].shape == (policy.body.size,)
+            ended += 1
+    assert ended == 6
+    np.testing.assert_array_equal(plain.truth.position, trained.env.unwrapped.truth.position)
+
+
+def test_history_is_the_errors_and_actions_of_the_last_steps():
+    env = VectorBody(TwoLinkArmVectorEnv(2, autoreset_mode="SameStep", duration=0.1), AgentInterface(history=2))
+    seen, actions = [env.reset(seed=1)[0]], []
+    np.testing.assert_array_equal(seen[0][:, 12:], 0)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        actions.append(rng.uniform(-1, 1, (2, 2)).astype(np.float32))
+        seen.append(env.step(actions[-1])[0])
+    expected = np.concatenate([seen[5][:, :12], seen[4][:, :12], actions[4], seen[3][:, :12], actions[3]], axis=-1)
+    np.testing.assert_array_equal(seen[5], expected)
+    for _ in range(5):
+        last, *_, infos = env.step(np.zeros((2, 2)))
+    np.testing.assert_array_equal(last[:, 12:], 0)  # a new episode
+    assert np.any(infos["final_obs"][0][12:] != 0)
+
+
+@pytest.mark.parametrize("kind", ["fraction", "torque", "acceleration"])
+def test_any_kind_of_action_gives_the_same_torque(kind):
+    agent = AgentInterface(action="residual")
+    env = TwoLinkArmEnv("mixed-error-2", action=kind)
+    observation, _ = env.reset(seed=0)
+    policy = Agent(env.interface, agent, actor(agent, env.interface))
+    action, _ = policy.predict(observation)
+    torque, _ = policy.torque(observation[None], policy.initial(observation[None]))
+    position, velocity = observation[:2], observation[2:4]
+    np.testing.assert_allclose(
+        env.interface.torque_from_action(action, position, velocity), env.interface.saturate(torque[0]), rtol=1e-9
+    )
+
+
+def test_saved_agents_are_plain_data(tmp_path):
+    interface, agent = TwoLinkArmEnv().interface, AgentInterface(action="residual", history=1)
+    network = actor(agent, interface)
+    write(tmp_path, network, {"interface": dataclasses.asdict(agent)})
+    found, again = read(tmp_path)
+    assert found == agent
+    for (w, b), (w2, b2) in zip(network.layers, again.layers, strict=True):
+        np.testing.assert_array_equal(w, w2)
+        np.testing.assert_array_equal(b, b2)
+    assert SavedAgent(interface, str(tmp_path)) == SavedAgent(interface, str(tmp_path))
+    # Weights that would need code to load are refused.
+    np.savez(tmp_path / "weights.npz", weight_0=np.array([print], dtype=object))
+    with pytest.raises(ValueError, match="allow_pickle=False"):
+        SavedAgent(interface, str(tmp_path))
+
+
+def test_what_is_wrong_is_named(tmp_path):
+    interface = TwoLinkArmEnv().interface
+    with pytest.raises(ValueError, match="folder must hold"):
+        SavedAgent(interface, str(tmp_path))
+    with pytest.raises(ValueError, match="unknown action 'torques'; did you mean 'torque'"):
+        AgentInterface(action="torques")
+    with pytest.raises(ValueError, match="SameStep"):
+        VectorBody(TwoLinkArmVectorEnv(2), AgentInterface())
+
+
+def test_a_strangers_zip_is_loaded_on_trust_only(tmp_path):
+    from stable_baselines3 import PPO
+
+    env = TwoLinkArmEnv()
+    model = PPO("MlpPolicy", env, device="cpu")
+    model.save(tmp_path / "model.zip")
+    with pytest.raises(ValueError, match="runs the code in it"):
+        load_zip(tmp_path / "model.zip", env.interface)
+    policy = load_zip(tmp_path / "model.zip", env.interface, trust=True)
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(
+        policy.predict(observation, deterministic=True)[0], model.predict(observation, deterministic=True)[0]
+    )
+    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+        load_zip(tmp_path / "model.zip", TwoLinkArmEnv(preview=1).interface, trust=True)
+
+
+def test_a_lane_has_the_same_bits_alone_and_in_a_batch():
+    network = actor(AgentInterface(), TwoLinkArmEnv().interface)
+    seen = np.random.default_rng(1).normal(0, 3, (37, 12))
+    np.testing.assert_array_equal(network(seen), np.concatenate([network(row[None]) for row in seen]))

@@ -1,0 +1,117 @@
+"""The adapter is bit for bit SB3's own `DummyVecEnv` of as many single environments."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
+import fbl_gym
+from benchmarks.rl.vec_env import ArmVecEnv
+from fbl_gym.wrappers import ErrorCoordinates, VectorErrorCoordinates
+
+LANES = 3
+# Some lanes diverge and some are cut off, and so not all at once.
+OPTIONS = {"scenario": "everything-3", "duration": 0.4, "limits": {"velocity": 4.0}}
+
+
+def batched():
+    env = fbl_gym.TwoLinkArmVectorEnv(LANES, autoreset_mode="SameStep", **OPTIONS)
+    return ArmVecEnv(VectorErrorCoordinates(env))
+
+
+def singles():
+    make = lambda: ErrorCoordinates(gym.make("fbl_gym/TwoLinkArm-v0", **OPTIONS))
+    return DummyVecEnv([make] * LANES)
+
+
+def test_every_step_is_that_of_single_environments():
+    ours, theirs = batched(), singles()
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    rng, ends = np.random.default_rng(0), {True: 0, False: 0}
+    for seed in (5, None, 9):
+        if seed is not None:
+            assert ours.seed(seed) == theirs.seed(seed)
+        np.testing.assert_array_equal(ours.reset(), theirs.reset())
+        assert ours.reset_infos == theirs.reset_infos
+        for _ in range(100):
+            actions = rng.uniform(-0.5, 0.5, (LANES, 2)).astype(np.float32)
+            one, two = ours.step(actions), theirs.step(actions)
+            for a, b in zip(one[:3], two[:3], strict=True):
+                np.testing.assert_array_equal(a, b)
+                assert a.dtype == b.dtype
+            for mine, his in zip(one[3], two[3], strict=True):
+                assert mine.keys() == his.keys()
+                assert mine["TimeLimit.truncated"] is bool(his["TimeLimit.truncated"])
+                if "terminal_observation" in his:
+                    np.testing.assert_array_equal(mine["terminal_observation"], his["terminal_observation"])
+                    ends[mine["TimeLimit.truncated"]] += 1
+    assert min(ends.values()) > 0
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "options"),
+    [
+        (PPO, {"n_steps": 32, "batch_size": 48, "n_epochs": 2}),
+        (SAC, {"learning_starts": 30, "buffer_size": 300, "batch_size": 16, "train_freq": 4}),
+    ],
+)
+def test_agents_learn_the_same_bits(algorithm, options):
+    """On-policy use bootstraps from `terminal_observation`; off-policy use stores it in the replay buffer."""
+    learned = []
+    for env in (batched(), singles()):
+        model = algorithm("MlpPolicy", env, seed=3, device="cpu", policy_kwargs={"net_arch": [16]}, **options)
+        model.learn(240)
+        learned.append([p.detach().numpy() for p in model.policy.parameters()])
+    for a, b in zip(*learned, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_what_sb3_asks_of_an_environment():
+    env = batched()
+    assert env.get_attr("render_mode") == [None] * LANES
+    assert env.get_attr("interface", indices=1) == [env.env.unwrapped.interface]
+    assert env.env_is_wrapped(ErrorCoordinates) == [False] * LANES
+    env.seed(4)
+    env.reset()
+    third = env.get_attr("truth")[2]
+    single = gym.make("fbl_gym/TwoLinkArm-v0", **OPTIONS)
+    single.reset(seed=6)
+    np.testing.assert_array_equal(third.masses, single.unwrapped.truth.masses)
+    assert not env.has_attr("no_such_thing")
+    for change in (lambda: env.set_attr("scenario", None), lambda: env.env_method("reset")):
+        with pytest.raises(AttributeError, match="share one environment"):
+            change()
+
+
+def test_seeds_and_options_are_used_once():
+    env = batched()
+    env.seed(4)
+    first, second = env.reset(), env.reset()
+    assert np.any(first != second)
+    env.set_options({"mass": 3})
+    with pytest.raises(ValueError, match="unknown reset option 'mass'"):
+        env.reset()
+
+
+def test_sb3s_monitor_takes_it():
+    env = VecMonitor(batched())
+    env.seed(0)
+    env.reset()
+    infos = [env.step(np.zeros((LANES, 2)))[3] for _ in range(60)]
+    assert any("episode" in info for step in infos for info in step)
+
+
+def test_another_autoreset_mode_is_refused():
+    with pytest.raises(ValueError, match="autoreset_mode"):
+        ArmVecEnv(fbl_gym.TwoLinkArmVectorEnv(2))
+
+
+def test_frames_of_all_lanes():
+    pytest.importorskip("pygame")
+    env = ArmVecEnv(fbl_gym.TwoLinkArmVectorEnv(2, autoreset_mode="SameStep", render_mode="rgb_array", render_size=160))
+    env.seed(0)
+    env.reset()
+    assert env.render("rgb_array").shape == (320, 160, 3)
+    assert env.metadata["render_fps"] == 100

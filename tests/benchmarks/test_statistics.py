@@ -1,0 +1,311 @@
+"""Each statistic against its definition by brute force, against SciPy, and by how often its interval covers."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from benchmarks.metrics import measure
+from benchmarks.rollout import rollout
+from benchmarks.statistics import (
+    ENOUGH_EPISODES,
+    ONCE,
+    WORST_SCORE,
+    components,
+    difference,
+    enough,
+    estimate,
+    failures,
+    improvement,
+    interval,
+    iqm,
+    mean,
+    over_training,
+    profile,
+    radius,
+    ranks,
+    resample,
+    score,
+    trained,
+    wins,
+)
+from fbl_gym import scenarios
+
+
+def runs(*shape, seed=0):
+    return np.random.default_rng(seed).lognormal(size=shape)
+
+
+def redrawn(x, counts):
+    """The runs [s x n] of one resample, written out: each as often as it is counted."""
+    counts = np.broadcast_to(counts, x.shape).astype(int)
+    return np.stack([np.repeat(row, times) for row, times in zip(x, counts, strict=True)])
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7, 10, 64])
+@pytest.mark.parametrize("strata", [1, 3])
+def test_iqm_and_mean_are_those_of_the_runs_drawn_again(n, strata):
+    x = runs(2, 3, n)
+    x[0, 0] = x[0, 1]  # ties
+    counts = resample(n, 1, strata=strata, resamples=40)
+    drawn = [[redrawn(one, c) for one in x] for c in counts]
+    expected = [[stats.trim_mean(one, 0.25, axis=None) for one in pair] for pair in drawn]
+    np.testing.assert_allclose(iqm(x, counts), expected, rtol=1e-12)
+    np.testing.assert_allclose(mean(x, counts), np.mean(drawn, axis=(2, 3)), rtol=1e-12)
+    np.testing.assert_allclose(iqm(x, ONCE)[0], [stats.trim_mean(one, 0.25, axis=None) for one in x], rtol=1e-12)
+
+
+def test_resamples_draw_n_of_n_and_repeat_with_their_seed():
+    counts = resample(50, 3, strata=4, resamples=300)
+    assert counts.shape == (300, 4, 50)
+    assert np.all(counts.sum(axis=-1) == 50)
+    np.testing.assert_array_equal(counts, resample(50, np.random.default_rng(3), strata=4, resamples=300))
+    # Multinomial: each seed once on average, with variance 1 - 1/n.
+    assert counts.mean() == 1.0
+    assert counts.var() == pytest.approx(1 - 1 / 50, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "of_runs"), [(iqm, lambda x: stats.trim_mean(x, 0.25, axis=None)), (mean, np.mean)]
+)
+def test_intervals_agree_with_scipy(statistic, of_runs):
+    """Whole seeds are one paired sample of scipy.stats.bootstrap, with a scenario in each of its variables."""
+    x = runs(3, 80)
+    found = estimate(x, resample(80, 0, resamples=4000), statistic)
+    expected = stats.bootstrap(
+        list(x),
+        lambda *rows: of_runs(np.stack(rows)),
+        paired=True,
+        vectorized=False,
+        method="percentile",
+        n_resamples=4000,
+        rng=1,
+    )
+    width = found.high - found.low
+    assert found.value == pytest.approx(of_runs(x))
+    assert found.low == pytest.approx(expected.confidence_interval.low, abs=0.06 * width)
+    assert found.high == pytest.approx(expected.confidence_interval.high, abs=0.06 * width)
+
+
+def test_a_level_is_a_quantile():
+    draws = np.arange(1001.0)
+    found = interval(3.0, draws, level=0.8)
+    assert (found.value, found.low, found.high) == pytest.approx((3.0, 100.0, 900.0))
+
+
+def test_whole_seeds_cover_where_scenarios_share_them_and_strata_do_not():
+    """200 benchmarks of 4 scenarios and 60 seeds, where a hard seed is hard in all of them; the truth is that of 200,000."""
+    rng = np.random.default_rng(0)
+
+    def benchmark(n):
+        return np.exp(0.5 * rng.standard_normal(n) + 0.3 * rng.standard_normal((4, n)))
+
+    truth = iqm(benchmark(200_000), ONCE)[0]
+    covered = {1: 0, 4: 0}
+    for k in range(200):
+        x = benchmark(60)
+        for strata in covered:
+            found = estimate(x, resample(60, k, strata=strata, resamples=300))
+            covered[strata] += found.low <= truth <= found.high
+    assert 0.90 <= covered[1] / 200 <= 0.99  # 95 % says the interval
+    assert covered[4] / 200 < 0.80
+
+
+def test_a_difference_is_paired():
+    """b is a plus a little: alone their intervals overlap far, their difference is sure."""
+    a = runs(2, 40)
+    b = a + 0.1 + 0.01 * runs(2, 40, seed=1)
+    counts = resample(40, 0)
+    found = difference(a, b, counts, mean)
+    assert found.value == pytest.approx(a.mean() - b.mean())
+    assert found.high < -0.1
+    assert estimate(a, counts, mean).high > estimate(b, counts, mean).low
+    again = np.array([redrawn(a, c).mean() - redrawn(b, c).mean() for c in counts[:50]])
+    np.testing.assert_allclose(mean(a, counts[:50]) - mean(b, counts[:50]), again, rtol=1e-9)
+
+
+@pytest.mark.parametrize("strata", [1, 3])
+def test_probability_of_improvement_is_mann_whitneys(strata):
+    a, b = np.round(runs(3, 20), 1), np.round(1.3 * runs(3, 20, seed=1), 1)  # rounded: ties
+
+    def by_scipy(a, b):
+        return np.mean([stats.mannwhitneyu(y, x).statistic / len(x) ** 2 for x, y in zip(a, b, strict=True)])
+
+    counts = resample(20, 0, strata=strata, resamples=60)
+    found = improvement(a, b, counts)
+    draws = [by_scipy(redrawn(a, c), redrawn(b, c)) for c in counts]
+    assert found.value == pytest.approx(by_scipy(a, b))
+    assert (found.low, found.high) == pytest.approx(tuple(np.quantile(draws, (0.025, 0.975))))
+    other = improvement(b, a, counts)
+    assert other.value == pytest.approx(1 - found.value)
+    assert other.low == pytest.approx(1 - found.high)
+
+
+def test_wins_are_counted_on_the_same_seed():
+    a = runs(2, 30)
+    counts = resample(30, 0)
+    assert wins(a, a + 1e-9, counts).value == 1.0
+    assert wins(a, a, counts).value == 0.5
+    # A policy that is always a little better wins every seed, while a run on another seed says little.
+    assert improvement(a, a + 1e-9, counts).value < 0.55
+    b = runs(2, 30, seed=1)
+    assert wins(a, b, counts).value == np.mean(a < b)
+
+
+def test_ranks():
+    x = np.stack([runs(2, 50), runs(2, 50) + 5.0, 1.001 * runs(2, 50, seed=1), runs(2, 50)])
+    draws = iqm(x, resample(50, 0))
+    found = ranks(draws)
+    assert (found.low[1], found.value[1], found.high[1]) == (4.0, 4.0, 4.0)
+    assert (found.low[2], found.high[2]) == (1.0, 3.0)
+    np.testing.assert_array_equal(found.value[[0, 3]], found.value[[3, 0]])
+    order = [sorted(row).index(row[2]) + 1 for row in draws]
+    assert found.value[2] == np.median(order)
+
+
+def test_profile():
+    x, tau = runs(2, 3, 25), np.geomspace(0.1, 10, 7)
+    found = profile(x, tau, resample(25, 0, resamples=200))
+    np.testing.assert_allclose(found.value, [[np.mean(one <= t) for t in tau] for one in x])
+    assert np.all(np.diff(found.value, axis=-1) >= 0)
+    assert np.all((found.low <= found.value) & (found.value <= found.high))
+
+
+def test_a_degradation_curve_is_an_estimate_per_severity():
+    x = runs(2, 4, 3, 25) * np.array([1, 2, 3, 4])[:, None, None]  # family, severity, arm, seed
+    counts = resample(25, 0, resamples=100)
+    found = estimate(x, counts)
+    alone = estimate(x[1, 2], counts)
+    assert found.value.shape == (2, 4)
+    assert (found.value[1, 2], found.low[1, 2], found.high[1, 2]) == pytest.approx((alone.value, alone.low, alone.high))
+
+
+def test_score():
+    stay, oracle = np.array([50.0, 40.0, 60.0, 50.0]), np.array([1.0, 2.0, 0.0, 1.0])
+    none = np.zeros(4)
+    np.testing.assert_allclose(score(stay, stay, oracle, none), 0.0)
+    np.testing.assert_allclose(score(oracle, stay, oracle, none), 100.0)
+    assert score([21.0], [40.0], [2.0], [0]) == pytest.approx(50.0)
+    assert score([0.0], [40.0], [2.0], [0]) > 100
+    np.testing.assert_array_equal(score([1.0, 1e9], [50.0, 50.0], [1.0, 1.0], [1, 0]), WORST_SCORE)
+    with pytest.raises(ValueError, match=r"oracle must err less .* at \(1,\)"):
+        score([1.0, 1.0], [50.0, 2.0], [1.0, 2.0], [0, 0])
+
+
+def test_score_of_real_runs():
+    """The cascade lies between an arm that stays and the oracle."""
+    scenario = scenarios.get("mass-error-2").replace(duration=2.0)
+    cascade, oracle = (measure(rollout(name, scenario, range(4))) for name in ("cascade-flm", "oracle-flm"))
+    error, ceiling = ([row["error_pct"] for row in rows] for rows in (cascade, oracle))
+    found = score(error, [row["stay_pct"] for row in cascade], ceiling, [row["diverged"] for row in cascade])
+    assert np.all((found > 50) & (found < 100))
+
+
+def test_failures_agree_with_scipy_and_cover():
+    for k, n in [(0, 256), (1, 30), (15, 30), (30, 30)]:
+        found, expected = failures(k, n), stats.binomtest(k, n).proportion_ci(method="exact")
+        assert (found.value, found.low, found.high) == pytest.approx((k / n, expected.low, expected.high))
+    n = 40
+    k = np.arange(n + 1)
+    found = failures(k, n)
+    for p in np.linspace(0.01, 0.99, 50):
+        assert stats.binom.pmf(k, n, p)[(found.low <= p) & (p <= found.high)].sum() >= 0.95
+    assert enough(ENOUGH_EPISODES)
+    assert not enough(ENOUGH_EPISODES - 1)
+    assert failures(0, ENOUGH_EPISODES).high < 0.015
+    with pytest.raises(ValueError, match="failed must lie between 0 and runs"):
+        failures(3, 2)
+
+
+@pytest.mark.parametrize("edge", [0.03, 0.5, 2.0, 9.5])
+def test_radius_finds_the_edge(edge):
+    found = radius(lambda r: 1.0 if r <= edge else 0.5)
+    assert found.value <= edge < found.fails
+    assert np.log1p(found.fails) - np.log1p(found.value) <= 0.01 + 1e-12
+    assert len(found.tried) <= 7 + 7
+    assert found.monotone
+    assert str(found) == f"{found.value:.3g}"
+
+
+def test_a_radius_beyond_the_bracket_is_said():
+    assert str(radius(lambda r: 1.0)) == "≥ 10"
+    assert str(radius(lambda r: 0.0, bracket=(0.1, 2.0))) == "< 0.1"
+    assert [r for r, _ in radius(lambda r: 1.0, scan=1).tried] == pytest.approx([0.0, 10.0])
+
+
+def test_the_radius_of_a_policy_that_fails_in_between_ends_there():
+    found = radius(lambda r: 0.5 if 1.0 < r < 2.0 else 1.0)
+    assert found.value <= 1.0 < found.fails
+    falls_and_rises = radius(lambda r: 0.96 if 0.2 < r < 1.0 else 1.0 if r < 3.0 else 0.0)
+    assert falls_and_rises.value == pytest.approx(3.0, abs=0.04)
+    assert not falls_and_rises.monotone
+
+
+def test_radius_of_a_share_of_seeds():
+    """Each seed has its own edge; the radius is where 95 % of them still track: the edges' 5 % quantile."""
+    edges = np.random.default_rng(0).uniform(0.5, 3.0, size=256)
+    found = radius(lambda r: np.mean(edges >= r), tolerance=1e-4)
+    assert found.value == pytest.approx(np.sort(edges)[int(0.05 * 256)], rel=1e-3)
+
+
+def test_components_are_those_of_the_simulation():
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(200):
+        x = 2.0 * rng.standard_normal((6, 1)) + 1.5 * rng.standard_normal((1, 40)) + rng.standard_normal((6, 40))
+        found.append([components(x).training, components(x).world, components(x).rest])
+    np.testing.assert_allclose(np.mean(found, axis=0), [4.0, 2.25, 1.0], rtol=0.1)
+
+
+def test_components_by_hand():
+    """Two by two: rows differ by 4, columns by 2, and the rest is 1 in each corner."""
+    found = components([[0.0 + 1, 2.0 - 1], [4.0 - 1, 6.0 + 1]])
+    # Mean squares: training 2 * var(1, 5) = 16, world 2 * var(2, 4) = 4, rest 4 * 1 / 1 = 4.
+    assert (found.training, found.world, found.rest) == pytest.approx((6.0, 0.0, 4.0))
+    assert found.standard_error == pytest.approx(np.sqrt(6 / 2 + 4 / 4))
+    with pytest.raises(ValueError, match=r"got shape \(1, 5\)"):
+        components(np.ones((1, 5)))
+
+
+def test_training_seeds_widen_an_interval_and_few_are_labelled():
+    rng = np.random.default_rng(0)
+    x = 2.0 * rng.standard_normal((12, 1, 1)) + rng.standard_normal((3, 40)) + 0.5 * rng.standard_normal((12, 3, 40))
+    counts = resample(40, 0)
+    found = trained(x, counts, 1, mean)
+    alone = estimate(x, counts[:, None], mean)
+    assert found.value == pytest.approx(x.mean())
+    assert found.high - found.low > 2 * (alone.high - alone.low)
+    drawn = mean(x, over_training(counts, 12, 1))
+    # Twelve: the bootstrap divides by t, not t - 1, hence the factor.
+    expected = components(x.mean(axis=1)).standard_error * np.sqrt(11 / 12)
+    assert drawn.std() == pytest.approx(expected, rel=0.08)
+    assert found.label == ""
+    assert trained(x[:9], counts, 1).label == "optimistic"
+
+
+def test_a_resample_of_training_seeds_is_the_runs_drawn_again():
+    x = runs(3, 2, 5)
+    counts = over_training(resample(5, 0, resamples=20), 3, 1)
+    for w, found in zip(counts, iqm(x, counts), strict=True):
+        drawn = np.repeat(x.ravel(), np.broadcast_to(w, x.shape).astype(int).ravel())
+        assert found == pytest.approx(stats.trim_mean(drawn, 0.25))
+
+
+def test_few_training_seeds_cover_too_rarely():
+    """What the label says: 300 trainings of 5 seeds each, the interval says 95 %."""
+    rng = np.random.default_rng(1)
+    counts, covered = resample(30, 0, resamples=400), 0
+    for k in range(300):
+        x = rng.standard_normal((5, 1, 1)) + 0.5 * rng.standard_normal((5, 1, 30))
+        found = trained(x, counts, k, mean)
+        covered += found.low <= 0 <= found.high
+    assert 0.75 < covered / 300 < 0.92
+
+
+def test_missing_runs_and_wrong_shapes_are_refused():
+    counts = resample(4, 0, resamples=5)
+    with pytest.raises(ValueError, match="every run must have a number, the worst where it diverged; got 1 NaN"):
+        iqm([[1.0, 2.0, np.nan, 4.0]], counts)
+    with pytest.raises(ValueError, match=r"counts must be \[b x s x n\]"):
+        mean(np.ones((2, 5)), counts)
+    with pytest.raises(ValueError, match="level must be a finite number"):
+        estimate(np.ones((1, 4)), counts, level=95)
