@@ -65,6 +65,12 @@ def sensors(policy: str) -> str:
     return ", ".join(getattr(factory, "needs", ()))
 
 
+def preview(policy: str) -> float:
+    """How far ahead a policy would see the reference [s]."""
+    factory = controllers.factory(policy) if _registered(policy) else None
+    return float(getattr(factory, "preview", 0.0))
+
+
 def tuning(policy: str) -> str:
     """Whether a policy's gains are tuned."""
     if learned(policy):

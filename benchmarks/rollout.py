@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,6 +48,12 @@ class Trace:
     watched: dict[str, Array] = field(default_factory=dict)
 
 
+def make_env(policy: str, scenario: Scenario, lanes: int) -> TwoLinkArmVectorEnv:
+    """The environment in which a policy is evaluated: with as much preview of the reference as it declares."""
+    preview = math.ceil(joining.preview(policy) / scenario.control_dt - 1e-9)
+    return TwoLinkArmVectorEnv(lanes, scenario, action=action_of(scenario), preview=preview)
+
+
 Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
 """What to look at after each step: a function of the environment, the policy and its state."""
 
@@ -75,7 +82,7 @@ def rollout(
         watch: what else to record after each step, by name.
     """
     n, steps = len(seeds), scenario.steps
-    env = TwoLinkArmVectorEnv(n, scenario, action=action_of(scenario))
+    env = make_env(policy, scenario, n)
     actor = joining.make(policy, env, **(gains or {}))
     signals = {name: np.empty((steps + 1, n, 2)) for name in _SIGNALS}
     alive = np.ones((steps + 1, n), dtype=bool)

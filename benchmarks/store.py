@@ -23,9 +23,8 @@ from typing import Any
 
 from benchmarks import joining
 from benchmarks.metrics import METRICS
-from benchmarks.rollout import action_of
+from benchmarks.rollout import make_env
 from benchmarks.suite import Cell
-from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
 VERSION = 1
 """Raised when the same cell gives other numbers than before: results of older versions are then computed anew."""
@@ -62,7 +61,7 @@ class Result:
 
 def identity(cell: Cell) -> dict[str, Any]:
     """All that a cell's numbers depend on, as plain data. The policy is made for it, so its errors come through."""
-    made = joining.make(cell.policy, TwoLinkArmVectorEnv(1, cell.scenario, action=action_of(cell.scenario)))
+    made = joining.make(cell.policy, make_env(cell.policy, cell.scenario, 1))
     scenario = cell.scenario.to_dict()
     del scenario["description"]
     return {

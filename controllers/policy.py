@@ -64,13 +64,15 @@ class TorqueLaw:
 
     A subclass is a frozen dataclass whose fields are its gains. It works on batches: observations are [n x size], torques
     [n x 2] N m, and a state is a tuple of arrays with n rows each. `needs` names the sensors without which it cannot run;
-    `ranges` says for each gain worth tuning between which values (of one number for both joints) to look for it.
+    `preview` is how far ahead it would see the reference [s]; `ranges` says for each gain worth tuning between which values
+    (of one number for both joints) to look for it.
     """
 
     interface: Interface
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity")
     tier: ClassVar[str] = "nominal model"
+    preview: ClassVar[float] = 0.0
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
 
     def __post_init__(self) -> None:
@@ -329,6 +331,12 @@ for _name, _factory, _summary, _tier in (
         "sliding-mode",
         "controllers.sliding_mode:SuperTwisting",
         "super-twisting on the nominal linearisation (Levant; Moreno and Osorio)",
+        "nominal model",
+    ),
+    (
+        "nmpc",
+        "controllers.nmpc:Nmpc",
+        "nonlinear model predictive control with a disturbance estimate and preview (needs casadi)",
         "nominal model",
     ),
     (

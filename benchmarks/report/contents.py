@@ -68,7 +68,7 @@ def _policy(board: Board, i: int) -> Policy:
         "summary": controllers.summary(name) if own else "",
         "tier": joining.tier(name),
         "sensors": joining.sensors(name),
-        "preview": "none",
+        "preview": f"{seconds:.2g} s" if (seconds := joining.preview(name)) else "none",
         "tuning": joining.tuning(name),
         "rank": between(board.rank, ranked.index(i)) if i in ranked else None,
         "score": _nothing() if board.score is None else between(board.score, i),

@@ -117,7 +117,7 @@ def test_sb3_evaluates_it_as_it_is(name):
     assert spread >= 0.0
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("zero", "adrc", "oracle-flm")])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("zero", "adrc", "nmpc", "oracle-flm")])
 def test_a_missing_sensor_is_named(name):
     with pytest.raises(ValueError, match="needs a sensor of"):
         controllers.make(name, TwoLinkArmEnv(sensors=("position",)))

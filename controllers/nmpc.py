@@ -1,0 +1,212 @@
+"""Nonlinear model predictive control: the torques of the next 0.3 s, planned anew fifty times a second.
+
+The real-time iteration (Diehl, Bock, Schlöder, Findeisen, Nagy and Allgöwer 2002, "Real-time optimization and nonlinear model
+predictive control", J. Process Control 12(4)): each decision linearises the predicted motion about the last plan and solves
+one quadratic programme. CasADi generates the derivatives; the solver is DAQP (Arnström, Bemporad and Axehill 2022, "A dual
+active-set solver for embedded quadratic programming using recursive LDL' updates", IEEE TAC 67(8)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from scipy.linalg import cholesky, solve_discrete_are
+
+from controllers.observer import ExtendedStateObserver
+from controllers.policy import State, TorqueLaw
+from fbl_gym.arm import (
+    ArmParameters,
+    Array,
+    coriolis_terms,
+    forward_dynamics,
+    gravity_terms,
+    gravity_torque,
+    inertia_matrix,
+    inertia_terms,
+    solve_terms,
+)
+from fbl_gym.records import Pair, pair, settle
+
+try:
+    import casadi as ca
+except ImportError as problem:
+    raise DependencyNotInstalled("nmpc needs casadi: pip install 'fbl-gym[mpc]'") from problem
+
+HORIZON = 15
+"""Steps of the plan."""
+
+STEP = 0.02
+"""Length of a step [s], to the nearest multiple of the control interval."""
+
+
+def acceleration(arm: ArmParameters, x: Any, torque: Any) -> Any:
+    """The nominal acceleration as an expression, from x = (q, v) [4] and torque [2]: `forward_dynamics` for CasADi."""
+    p1, p2, p3, p4, p5 = map(float, arm.lumped)
+    q1, q2, v1, v2 = (x[i] for i in range(4))
+    b1, b2 = coriolis_terms(p3, ca.sin(q2), v1, v2)
+    g1, g2 = gravity_terms(p4, p5, ca.cos(q1), ca.cos(q1 + q2))
+    m11, m12, m22 = inertia_terms(p1, p2, p3, ca.cos(q2))
+    return ca.vertcat(*solve_terms(m11, m12, m22, torque[0] - b1 - g1, torque[1] - b2 - g2))
+
+
+def terminal(step: float, position: float, velocity: float) -> Array:
+    """R [2 x 2] with |R (e, e')|^2 the cost from the horizon's end to infinity, of the linearised arm without limits."""
+    f, g = np.array([[1.0, step], [0.0, 1.0]]), np.array([[0.5 * step**2], [step]])
+    return cholesky(solve_discrete_are(f, g, np.diag([position, velocity]) ** 2, np.eye(1)))
+
+
+def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> Any:
+    """The function (start [6], reference [6 x (HORIZON + 1)], plan [2 HORIZON]) -> residuals, whose squares sum to the cost.
+
+    start is position, velocity and f, the acceleration that the model does not explain, held over the horizon. The plan is in
+    units of the stretched arm's inertia, so that its entries are accelerations.
+    """
+    (w1, w2), (c1, c2) = weights
+    scale = ca.DM(np.diagonal(inertia_matrix(arm, (0.0, 0.0))))
+    start, reference, plan = ca.SX.sym("s", 6), ca.SX.sym("r", 6, HORIZON + 1), ca.SX.sym("u", 2 * HORIZON)
+    x, f, found = start[:4], start[4:], []
+
+    def rate(x: Any, torque: Any) -> Any:
+        return ca.vertcat(x[2:], acceleration(arm, x, torque) + f)
+
+    for k in range(HORIZON):
+        torque = scale * plan[2 * k : 2 * k + 2]
+        # e'' of the plan, which counts as 1 whatever it takes to reach it
+        found.append(rate(x, torque)[2:] - reference[4:, k])
+        # Runge and Kutta's fourth-order step
+        k1 = rate(x, torque)
+        k2 = rate(x + 0.5 * step * k1, torque)
+        k3 = rate(x + 0.5 * step * k2, torque)
+        k4 = rate(x + step * k3, torque)
+        x = x + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        error = x - reference[:4, k + 1]
+        if k < HORIZON - 1:
+            found.append(ca.vertcat(w1, w2, c1, c2) * error)
+    for joint, own in enumerate(((w1, c1), (w2, c2))):
+        found.append(ca.DM(terminal(step, *own)) @ ca.vertcat(error[joint], error[2 + joint]))
+    return ca.Function("residuals", [start, reference, plan], [ca.vertcat(*found)])
+
+
+@lru_cache(maxsize=16)
+def planner(arm: ArmParameters, step: float, weights: tuple[Pair, Pair], limit: Pair | None, lanes: int) -> Any:
+    """The function (start [6 x n], reference [6 x n (HORIZON + 1)], plan [2 HORIZON x n] N m) -> better plans, likewise.
+
+    One Gauss-Newton step: the residuals of `residuals` are linearised about the plan, and the sum of their squares is
+    minimised within the limits.
+
+    Args:
+        arm: the nominal model.
+        step: [s].
+        weights: of position and velocity, per joint.
+        limit: of the torque [N m].
+        lanes: n.
+    """
+    cost = residuals(arm, step, weights)
+    dense = ca.Sparsity.dense(2 * HORIZON, 2 * HORIZON)
+    solver = ca.conic("solver", "daqp", {"h": dense}, {"error_on_fail": False})
+    scale = ca.repmat(ca.DM(np.diagonal(inertia_matrix(arm, (0.0, 0.0)))), HORIZON, 1)
+    bound = ca.inf if limit is None else ca.repmat(ca.DM(limit), HORIZON, 1) / scale
+    symbols = [ca.SX.sym(f"s{i}", *cost.size_in(i)) for i in range(3)]
+    value = cost(*symbols)
+    slope = ca.jacobian(value, symbols[2])
+    expand = ca.Function("expand", symbols, [slope.T @ slope, slope.T @ value])
+    start, reference, plan = (ca.MX.sym(f"m{i}", *cost.size_in(i)) for i in range(3))
+    u = plan / scale
+    # min |value + slope du|^2 / 2 for u + du within the limits
+    h, g = expand(start, reference, u)
+    change = solver(h=h, g=g, lbx=-bound - u, ubx=bound - u)["x"]
+    return ca.Function("planner", [start, reference, plan], [plan + scale * change]).map(lanes)
+
+
+@dataclass(frozen=True)
+class Nmpc(TorqueLaw):
+    """Plans the torques that minimise, over 15 steps of 20 ms and within the torque limits,
+
+        sum of (position e)^2 + (velocity e')^2 + (e'')^2 + the regulator's cost from there on, e = r - q,
+
+    and applies the first. The motion is that of the nominal arm plus the acceleration f that the extended state observer
+    finds, held over the horizon, so that no constant load leaves an error. Where no limit is met, it acts as the optimal
+    regulator of the linearised arm. It runs on the position sensor alone.
+
+    It plans every 20 ms, or at every decision where those are rarer, and holds the torque in between. Where the observation
+    has a `preview`, the reference is read from it as far as it reaches; from there on (or from now on) its acceleration is
+    held.
+
+    Args:
+        position: weight of the error [1/s^2], per joint.
+        velocity: weight of its rate [1/s], per joint; both against 1 for its acceleration.
+        observer_bandwidth: all poles of the observer [rad/s], per joint.
+    """
+
+    position: Pair | float = 100.0
+    velocity: Pair | float = 10.0
+    observer_bandwidth: Pair | float = 45.0
+
+    needs: ClassVar[tuple[str, ...]] = ("position",)
+    preview: ClassVar[float] = HORIZON * STEP
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
+        {"position": (10.0, 1000.0), "velocity": (1.0, 100.0), "observer_bandwidth": (15.0, 200.0)}
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("position", "velocity", "observer_bandwidth"):
+            settle(self, **{name: pair(name, getattr(self, name), above=0)})
+
+    @property
+    def stride(self) -> int:
+        """Decisions from plan to plan."""
+        return max(1, round(STEP / self.interface.control_dt))
+
+    @property
+    def observer(self) -> ExtendedStateObserver:
+        return ExtendedStateObserver(self.interface.control_dt, pair("observer_bandwidth", self.observer_bandwidth))
+
+    def initial(self, observation: Array) -> State:
+        q, r_dot = self.read(observation, "position", "reference_velocity")
+        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        return self.observer.initial(q, r_dot), np.repeat(hold[:, None], HORIZON, axis=1), np.zeros(len(q), dtype=int)
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        foreseen, plan, count = state
+        (position,) = self.read(observation, "position")
+        estimate = self.observer.correct(foreseen, position)
+        due = count % self.stride == 0
+        if due.any():
+            plan = plan.copy()
+            plan[due] = self.plan(observation[due], estimate[due], plan[due])
+        torque = plan[:, 0]
+        u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], torque)
+        return torque, (self.observer.foresee(estimate, u), plan, count + 1)
+
+    def plan(self, observation: Array, estimate: Array, plan: Array) -> Array:
+        """The torques [n x HORIZON x 2] from now on, from the plan made a step ago."""
+        n = len(plan)
+        weights = pair("position", self.position), pair("velocity", self.velocity)
+        step = self.stride * self.interface.control_dt
+        improve = planner(self.interface.nominal, step, weights, self.interface.torque_limit, n)
+        start = estimate.transpose(2, 1, 0).reshape(6, n)
+        reference = self.reference(observation).reshape(-1, 6).T
+        shifted = np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
+        found = np.asarray(improve(start, reference, shifted.reshape(n, -1).T)).T.reshape(plan.shape)
+        # Where the solver gave up, the last plan goes on.
+        return self.interface.saturate(np.where(np.isfinite(found).all(axis=(1, 2), keepdims=True), found, shifted))
+
+    def reference(self, observation: Array) -> Array:
+        """Position, velocity and acceleration asked for at each step of the plan [n x (HORIZON + 1) x 6]."""
+        now = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        known = np.concatenate(now, axis=-1)[:, None]
+        if "preview" in self.interface.layout:
+            (ahead,) = self.read(observation, "preview")
+            known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
+        wanted = self.stride * np.arange(HORIZON + 1)
+        last = np.minimum(wanted, known.shape[1] - 1)
+        r, r_dot, r_ddot = np.split(known[:, last], 3, axis=-1)
+        t = ((wanted - last) * self.interface.control_dt)[:, None]
+        return np.concatenate([r + t * r_dot + 0.5 * t**2 * r_ddot, r_dot + t * r_ddot, r_ddot], axis=-1)
