@@ -106,9 +106,11 @@ class Board:
             found.setdefault(family_of(scenario), []).append(i)
         return found
 
-    def family_error(self, family: str) -> Estimate:
-        """The interquartile mean of each policy's errors in a family [p]."""
-        return statistics.estimate(self.errors[:, self.families[family]], self.counts)
+    @cached_property
+    def family_errors(self) -> dict[str, Estimate]:
+        """The interquartile mean of each policy's errors in each family [p]."""
+        found = self.families.items()
+        return {family: statistics.estimate(self.errors[:, indices], self.counts) for family, indices in found}
 
     def degradation(self, family: str, arm: str) -> tuple[list[int], Estimate] | None:
         """Severities [k], and the interquartile mean of each policy's errors at each [p x k]; None with fewer than two."""

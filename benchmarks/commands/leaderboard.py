@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import sys
 from collections.abc import Sequence
@@ -14,11 +15,11 @@ from benchmarks import joining
 from benchmarks.board import assemble
 from benchmarks.commands.common import add_store, command_line, console, count
 from benchmarks.report import terminal
-from benchmarks.report.export import write_csv
 from benchmarks.runner import BACKENDS, Outcome
 from benchmarks.runner import run as run_cells
 from benchmarks.store import Result, Store, identity
 from benchmarks.suite import SUITES, Cell, Suite, load, narrow
+from fbl_gym import scenarios
 
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +31,7 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--trust", action="store_true", help="load archives of stable-baselines3, which run their code")
     parser.add_argument("--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families")
+    parser.add_argument("--arm", choices=scenarios.arms(), help="only scenarios of this arm")
     parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, with the test seeds 0 to N-1")
     add_store(parser)
 
@@ -37,7 +39,11 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
 def suite_of(arguments: argparse.Namespace) -> Suite:
     """The suite that the arguments of `add_suite` mean."""
     suite = narrow(load(arguments.suite), arguments.policies, arguments.scenarios, arguments.seeds)
-    return narrow(suite, (*suite.policies, *arguments.policy))
+    suite = narrow(suite, (*suite.policies, *arguments.policy))
+    if arguments.arm is None:
+        return suite
+    arm = scenarios.get(scenarios.family("nominal", 0, arguments.arm).name).arm
+    return dataclasses.replace(suite, scenarios=tuple(s for s in suite.scenarios if s.arm == arm))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,8 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     done = results_of(cells, store, outcomes)
     if any(result.rows for result in done):
         terminal.leaderboard(console(), assemble(done))
-        write_csv(arguments.store / "board.csv", done)
-        print(f"results: {arguments.store / 'board.csv'}; a page of them: fbl-gym report --store {arguments.store}")
+        print(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
     if stopped:
         print(
             f"fbl-gym: stopped with {len(done)} of {len(cells)} cells; the same command goes on from there",

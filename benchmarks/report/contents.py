@@ -73,7 +73,7 @@ def _policy(board: Board, i: int) -> Policy:
         "rank": between(board.rank, ranked.index(i)) if i in ranked else None,
         "score": _nothing() if board.score is None else between(board.score, i),
         "error": between(board.error, i),
-        "families": {family: between(board.family_error(family), i) for family in board.families},
+        "families": {family: between(board.family_errors[family], i) for family in board.families},
         "failures": between(board.failures, i),
         "variation": float(np.median(board.runs["variation"][i])),
         "decision_us": float(board.decision_us[i]),

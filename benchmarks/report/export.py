@@ -23,12 +23,16 @@ def rows(results: Iterable[Result]) -> Iterator[dict[str, Any]]:
             yield {**task, "seed": seed, **row}
 
 
+def _short(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: f"{value:.7g}" if isinstance(value, float) else value for name, value in row.items()}
+
+
 def write_csv(path: Path, results: Iterable[Result]) -> None:
-    """Write the rows as CSV."""
+    """Write the rows as CSV, numbers with seven digits; the store has them all."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows(results))
+    writer.writerows(map(_short, rows(results)))
     write_text(path, text.getvalue())
 
 

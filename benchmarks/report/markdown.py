@@ -30,7 +30,7 @@ BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 def leaderboard(board: Board) -> str:
     """The board, best first, with the intervals of score and rank."""
     header = ["policy", "told", "rank", "score", "error %", "failed %", "us/decision", *board.families]
-    families = [board.family_error(family).value for family in board.families]
+    families = [board.family_errors[family].value for family in board.families]
     ranks = dict(zip(board.ranked, zip(board.rank.low, board.rank.high, strict=True), strict=True))
     rows = []
     for i in board.order:

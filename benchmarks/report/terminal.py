@@ -26,7 +26,7 @@ def leaderboard(console: Console, board: Board) -> None:
     table.add_column("policy", no_wrap=True)
     for name in ("rank", "score", "error\n%", "failed\n%", "us"):
         table.add_column(name, justify="right", no_wrap=True)
-    families = {family: board.family_error(family).value for family in board.families}
+    families = {family: board.family_errors[family].value for family in board.families}
     best = {family: min(values[i] for i in board.ranked) for family, values in families.items() if board.ranked}
     for family in families:
         table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)

@@ -72,12 +72,14 @@ SOME = ["--policies", "zero", "pid-flm", "cascade-flm", "oracle-flm", "--workers
 
 
 def test_leaderboard_command(tmp_path, capsys):
-    arguments = ["leaderboard", *SOME, "--seeds", "4", "--scenarios", "mass-error-1", "section-2-2/nominal"]
-    assert cli.main([*arguments, "--store", str(tmp_path)]) == 0
+    arguments = ["leaderboard", *SOME[:-2], "--seeds", "4", "--scenarios", "mass-error-1", "section-2-2/nominal"]
+    assert cli.main([*arguments, "--workers", "1", "--store", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
-    for word in ("2 scenarios, 4 seeds each", "cascade-flm", "(oracle-flm)", "board.csv"):
+    for word in ("2 scenarios, 4 seeds each", "cascade-flm", "(oracle-flm)", "a page of them"):
         assert word in shown.replace("\n", "")
-    with (tmp_path / "board.csv").open() as file:
+    out = tmp_path / "out"
+    assert cli.main(["report", *arguments[1:], "--store", str(tmp_path), "--out", str(out)]) == 0
+    with (out / "board.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 4 * 4
     assert set(rows[0]) == {"policy", "scenario", "control_dt", "seed", *METRICS}
