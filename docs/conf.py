@@ -4,7 +4,13 @@ from fbl_gym import __version__
 
 project, author, release = "fbl-gym", "The fbl-gym authors", __version__
 copyright = author
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx-mathjax-offline", "sphinx.ext.viewcode"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx-mathjax-offline",
+    "sphinx.ext.viewcode",
+]
 html_theme = "furo"
 html_title = f"fbl-gym {release}"
 myst_enable_extensions = ["dollarmath", "amsmath"]
