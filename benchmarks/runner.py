@@ -23,8 +23,8 @@ from fbl_gym.records import choice
 
 BACKENDS = ("loky", "ray", "dask")
 
-ATTEMPTS = 3
-"""How often in a row a pool may die without a single cell done before what is left counts as failed."""
+ATTEMPTS = 2
+"""How often a worker may die over a cell of its own before that counts as failed."""
 
 
 _ROUND = 32
@@ -118,22 +118,36 @@ def run(
             yield Outcome(cell.id, "found")
     # Two runs that share a store rarely want the same cell at the same time.
     random.Random(os.getpid()).shuffle(left)
-    idle = 0
-    while left and idle < ATTEMPTS:
+    while left:
         failed: set[str] = set()
-        problem = ""
         try:
             for outcome in _pool(left, store, workers, backend, address, command, trusted):
                 if outcome.done == "failed":
                     failed.add(outcome.id)
                 yield outcome
-        except _deaths(backend) as death:
-            problem = f"{type(death).__name__}: {death}"
+        except _deaths(backend):
+            pass
         after = [cell for cell in missing(left, store) if cell.id not in failed]
-        idle = idle + 1 if len(after) == len(left) else 0
+        if len(after) == len(left):
+            # A worker died before any cell was done: find out over which, one by one, and go on without it.
+            found: list[Outcome] = []
+            while after and not any(outcome.error for outcome in found):
+                found = list(_alone(after.pop(0), store, backend, address, command, trusted))
+                yield from found
         left = after
-    for cell in left:
-        yield Outcome(cell.id, "failed", error=f"its worker died {ATTEMPTS} times ({problem})")
+
+
+def _alone(
+    cell: Cell, store: Store, backend: str, address: str | None, command: str, trusted: Sequence[str]
+) -> Iterator[Outcome]:
+    """A cell in a pool of its own, so that a worker that dies is its doing."""
+    for attempt in range(ATTEMPTS):
+        try:
+            yield from _pool([cell], store, 2, backend, address, command, trusted)
+            return
+        except _deaths(backend) as death:
+            if attempt == ATTEMPTS - 1:
+                yield Outcome(cell.id, "failed", error=f"its worker died {ATTEMPTS} times ({type(death).__name__})")
 
 
 def _pool(

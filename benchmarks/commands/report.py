@@ -14,6 +14,7 @@ from benchmarks.reach import reaches
 from benchmarks.report import markdown, terminal
 from benchmarks.report.contents import contents
 from benchmarks.report.export import write_csv
+from benchmarks.report.learned import learned, learned_table
 from benchmarks.report.page import write_page
 from benchmarks.store import Store, write_text
 
@@ -23,6 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("results/report"), metavar="DIR", help="(results/report)")
     parser.add_argument(
         "--radius", action="store_true", help="measure the uncertainty radius of every policy too (minutes)"
+    )
+    parser.add_argument(
+        "--learned", action="store_true", help="agents over all their training seeds, in learned.md (minutes)"
     )
     parser.add_argument("--readme", type=Path, metavar="FILE", help="put the table between the markers of this file")
     parser.add_argument(
@@ -43,6 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(arguments.out / "board.md", table)
     write_csv(arguments.out / "board.csv", results)
     write_page(arguments.out / "board.html", contents(board, results, radii, command_line()))
+    if arguments.learned:
+        tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
+        write_text(arguments.out / "learned.md", learned_table(learned(list(tasks.values()), board.seeds)))
     if arguments.readme is not None:
         write_text(arguments.readme, markdown.replace_between(arguments.readme.read_text(encoding="utf-8"), table))
     print(f"report: {arguments.out / 'board.html'}, board.md and board.csv beside it")

@@ -55,8 +55,8 @@ def _estimation_panels(time: Array, share: Array, title: str) -> tuple[Panel, ..
     return (Panel(title, "time [s]", "estimate / real", lines, ("log", "log"), None, marks),)
 
 
-def _figure_6(figure: str, name: str, mass: float) -> Measured:
-    scenario = scenarios.get(name).replace(duration=2.0)
+def _figure_6(effort: Effort, figure: str, name: str, mass: float) -> Measured:
+    scenario = scenarios.get(name).replace(duration=2.0 if effort.seeds > 2 else 1.2)
     second = round(1.0 / scenario.control_dt)
     trace, share = _estimation("adaptive-flm", scenario)
     _, known = _estimation("adaptive-flm", scenario, total_mass=mass)
@@ -76,11 +76,11 @@ def _figure_6(figure: str, name: str, mass: float) -> Measured:
 
 
 def figure_6a(effort: Effort) -> Measured:
-    return _figure_6("6a", "paper-6a", 350.0)
+    return _figure_6(effort, "6a", "paper-6a", 350.0)
 
 
 def figure_6b(effort: Effort) -> Measured:
-    return _figure_6("6b", "paper-6b", 3.5)
+    return _figure_6(effort, "6b", "paper-6b", 3.5)
 
 
 def figure_6b_slow(effort: Effort) -> Measured:

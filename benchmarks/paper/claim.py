@@ -55,13 +55,15 @@ class Effort:
     Args:
         seeds: episodes, where chance is at work.
         ratios: points of a radius map.
+        seconds: of an episode that is watched sample by sample, at most.
     """
 
     seeds: int
     ratios: int
+    seconds: float
 
 
-FULL, SHORT = Effort(seeds=16, ratios=13), Effort(seeds=2, ratios=2)
+FULL, SHORT = Effort(seeds=16, ratios=13, seconds=20.0), Effort(seeds=2, ratios=2, seconds=3.0)
 
 Draw: TypeAlias = Callable[[Path], None]
 """Draws a claim's figure into a file, whose ending says the format."""

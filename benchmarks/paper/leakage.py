@@ -53,18 +53,26 @@ def stiction_leakage(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Arr
     return np.stack([m22 * f1 - m12 * f2, m11 * f2 - m12 * f1], axis=-1) / (m11 * m22 - m12 * m12)[:, None]
 
 
-def _leaks(policy: str, scenario: Scenario, formula: Watch) -> tuple[Array, Array, Array]:
+def _leaks(policy: str, scenario: Scenario, formula: Watch, seconds: float) -> tuple[Array, Array, Array]:
     """Time, leakage and the formula's, [T], [T x 2] and [T x 2], as long as the arm is alive."""
+    scenario = scenario.replace(duration=min(seconds, scenario.duration))
     trace, _ = run(policy, scenario, watch={"leakage": leakage, "formula": formula})
     end = int(trace.alive[1:, 0].sum())
     return trace.time[1 : end + 1], trace.watched["leakage"][:end, 0], trace.watched["formula"][:end, 0]
 
 
 def _leakage_claim(
-    figure: str, says: str, paper: str, policy: str, scenario: Scenario, perfect: Scenario, formula: Watch
+    effort: Effort,
+    figure: str,
+    says: str,
+    paper: str,
+    policy: str,
+    scenario: Scenario,
+    perfect: Scenario,
+    formula: Watch,
 ) -> Measured:
-    t, measured, computed = _leaks(policy, scenario, formula)
-    _, none, _ = _leaks(policy, perfect, formula)
+    t, measured, computed = _leaks(policy, scenario, formula, effort.seconds)
+    _, none, _ = _leaks(policy, perfect, formula, effort.seconds)
     apart, left = np.abs(measured - computed).max(), np.abs(none).max()
     claim = Claim(
         figure, says, paper,
@@ -91,7 +99,7 @@ def leakage_parameters(effort: Effort) -> Measured:
     perfect = with_estimate(scenario, ARMS["section-2-2"], 1.0)
     says = "LS of wrong parameters, (5), (6) and their general form"
     paper = "x2' = a - LS; (6) covers the disturbance only"
-    return _leakage_claim("2, 3b", says, paper, "pid-flm", scenario, perfect, leakage_formula)
+    return _leakage_claim(effort, "2, 3b", says, paper, "pid-flm", scenario, perfect, leakage_formula)
 
 
 def leakage_disturbance(effort: Effort) -> Measured:
@@ -107,7 +115,7 @@ def leakage_disturbance(effort: Effort) -> Measured:
     says = "(6), LS of an unknown disturbance"
     paper = "M^-1 (tau_d - tau); read: M^-1 (tau_d - tau_d^)"
     claim, draw = _leakage_claim(
-        "(6)", says, paper, "cascade-flm", scenario, scenario.replace(disturbance=None), correct
+        effort, "(6)", says, paper, "cascade-flm", scenario, scenario.replace(disturbance=None), correct
     )
     return replace(claim, verdict=READING if claim.verdict == REPRODUCED else NOT), draw
 
@@ -116,7 +124,14 @@ def leakage_stiction(effort: Effort) -> Measured:
     scenario = scenarios.get("paper-8")
     says = "LS of stiction is M^-1 F_s, (44) and (45)"
     return _leakage_claim(
-        "8, (45)", says, "M^-1 F_s(q')", "cascade-flm", scenario, scenario.replace(friction=None), stiction_leakage
+        effort,
+        "8, (45)",
+        says,
+        "M^-1 F_s(q')",
+        "cascade-flm",
+        scenario,
+        scenario.replace(friction=None),
+        stiction_leakage,
     )
 
 
