@@ -28,8 +28,8 @@ class TimeDelay(TorqueLaw):
     same low-pass filter LP, so that neither runs ahead of the other. Without the filter d cancels C v + G, and what is left
     is the incremental law tau = tau_0 + M (a - a_0).
 
-    With inertia M_real = M / k the estimate has the pole 1 - k (1 - exp(-g dt)) per sample, so it is stable for
-    k < 2 / (1 - exp(-g dt)); without the filter, for k < 2 only (Hsia's condition).
+    With a real inertia of M / k the estimate has the pole 1 - k h per sample, h = 1 - exp(-g dt), and the loop (w^2 dt^2
+    neglected) is stable for k < 2 / (h + 2 w dt - h w dt). Without the filter, and with slow poles, that is Hsia's k < 2.
 
     Args:
         frequency: w [rad/s], per joint: both poles of the tracking error.

@@ -76,21 +76,34 @@ def test_the_error_equation_under_a_constant_load():
     assert np.abs(found[-1]).max() < 1e-5
 
 
-def test_hsias_condition():
-    """Unfiltered, an arm of less than half its nominal inertia is unstable; the filter makes it stable."""
+@pytest.mark.parametrize(("bandwidth", "frequency"), [(AT_ONCE, 5.0), (12.0, 5.0), (12.0, 15.0)])
+def test_how_light_an_arm_may_be(bandwidth, frequency):
+    """Masses 1 / k of the nominal ones: stable for k < 2 / (h + 2 w dt - h w dt), h = 1 - exp(-g dt), and not beyond.
 
-    def worst(bandwidth):
+    h = 1 and w dt -> 0 is Hsia's condition, k < 2.
+    """
+
+    def last(k):
         env = TwoLinkArmEnv(
-            reference=STILL, initial_error=(-0.01, 0.0), parameter_error={"ratio": {"m1": 0.4, "m2": 0.4}}
+            reference=STILL,
+            initial_error=(-0.01, 0.0),
+            parameter_error={"ratio": {"m1": 1 / k, "m2": 1 / k}},
+            actuator=None,
+            action="torque",
+            limits={"velocity": 1e3},
         )
-        policy = controllers.make("time-delay", env, bandwidth=bandwidth, frequency=5.0)
+        policy = controllers.make("time-delay", env, bandwidth=bandwidth, frequency=frequency)
         observation, _ = env.reset(seed=0)
         state, log = None, []
-        for _ in range(600):
+        for _ in range(900):
             action, state = policy.predict(observation, state)
-            observation = env.step(action)[0]
+            observation, _, terminated, _, _ = env.step(action)
             log.append(np.abs(env.truth.reference - env.truth.position).max())
+            if terminated:
+                return np.inf
         return max(log[-100:])
 
-    assert worst(AT_ONCE) > 0.1
-    assert worst(12.0) < 1e-4
+    h = -np.expm1(-bandwidth * 0.01)
+    most = 2.0 / (h + 2.0 * frequency * 0.01 - h * frequency * 0.01)
+    assert last(0.9 * most) < 1e-3
+    assert last(1.1 * most) > 1e-2
