@@ -35,7 +35,7 @@ format: .venv/ready-dev
 	touch $@
 
 .venv/ready-bench: .venv/python pyproject.toml constraints.txt
-	$(INSTALL) '.[bench]'
+	$(INSTALL) '.[bench,mpc]'
 	touch $@
 
 .venv/ready-dev: .venv/python pyproject.toml constraints.txt

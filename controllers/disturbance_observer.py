@@ -21,7 +21,7 @@ class ComputedTorqueDob(ComputedTorque):
     """Computed torque, plus what the generalised momentum p = M(q) v says is missing.
 
     De Luca, Albu-Schaeffer, Haddadin and Hirzinger, "Collision detection and safe reaction with the DLR-III lightweight robot
-    arm", IROS 2006, eq. (7)-(11): p' = torque + C'v - G - d, with the skew form of C, so that no acceleration is needed. The
+    arm", IROS 2006: p' = torque + C'v - G - d, with the skew form of C, so that no acceleration is needed. The
     estimate of d is a first-order filter of what the momentum lacks over each interval, with the time constant 1 / bandwidth;
     it is driven by the torque that was applied, so it does not wind up. Errors of the model count as disturbance.
 

@@ -20,9 +20,9 @@ class SuperTwisting(TorqueLaw):
     """a = r'' + slope e' + k1 |s|^(1/2) sign(s) + z,  z' = k2 sign(s),  with  s = e' + slope e.
 
     Levant, "Sliding order and sliding accuracy in sliding mode control", Int. J. Control 58(6), 1993; gains k1 = 1.5 L^(1/2)
-    and k2 = 1.1 L, for which a strict Lyapunov function exists where the perturbation's derivative stays below L: Moreno and
-    Osorio, "Strict Lyapunov functions for the super-twisting algorithm", IEEE TAC 57(4), 2012. A sampled sign chatters; within
-    the boundary layer it is replaced by s / layer, which trades the finite-time convergence for calm.
+    and k2 = 1.1 L, for which a quadratic strict Lyapunov function exists while the perturbation's derivative stays below
+    0.96 L: Moreno and Osorio, "Strict Lyapunov functions for the super-twisting algorithm", IEEE TAC 57(4), 2012. A sampled
+    sign chatters; within the boundary layer it is replaced by s / layer, which trades the finite-time convergence for calm.
 
     Args:
         slope: of the sliding surface [1/s], per joint.

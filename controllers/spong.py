@@ -19,9 +19,9 @@ from fbl_gym.records import Pair, number, pair, settle
 class SpongRobust(TorqueLaw):
     """torque = Y (p^ + u) + K s, where u_i is the bound of parameter i, signed as (Y's)_i, and fades within a boundary layer.
 
-    Spong, "On the robust control of robot manipulators", IEEE TAC 37(11), 1992, with a bound for each parameter (its eq. 15):
-    u_i = bound p^_i sat((Y's)_i p^_i / epsilon). Where every parameter is within its bound, V = s'Ms/2 + e' slope K e decreases
-    outside a set that shrinks with epsilon.
+    Spong, "On the robust control of robot manipulators", IEEE TAC 37(11), 1992, in the form with a bound for each parameter:
+    u_i = bound p^_i sat((Y's)_i p^_i / (epsilon p1)). Where every parameter is within its bound, V = s'Ms/2 has
+    V' <= -s'Ks + (5/4) bound epsilon p1, so that s ends in a set that shrinks with epsilon.
 
     Args:
         slope: of the surface s = e' + slope e [1/s], per joint.

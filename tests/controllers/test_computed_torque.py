@@ -5,7 +5,7 @@ import pytest
 
 import controllers
 from benchmarks.rollout import rollout
-from fbl_gym import TwoLinkArmVectorEnv, scenarios
+from fbl_gym import ArmParameters, TwoLinkArmVectorEnv, scenarios
 
 STILL = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.4),)}
 
@@ -19,7 +19,22 @@ def test_the_error_equation():
     trace = rollout("computed-torque", scenario, [0], {"frequency": w})
     error = (trace.reference - trace.position)[:, 0]
     expected = error[0] * (1 + w * trace.time[:, None]) * np.exp(-w * trace.time[:, None])
-    assert np.abs(error - expected).max() < 5e-4 * np.abs(error[0]).max() * 10
+    assert np.abs(error - expected).max() < 5e-3 * np.abs(error[0]).max()
+
+
+@pytest.mark.parametrize(("share", "grows"), [(0.95, False), (1.05, True)])
+def test_where_the_sampled_loop_is_stable(share, grows):
+    """q+ = q + v dt + u dt^2 / 2, v+ = v + u dt with u = -k (w^2 q + 2 w v), k the model's inertia over the real one: the
+    characteristic polynomial at z = -1 is 4 (1 - k w dt), so k < 1 / (w dt)."""
+    w, dt = 20.0, 0.01
+    ratio = share / (w * dt)
+    scenario = scenarios.get("nominal").replace(
+        arm=ArmParameters(gravity=0.0), reference=STILL, initial_error=(1e-4, -1e-4), actuator=None, duration=4.0,
+        parameter_error={"ratio": (1 / ratio, 1 / ratio, 1.0, 1.0)}, control_dt=dt,
+    )  # fmt: skip
+    trace = rollout("computed-torque", scenario, [0], {"frequency": w})
+    early, late = (np.abs(trace.reference - trace.position)[rows].max() for rows in (slice(0, 10), slice(90, 100)))
+    assert (late > 2 * early) if grows else (late < 0.5 * early)
 
 
 @pytest.mark.parametrize("control_dt", [1e-3, 1e-2])

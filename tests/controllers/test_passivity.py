@@ -80,7 +80,7 @@ def test_composite_estimates_converge_under_excitation():
     for name in ("slotine-li", "slotine-li-composite"):
         _, p, (estimate, *_) = closed_loop(name, scenario, composite=30.0 if "composite" in name else 0.0)
         ends[name] = np.median(np.abs(estimate[-1] / p - 1))
-    assert ends["slotine-li-composite"] < 0.05
+    assert ends["slotine-li-composite"] < 0.01
     assert ends["slotine-li-composite"] < 0.5 * ends["slotine-li"]
 
 

@@ -36,8 +36,9 @@ def test_the_integral_takes_a_load_away_and_pd_leaves_its_share():
     scenario = scenarios.get("nominal").replace(
         reference=STILL, disturbance={"kind": "array", "torque": (tuple(load),)}, duration=10.0
     )
-    kp = 10.0**2 * np.diagonal(inertia_matrix(TABLE_1, (0.0, 0.0)))
-    pd, pid = (rollout(name, scenario, [0]) for name in ("pd-gravity", "pid-gravity"))
+    w = 10.0
+    kp = w**2 * np.diagonal(inertia_matrix(TABLE_1, (0.0, 0.0)))
+    pd, pid = (rollout(name, scenario, [0], {"frequency": w}) for name in ("pd-gravity", "pid-gravity"))
     np.testing.assert_allclose((pd.reference - pd.position)[-1, 0], load / kp, rtol=1e-3)
     assert np.abs((pid.reference - pid.position)[-1, 0]).max() < 1e-6
 
