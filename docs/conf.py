@@ -1,5 +1,7 @@
 """Sphinx: `make docs`."""
 
+import re
+
 from fbl_gym import __version__
 
 project, author, release = "fbl-gym", "The fbl-gym authors", __version__
@@ -37,7 +39,7 @@ def _as_rst(app, what, name, obj, options, lines):
             found += [] if in_table else ["", ".. list-table::", "   :header-rows: 1", ""]
             found += [f"   {'* -' if i == 0 else '  -'} {cell}" for i, cell in enumerate(cells)]
             in_table = True
-    lines[:] = [line.replace("**gains:", "\\*\\*gains:") for line in found]
+    lines[:] = [re.sub(r"(?<!`)\*\*(\w+:)", r"\\*\\*\1", line) for line in found]
 
 
 def setup(app):
