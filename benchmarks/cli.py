@@ -6,7 +6,7 @@ import argparse
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import gymnasium
@@ -57,7 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not given or given[0].startswith("-"):
             _overview().parse_args(given or ["--help"])
             return 0
-        return _run(given[0], given[1:])
+        parser, run = prepare(given[0])
+        return run(parser.parse_args(given[1:]))
     except BrokenPipeError:  # whoever read our output, such as `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -89,7 +90,8 @@ def _overview() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(name: str, given: Sequence[str]) -> int:
+def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Namespace], int]]:
+    """The parser of a command's arguments, and what runs it.  name: one of `COMMANDS`."""
     if name not in COMMANDS:
         raise unknown("command", name, COMMANDS)
     command = COMMANDS[name]
@@ -98,8 +100,7 @@ def _run(name: str, given: Sequence[str]) -> int:
         prog=f"fbl-gym {name}", description=command.help[0].upper() + command.help[1:] + "."
     )
     module.add_arguments(parser)
-    status: int = module.run(parser.parse_args(given))
-    return status
+    return parser, module.run
 
 
 if __name__ == "__main__":
