@@ -36,12 +36,13 @@ COMMANDS: dict[str, Command] = {
     "reproduce": Command("reproduce", "the paper's figures and claims, measured, each with a verdict"),
     "speed": Command("speed", "steps per second beside other environments, in one interleaved run"),
     "list": Command("names", "the names of policies, scenarios or suites, with a line each"),
+    "completion": Command("completion", "a script that lets a shell complete commands, options and names"),
     "doctor": Command("doctor", "versions, extras, compile cache and a self-check"),
 }
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "threadpoolctl"),
+    "bench": ("duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl"),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
