@@ -175,8 +175,9 @@ def narrow(
     for name in scenario_names:
         members = [s for s in leaderboard_scenarios() if _family(s) == name]
         chosen.extend(scenarios.get(s) for s in members)
-        if not members:
-            chosen.append(as_scenario(name))
+        if not members and isinstance(name, str) and name not in scenarios.names():
+            raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
+        chosen.extend([] if members else [as_scenario(name)])
     return dataclasses.replace(
         suite,
         policies=tuple(policies) or suite.policies,

@@ -54,7 +54,7 @@ class Task:
         """Between which values each gain is looked for."""
         found: Mapping[str, tuple[float, float]] = getattr(controllers.factory(self.policy), "ranges", {})
         if not found:
-            raise ValueError(f"{self.policy} says of no gain between which values to look for it, in `ranges`")
+            raise ValueError(f"{self.policy} has nothing to tune: its `ranges` names no gain")
         return found
 
     @property

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import shtab
@@ -31,7 +30,7 @@ _BREAKS = "# So that POLICY@tuned is one word.\nCOMP_WORDBREAKS=${COMP_WORDBREAK
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("shell", choices=SHELLS)
+    parser.add_argument("shell", choices=SHELLS, help="whose script to print; docs/tutorials.md says where it belongs")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -56,7 +55,7 @@ def _everything() -> argparse.ArgumentParser:
                 action.complete = _or_files(action.dest, names())  # type: ignore[attr-defined]
             elif names is not None:
                 action.choices = tuple(names())
-            elif action.type is Path:
+            elif action.metavar in ("DIR", "FILE"):
                 action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
         commands.add_parser(name, help=command.help, parents=[parser], add_help=False)
     return whole

@@ -49,4 +49,7 @@ def query(results: Iterable[Result], sql: str) -> Any:
 
     connection = duckdb.connect()
     connection.register("results", pd.DataFrame.from_records(list(rows(results)), columns=list(COLUMNS)))
-    return connection.sql(sql)
+    try:
+        return connection.sql(sql)
+    except duckdb.Error as problem:
+        raise ValueError(f"{problem}\nThe table results has the columns {', '.join(COLUMNS)}") from None
