@@ -128,6 +128,19 @@ def test_links_of_a_page_lead_somewhere(page):
             assert anchor in anchors(str(target.resolve().relative_to(ROOT))), f"{link} in {page}"
 
 
+def test_the_documentation_builds_without_a_warning(tmp_path):
+    """With no link to what is not there, and with what mathematics needs to be shown offline."""
+    pytest.importorskip("sphinx")
+    command = ["sphinx", "-q", "-E", "-W", "--keep-going", "-d", str(tmp_path / "trees"), str(ROOT / "docs")]
+    built = tmp_path / "html"
+    done = subprocess.run([sys.executable, "-m", *command, str(built)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    page = (built / "controllers" / "adrc.html").read_text()
+    assert not re.findall(r"(?:src|href)=\"(?:https?:)?//[^\"]*\.(?:js|css)", page)
+    (mathjax,) = re.findall(r"src=\"([^\"?]*mathjax[^\"?]*)", page, flags=re.I)
+    assert (built / "controllers" / mathjax).exists()
+
+
 # Parameters.
 
 _NAMES = r"(?:[`*]*\w+`?, )*[`*]*\w+`?"
