@@ -36,8 +36,8 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
     write_text(path, text.getvalue())
 
 
-def query(results: Iterable[Result], sql: str) -> Any:
-    """The answer of DuckDB to a question about the table `results`, whose columns are those of the CSV.
+def query(results: Iterable[Result], sql: str) -> str | None:
+    """DuckDB's answer to a question about the table `results`, whose columns are those of the CSV; None to a command.
 
     Args:
         results: what the table holds.
@@ -50,6 +50,7 @@ def query(results: Iterable[Result], sql: str) -> Any:
     connection = duckdb.connect()
     connection.register("results", pd.DataFrame.from_records(list(rows(results)), columns=list(COLUMNS)))
     try:
-        return connection.sql(sql)
+        answer = connection.sql(sql)
+        return None if answer is None else str(answer)
     except duckdb.Error as problem:
         raise ValueError(f"{problem}\nThe table results has the columns {', '.join(COLUMNS)}") from None
