@@ -1,4 +1,5 @@
-# Two commands, each enough on a fresh machine with Python >= 3.10, pip and make:
+# Three commands, each enough on a fresh machine with Python >= 3.10, pip and make:
+#   make plot           draw a controller on a hard arm into trace.png
 #   make leaderboard    run the leaderboard and print it
 #   make test           check everything
 # And: make docs        build the documentation into build/docs
@@ -7,7 +8,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: leaderboard test lint format docs constraints test-oldest clean
+.PHONY: plot leaderboard test lint format docs constraints test-oldest clean
+
+plot: .venv/ready-bench
+	$(BIN)/fbl-gym evaluate cascade-flm@tuned --scenario everything-2 --plot trace.png
 
 leaderboard: .venv/ready-bench
 	$(BIN)/fbl-gym leaderboard
