@@ -113,7 +113,12 @@ class Board:
         return {family: statistics.estimate(self.errors[:, indices], self.counts) for family, indices in found}
 
     def degradation(self, family: str, arm: str) -> tuple[list[int], Estimate] | None:
-        """Severities [k], and the interquartile mean of each policy's errors at each [p x k]; None with fewer than two."""
+        """Severities [k], and the interquartile mean of each policy's errors at each [p x k]; None with fewer than two.
+
+        Args:
+            family: of scenarios, such as "mass-error".
+            arm: the head of its scenarios' names: "" for Table 1's arm, or "section-2-2/".
+        """
         named = {severity: f"{arm}{family}-{severity}" for severity in (1, 2, 3)} | {0: f"{arm}nominal"}
         at = {s: self.scenarios.index(named[s]) for s in range(4) if named[s] in self.scenarios}
         if len(at) < 2:
@@ -123,7 +128,7 @@ class Board:
 
 
 def family_of(scenario: str) -> str:
-    """The family of a scenario by its name, such as "mass-error" of "section-2-2/mass-error-2@1000Hz"."""
+    """The family of a scenario, such as "mass-error".  scenario: a name, such as "section-2-2/mass-error-2@1000Hz"."""
     own = scenario.rpartition("/")[2].partition("@")[0]
     head, _, tail = own.rpartition("-")
     return head if head and tail.isdigit() else own

@@ -39,7 +39,7 @@ def estimate(q: Array, v: Array, a: Array, torque: Array, weakest: float) -> tup
 
 
 def plausible(lumped: Array) -> NDArray[np.bool_]:
-    """Whether lumped parameters [n x 5] are those of an arm: finite, positive, and with an inertia that is so, too."""
+    """Whether parameters are those of an arm: finite, positive, and with an inertia that is so, too.  lumped: [n x 5]."""
     p1, p2, p3, p4, p5 = (lumped[..., i] for i in range(5))
     positive = np.all(np.isfinite(lumped) & (lumped > 0.0), axis=-1)
     return positive & (p1 * p2 > p3 * p3) & (p4 > 0.0) & (p5 > 0.0)
@@ -50,6 +50,11 @@ def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity
 
     With the total mass known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and m1 = mass - m2, for Y1 = p2,
     Y2 = p3 and Y3 = p5 / g. Without it, what (39) leaves unused: L1 = g p1 / p4 and m1 + m2 = (p4 / g)^2 / p1.
+
+    Args:
+        lumped: [n x 5].
+        total_mass: m1 + m2 [kg], of all or [n]; None: not known.
+        gravity: [m/s^2].
     """
     y1, y2, y3 = lumped[..., 1], lumped[..., 2], lumped[..., 4] / gravity
     m2, L2 = y3**2 / y1, y1 / y3
@@ -60,7 +65,7 @@ def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity
 
 
 def lumped_of(parameters: Array, gravity: float = STANDARD_GRAVITY) -> Array:
-    """The lumped parameters [n x 5] of point masses m1, m2, L1, L2 [n x 4]."""
+    """The lumped parameters [n x 5] of point masses.  parameters: m1, m2, L1, L2, [n x 4]; gravity: [m/s^2]."""
     m1, m2, L1, L2 = (parameters[..., i] for i in range(4))
     both = m1 + m2
     return np.stack([both * L1**2, m2 * L2**2, m2 * L1 * L2, both * L1 * gravity, m2 * L2 * gravity], axis=-1)

@@ -68,11 +68,17 @@ class JointKalman:
     position_sigma: float
 
     def initial(self, position: Array, velocity: Array) -> State:
-        """The first estimate: the measured position, and the velocity given.  [n x 2] each."""
+        """The first estimate, and a count of zero [n].  position: measured, [n x 2] rad; velocity: guessed, [n x 2] rad/s."""
         return np.stack([position, velocity], axis=-1), np.zeros(len(position), dtype=int)
 
     def update(self, estimate: Array, count: Array, position: Array, acceleration: Array) -> tuple[Array, Array, Array]:
         """Equation (19) over a sample: predict with the acceleration measured in it, correct with the position at its end.
+
+        Args:
+            estimate: position and velocity of each joint, [n x 2 x 2].
+            count: samples so far, [n].
+            position: measured at the sample's end, [n x 2] rad.
+            acceleration: measured in it, [n x 2] rad/s^2.
 
         Returns:
             Estimate [n x 2 x 2], count [n] and innovation [n x 2].

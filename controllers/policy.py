@@ -88,11 +88,16 @@ class TorqueLaw:
         return ()
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """The torque wished for [n x 2] N m (limits are applied after), and the next state."""
+        """The torque wished for [n x 2] N m (limits are applied after), and the next state.
+
+        Args:
+            observation: [n x size].
+            state: what `initial` or the last call returned.
+        """
         raise NotImplementedError
 
     def read(self, observation: Array, *slots: str) -> tuple[Array, ...]:
-        """The named slots of an observation, each [n x 2]."""
+        """Some slots of an observation, each [... x 2].  observation: [... x size]; *slots: names out of `interface.layout`."""
         return tuple(observation[..., self.interface.layout[slot]] for slot in slots)
 
     def predict(
@@ -102,7 +107,7 @@ class TorqueLaw:
         episode_start: Array | None = None,
         deterministic: bool = False,
     ) -> tuple[Array, State | None]:
-        """See `Policy.predict`."""
+        """The action.  observation, state, episode_start, deterministic: as in `Policy.predict`."""
         size = self.interface.layout.size
         observation = np.asarray(observation, dtype=float)
         if observation.ndim not in (1, 2) or observation.shape[-1] != size:
@@ -181,7 +186,7 @@ def tuned() -> tuple[str, ...]:
 
 
 def tuned_gains(name: str) -> dict[str, float]:
-    """The gains behind POLICY@tuned, such as {"kp": 25.0}."""
+    """The gains behind a tuned policy, such as {"kp": 25.0}.  name: one of `tuned()`."""
     if name not in tuned():
         raise unknown("tuned policy", name, tuned())
     found: dict[str, float] = json.loads((TUNED / f"{name.removesuffix('@tuned')}.json").read_text())["gains"]
@@ -201,22 +206,25 @@ def _entry(name: str) -> _Entry:
 
 
 def summary(name: str) -> str:
-    """One line on a policy."""
+    """One line on a policy.  name: one of `names()`, or POLICY@tuned."""
     return _entry(name).summary
 
 
 def tier(name: str) -> str:
-    """What a policy is told: "nothing", "nominal model" or "truth"."""
+    """What a policy is told: "nothing", "nominal model" or "truth".  name: one of `names()`, or POLICY@tuned."""
     return _entry(name).tier
 
 
 def kind(name: str) -> str:
-    """Whether a policy is "classical" or "learned"."""
+    """Whether a policy is "classical" or "learned".  name: one of `names()`, or POLICY@tuned."""
     return _entry(name).kind
 
 
 def factory(name: str) -> Callable[..., Any]:
-    """What makes a policy: a class or a function, called with the interface (or the environment) and gains."""
+    """What makes a policy: a class or a function, called with the interface (or the environment) and gains.
+
+    name: one of `names()`, or POLICY@tuned.
+    """
     found = _entry(name).factory
     if isinstance(found, str):
         module, attribute = found.split(":")

@@ -45,7 +45,7 @@ def _as_rst(app, what, name, obj, options, given):
             found += [] if in_table else ["", ".. list-table::", "   :header-rows: 1", ""]
             found += [f"   {'* -' if i == 0 else '  -'} {cell}" for i, cell in enumerate(cells)]
             in_table = True
-    given[:] = [re.sub(r"(?<!`)\*\*(\w+:)", r"\\*\\*\1", line) for line in found]
+    given[:] = [re.sub(r"(?<![`*\w])(\*{1,2})(?=\w+:)", lambda stars: "\\*" * len(stars[1]), line) for line in found]
 
 
 def setup(app):

@@ -199,20 +199,8 @@ def public():
 
 PUBLIC = public()
 
-NOT_YET = {
-    "controllers.policy.TorqueLaw", "controllers.policy.tuned_gains", "controllers.policy.summary",
-    "controllers.policy.tier", "controllers.policy.kind", "controllers.policy.factory", "controllers.kalman.JointKalman",
-    "controllers.estimator.plausible", "controllers.estimator.point_masses", "controllers.estimator.lumped_of",
-    "benchmarks.board.Board", "benchmarks.board.family_of",
-}  # fmt: skip
-"""What still lacks an entry. Nothing may be added; one that has its entries by now must go, or its test fails."""
 
-
-def maybe(path):
-    return pytest.param(path, marks=pytest.mark.xfail(strict=True)) if path in NOT_YET else path
-
-
-@pytest.mark.parametrize("path", [maybe(path) for path in PUBLIC])
+@pytest.mark.parametrize("path", PUBLIC)
 def test_every_public_parameter_is_documented(path):
     assert undocumented(path, PUBLIC[path]) == []
 
