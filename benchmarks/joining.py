@@ -22,7 +22,7 @@ from types import ModuleType
 from typing import Any
 
 import controllers
-from benchmarks.rl.policy import SavedAgent, load_zip
+from benchmarks.rl.policy import load_zip, saved_agent, tier_of
 from fbl_gym.interface import Interface
 from fbl_gym.records import unknown
 
@@ -56,6 +56,8 @@ def tier(policy: str) -> str:
     """What a policy is told of the arm: "nothing", "nominal model" or "truth"."""
     if _registered(policy):
         return controllers.tier(policy)
+    if _is_run(policy):
+        return tier_of(Path(policy))
     return "nominal model" if learned(policy) else getattr(_attribute(policy), "tier", "nominal model")
 
 
@@ -123,7 +125,7 @@ def make(policy: str, env: Any, **gains: Any) -> Any:
     if policy.endswith(".zip"):
         return load_zip(Path(policy), interface, trust=True)
     if _is_run(policy):
-        return SavedAgent(interface, policy)
+        return saved_agent(env, policy)
     return controllers.make(_attribute(policy) if ":" in policy or _is_file(policy) else policy, env, **gains)
 
 

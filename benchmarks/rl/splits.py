@@ -35,7 +35,7 @@ def measure_splits(name: str, seeds: Sequence[int] = SPLITS["test"][:32]) -> dic
     found = {}
     for split, radius in RADII.items():
         env = TwoLinkArmVectorEnv(len(seeds), at_radius(scenarios.get("everything-2"), radius))
-        policies: list[Any] = [shipped_agent(name, env.interface, k) for k in shipped().get(name, ())]
+        policies: list[Any] = [shipped_agent(name, env, k) for k in shipped().get(name, ())]
         policies = policies or [controllers.make(name, env)]
         errors = [tracking_error(policy, env, seeds) for policy in policies]
         runs = [error.mean() for error in errors] if len(errors) > 1 else errors[0]
