@@ -58,8 +58,11 @@ def shipped_hyperparameters(algorithm: str) -> dict[str, Any]:
 
 
 def at_radius(scenario: Scenario, radius: float) -> Scenario:
-    """The scenario with another radius of the parameters' error."""
-    error = dataclasses.replace(scenario.parameter_error or ParameterError(), radius=radius)
+    """The scenario with another radius of the parameters' error; itself, if it has that one."""
+    before = scenario.parameter_error or ParameterError()
+    error = dataclasses.replace(before, radius=radius)
+    if error == before:
+        return scenario
     return scenario.replace(parameter_error=error, name=f"{scenario.name}, radius {radius:g}")
 
 

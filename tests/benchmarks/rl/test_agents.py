@@ -20,7 +20,6 @@ from benchmarks.board import assemble
 from benchmarks.rl import policy
 from benchmarks.rl.policy import SHIPPED, best_seed, curves, describe, shipped, shipped_agent
 from benchmarks.rl.settings import Settings
-from benchmarks.rl.splits import measure_splits
 from benchmarks.rl.train import VALIDATION, tracking_error, train
 from benchmarks.runner import run_cell
 from benchmarks.suite import Cell
@@ -95,13 +94,6 @@ def test_context_is_asked_for_on_the_command_line(tmp_path, monkeypatch):
     assert found["interface"]["context"] is True
     told = [name for name in shipped() if describe(SHIPPED / name / "0")["interface"].get("context")]
     assert told == ["ppo-context"]
-
-
-def test_splits_have_intervals():
-    found = measure_splits("ppo-residual", seeds=range(2))
-    assert [*found] == ["interpolation", "in distribution", "extrapolation", "far extrapolation"]
-    for e in found.values():
-        assert e.low <= e.value <= e.high
 
 
 def test_sb3_evaluates_an_agent_as_it_is():
