@@ -1,4 +1,5 @@
-# Two commands, each enough on a fresh machine with Python >= 3.10, pip and make:
+# Three commands, each enough on a fresh machine with Python >= 3.10, pip and make:
+#   make plot           draw a controller on a hard arm into trace.png
 #   make leaderboard    run the leaderboard and print it
 #   make test           check everything
 # And: make docs        build the documentation into build/docs
@@ -7,7 +8,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: leaderboard test lint format docs constraints test-oldest clean
+.PHONY: plot leaderboard test lint format docs constraints test-oldest clean
+
+plot: .venv/ready-bench
+	$(BIN)/fbl-gym evaluate cascade-flm@tuned --scenario everything-2 --plot trace.png
 
 leaderboard: .venv/ready-bench
 	$(BIN)/fbl-gym leaderboard
@@ -50,13 +54,14 @@ constraints:
 		--all-extras pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv/constraints.txt
 	mv .venv/constraints.txt constraints.txt
 
-# The lower bounds of pyproject.toml, in an environment of its own.
+# Every lower bound of pyproject.toml, of all extras, in an environment of its own; torch as constraints.txt has it.
 test-oldest:
 	$(PYTHON) -m venv .venv-oldest
-	.venv-oldest/bin/python -m pip install --quiet 'gymnasium==1.2.0' 'numpy==2.0.0' 'scipy==1.14.0' 'numba==0.61.0' \
-		'filterpy==1.4.5' 'matplotlib==3.9.0' 'rich==13.7.0' 'stable-baselines3==2.7.0' 'torch>=2.6,<2.14' \
-		hypothesis mujoco pin pytest pytest-xdist hatchling
-	.venv-oldest/bin/python -m pip install --quiet --no-deps --editable .
+	.venv-oldest/bin/python -m pip install --quiet uv
+	grep '^torch==' constraints.txt > .venv-oldest/pins.txt
+	.venv-oldest/bin/uv pip compile --quiet --resolution lowest-direct --no-header --no-annotate --constraint .venv-oldest/pins.txt \
+		--all-extras pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv-oldest/oldest.txt
+	.venv-oldest/bin/python -m pip install --quiet --requirement .venv-oldest/oldest.txt --editable .
 	.venv-oldest/bin/python -m pytest -n 2 --dist loadfile -W default
 
 clean:

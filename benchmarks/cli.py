@@ -5,43 +5,69 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NoReturn
 
 import gymnasium
 
 from fbl_gym import __version__
-from fbl_gym.records import unknown
+from fbl_gym.records import hint, unknown
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command: its file in `commands`, and a line on what it does."""
+    """A command: its file in `commands`, a line on what it does, and an example of its arguments."""
 
     module: str
     help: str
+    example: str = ""
 
 
 COMMANDS: dict[str, Command] = {
-    "evaluate": Command("evaluate", "the metrics of one policy on one scenario, and a plot"),
-    "compare": Command("compare", "several policies on one scenario and the same seeds: table, plot, video"),
-    "leaderboard": Command("leaderboard", "run a suite: all policies on all scenario families, with the same seeds"),
-    "report": Command("report", "the board as Markdown, CSV and one HTML page, from stored results"),
-    "query": Command("query", "ask stored results in SQL, or write them as CSV or Parquet"),
-    "verify": Command("verify", "run a published row again and say whether it holds"),
-    "check-policy": Command("check_policy", "whether a policy keeps what policies promise"),
-    "tune": Command("tune", "tune a policy's gains on the tuning seeds"),
-    "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm"),
-    "reproduce": Command("reproduce", "the paper's figures and claims, measured, each with a verdict"),
+    "evaluate": Command(
+        "evaluate",
+        "the metrics of one policy on one scenario, and a plot",
+        "cascade-flm --scenario everything-2 --plot trace.png",
+    ),
+    "compare": Command(
+        "compare",
+        "several policies on one scenario and the same seeds: table, plot, video",
+        "pid-flm cascade-flm --scenario payload-2 --plot errors.png",
+    ),
+    "leaderboard": Command(
+        "leaderboard",
+        "run a suite: all policies on all scenario families, with the same seeds",
+        "--policies pid-flm cascade-flm zero oracle-flm --seeds 4",
+    ),
+    "report": Command("report", "the board as Markdown, CSV and one HTML page, from stored results", "--out board"),
+    "query": Command(
+        "query",
+        "ask stored results in SQL, or write them as CSV or Parquet",
+        '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"',
+    ),
+    "verify": Command("verify", "run a published row again and say whether it holds", "cascade-flm/mass-error-2"),
+    "check-policy": Command("check_policy", "whether a policy keeps what policies promise", "my_law.py"),
+    "tune": Command("tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20"),
+    "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2"),
+    "reproduce": Command(
+        "reproduce", "the paper's figures and claims, measured, each with a verdict", "--only figure-2-table-1 --short"
+    ),
     "speed": Command("speed", "steps per second beside other environments, in one interleaved run"),
-    "list": Command("names", "the names of policies, scenarios or suites, with a line each"),
+    "list": Command("names", "the names of policies, scenarios or suites, with a line each", "scenarios"),
+    "completion": Command(
+        "completion",
+        "a script that lets a shell complete commands, options and names",
+        "bash > ~/.local/share/bash-completion/completions/fbl-gym",
+    ),
     "doctor": Command("doctor", "versions, extras, compile cache and a self-check"),
 }
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "threadpoolctl"),
+    "bench": ("duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl"),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
@@ -57,11 +83,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not given or given[0].startswith("-"):
             _overview().parse_args(given or ["--help"])
             return 0
-        return _run(given[0], given[1:])
+        parser, run = prepare(given[0])
+        return run(parser.parse_args(given[1:]))
     except BrokenPipeError:  # whoever read our output, such as `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (ValueError, OSError, gymnasium.error.Error) as problem:
+    except OSError as problem:
+        reason = f"{problem.strerror}: {problem.filename}" if problem.filename else problem
+        print(f"fbl-gym: {reason}", file=sys.stderr)
+        return 2
+    except (ValueError, gymnasium.error.Error) as problem:
         print(f"fbl-gym: {problem}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as problem:
@@ -74,6 +105,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("fbl-gym: stopped", file=sys.stderr)
         return 130
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors name the option or the choice that is nearest to what was typed."""
+
+    def error(self, message: str) -> NoReturn:
+        """Leave with a message.  message: argparse's own, which quotes what was typed."""
+        option = re.search(r"unrecognized arguments: (-\S+)", message)
+        choice = re.search(r"argument (\S+): invalid choice: '([^']*)'", message)
+        if option:
+            message += hint(option[1].partition("=")[0], self._option_string_actions)
+        elif choice:
+            action = next(a for a in self._actions if choice[1] in ("/".join(a.option_strings), a.metavar, a.dest))
+            message += hint(choice[2], action.choices or ())
+        super().error(message)
 
 
 def _overview() -> argparse.ArgumentParser:
@@ -89,17 +135,20 @@ def _overview() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(name: str, given: Sequence[str]) -> int:
+def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Namespace], int]]:
+    """The parser of a command's arguments, and what runs it.  name: one of `COMMANDS`."""
     if name not in COMMANDS:
         raise unknown("command", name, COMMANDS)
     command = COMMANDS[name]
     module = importlib.import_module(f"benchmarks.commands.{command.module}")
-    parser = argparse.ArgumentParser(
-        prog=f"fbl-gym {name}", description=command.help[0].upper() + command.help[1:] + "."
+    parser = Parser(
+        prog=f"fbl-gym {name}",
+        description=command.help[0].upper() + command.help[1:] + ".",
+        epilog=f"example: fbl-gym {name} {command.example}" if command.example else None,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)
-    status: int = module.run(parser.parse_args(given))
-    return status
+    return parser, module.run
 
 
 if __name__ == "__main__":

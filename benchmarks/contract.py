@@ -38,7 +38,7 @@ class Broken(AssertionError):
 
 
 def check(policy: str) -> Iterator[Check]:
-    """Each promise in turn."""
+    """Each promise in turn.  policy: a name, or what else `joining.make` understands."""
     promises: tuple[tuple[str, Callable[[str], str]], ...] = (
         ("is made from the interface alone", _made_from_the_interface),
         ("actions have the observations' shape, are finite and lie in the box", _shapes),

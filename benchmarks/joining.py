@@ -39,7 +39,7 @@ _TRUSTED: set[str] = set()
 
 
 def trust(path: str) -> None:
-    """Let an archive be loaded, which runs whatever code it holds."""
+    """Let an archive be loaded, which runs whatever code it holds.  path: of the archive."""
     _TRUSTED.add(str(Path(path).resolve()))
 
 
@@ -49,13 +49,13 @@ def names() -> tuple[str, ...]:
 
 
 def learned(policy: str) -> bool:
-    """Whether a policy was trained, not designed."""
+    """Whether a policy was trained, not designed.  policy: text that names it."""
     name = _registered(policy)
     return policy.endswith(".zip") or _is_run(policy) or (name != "" and controllers.kind(name) == "learned")
 
 
 def tier(policy: str) -> str:
-    """What a policy is told of the arm: "nothing", "nominal model" or "truth"."""
+    """What a policy is told of the arm: "nothing", "nominal model" or "truth".  policy: text that names it."""
     if name := _registered(policy):
         return controllers.tier(name)
     if _is_run(policy):
@@ -64,19 +64,19 @@ def tier(policy: str) -> str:
 
 
 def sensors(policy: str) -> str:
-    """The sensors that a policy cannot do without, such as "position, velocity"; empty where it does not say."""
+    """The sensors that a policy cannot do without, such as "position, velocity"; empty: unsaid.  policy: text that names it."""
     factory = controllers.factory(name) if (name := _registered(policy)) else None
     return ", ".join(getattr(factory, "needs", ()))
 
 
 def preview(policy: str) -> float:
-    """How far ahead a policy would see the reference [s]."""
+    """How far ahead a policy would see the reference [s].  policy: text that names it."""
     factory = controllers.factory(name) if (name := _registered(policy)) else None
     return float(getattr(factory, "preview", 0.0))
 
 
 def tuning(policy: str) -> str:
-    """Whether a policy's gains are tuned."""
+    """Whether a policy's gains are "tuned", "default gains" or "trained".  policy: text that names it."""
     if learned(policy):
         return "trained"
     return "tuned" if policy.endswith("@tuned") else "default gains"
@@ -100,7 +100,7 @@ def _is_run(policy: str) -> bool:
 
 
 def foreign(policy: str) -> bool:
-    """Whether a policy is named by where it lies, so that its name says nothing of what it is."""
+    """Whether a policy is named by where it lies, so that its name says nothing of what it is.  policy: text that names it."""
     return ":" in policy or _is_file(policy) or _is_run(policy)
 
 
@@ -109,7 +109,7 @@ def _is_file(policy: str) -> bool:
 
 
 def check(policy: str) -> None:
-    """An error that names what is wrong, if a policy cannot be found."""
+    """An error that names what is wrong, if a policy cannot be found.  policy: text that names it."""
     if _is_file(policy):
         path = Path(policy.partition(":")[0])
         if not path.is_file():
@@ -173,7 +173,9 @@ def _from_file(path: Path) -> ModuleType:
 def configuration(policy: str, made: Any) -> dict[str, Any]:
     """What tells one configuration of a policy from another, as plain data: its gains, and the code or weights behind it.
 
-    A policy that is no dataclass may say so itself with an attribute `configuration`.
+    Args:
+        policy: see this file's head.
+        made: the policy that `make` made of it; one that is no dataclass may have an attribute `configuration`.
     """
     own = getattr(made, "configuration", None)
     if isinstance(own, dict):

@@ -42,19 +42,22 @@ METRICS: dict[str, str] = {
 
 
 def errors(trace: Trace) -> Array:
-    """Absolute tracking error [T + 1 x n x 2] rad, with the worst for diverged runs."""
+    """Absolute tracking error [T + 1 x n x 2] rad.  trace: of n seeds; diverged runs have the worst error."""
     error = np.abs(trace.reference - trace.position)
     return np.where(trace.alive[..., None], np.minimum(error, WORST_ERROR), WORST_ERROR)
 
 
 def amplitude(trace: Trace) -> Array:
-    """The reference's largest departure from where the arm started [n x 2] rad; 1 for a joint that is to stand still."""
+    """The reference's largest departure from where the arm started [n x 2] rad; 1 for a joint that is to stand still.
+
+    trace: of n seeds.
+    """
     size = np.abs(trace.reference - trace.position[0]).max(axis=0)
     return np.where(size > 1e-9, size, 1.0)
 
 
 def measure(trace: Trace) -> list[dict[str, float]]:
-    """The metrics of each seed, in the seeds' order; NaN where one does not apply."""
+    """The metrics of each seed, in the seeds' order.  trace: NaN where a metric does not apply to it."""
     error, size = errors(trace), amplitude(trace)
     alive = trace.alive[..., None]
     count = np.maximum(trace.alive.sum(axis=0), 1)
@@ -131,7 +134,7 @@ def _steps(trace: Trace) -> tuple[Array, Array]:
 
 
 def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
-    """The mean of each metric over the seeds (NaN where it applies to none); all seeds count, diverged ones with the worst."""
+    """The mean of each metric over the seeds (NaN where it applies to none).  rows: of all seeds, diverged ones too."""
     return {name: _mean([row[name] for row in rows]) for name in METRICS}
 
 
@@ -141,7 +144,7 @@ def _mean(values: list[float]) -> float:
 
 
 def describe(summary: dict[str, float]) -> list[tuple[str, str, str]]:
-    """Name, value and meaning of each metric, for a table."""
+    """Name, value and meaning of each metric, for a table.  summary: a number for each metric."""
     return [(name, _format(summary[name]), meaning) for name, meaning in METRICS.items()]
 
 

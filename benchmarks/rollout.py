@@ -49,7 +49,13 @@ class Trace:
 
 
 def make_env(policy: str, scenario: Scenario, lanes: int) -> TwoLinkArmVectorEnv:
-    """The environment in which a policy is evaluated: with as much preview of the reference as it declares."""
+    """The environment in which a policy is evaluated: with as much preview of the reference as it declares.
+
+    Args:
+        policy: a name, or what else `joining.make` understands.
+        scenario: the task.
+        lanes: how many arms.
+    """
     preview = math.ceil(joining.preview(policy) / scenario.control_dt - 1e-9)
     return TwoLinkArmVectorEnv(lanes, scenario, action=action_of(scenario), preview=preview)
 
@@ -61,7 +67,7 @@ _SIGNALS = ("position", "velocity", "reference", "torque", "disturbance")
 
 
 def action_of(scenario: Scenario) -> str:
-    """The kind of action that a policy is evaluated with: torque, as a fraction of the limit where there is one."""
+    """The kind of action of an evaluation.  scenario: with a torque limit it is "fraction", without "torque"."""
     return "torque" if scenario.actuator.torque_limit is None else "fraction"
 
 

@@ -49,7 +49,12 @@ class Outcome:
 
 
 def run_cell(cell: Cell, command: str = "") -> Result:
-    """The result of one cell. A policy that fails is a result with its error."""
+    """The result of one cell.
+
+    Args:
+        cell: which; where its policy fails, the result has the error.
+        command: the line that was typed, for the record.
+    """
     begin = time.perf_counter()
     known: dict[str, Any] = {}
     try:
@@ -63,7 +68,13 @@ def run_cell(cell: Cell, command: str = "") -> Result:
 
 
 def compute(cell: Cell, store: Store, command: str, trusted: Sequence[str] = ()) -> Outcome:
-    """Compute a cell and write it into the store, unless it is there. What a worker does."""
+    """Compute a cell and write it into the store, unless it is there: what a worker does.
+
+    Args:
+        cell: which.
+        store: where its result goes.
+        command, trusted: as in `run`.
+    """
     from threadpoolctl import threadpool_limits
 
     for path in trusted:
@@ -77,7 +88,7 @@ def compute(cell: Cell, store: Store, command: str, trusted: Sequence[str] = ())
 
 
 def missing(cells: Sequence[Cell], store: Store) -> list[Cell]:
-    """The cells that the store lacks."""
+    """The cells that the store lacks.  cells: to look for; store: to look in."""
     return [cell for cell in cells if not _finished(cell, store)]
 
 

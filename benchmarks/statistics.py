@@ -130,7 +130,7 @@ def _runs(runs: ArrayLike, counts: Array) -> Array:
 
 
 def interval(value: ArrayLike, draws: Array, level: float = LEVEL) -> Estimate:
-    """A value with the percentile interval of its bootstrap draws.  value: [...]; draws: [b x ...]."""
+    """A value with the percentile interval of its bootstrap draws.  value: [...]; draws: [b x ...]; level: confidence."""
     tail = (1 - number("level", level, above=0, high=1)) / 2
     low, high = np.quantile(draws, (tail, 1 - tail), axis=0)
     return Estimate(np.asarray(value)[()], low, high)
@@ -155,21 +155,33 @@ def _once(counts: Array) -> Array:
 
 
 def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
-    """The statistic of a less that of b, on the same resampled seeds; below 0: a errs less."""
+    """The statistic of a less that of b, on the same resampled seeds; below 0: a errs less.
+
+    Args:
+        a, b: [... x s x n].
+        counts, statistic, level: as in `estimate`.
+    """
     a, b = np.asarray(a), np.asarray(b)
     value = statistic(a, _once(counts)) - statistic(b, _once(counts))
     return interval(value[0], statistic(a, counts) - statistic(b, counts), level)
 
 
 def wins(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
-    """Share of the runs in which a errs less than b on the same seed; ties count half.  a, b: [... x s x n]."""
+    """Share of the runs in which a errs less than b on the same seed; ties count half.
+
+    Args:
+        a, b: [... x s x n].
+        counts, level: as in `estimate`.
+    """
     return estimate(_beats(np.asarray(a), np.asarray(b)), counts, mean, level)
 
 
 def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
     """Probability that a run of a errs less than a run of b on another seed of the same scenario, averaged over scenarios.
 
-    a, b: [s x n]. Seeds are resampled jointly, since both policies met the same ones.
+    Args:
+        a, b: [s x n]. Seeds are resampled jointly, since both policies met the same ones.
+        counts, level: as in `estimate`.
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     n = a.shape[-1]
@@ -202,7 +214,9 @@ def profile(x: ArrayLike, tau: ArrayLike, counts: Array, level: float = LEVEL) -
 def ranks(draws: Array, level: float = LEVEL) -> Estimate:
     """Median and interval of each policy's rank over the resamples; rank 1 has the smallest number, ties share their mean.
 
-    draws: [b x p], such as `iqm(x, counts)` of runs [p x s x n]. Bounds and median are ranks that occurred.
+    Args:
+        draws: [b x p], such as `iqm(x, counts)` of runs [p x s x n].
+        level: confidence. Bounds and median are ranks that occurred.
     """
     tail = (1 - number("level", level, above=0, high=1)) / 2
     rank = stats.rankdata(draws, axis=-1)
@@ -231,7 +245,12 @@ def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayL
 
 
 def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estimate:
-    """The share of runs that failed, with Clopper and Pearson's interval (1934), which covers at least as often as it says."""
+    """The share of runs that failed, with Clopper and Pearson's interval (1934), which covers at least as often as it says.
+
+    Args:
+        failed, runs: how many, [...].
+        level: confidence.
+    """
     k, n = np.asarray(failed, dtype=float), np.asarray(runs, dtype=float)
     if np.any((k < 0) | (k > n) | (n < 1)):
         raise ValueError(f"failed must lie between 0 and runs, and runs be positive, got {failed!r} of {runs!r}")
@@ -243,7 +262,7 @@ def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estima
 
 
 def enough(episodes: int) -> bool:
-    """Whether so many independent test episodes carry a claim about a failure rate."""
+    """Whether there are enough runs for a claim about a failure rate.  episodes: independent ones."""
     return whole("episodes", episodes) >= ENOUGH_EPISODES
 
 
@@ -336,10 +355,13 @@ class Components:
 
 
 def components(x: ArrayLike) -> Components:
-    """Variance components of runs [t x n] of t training seeds on the same n test seeds, of one scenario or a mean over some.
+    """Variance components of runs, of one scenario or a mean over some.
 
     Every training seed meets the same worlds, so the two are crossed, not nested: y_tn = mu + a_t + w_n + e_tn. From mean
     squares, negative estimates set to 0: Searle, Casella and McCulloch, "Variance Components" (1992), chapter 4.
+
+    Args:
+        x: [t x n], of t training seeds on the same n test seeds.
     """
     x = np.asarray(x, dtype=float)
     if x.ndim != 2 or min(x.shape) < 2:
@@ -356,15 +378,25 @@ def over_training(counts: Array, training_seeds: int, rng: Rng) -> Array:
     """Counts [b x t x s x n] that resample training seeds too, for runs [t x s x n] of a learned policy.
 
     The hierarchical bootstrap of crossed data (Owen, "The pigeonhole bootstrap", Annals of Applied Statistics 1, 2007):
-    training seeds are drawn, then, independently, the test seeds that all of them meet. Test seeds are those of `counts`, so
-    that learned policies too are compared on the same.
+    training seeds are drawn, then, independently, the test seeds that all of them meet.
+
+    Args:
+        counts: [b x s x n] from `resample`. Test seeds stay theirs, so that learned policies too are compared on the same.
+        training_seeds: t.
+        rng: generator or seed.
     """
     drawn = resample(training_seeds, rng, resamples=len(counts))[:, 0]
     return drawn[:, :, None, None] * counts[:, None]
 
 
 def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
-    """A statistic of a learned policy's runs [t x s x n] with an interval over training and test seeds."""
+    """A statistic of a learned policy's runs with an interval over training and test seeds.
+
+    Args:
+        x: [t x s x n], t training seeds.
+        rng: generator or seed of the draw of training seeds.
+        counts, statistic, level: as in `estimate`.
+    """
     t = np.asarray(x).shape[0]
     found = estimate(x, over_training(counts, t, rng), statistic, level)
     return replace(found, label="optimistic" if t < ENOUGH_TRAINING_SEEDS else "")

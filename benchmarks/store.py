@@ -60,7 +60,7 @@ class Result:
 
 
 def identity(cell: Cell) -> dict[str, Any]:
-    """All that a cell's numbers depend on, as plain data. The policy is made for it, so its errors come through."""
+    """All that a cell's numbers depend on, as plain data.  cell: its policy is made for this, so its errors come through."""
     made = joining.make(cell.policy, make_env(cell.policy, cell.scenario, 1))
     scenario = cell.scenario.to_dict()
     del scenario["description"]
@@ -74,7 +74,7 @@ def identity(cell: Cell) -> dict[str, Any]:
 
 
 def key(identity: dict[str, Any]) -> str:
-    """A hash of an identity."""
+    """A hash, 20 hexadecimal digits.  identity: from `identity`."""
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:20]
 
 
@@ -83,7 +83,7 @@ def _plain(value: Any) -> Any:
 
 
 def provenance(command: str) -> dict[str, Any]:
-    """Where and how a result came about: packages, Python, machine, command, time."""
+    """Where and how a result came about: packages, Python, machine, time.  command: the line that was typed."""
     return {
         "command": command,
         "python": platform.python_version(),
@@ -104,12 +104,12 @@ class Store:
     folder: Path
 
     def path(self, cell: Cell, identity: dict[str, Any]) -> Path:
-        """Where the result of a cell belongs."""
+        """Where the result of a cell belongs.  cell: which; identity: from `identity(cell)`."""
         name = re.sub(r"[^\w@.-]+", "_", f"{cell.policy}--{cell.scenario.name}")[-120:]
         return self.folder / f"{name}--{key(identity)}.json"
 
     def save(self, result: Result) -> Path:
-        """Write a result into its place, whole or not at all. A failed one does not count as finished."""
+        """Write a result into its place, whole or not at all.  result: a failed one does not count as finished."""
         path = self.path(result.cell, result.identity)
         failed = path.with_suffix(".error")
         _write(failed if result.error else path, _document(result))
@@ -123,7 +123,7 @@ class Store:
         return self.load(path) if path.exists() else None
 
     def load(self, path: Path) -> Result:
-        """The result in a file.
+        """The result in a file.  path: one of `files()`, or a copy.
 
         Raises:
             Damaged: if the file is not what was written.
@@ -147,7 +147,7 @@ class Store:
             raise Damaged(f"{path} is damaged ({problem}); delete it, and its cell is computed again") from None
 
     def results(self, failed: bool = False) -> Iterator[Result]:
-        """Every result, in the order of the files' names; those that failed too, if asked for.
+        """Every result, in the order of the files' names.  failed: True: those that failed too.
 
         Raises:
             Damaged: at a file that is not what was written; the others can still be read.
@@ -156,7 +156,7 @@ class Store:
             yield self.load(path)
 
     def files(self, failed: bool = False) -> list[Path]:
-        """The files of the results, sorted."""
+        """The files of the results, sorted.  failed: True: of those that failed too."""
         found = [*self.folder.glob("*.json"), *(self.folder.glob("*.error") if failed else ())]
         return sorted(path for path in found if "--" in path.name and not path.name.startswith("."))
 
@@ -193,7 +193,12 @@ def _write(path: Path, document: dict[str, Any]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all: beside its place, flushed to the disk, and renamed into it."""
+    """Write a file whole or not at all: beside its place, flushed to the disk, and renamed into it.
+
+    Args:
+        path: of the file; its folder is made.
+        text: all of it, written as UTF-8.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name[:80]}.{uuid.uuid4().hex}")
     try:

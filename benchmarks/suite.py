@@ -80,7 +80,12 @@ class Suite:
 
 
 def leaderboard_scenarios(arms: Sequence[str] = (), severities: Sequence[int] = scenarios.SEVERITIES[1:]) -> list[str]:
-    """The names of the leaderboard's scenarios: for each arm the nominal one, then every family at the severities."""
+    """The names of the leaderboard's scenarios: for each arm the nominal one, then every family at the severities.
+
+    Args:
+        arms: out of `scenarios.arms()`; empty: all.
+        severities: 0 to 3 each.
+    """
     names = []
     for arm in arms or scenarios.arms():
         names.append(scenarios.family("nominal", 0, arm).name)
@@ -102,13 +107,13 @@ SUITES: dict[str, str] = {
 
 
 def at_rate(scenario: Scenario, control_dt: float) -> Scenario:
-    """The scenario with another time between decisions [s], which its name then tells."""
+    """The scenario at another rate, which its name then tells.  scenario: to change; control_dt: time between decisions [s]."""
     name = scenario.name if control_dt == scenario.control_dt else f"{scenario.name}@{1.0 / control_dt:g}Hz"
     return scenario.replace(control_dt=control_dt, physics_dt=min(scenario.physics_dt, control_dt), name=name)
 
 
 def named(name: str) -> Suite:
-    """The suite of that name."""
+    """The suite of that name.  name: one of `SUITES`."""
     if name not in SUITES:
         raise unknown("suite", name, SUITES)
     policies = joining.names()
@@ -126,8 +131,9 @@ def named(name: str) -> Suite:
 def load(name: str) -> Suite:
     """A suite by name, or from a TOML file.
 
-    The file has `policies` and `scenarios` (names, families, or tables with the options of a scenario), and may have `seeds`
-    (64) and `control_dt` [s] for all of them.
+    Args:
+        name: one of `SUITES`, or the path of a file that ends in .toml. The file has `policies` and `scenarios` (names,
+            families, or tables with the options of a scenario), and may have `seeds` (64) and `control_dt` [s] for all.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -169,8 +175,9 @@ def narrow(
     for name in scenario_names:
         members = [s for s in leaderboard_scenarios() if _family(s) == name]
         chosen.extend(scenarios.get(s) for s in members)
-        if not members:
-            chosen.append(as_scenario(name))
+        if not members and isinstance(name, str) and name not in scenarios.names():
+            raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
+        chosen.extend([] if members else [as_scenario(name)])
     return dataclasses.replace(
         suite,
         policies=tuple(policies) or suite.policies,

@@ -29,7 +29,7 @@ CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
 
 SCENARIOS = (
-    "nominal", "mixed-error-2", "payload-2", "noise-2", "stiction-2", "disturbance-2", "everything-2",
+    "nominal", "mixed-error-2", "smaller-error-2", "payload-2", "noise-2", "stiction-2", "disturbance-2", "everything-2",
     "section-2-2/everything-2",
 )  # fmt: skip
 """What gains are tuned on."""
@@ -54,7 +54,7 @@ class Task:
         """Between which values each gain is looked for."""
         found: Mapping[str, tuple[float, float]] = getattr(controllers.factory(self.policy), "ranges", {})
         if not found:
-            raise ValueError(f"{self.policy} says of no gain between which values to look for it, in `ranges`")
+            raise ValueError(f"{self.policy} has nothing to tune: its `ranges` names no gain")
         return found
 
     @property
@@ -67,7 +67,7 @@ class Task:
         return sum(task.steps for task in self.tasks) * self.seeds
 
     def cost(self, gains: Mapping[str, float]) -> float:
-        """The objective for some gains; lower is better."""
+        """The objective; lower is better.  gains: by name; those left out take their defaults."""
         seeds = SPLITS["tuning"][: self.seeds]
         found = []
         for task in self.tasks:
@@ -110,12 +110,18 @@ def tune(task: Task, trials: int, storage: Path, sampler_seed: int = 0) -> optun
 
 
 def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
-    """The trials that ended with a number."""
+    """The trials that ended with a number.  study: of `tune`."""
     return study.get_trials(states=(optuna.trial.TrialState.COMPLETE,))
 
 
 def summary(task: Task, study: optuna.Study, command: str) -> dict[str, Any]:
-    """What is shipped of a study: the gains, what they are worth, and what they cost."""
+    """What is shipped of a study: the gains, what they are worth, and what they cost.
+
+    Args:
+        task: what was tuned.
+        study: of `tune`.
+        command: the line that was typed, for the record.
+    """
     done = finished(study)
     best = min(done, key=lambda trial: trial.value or 0.0)
     return {
@@ -134,7 +140,7 @@ def summary(task: Task, study: optuna.Study, command: str) -> dict[str, Any]:
 
 
 def ship(found: dict[str, Any], folder: Path = TUNED) -> Path:
-    """Write a summary where `controllers` finds it, as POLICY@tuned."""
+    """Write a summary where `controllers` finds it, as POLICY@tuned.  found: of `summary`; folder: of all tuned gains."""
     path = folder / f"{found['policy']}.json"
     write_text(path, json.dumps(found, indent=1) + "\n")
     return path

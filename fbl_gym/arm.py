@@ -92,7 +92,10 @@ SECTION_2_2 = ArmParameters(m1=0.7, m2=0.5, L1=20.0, L2=15.0)
 
 
 def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
-    """The five lumped parameters of links whose mass lies at `centre` (1: the paper's point masses)."""
+    """The five lumped parameters p1 ... p5, in kg m^2 and N m.
+
+    m1, m2, L1, L2, gravity, centre, inertia: as in `ArmParameters`.
+    """
     own = centre * centre + inertia
     p1 = own * m1 * L1 * L1 + m2 * L1 * L1
     p2 = own * m2 * L2 * L2
@@ -103,25 +106,25 @@ def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
 
 
 def inertia_terms(p1, p2, p3, c2):
-    """M11, M12 = M21 and M22 of equation (2)."""
+    """M11, M12 = M21 and M22 of equation (2) [kg m^2].  p1, p2, p3: lumped parameters [kg m^2]; c2: cos q2."""
     m12 = p2 + p3 * c2
     return p1 + p3 * c2 + m12, m12, p2
 
 
 def coriolis_terms(p3, s2, v1, v2):
-    """The vector C(q, v) v of equation (3)."""
+    """The vector C(q, v) v of equation (3) [N m].  p3: [kg m^2]; s2: sin q2; v1, v2: [rad/s]."""
     h = p3 * s2
     return -h * v2 * (2.0 * v1 + v2), h * v1 * v1
 
 
 def gravity_terms(p4, p5, c1, c12):
-    """The vector G(q) of equation (4)."""
+    """The vector G(q) of equation (4) [N m].  p4, p5: [N m]; c1, c12: cos q1 and cos(q1 + q2)."""
     g2 = p5 * c12
     return p4 * c1 + g2, g2
 
 
 def solve_terms(m11, m12, m22, r1, r2):
-    """The solution a of M a = r for the symmetric 2 x 2 matrix M."""
+    """The solution a of M a = r.  m11, m12, m22: of the symmetric matrix M; r1, r2: of r."""
     scale = 1.0 / (m11 * m22 - m12 * m12)
     return (m22 * r1 - m12 * r2) * scale, (m11 * r2 - m12 * r1) * scale
 
@@ -145,7 +148,7 @@ def _stack(first: Array, second: Array) -> Array:
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
-    """M(q) of equation (2) [kg m^2].  arm: ArmParameters or [... x 5], q: [... x 2] rad; returns [... x 2 x 2]."""
+    """M(q) of equation (2) [kg m^2].  arm: an ArmParameters or [... x 5]; q: [... x 2] rad; returns [... x 2 x 2]."""
     p1, p2, p3, _, _ = _lumped(arm)
     _, q2 = _joints(q)
     m11, m12, m22 = inertia_terms(p1, p2, p3, np.cos(q2))
@@ -153,11 +156,16 @@ def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
 
 
 def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, *, skew: bool = False) -> Array:
-    """C(q, v) of equation (3) [N m s].  q, v: [... x 2]; returns [... x 2 x 2].
+    """C(q, v) of equation (3) [N m s], [... x 2 x 2].
 
-    The paper's C gives the right C v, but dM/dt - 2 C is not skew-symmetric. With `skew=True` the matrix of the
-    Christoffel symbols is returned, for which it is, as passivity-based laws need (Spong, Hutchinson and
-    Vidyasagar, "Robot Modeling and Control", 2006, §7.3): [[-h v2, -h (v1 + v2)], [h v1, 0]], h = p3 sin q2.
+    The paper's C gives the right C v, but dM/dt - 2 C is not skew-symmetric.
+
+    Args:
+        arm: an ArmParameters or [... x 5].
+        q, v: [... x 2] rad and rad/s.
+        skew: True gives the matrix of the Christoffel symbols instead, for which it is, as passivity-based laws need (Spong,
+            Hutchinson and Vidyasagar, "Robot Modeling and Control", 2006, §7.3): [[-h v2, -h (v1 + v2)], [h v1, 0]],
+            h = p3 sin q2.
     """
     _, _, p3, _, _ = _lumped(arm)
     _, q2 = _joints(q)
@@ -168,23 +176,27 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
 
 
 def coriolis_torque(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-    """The torque C(q, v) v of equation (3) [N m].  q, v: [... x 2]; returns [... x 2]."""
+    """The torque C(q, v) v of equation (3) [N m].  arm: an ArmParameters or [... x 5]; q, v: [... x 2]; returns [... x 2]."""
     _, _, p3, _, _ = _lumped(arm)
     _, q2 = _joints(q)
     return _stack(*coriolis_terms(p3, np.sin(q2), *_joints(v)))
 
 
 def gravity_torque(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
-    """G(q) of equation (4) [N m].  q: [... x 2] rad; returns [... x 2]."""
+    """G(q) of equation (4) [N m].  arm: an ArmParameters or [... x 5]; q: [... x 2] rad; returns [... x 2]."""
     _, _, _, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
     return _stack(*gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2)))
 
 
 def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-    """The torque M a + C v + G [N m] that gives the acceleration a, without friction.  All [... x 2].
+    """The torque M a + C v + G [N m] that gives the acceleration a, without friction; [... x 2].
 
     With a nominal arm and a commanded acceleration, this is the paper's feedback linearisation mapping (figure 2).
+
+    Args:
+        arm: an ArmParameters or [... x 5].
+        q, v, a: [... x 2] rad, rad/s and rad/s^2.
     """
     p1, p2, p3, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
@@ -196,9 +208,12 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
 
 def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, torque: ArrayLike) -> Array:
-    """The acceleration M^-1 (torque - C v - G) [rad/s^2].  All [... x 2].
+    """The acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2].
 
-    `torque` is what acts on the joints: the applied torque less friction and disturbance.
+    Args:
+        arm: an ArmParameters or [... x 5].
+        q, v: [... x 2] rad and rad/s.
+        torque: [... x 2] N m, what acts on the joints: the applied torque less friction and disturbance.
     """
     p1, p2, p3, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
@@ -210,7 +225,7 @@ def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
 
 def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-    """Y(q, v, a) with Y p = M a + C v + G for the five lumped parameters p.  All [... x 2]; returns [... x 2 x 5].
+    """Y(q, v, a) with Y p = M a + C v + G for the five lumped parameters p.  q, v, a: [... x 2]; returns [... x 2 x 5].
 
     The columns of the paper's K (33), each once: its seven unknowns are five, and g is folded into p4 and p5.
     """
@@ -225,7 +240,10 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
 
 
 def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-    """Kinetic and potential energy [J], zero for an arm at rest and horizontal.  q, v: [... x 2]; returns [...]."""
+    """Kinetic and potential energy [J], zero for an arm at rest and horizontal, [...].
+
+    arm: an ArmParameters or [... x 5]; q, v: [... x 2] rad and rad/s.
+    """
     p1, p2, p3, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
     v1, v2 = _joints(v)
@@ -235,7 +253,7 @@ def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def joint_positions(arm: ArmParameters, q: ArrayLike) -> Array:
-    """Where the base, the second joint and the tip are [m].  q: [... x 2] rad; returns [... x 3 x 2] as (x, y)."""
+    """Where base, second joint and tip are [m], [... x 3 x 2] as (x, y).  arm: its lengths count; q: [... x 2] rad."""
     q1, q2 = _joints(q)
     elbow = arm.L1 * np.stack([np.cos(q1), np.sin(q1)], axis=-1)
     tip = elbow + arm.L2 * np.stack([np.cos(q1 + q2), np.sin(q1 + q2)], axis=-1)

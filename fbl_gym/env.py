@@ -178,9 +178,9 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
     ## Arguments
 
     * `scenario`: a name (`fbl_gym.scenarios.names()`), a `Scenario`, or its dict; None: the nominal arm.
-    * `arm`, `parameter_error`, `noise`, `friction`, `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`,
-      `physics_dt`, `duration`, `initial_error`, `limits`: fields of `Scenario` that replace the scenario's. Each is a record or
-      the plain data that makes one; None switches the option off.
+    * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`, `noise`, `friction`,
+      `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`, `physics_dt`, `duration`, `initial_error`, `limits`.
+      Each is a record or the plain data that makes one; None switches the option off.
     * `action`: "fraction", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: how many coming samples of the reference are observed.
@@ -229,7 +229,9 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode: the first of `seed`, or the next one of the seed given before.
 
-        Without any seed so far, one is drawn from the operating system's entropy.
+        Args:
+            seed: 0 to 2**64 - 1; None goes on with the seed given before, or draws one from the operating system's entropy.
+            options: none are known; what the environment offers is given to `gym.make`.
 
         Returns:
             The first observation, [size], and an empty info.

@@ -41,7 +41,15 @@ class Limits:
 
 @dataclass(frozen=True)
 class Slot:
-    """One stretch of the observation: its name, where it lies, the unit of its entries and their bounds."""
+    """One stretch of the observation.
+
+    Args:
+        name: such as "velocity".
+        start: index of its first entry.
+        size: how many entries.
+        unit: of the entries; several units, joined by commas, take turns by pairs of entries.
+        low, high: bounds of the entries, [size] in their units.
+    """
 
     name: str
     start: int
@@ -61,6 +69,9 @@ class Layout:
 
     `observation[..., layout["velocity"]]` is the measured velocity of both joints. `"velocity" in layout` says whether
     that sensor exists; asking for a slot that is absent is an error that lists those that are there.
+
+    Args:
+        slots: in their order, without gaps.
     """
 
     slots: tuple[Slot, ...]
@@ -138,17 +149,21 @@ class Interface:
         return spaces.Box(low, high, dtype=np.float64)
 
     def saturate(self, torque: Array) -> Array:
-        """`torque` [... x 2] N m within the torque limit."""
+        """The torque within its limit.  torque: [... x 2] N m."""
         if self.torque_limit is None:
             return torque
         limit = np.array(self.torque_limit)
         return np.clip(torque, -limit, limit)
 
     def action_from_torque(self, torque: Array, position: Array, velocity: Array) -> Array:
-        """The action that asks for `torque`.  All [... x 2]: N m, measured rad and rad/s; returns the action's unit.
+        """The action that asks for a torque, [... x 2] in the action's unit.
 
         For acceleration actions, the nominal mapping is inverted at the measured state, which is where the environment
         applies it.
+
+        Args:
+            torque: [... x 2] N m.
+            position, velocity: measured, [... x 2] rad and rad/s.
         """
         if self.action == "fraction":
             return self.saturate(torque) / np.array(self.torque_limit)
@@ -158,7 +173,12 @@ class Interface:
         return np.clip(acceleration, -self.action_limit[0], self.action_limit[0])
 
     def torque_from_action(self, action: Array, position: Array, velocity: Array) -> Array:
-        """The torque that an action asks for, before delay and lag.  All [... x 2]; the inverse of `action_from_torque`."""
+        """The torque that an action asks for, [... x 2] N m before delay and lag; the inverse of `action_from_torque`.
+
+        Args:
+            action: [... x 2] in the action's unit.
+            position, velocity: measured, [... x 2] rad and rad/s.
+        """
         if self.action == "fraction":
             return np.clip(action, -1.0, 1.0) * np.array(self.torque_limit)
         if self.action == "torque":
@@ -175,7 +195,12 @@ def make_layout(
 ) -> Layout:
     """The layout for a choice of sensors: what is measured, the reference, then the optional slots.
 
-    previous_action: bound of the previous action where an actuator delay or lag makes it part of the state, else None.
+    Args:
+        sensors: which of position, velocity and acceleration are measured.
+        limits: where the bounds come from.
+        previous_action: bound of the previous action where an actuator delay or lag makes it part of the state, else None.
+        action_unit: of the previous action.
+        preview: how many coming samples of the reference are observed; 0: none.
     """
     slots: list[Slot] = []
 

@@ -17,12 +17,26 @@ Record = TypeVar("Record")
 Pair = tuple[float, float]
 
 
-def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
-    """The error for a name that is not known: lists what is, and the nearest first."""
+_MANY = 20
+"""So many names an error lists; of more, the nearest."""
+
+
+def hint(name: object, known: Iterable[str]) -> str:
+    """What may have been meant, as the end of an error: the nearest known name, or those that have it in them."""
     names = sorted(known)
-    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else "."
-    return ValueError(f"unknown {what} {name!r}{hint} Known: {', '.join(names) or 'none'}")
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5) or [n for n in names if str(name) in n][:3]
+    return f"; did you mean {' or '.join(map(repr, near))}?" if near and str(name) else ""
+
+
+def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
+    """The error for a name that is not known: the nearest that is, and a list of all, or of those near it."""
+    names = sorted(known)
+    meant = hint(name, names)
+    shown, more = names, ""
+    if meant and len(names) > _MANY:
+        shown = difflib.get_close_matches(str(name), names, n=_MANY // 2, cutoff=0.0)
+        more = f" and {len(names) - len(shown)} more"
+    return ValueError(f"unknown {what} {name!r}{meant or '.'} Known: {', '.join(shown) or 'none'}{more}")
 
 
 def choice(name: str, value: object, known: Iterable[str]) -> str:

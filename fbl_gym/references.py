@@ -44,6 +44,7 @@ class MinimumJerk:
         points: the way-points themselves instead, [n x 2] rad; the arm starts on the first and stays on the last.
         move_time: duration of a move [s].
         hold_time: rest after each move [s].
+        kind: "minimum-jerk"; tells this record from the others in plain data.
     """
 
     low: Pair | float = LOW
@@ -70,6 +71,7 @@ class Steps:
         low, high: box [rad] from which levels are drawn, per episode.
         points: the levels themselves instead, [n x 2] rad; the arm starts on the first, and the first jump is at t = 0.
         period: [s].
+        kind: "steps"; tells this record from the others in plain data.
     """
 
     low: Pair | float = LOW
@@ -90,6 +92,7 @@ class FilteredSteps:
     Args:
         low, high, points, period: as in `Steps`.
         bandwidth: w [rad/s].
+        kind: "filtered-steps"; tells this record from the others in plain data.
     """
 
     low: Pair | float = LOW
@@ -116,6 +119,7 @@ class SineReference:
         centre, amplitude: [rad], per joint.
         frequency: [Hz], the same for both joints.
         phase: [rad], per joint; None: drawn per episode.
+        kind: "sine"; tells this record from the others in plain data.
     """
 
     centre: Pair | float = (-math.pi / 2, 0.0)
@@ -144,6 +148,7 @@ class FourierReference:
         amplitude: bound of |q - centre| [rad], per joint: the sum of the harmonics' amplitudes.
         frequency: of the first harmonic [Hz].
         harmonics: how many.
+        kind: "fourier"; tells this record from the others in plain data.
     """
 
     centre: Pair | float = (-math.pi / 2, 0.0)
@@ -171,6 +176,7 @@ class ArrayReference:
         position: [n x 2] rad.
         dt: sample time [s].
         velocity, acceleration: [n x 2]; None: from a cubic spline through the positions.
+        kind: "array"; tells this record from the others in plain data.
     """
 
     position: tuple[Pair, ...]
@@ -191,7 +197,7 @@ class ArrayReference:
         _check_kind(self)
 
     def samples(self, times: np.ndarray) -> np.ndarray:
-        """Position, velocity and acceleration at `times` [n]; returns [n x 6], at rest beyond the last sample."""
+        """Position, velocity and acceleration, [n x 6], at rest beyond the last sample.  times: [n] s."""
         position = np.array(self.position)
         last = (len(position) - 1) * self.dt
         at = np.minimum(times, last)

@@ -12,6 +12,7 @@ import functools
 import math
 import os
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -118,7 +119,7 @@ class View:
         self._full_torque = full_torque(scenario)
         self._trail = Trail()
         self._shown, self._due = math.inf, 0.0
-        self._has_window = False
+        self._frame: Frame | None = None
 
     def picture(self, truth: Truth) -> Picture:
         """What is to be seen now, of the truth of a single arm; the trail remembers it."""
@@ -156,21 +157,41 @@ class View:
         else:  # a new episode, or late
             due = now
         self._shown, self._due = picture.time, due
-        window = pygame.display.get_surface()
-        if window is None or window.get_size() != (self.size, self.size):
-            pygame.display.init()
-            pygame.display.set_caption("fbl-gym")
-            window = pygame.display.set_mode((self.size, self.size))
-            self._has_window = True
-        pygame.surfarray.blit_array(window, frame.swapaxes(0, 1))
-        pygame.event.pump()
-        pygame.display.flip()
+        self._frame = frame
+        _OPEN[self] = None
+        _paint()
 
     def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._has_window:
-            pygame.display.quit()
-            self._has_window = False
+        """Leave the window, if the arm stands in it; the last one closes it."""
+        if self in _OPEN:
+            del _OPEN[self]
+            _paint()
+
+
+_OPEN: weakref.WeakKeyDictionary[View, None] = weakref.WeakKeyDictionary()
+"""The arms in the window, from left to right: pygame has one window for a process, so several stand side by side."""
+
+
+def _paint() -> None:
+    """Show every open view's last frame; without any, close the window."""
+    views = list(_OPEN)
+    if not views:
+        pygame.display.quit()
+        return
+    size = sum(view.size for view in views), max(view.size for view in views)
+    window = pygame.display.get_surface()
+    if window is None or window.get_size() != size:
+        pygame.display.init()
+        pygame.display.set_caption("fbl-gym")
+        window = pygame.display.set_mode(size)
+        window.fill(PAPER)
+    left = 0
+    for view in views:
+        assert view._frame is not None
+        pygame.surfarray.blit_array(window.subsurface((left, 0, view.size, view.size)), view._frame.swapaxes(0, 1))
+        left += view.size
+    pygame.event.pump()
+    pygame.display.flip()
 
 
 def _pair(x: Array) -> Pair:

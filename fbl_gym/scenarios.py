@@ -148,7 +148,7 @@ class Scenario:
         return round(self.duration / self.control_dt)
 
     def replace(self, **changes: Any) -> Scenario:
-        """A scenario with some fields changed, given as records or as plain data."""
+        """A scenario with some fields changed.  **changes: fields, as records or as plain data."""
         names = [f.name for f in dataclasses.fields(self)]
         for name in changes:
             if name not in names:
@@ -161,7 +161,7 @@ class Scenario:
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Scenario:
-        """The scenario that `to_dict` described; missing fields take their defaults."""
+        """The scenario that `to_dict` described.  data: its fields; those that are missing take their defaults."""
         return build("scenario", data, Scenario)
 
 
@@ -291,9 +291,12 @@ def arms() -> tuple[str, ...]:
 
 
 def family(name: str, severity: int = 0, arm: str = "table-1") -> Scenario:
-    """The scenario of a family at a severity from 0 to 3, for one of `arms()`; severity 0 is the nominal arm.
+    """The scenario of a family; its name is such as "mass-error-2", or "section-2-2/mass-error-2".
 
-    Its name is such as "mass-error-2", or "section-2-2/mass-error-2".
+    Args:
+        name: one of `families()`.
+        severity: 0 (the nominal arm) to 3.
+        arm: one of `arms()`.
     """
     if name not in families():
         raise unknown("family", name, families())
@@ -424,7 +427,7 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> Scenario:
-    """The scenario of that name."""
+    """The scenario of that name.  name: one of `names()`."""
     if name in _PAPER:
         return _PAPER[name]
     members = _members()

@@ -132,9 +132,11 @@ class SensorError:
 
 @dataclass(frozen=True)
 class Noise:
-    """The errors of the position [rad], velocity [rad/s] and acceleration [rad/s^2] sensors.
+    """The errors of the sensors.
 
-    Each is a SensorError, the dict that makes one, or its sigma; None: a perfect sensor.
+    Args:
+        position, velocity, acceleration: of the sensor in [rad], [rad/s], [rad/s^2]: a SensorError, the dict that makes one,
+            or its sigma; None: a perfect sensor.
     """
 
     position: SensorError | Mapping[str, Any] | Pair | float | None = None
@@ -185,6 +187,7 @@ class PiecewiseConstantDisturbance:
     Args:
         amplitude: [N m], per joint.
         period: [s], a multiple of physics_dt.
+        kind: "piecewise-constant"; tells this record from the others in plain data.
     """
 
     amplitude: Pair | float
@@ -208,6 +211,7 @@ class SineDisturbance:
         amplitude: [N m], per joint.
         frequency: [Hz], per joint.
         phase: [rad], per joint; None: drawn per episode.
+        kind: "sine"; tells this record from the others in plain data.
     """
 
     amplitude: Pair | float
@@ -232,6 +236,7 @@ class PulseDisturbance:
     Args:
         amplitude: [N m], per joint, of either sign.
         period, width, start: [s], multiples of physics_dt, with width <= period.
+        kind: "pulses"; tells this record from the others in plain data.
     """
 
     amplitude: Pair | float
@@ -259,6 +264,7 @@ class ArrayDisturbance:
     Args:
         torque: [n x 2] N m.
         dt: sample time [s], a multiple of physics_dt.
+        kind: "array"; tells this record from the others in plain data.
     """
 
     torque: tuple[Pair, ...]

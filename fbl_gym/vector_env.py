@@ -47,7 +47,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
 
     Args:
         num_envs: how many, one or more.
-        scenario, action, reward, preview, and the scenario's fields: as for `TwoLinkArmEnv`.
+        scenario, action, reward, preview, **options: as for `TwoLinkArmEnv`.
         autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after so many steps if that is sooner than the scenario's duration.
         threads: between how many threads the lanes are divided, which pays from some 1,000 lanes on; the numbers are the same.
@@ -103,11 +103,12 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Start an episode in every lane, or in those of `options={"reset_mask": mask}` with a boolean `mask` [num_envs].
+        """Start an episode in every lane, or in some.
 
         Args:
             seed: s gives lane i the seed s + i; a sequence gives each lane its own, None in it goes on with that lane's;
                 None goes on with the seeds given before (or, at first, draws them).
+            options: {"reset_mask": mask} resets only the lanes where the boolean mask [num_envs] is True.
 
         Returns:
             Observations [num_envs x size], those of lanes that were not reset as they were, and an empty info.

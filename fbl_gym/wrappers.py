@@ -88,11 +88,17 @@ class ErrorCoordinates(gym.ObservationWrapper[Any, Any, Any], RecordConstructorA
         self.observation_space = self._errors.space
 
     def observation(self, observation: Array) -> Array:
+        """In error coordinates.  observation: the plain one, [layout.size]."""
         return self._errors(observation)
 
 
 class VectorErrorCoordinates(VectorWrapper):
-    """`ErrorCoordinates` over a `TwoLinkArmVectorEnv`, in every autoreset mode (`final_obs` included)."""
+    """`ErrorCoordinates` over a `TwoLinkArmVectorEnv`, in every autoreset mode (`final_obs` included).
+
+    Args:
+        env: a `TwoLinkArmVectorEnv`, wrapped or not, whose observation is still the plain one.
+        position, velocity, acceleration: scale of an error [rad], [rad/s], [rad/s^2].
+    """
 
     def __init__(
         self, env: VectorEnv, position: float = 0.1, velocity: float = 1.0, acceleration: float = 10.0
@@ -103,10 +109,12 @@ class VectorErrorCoordinates(VectorWrapper):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """The environment's `reset`, in error coordinates.  seed, options: as the environment takes them."""
         observations, infos = self.env.reset(seed=seed, options=options)
         return self._errors(observations), infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """The environment's `step`, in error coordinates.  actions: [num_envs x 2]."""
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         if "final_obs" in infos:
             final = infos["final_obs"]
@@ -120,7 +128,16 @@ class BasePolicy(Protocol):
 
     def predict(
         self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
-    ) -> tuple[Array, Any]: ...
+    ) -> tuple[Array, Any]:
+        """The action for an observation, and the next state.
+
+        Args:
+            observation: [size], or [n x size] of a batch.
+            state: what the last call returned; None begins afresh.
+            episode_start: [n], True where an episode begins; None: nowhere.
+            deterministic: True, always: a residual stands on the policy's mean.
+        """
+        ...
 
 
 class _Base:
@@ -164,12 +181,14 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.action_space = spaces.Box(-1.0, 1.0, box.shape, dtype=np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """The environment's `reset`; the policy begins afresh.  seed, options: as the environment takes them."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._base.state = None
         self._base.begin(observation, None)
         return observation, info
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, dict[str, Any]]:
+        """The environment's `step` under the sum of both actions.  action: the residual, [2] within [-1, 1]."""
         _check_residual(action, (2,))
         result = self.env.step(self._base.act(action))
         self._base.begin(result[0], None)
@@ -177,7 +196,12 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
 
 class VectorResidual(VectorWrapper):
-    """`Residual` over a `TwoLinkArmVectorEnv`; the policy is told which lanes begin an episode, in every autoreset mode."""
+    """`Residual` over a `TwoLinkArmVectorEnv`; the policy is told which lanes begin an episode, in every autoreset mode.
+
+    Args:
+        env: a `TwoLinkArmVectorEnv`, wrapped or not, whose observation is still the plain one.
+        policy, scale: as in `Residual`.
+    """
 
     def __init__(self, env: VectorEnv, policy: BasePolicy, scale: float = 0.2) -> None:
         super().__init__(env)
@@ -189,6 +213,7 @@ class VectorResidual(VectorWrapper):
         self._done = np.zeros(self.num_envs, dtype=bool)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """The environment's `reset`; the policy begins afresh in its lanes.  seed, options: as the environment takes them."""
         mask = (options or {}).get("reset_mask")
         observations, infos = self.env.reset(seed=seed, options=options)
         starts = np.ones(self.num_envs, dtype=bool) if mask is None else mask
@@ -197,6 +222,7 @@ class VectorResidual(VectorWrapper):
         return observations, infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """The environment's `step` under the sum of both actions.  actions: the residuals, [num_envs x 2] within [-1, 1]."""
         _check_residual(actions, (self.num_envs, 2))
         result = self.env.step(self._base.act(actions))
         observations, done = result[0], result[2] | result[3]

@@ -16,6 +16,23 @@ def count(text: str) -> int:
     return int(text)
 
 
+def _file(text: str, *endings: str) -> Path:
+    path = Path(text)
+    if path.suffix not in endings:
+        raise argparse.ArgumentTypeError(f"must end in {', '.join(endings[:-1])} or {endings[-1]}, got {text!r}")
+    return path
+
+
+def picture(text: str) -> Path:
+    """A file that a plot can be written to, as an argument's type."""
+    return _file(text, ".png", ".svg", ".pdf")
+
+
+def film(text: str) -> Path:
+    """A file that a film can be written to, as an argument's type."""
+    return _file(text, ".mp4", ".gif")
+
+
 def console() -> Console:
     """What tables are printed on; a file has no width of its own."""
     return Console(width=None if sys.stdout.isatty() else 132)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from benchmarks.commands.common import console, count
+from benchmarks.commands.common import console, count, film, picture
 from benchmarks.metrics import measure
 from benchmarks.report.plot import plot_comparison
 from benchmarks.rollout import rollout
@@ -18,15 +17,19 @@ from fbl_gym import scenarios
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("policies", nargs="+", metavar="POLICY", help="two or more, as for `fbl-gym evaluate`")
-    parser.add_argument("--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios`")
+    parser.add_argument(
+        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
+    )
     parser.add_argument("--seeds", type=count, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)")
     parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="draw their errors on the first seed: .png, .svg, .pdf"
+        "--plot", type=picture, metavar="FILE", help="draw their errors on the first seed: .png, .svg or .pdf"
     )
-    parser.add_argument("--video", type=Path, metavar="FILE", help="film the first seed side by side: .mp4 or .gif")
+    parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed side by side: .mp4 or .gif")
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if len(set(arguments.policies)) < 2:
+        raise ValueError(f"two policies or more can be compared, got {' '.join(arguments.policies)}")
     scenario = scenarios.get(arguments.scenario)
     traces = {policy: rollout(policy, scenario, range(arguments.seeds)) for policy in arguments.policies}
     rows = {policy: measure(trace) for policy, trace in traces.items()}

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from benchmarks import joining
-from benchmarks.commands.common import console, count
+from benchmarks.commands.common import console, count, film, picture
 from benchmarks.metrics import measure
 from benchmarks.report import terminal
 from benchmarks.report.plot import plot_trace
@@ -18,10 +17,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policy", metavar="POLICY", help="a name from `fbl-gym list policies`, module:factory, or a file"
     )
-    parser.add_argument("--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios`")
+    parser.add_argument(
+        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
+    )
     parser.add_argument("--seeds", type=count, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
-    parser.add_argument("--video", type=Path, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
+    parser.add_argument("--plot", type=picture, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
+    parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
     parser.add_argument(
         "--trust", action="store_true", help="load an archive of stable-baselines3, which runs its code"
     )

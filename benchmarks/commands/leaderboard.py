@@ -25,14 +25,16 @@ from fbl_gym import scenarios
 def add_suite(parser: argparse.ArgumentParser) -> None:
     """Which cells."""
     parser.add_argument("--suite", default="quick", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (quick)")
-    parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these")
+    parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
     parser.add_argument(
         "--policy", action="append", default=[], metavar="P", help="this one too: module:factory, file.py, or model.zip"
     )
     parser.add_argument("--trust", action="store_true", help="load archives of stable-baselines3, which run their code")
-    parser.add_argument("--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families")
+    parser.add_argument(
+        "--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)"
+    )
     parser.add_argument("--arm", choices=scenarios.arms(), help="only scenarios of this arm")
-    parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, with the test seeds 0 to N-1")
+    parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
     add_store(parser)
 
 
@@ -49,7 +51,7 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
+        "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
     )
     parser.add_argument("--backend", choices=BACKENDS, default="loky", help="this machine, or a cluster (loky)")
     parser.add_argument("--address", metavar="A", help="of the Ray or Dask cluster (one of its own)")

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import shutil
+import sys
+from collections.abc import Callable, Mapping
 
 import controllers
 from benchmarks.suite import SUITES
@@ -10,17 +13,34 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", choices=("policies", "scenarios", "suites"))
+    parser.add_argument(
+        "what", nargs="?", choices=tuple(LISTS),
+        help="what to list (all three); a terminal gets a line each, a file or a pipe the whole text",
+    )  # fmt: skip
+
+
+def _policies() -> dict[str, str]:
+    return {
+        name: f"{controllers.summary(name)}  [{controllers.kind(name)}, told: {controllers.tier(name)}]"
+        for name in controllers.names()
+    }
+
+
+LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
+    "policies": _policies,
+    "scenarios": lambda: {name: scenarios.get(name).description for name in scenarios.names()},
+    "suites": lambda: SUITES,
+}
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if arguments.what == "policies":
-        for name in controllers.names():
-            print(f"{name:<20} {controllers.summary(name)}  [{controllers.kind(name)}, told: {controllers.tier(name)}]")
-    elif arguments.what == "scenarios":
-        for name in scenarios.names():
-            print(f"{name:<30} {scenarios.get(name).description}")
-    else:
-        for name, text in SUITES.items():
-            print(f"{name:<12} {text}")
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    for what in (arguments.what,) if arguments.what else LISTS:
+        found = LISTS[what]()
+        wide = max(map(len, found)) + 2
+        if arguments.what is None:
+            print(f"{what}:")
+        for name, text in found.items():
+            line = f"{name:<{wide}}{text}"
+            print(line if width is None or len(line) <= width else line[: width - 1] + "…")
     return 0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks import joining
 from benchmarks.board import assemble
-from benchmarks.commands.common import command_line, console
+from benchmarks.commands.common import command_line, console, count
 from benchmarks.commands.leaderboard import add_suite, results_of, suite_of
 from benchmarks.reach import reaches
 from benchmarks.report import markdown, terminal
@@ -22,7 +22,9 @@ from benchmarks.store import Store, write_text
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
-    parser.add_argument("--out", type=Path, default=Path("results/report"), metavar="DIR", help="(results/report)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/report"), metavar="DIR", help="where to write (results/report)"
+    )
     parser.add_argument(
         "--radius", action="store_true", help="measure the uncertainty radius of every policy too (minutes)"
     )
@@ -34,9 +36,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--learned", action="store_true", help="agents over all their training seeds, in learned.md (minutes)"
     )
-    parser.add_argument("--readme", type=Path, metavar="FILE", help="put the table between the markers of this file")
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
+        "--readme",
+        type=Path,
+        metavar="FILE",
+        help="put the table between the markers `<!-- leaderboard -->` of this file",
+    )
+    parser.add_argument(
+        "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes for --radius (one per core)"
     )
 
 
@@ -46,6 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
         joining.trust(policy)
     store = Store(arguments.store)
     results = results_of(suite_of(arguments).cells, store)
+    if not results:
+        raise ValueError(
+            f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments first"
+        )
     board = assemble(results)
     radii = reaches(board.policies, store, arguments.workers) if arguments.radius else {}
     splits = measure_splits(board, store, arguments.workers, trusted) if arguments.splits else {}

@@ -51,8 +51,8 @@ def write_splits(path: Path, board: Board, splits: Mapping[str, Split]) -> None:
     write_text(path, text.getvalue())
 
 
-def query(results: Iterable[Result], sql: str) -> Any:
-    """The answer of DuckDB to a question about the table `results`, whose columns are those of the CSV.
+def query(results: Iterable[Result], sql: str) -> str | None:
+    """DuckDB's answer to a question about the table `results`, whose columns are those of the CSV; None to a command.
 
     Args:
         results: what the table holds.
@@ -64,4 +64,8 @@ def query(results: Iterable[Result], sql: str) -> Any:
 
     connection = duckdb.connect()
     connection.register("results", pd.DataFrame.from_records(list(rows(results)), columns=list(COLUMNS)))
-    return connection.sql(sql)
+    try:
+        answer = connection.sql(sql)
+        return None if answer is None else str(answer)
+    except duckdb.Error as problem:
+        raise ValueError(f"{problem}\nThe table results has the columns {', '.join(COLUMNS)}") from None

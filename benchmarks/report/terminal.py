@@ -19,44 +19,63 @@ from benchmarks.splits import RADII, TRAINED_ON, Split
 
 
 def leaderboard(console: Console, board: Board) -> None:
-    """One row per policy, the best first: score, errors, failures, and the error in each family of scenarios."""
-    table = Table(
-        title=f"{len(board.scenarios)} scenarios, {len(board.seeds)} seeds each", title_style="bold", box=SIMPLE_HEAD,
-        padding=(0, 0, 0, 1), pad_edge=False,
-    )  # fmt: skip
+    """One row per policy, the best first: score, errors, failures, and the error in each family of scenarios.
+
+    Nothing is cut: a file gets lines as long as they need to be, and where a terminal is too narrow for all families, the rest
+    follow in tables of their own.
+    """
+    text_width = console.width
+    if not console.is_terminal:
+        console.width = max(console.width, _width(console, _board(board, True, list(board.families))))
+    left, summary = list(board.families), True
+    while left or summary:
+        fits = [n for n in range(len(left) + 1) if _width(console, _board(board, summary, left[:n])) <= console.width]
+        n = max([*fits, 0 if summary else 1])
+        console.print(_board(board, summary, left[:n]))
+        left, summary = left[n:], False
+    console.print(
+        "score: 0 as an arm that stays where it started, 100 as the oracle. error: interquartile mean of the mean absolute "
+        "tracking error in % of the reference's amplitude, over all scenarios and in each family. failed: share of runs that "
+        "diverged. rank: 95 % interval. us: per decision. In brackets: knows the truth, not ranked.",
+        width=min(text_width, console.width),
+    )
+    for policy, reason in board.incomplete.items():
+        console.print(f"[red]left out[/red] {escape(policy)}: {escape(reason)}")
+
+
+def _width(console: Console, table: Table) -> int:
+    """The width at which nothing of a table is cut."""
+    return console.measure(table, options=console.options.update(width=10_000)).maximum
+
+
+def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
+    """The board's columns on all scenarios together, if asked for, and those of some families."""
+    title = f"{len(board.scenarios)} scenarios, {len(board.seeds)} seeds each" if summary else None
+    table = Table(title=title, title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
     table.add_column("policy", no_wrap=True)
-    for name in ("rank", "score", "error\n%", "failed\n%", "us"):
+    for name in ("rank", "score", "error\n%", "failed\n%", "us") if summary else ():
         table.add_column(name, justify="right", no_wrap=True)
-    families = {family: board.family_errors[family].value for family in board.families}
-    best = {family: min(values[i] for i in board.ranked) for family, values in families.items() if board.ranked}
     for family in families:
         table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)
     ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
     for i in board.order:
         told = joining.tier(board.policies[i]) == "truth"
-        errors = [
-            f"[green]{_number(values[i])}[/green]" if not told and values[i] == best[family] else _number(values[i])
-            for family, values in families.items()
-        ]
-        failed = 100 * board.failures.value[i]
-        table.add_row(
-            f"({board.policies[i]})" if told else board.policies[i],
-            "" if told else _range(*ranks[i]),
-            "" if board.score is None else f"{board.score.value[i]:.1f}",
-            _number(board.error.value[i]),
-            f"[red]{failed:.2g}[/red]" if failed else "0",
-            f"{board.decision_us[i]:.2g}",
-            *errors,
-            style="dim" if told else "",
-        )  # fmt: skip
-    console.print(table)
-    console.print(
-        "score: 0 as an arm that stays where it started, 100 as the oracle. error: interquartile mean of the mean absolute "
-        "tracking error in % of the reference's amplitude, over all scenarios and in each family. failed: share of runs that "
-        "diverged. rank: 95 % interval. us: per decision. In brackets: knows the truth, not ranked."
-    )
-    for policy, reason in board.incomplete.items():
-        console.print(f"[red]left out[/red] {escape(policy)}: {escape(reason)}")
+        cells = [f"({board.policies[i]})" if told else board.policies[i]]
+        if summary:
+            failed = 100 * board.failures.value[i]
+            cells += [
+                "" if told else _range(*ranks[i]),
+                "" if board.score is None else f"{board.score.value[i]:.1f}",
+                _number(board.error.value[i]),
+                f"[red]{failed:.2g}[/red]" if failed else "0",
+                _number(board.decision_us[i]),
+            ]
+        for family in families:
+            values = board.family_errors[family].value
+            best = not told and values[i] == min(values[k] for k in board.ranked)
+            cells.append(f"[green]{_number(values[i])}[/green]" if best else _number(values[i]))
+        table.add_row(*cells, style="dim" if told else "")
+    return table
 
 
 def splits(console: Console, board: Board, found: Mapping[str, Split]) -> None:

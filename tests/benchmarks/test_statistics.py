@@ -78,7 +78,7 @@ def test_intervals_agree_with_scipy(statistic, of_runs):
         vectorized=False,
         method="percentile",
         n_resamples=4000,
-        rng=1,
+        random_state=1,
     )
     width = found.high - found.low
     assert found.value == pytest.approx(of_runs(x))

@@ -1,7 +1,10 @@
 """Frames, films and windows, as Gymnasium's users ask for them; and that drawing shows the truth and changes nothing."""
 
 import copy
+import gc
+import os
 import pickle
+import shutil
 import subprocess
 import sys
 import time
@@ -244,6 +247,72 @@ def test_a_window_shows_the_episode_in_real_time_and_close_takes_it_away():
     env.close()
     assert render.pygame.display.get_surface() is None
     env.close()
+
+
+def test_several_arms_stand_side_by_side_and_leave_one_by_one():
+    """Also one that is forgotten without `close`, and after another environment has shut pygame down."""
+    sizes = (200, 300, 160)
+    first, second, third = (TwoLinkArmEnv(render_mode="human", render_size=size) for size in sizes)
+    for env in (first, second, third):
+        env.reset(seed=0)
+    window = render.pygame.display.get_surface()
+    assert window.get_size() == (660, 300)
+    found = render.pygame.surfarray.array3d(window).swapaxes(0, 1)
+    np.testing.assert_array_equal(found[:, 200:500], View(second.scenario, 300).frame(second.truth))
+    assert tuple(found[250, 100]) == PAPER
+    first.close()
+    assert render.pygame.display.get_surface().get_size() == (460, 300)
+    del second, env
+    gc.collect()
+    render.pygame.quit()
+    third.step(ACTION)
+    third.step(ACTION)
+    assert render.pygame.display.get_surface().get_size() == (160, 160)
+    third.close()
+    assert render.pygame.display.get_surface() is None
+
+
+WATCH = """
+import subprocess, sys
+import gymnasium as gym
+import controllers, fbl_gym
+
+def windows():
+    tree = subprocess.run(["xwininfo", "-root", "-tree"], capture_output=True, text=True, check=True).stdout
+    return [line.split()[-2].split("+")[0] for line in tree.splitlines() if '"fbl-gym"' in line]
+
+envs = [gym.make("fbl_gym/TwoLinkArm-v0", scenario=s, render_mode="human") for s in ("everything-2", "payload-2")]
+for env in envs:
+    policy = controllers.make("cascade-flm", env)
+    observation, state = env.reset(seed=0)[0], None
+    for _ in range(50):
+        action, state = policy.predict(observation, state)
+        observation = env.step(action)[0]
+    print(*windows())
+for env in envs:
+    env.close()
+    print(*windows())
+"""
+
+
+@pytest.mark.skipif(
+    not (shutil.which("Xvfb") and shutil.which("xwininfo")), reason="needs Xvfb and xwininfo (packages xvfb, x11-utils)"
+)
+def test_a_real_window_opens_and_closes():
+    """On a screen in memory, with X11's own list of windows as the witness."""
+    reading, writing = os.pipe()
+    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1024x768x24", "-nolisten", "tcp"]
+    with subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL) as screen:
+        os.close(writing)
+        try:
+            with os.fdopen(reading) as told:
+                display = f":{told.readline().strip()}"
+            environment = {**os.environ, "DISPLAY": display, "SDL_VIDEODRIVER": "x11"}
+            done = subprocess.run([sys.executable, "-c", WATCH], env=environment, capture_output=True, text=True)
+        finally:
+            screen.terminate()
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["480x480", "960x480", "480x480", ""]
 
 
 @pytest.mark.parametrize(("control_dt", "drawn"), [(0.1, 5), (0.01, 25), (0.001, 25)])

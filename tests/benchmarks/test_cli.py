@@ -1,0 +1,108 @@
+"""First contact: what `fbl-gym` says to someone who has mistyped something, and that its tables can be read."""
+
+import io
+import shlex
+
+import pytest
+from rich.console import Console
+
+from benchmarks import cli
+from benchmarks.board import assemble
+from benchmarks.commands import names
+from benchmarks.report import terminal
+from benchmarks.runner import run_cell
+from benchmarks.suite import leaderboard_scenarios, narrow
+from benchmarks.suite import load as load_suite
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Known: cascade-flm, "),
+        ("evaluate ppo", "unknown policy 'ppo'; did you mean 'ppo-acceleration' or 'ppo-memory' or 'ppo-residual'?"),
+        ("evaluate pid-flm@tund", "did you mean 'pid-flm@tuned'"),
+        ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),
+        ("evaluate zero --senario nominal", "unrecognized arguments: --senario"),
+        ("evaluate zero --senario=nominal", "did you mean '--scenario'"),
+        ("evaluate zero --plot trace.bmp", "must end in .png, .svg or .pdf, got 'trace.bmp'"),
+        ("evaluate zero --video trace.avi", "must end in .mp4 or .gif, got 'trace.avi'"),
+        ("compare zero", "two policies or more can be compared, got zero"),
+        ("leaderboard --suite quik", "unknown suite 'quik'; did you mean 'quick'"),
+        ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
+        ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
+        ("leaderboard --arm tabel-1", "did you mean 'table-1'"),
+        ("leaderboard --workers 0", "must be a whole number, 1 or more, got '0'"),
+        ("list policy", "did you mean 'policies'"),
+        ("query 'SELECT polcy FROM results'", "The table results has the columns policy, scenario, control_dt, seed"),
+        ("report --store nowhere", "the folder nowhere lacks these results: run `fbl-gym leaderboard`"),
+        ("tune zero", "zero has nothing to tune"),
+        ("reproduce --only figure-77", "unknown claim 'figure-77'; did you mean 'figure-7'"),
+    ],
+)
+def test_a_mistake_is_answered_with_what_is_right(line, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = cli.main(shlex.split(line))
+    except SystemExit as left:
+        status = left.code
+    assert status == 2
+    shown = capsys.readouterr()
+    assert message in shown.err
+    assert shown.out == ""
+    assert list(tmp_path.iterdir()) in ([], [tmp_path / "results"])
+
+
+def test_a_list_of_many_names_is_short(capsys):
+    cli.main(["evaluate", "zero", "--scenario", "mixed-eror-2"])
+    assert len(capsys.readouterr().err) < 400
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_the_example_of_a_command_is_right(name):
+    parser, _ = cli.prepare(name)
+    example = cli.COMMANDS[name].example
+    assert example in parser.format_help()
+    parser.parse_args(shlex.split(example.partition(">")[0]))
+
+
+@pytest.fixture(scope="module")
+def board():
+    tasks = [s for s in leaderboard_scenarios(["table-1"], [2]) if s != "everything-2"]
+    suite = narrow(load_suite("quick"), ["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
+    return assemble([run_cell(cell) for cell in suite.cells])
+
+
+def printed(board, **options):
+    file = io.StringIO()
+    terminal.leaderboard(Console(file=file, **options), board)
+    return file.getvalue()
+
+
+def test_the_board_in_a_file_has_all_its_columns(board):
+    """One row for each policy, nothing cut, whatever the width that is taken for the text below it."""
+    shown = printed(board, width=80)
+    assert "…" not in shown
+    (row,) = [line for line in shown.splitlines() if line.lstrip().startswith("slotine-li-composite@tuned")]
+    assert len(row.split()) == 6 + len(board.families)
+    assert max(map(len, shown[shown.index("score: 0") :].splitlines())) <= 80
+
+
+@pytest.mark.parametrize("width", [72, 100, 132])
+def test_the_board_on_a_terminal_fits_into_it(board, width):
+    shown = printed(board, width=width, force_terminal=True, color_system=None)
+    assert "…" not in shown
+    assert max(map(len, shown.splitlines())) <= width
+    rows = [line.split() for line in shown.splitlines() if line.lstrip().startswith("slotine-li-composite@tuned")]
+    assert sum(len(row) - 1 for row in rows) == 5 + len(board.families)
+
+
+def test_a_list_has_a_line_each(capsys, monkeypatch):
+    assert cli.main(["list"]) == 0
+    whole = capsys.readouterr().out.splitlines()
+    assert len(whole) == sum(len(found()) for found in names.LISTS.values()) + len(names.LISTS)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "70")
+    cli.main(["list", "scenarios"])
+    cut = capsys.readouterr().out.splitlines()
+    assert max(map(len, cut)) == 70
+    assert cut[0].endswith("…")
