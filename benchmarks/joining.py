@@ -3,6 +3,7 @@
 A policy is named by text, which workers on other machines can resolve again:
 
 - a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed package;
+- "ppo-memory@3", a shipped agent of one training seed;
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
 - "path/to/run", a folder that `fbl-gym train` wrote;
@@ -22,7 +23,7 @@ from types import ModuleType
 from typing import Any
 
 import controllers
-from benchmarks.rl.policy import SavedAgent, load_zip
+from benchmarks.rl.policy import load_zip, saved_agent, shipped, tier_of
 from fbl_gym.interface import Interface
 from fbl_gym.records import unknown
 
@@ -49,25 +50,28 @@ def names() -> tuple[str, ...]:
 
 def learned(policy: str) -> bool:
     """Whether a policy was trained, not designed.  policy: text that names it."""
-    return policy.endswith(".zip") or _is_run(policy) or (_registered(policy) and controllers.kind(policy) == "learned")
+    name = _registered(policy)
+    return policy.endswith(".zip") or _is_run(policy) or (name != "" and controllers.kind(name) == "learned")
 
 
 def tier(policy: str) -> str:
     """What a policy is told of the arm: "nothing", "nominal model" or "truth".  policy: text that names it."""
-    if _registered(policy):
-        return controllers.tier(policy)
+    if name := _registered(policy):
+        return controllers.tier(name)
+    if _is_run(policy):
+        return tier_of(Path(policy))
     return "nominal model" if learned(policy) else getattr(_attribute(policy), "tier", "nominal model")
 
 
 def sensors(policy: str) -> str:
     """The sensors that a policy cannot do without, such as "position, velocity"; empty: unsaid.  policy: text that names it."""
-    factory = controllers.factory(policy) if _registered(policy) else None
+    factory = controllers.factory(name) if (name := _registered(policy)) else None
     return ", ".join(getattr(factory, "needs", ()))
 
 
 def preview(policy: str) -> float:
     """How far ahead a policy would see the reference [s].  policy: text that names it."""
-    factory = controllers.factory(policy) if _registered(policy) else None
+    factory = controllers.factory(name) if (name := _registered(policy)) else None
     return float(getattr(factory, "preview", 0.0))
 
 
@@ -78,8 +82,16 @@ def tuning(policy: str) -> str:
     return "tuned" if policy.endswith("@tuned") else "default gains"
 
 
-def _registered(policy: str) -> bool:
-    return policy in names()
+def _registered(policy: str) -> str:
+    """The name under which a policy is registered; empty: it is not."""
+    name, _ = _with_seed(policy)
+    return name if name in names() else ""
+
+
+def _with_seed(policy: str) -> tuple[str, dict[str, int]]:
+    """A policy's name and, of "ppo-memory@3", its training seed as an argument."""
+    name, _, seed = policy.rpartition("@")
+    return (name, {"seed": int(seed)}) if name in shipped() and seed.isdigit() else (policy, {})
 
 
 def _is_run(policy: str) -> bool:
@@ -123,8 +135,11 @@ def make(policy: str, env: Any, **gains: Any) -> Any:
     if policy.endswith(".zip"):
         return load_zip(Path(policy), interface, trust=True)
     if _is_run(policy):
-        return SavedAgent(interface, policy)
-    return controllers.make(_attribute(policy) if ":" in policy or _is_file(policy) else policy, env, **gains)
+        return saved_agent(env, policy)
+    if ":" in policy or _is_file(policy):
+        return controllers.make(_attribute(policy), env, **gains)
+    name, seed = _with_seed(policy)
+    return controllers.make(name, env, **(seed | gains))
 
 
 def _attribute(policy: str) -> Callable[..., Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.runner import run_cell
 from benchmarks.statistics import Radius, radius
-from benchmarks.store import Store, identity
+from benchmarks.store import Store
 from benchmarks.suite import SPLITS, Cell
 from fbl_gym import Scenario, scenarios
 
@@ -53,10 +53,8 @@ def reach(policy: str, direction: str, store: Store, seeds: int = 64, tolerance:
     def share(r: float) -> float:
         scenario = with_radius(task(), r, direction).replace(name=f"radius-{direction}-{r:.4g}")
         cell = Cell(policy, scenario, tuple(SPLITS["test"][:seeds]))
-        path = store.path(cell, identity(cell))
-        if path.exists():
-            result = store.load(path)
-        else:
+        result = store.find(cell)
+        if result is None:
             result = run_cell(cell, "fbl-gym report --radius")
             store.save(result)
         if result.error:

@@ -1,4 +1,4 @@
-"""How fast the environment and the controllers are, beside their peers: all in one interleaved run, one thread.
+"""How fast the environment and the controllers are, beside their peers: all in one interleaved run, on one thread unless said.
 
 Machines drift, so what counts is the ratio of medians over rounds in which every contestant had its turn. One step of the
 arm is ten Runge-Kutta steps of 1 ms, forty evaluations of its dynamics.
@@ -6,6 +6,7 @@ arm is ten Runge-Kutta steps of 1 ms, forty evaluations of its dynamics.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -16,8 +17,8 @@ import gymnasium as gym
 import numpy as np
 
 import controllers
+from benchmarks import peers
 from fbl_gym import TABLE_1, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.arm import ArmParameters
 
 ROUND_S = 0.1
 """How long a contestant runs in each round [s]."""
@@ -81,34 +82,21 @@ def _contestants() -> dict[str, tuple[Callable[[], int], str]]:
     }
     if find_spec("mujoco"):
         found["Reacher-v5"] = (_single(gym.make("Reacher-v5"), np.zeros(2)), _ACROBOT)
-        found["MuJoCo, the same arm, RK4"] = (_mujoco(TABLE_1), _ACROBOT)
+        found["MuJoCo, the same arm, RK4"] = (peers.mujoco_arm(TABLE_1), _ACROBOT)
+        found["MuJoCo rollout of 256 such arms"] = (peers.mujoco_arms(TABLE_1, 256), _ACROBOTS)
+    asynchronous = gym.make_vec(_ACROBOT, num_envs=4, vectorization_mode="async")
+    found["AsyncVectorEnv(Acrobot-v1), 4 processes"] = (_batch(asynchronous, np.ones(4, dtype=int)), _ACROBOTS)
+    if find_spec("gymnax"):
+        found["gymnax's Acrobot-v1, 256, XLA's threads"] = (peers.gymnax_acrobots(256), _ACROBOTS)
     for lanes in (16, 256, 4096):
         for name, options in (("", {}), (", busy", _BUSY)):
             env = gym.make_vec(_OURS, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
             found[f"TwoLinkArm-v0 batch, {lanes}{name}"] = (_batch(env, np.zeros((lanes, 2))), _ACROBOTS)
+    threads = os.cpu_count() or 1
+    if threads > 1:
+        env = TwoLinkArmVectorEnv(16384, threads=threads)
+        found[f"TwoLinkArm-v0 batch, 16384, {threads} threads"] = (_batch(env, np.zeros((16384, 2))), _ACROBOTS)
     return found
-
-
-def _mujoco(arm: ArmParameters) -> Callable[[], int]:
-    """A control step of MuJoCo's own Runge-Kutta on the same arm: ten steps of 1 ms, without any interface around it."""
-    import mujoco
-
-    tip = '<geom type="sphere" size="0.01" mass="{}" pos="{} 0 0"/>'
-    first, second = tip.format(arm.m1, arm.L1), tip.format(arm.m2, arm.L2)
-    joint = '<joint type="hinge" axis="0 0 1"/>'
-    text = (
-        f'<mujoco><compiler inertiafromgeom="true"/><option timestep="0.001" gravity="0 -{arm.gravity} 0" integrator="RK4">'
-        f'<flag contact="disable"/></option><worldbody><body>{joint}{first}<body pos="{arm.L1} 0 0">{joint}{second}</body>'
-        "</body></worldbody></mujoco>"
-    )
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-
-    def step() -> int:
-        mujoco.mj_step(model, data, 10)
-        return 1
-
-    return step
 
 
 def _rates(contestants: Mapping[str, Callable[[], int]], rounds: int) -> dict[str, list[float]]:

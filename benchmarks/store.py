@@ -117,6 +117,11 @@ class Store:
             failed.unlink(missing_ok=True)
         return path
 
+    def find(self, cell: Cell) -> Result | None:
+        """The result of a cell, if there is one.  cell: which."""
+        path = self.path(cell, identity(cell))
+        return self.load(path) if path.exists() else None
+
     def load(self, path: Path) -> Result:
         """The result in a file.  path: one of `files()`, or a copy.
 

@@ -29,7 +29,7 @@ CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
 
 SCENARIOS = (
-    "nominal", "mixed-error-2", "payload-2", "noise-2", "stiction-2", "disturbance-2", "everything-2",
+    "nominal", "mixed-error-2", "smaller-error-2", "payload-2", "noise-2", "stiction-2", "disturbance-2", "everything-2",
     "section-2-2/everything-2",
 )  # fmt: skip
 """What gains are tuned on."""

@@ -6,7 +6,7 @@ dynamic models and sensor feedback", Cogent Engineering 3:1173529 (2016):
     M(q) a + C(q, v) v + G(q) + F(v) + tau_d = tau
 
 with q = (theta1, theta2) in radians, theta1 from the horizontal and theta2 relative to the first link. Both the
-plant (compiled, in `kernel.py`) and the controllers (on batches, through the functions below) use the terms of this file;
+plant (compiled, in `kernel/`) and the controllers (on batches, through the functions below) use the terms of this file;
 there is no second copy of the dynamics.
 
 Everything is linear in five lumped parameters, with gravity folded into the last two:

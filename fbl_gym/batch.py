@@ -5,14 +5,18 @@ Both environments are a thin layer over this: the single one is a batch of one l
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym import compiled, settings
+from fbl_gym import settings
 from fbl_gym.arm import Array, forward_dynamics
-from fbl_gym.settings import CLOCK_ROWS, LANES, Program
+from fbl_gym.kernel import doors
+from fbl_gym.settings import LANES, Program
 
 Flags = NDArray[np.bool_]
 
@@ -62,67 +66,89 @@ class ArmBatch:
     Args:
         program: the scenario in numbers.
         lanes: how many, one or more.
+        threads: between how many threads the lanes are divided.
     """
 
-    def __init__(self, program: Program, lanes: int) -> None:
+    def __init__(self, program: Program, lanes: int, threads: int = 1) -> None:
         blocks = -(-lanes // LANES)
         self.lanes = lanes
         self.program = program
+        self.threads = min(threads, blocks)
         self._state = np.zeros(blocks * program.rows * LANES)
-        self._clock = np.zeros(blocks * CLOCK_ROWS * LANES, dtype=np.uint64)
         # The last block's spare lanes get an episode too, so that their numbers stay sane.
-        self.reset(np.ones(blocks * LANES, dtype=bool), np.empty((0, program.interface.layout.size)))
+        doors.reset(self._state, program.settings, np.ones(blocks * LANES, dtype=bool), np.empty(0))
         # Before its first step, a lane must be reset.
-        self._clock_by_row[:, settings.ENDED] = 1
-
-    # Views, made anew each time: kept as attributes, they would part from the arrays in a copy.
+        self._by_row[:, settings.ENDED] = 1.0
 
     @property
     def _by_row(self) -> Array:
-        """The state as [blocks x rows x lanes of a block]."""
+        """The state as [blocks x rows x lanes of a block], a new view each time: one that is kept would not follow a copy."""
         return self._state.reshape(-1, self.program.rows, LANES)
 
     @property
-    def _clock_by_row(self) -> NDArray[np.uint64]:
-        """The clock as [blocks x rows x lanes of a block]."""
-        return self._clock.reshape(-1, CLOCK_ROWS, LANES)
+    def _counters(self) -> NDArray[np.uint64]:
+        """The same, for the rows that hold whole numbers."""
+        return self._by_row.view(np.uint64)
 
-    def seed(self, lane: int, seed: int) -> None:
-        """Give a lane a seed; the episode that starts next is the first of that seed."""
-        block, l = divmod(lane, LANES)
-        self._clock_by_row[block, settings.SEED, l] = seed
-        self._clock_by_row[block, settings.EPISODE, l] = 0
+    def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
+        """Give lanes their seeds; the episode that starts next in each is the first of its seed."""
+        self._counters[lanes // LANES, settings.SEED, lanes % LANES] = seeds
+        self._counters[lanes // LANES, settings.EPISODE, lanes % LANES] = 0
 
-    def next_episode(self, lane: int) -> None:
-        """Let the episode that starts next in a lane be another one of the same seed."""
-        block, l = divmod(lane, LANES)
-        self._clock_by_row[block, settings.EPISODE, l] += np.uint64(1)
+    def next_episode(self, lanes: NDArray[np.int64]) -> None:
+        """Let the episode that starts next in these lanes be another one of the same seed."""
+        self._counters[lanes // LANES, settings.EPISODE, lanes % LANES] += np.uint64(1)
 
     def reset(self, mask: Flags, out: Array) -> None:
-        """Start an episode in each lane of `mask` [n]; write every lane's observation to `out` [n x size]."""
-        compiled.reset(self._state, self._clock, self.program.settings, self.program.tables, mask, out)
+        """Start an episode in each lane of `mask` [n]; write every lane's observation to `out` [n * size]."""
+        doors.reset(self._state, self.program.settings, mask, out)
 
-    def step(
-        self,
-        actions: Array,
-        autoreset: int,
-        out: Array,
-        final: Array,
-        rewards: Array,
-        terminated: Flags,
-        truncated: Flags,
-    ) -> tuple[int, int]:
-        """One control interval of every lane; see `kernel.step`.
+    def step(self, actions: Array, out: Array, final: Array) -> int:
+        """One control interval of every lane, unless something is against it; see `kernel.doors.step` and `check`.
 
-        Returns the first lane whose action is not finite and the first that has ended and needs a reset, -1 for none; where
-        there is one, nothing was advanced.
+        Args:
+            actions: [2 n].
+            out: takes the observations [n * size].
+            final: takes those of episodes that ended and were followed by the next one at once [n * size].
         """
-        program = self.program
-        bad, ended, _ = compiled.step(
-            self._state, self._clock, program.settings, program.tables, actions, autoreset, out, final, rewards,
-            terminated, truncated,
-        )  # fmt: skip
-        return bad, ended
+        if self.threads == 1:
+            return doors.step(self._state, self.program.settings, actions, out, final, 0, 1)
+        found: int = doors.check(self._state, self.program.settings, actions)
+        if found < 0:
+            work = [
+                _pool(self.threads).submit(
+                    doors.step, self._state, self.program.settings, actions, out, final, part, self.threads
+                )
+                for part in range(self.threads)
+            ]
+            for part in work:
+                part.result()
+        return found
+
+    @property
+    def rewards(self) -> Array:
+        """Of the last step [n]."""
+        return self._row(settings.REWARD)
+
+    @property
+    def terminated(self) -> Flags:
+        """Whether the last step ended an episode by divergence [n]."""
+        return self._row(settings.TERMINATED) != 0.0
+
+    @property
+    def truncated(self) -> Flags:
+        """Whether the last step ended an episode because time was up [n]."""
+        return self._row(settings.TRUNCATED) != 0.0
+
+    @property
+    def outcome(self) -> tuple[float, bool, bool]:
+        """Reward, terminated and truncated of the last step of the first lane."""
+        state = self._state
+        return (
+            state.item(settings.REWARD * LANES),
+            state.item(settings.TERMINATED * LANES) != 0.0,
+            state.item(settings.TRUNCATED * LANES) != 0.0,
+        )
 
     def _row(self, row: int) -> Array:
         """A copy of one row of the state, [n]."""
@@ -135,13 +161,13 @@ class ArmBatch:
     def truth(self) -> Truth:
         """What is really so, now; computed when asked for."""
         found = np.empty((self.lanes, 4))
-        compiled.inspect(self._state, self.program.settings, self.lanes, found)
+        doors.inspect(self._state, self.program.settings, self.lanes, found)
         acceleration, friction = found[:, :2].copy(), found[:, 2:].copy()
         position, velocity = self._rows(settings.Q1), self._rows(settings.V1)
         applied = self._rows(settings.T1)
         interface = self.program.interface
         expected = forward_dynamics(interface.nominal, position, velocity, applied)
-        steps = self._clock_by_row[:, settings.STEP].flatten()[: self.lanes].astype(float)
+        steps = self._counters[:, settings.STEP].flatten()[: self.lanes].astype(float)
         return Truth(
             time=steps * interface.control_dt,
             position=position,
@@ -159,6 +185,16 @@ class ArmBatch:
             lumped=self._rows(settings.P1, 5),
             payload=self._row(settings.LOAD),
         )
+
+
+@lru_cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """The threads that batches share. They work on different lanes, and the kernel runs without the interpreter's lock."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="fbl-gym")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of its parent's threads
 
 
 def single(truth: Truth) -> Truth:

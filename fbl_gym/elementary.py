@@ -9,13 +9,18 @@ The polynomials are plain Taylor series, long enough that truncation lies below 
 the C library is bounded in `tests/fbl_gym/test_elementary.py`.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
 # How everything compiled in this package is compiled. Inlined helpers leave the loops over lanes free of calls, and NumPy's
 # rule for division (x / 0 is infinite) leaves them free of exits: either would keep a loop from being vectorised.
-inline = njit(forceinline=True, error_model="numpy")
-compiled = njit(nogil=True, error_model="numpy")
+COMPILED: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+INNER: dict[str, Any] = {**COMPILED, "no_cpython_wrapper": True}
+inline = njit(forceinline=True, **COMPILED)
+# The kernel's inner functions cannot be called from Python, which shortens their compilation.
+compiled = njit(**INNER)
 
 # Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer; the sum's low bits hold that integer.
 _ROUND = 6755399441055744.0

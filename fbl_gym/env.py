@@ -12,17 +12,17 @@ from gymnasium import error, logger
 from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.batch import ArmBatch, Truth, single
 from fbl_gym.interface import Interface, Layout
-from fbl_gym.kernel import NO_AUTORESET
 from fbl_gym.records import Pair, build, unknown, whole
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario, as_scenario
-from fbl_gym.settings import Program, make_program
+from fbl_gym.settings import NO_AUTORESET, Program, make_program
 
 if TYPE_CHECKING:
     from fbl_gym.render import View
 
 MAX_SEED = 2**64 - 1
 MIN_RENDER_SIZE = 160
+_FIRST, _EVERYONE = np.zeros(1, dtype=np.int64), np.ones(1, dtype=bool)
 ARGUMENTS = (
     "scenario",
     "action",
@@ -33,6 +33,7 @@ ARGUMENTS = (
     "autoreset_mode",
     "max_episode_steps",
     "num_envs",
+    "threads",
 )
 
 
@@ -64,7 +65,13 @@ class Told:
 
 
 def configure(
-    scenario: Any, action: Any, reward: Any, preview: Any, options: dict[str, Any], max_episode_steps: int | None = None
+    scenario: Any,
+    action: Any,
+    reward: Any,
+    preview: Any,
+    options: dict[str, Any],
+    max_episode_steps: int | None = None,
+    autoreset: int = NO_AUTORESET,
 ) -> tuple[Scenario, Program]:
     """The scenario and the program that an environment's arguments mean."""
     built = as_scenario(scenario)
@@ -76,7 +83,12 @@ def configure(
         built = built.replace(**options)
     weights = Reward() if reward is None else build("reward", reward, Reward)
     return built, make_program(
-        built, action=action, reward=weights, preview=preview, max_episode_steps=max_episode_steps
+        built,
+        action=action,
+        reward=weights,
+        preview=preview,
+        max_episode_steps=max_episode_steps,
+        autoreset=autoreset,
     )
 
 
@@ -212,9 +224,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
         self._batch = ArmBatch(program, 1)
         self._seeded = False
         self._size = program.interface.layout.size
-        self._everyone = np.ones(1, dtype=bool)
-        self._unused = np.empty((0, self._size))
-        self._reward, self._terminated, self._truncated = np.zeros(1), np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
+        self._unused = np.empty(0)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode: the first of `seed`, or the next one of the seed given before.
@@ -231,15 +241,16 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
             seed = check_seed(seed)
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
-            self._batch.seed(0, int(self.np_random.integers(MAX_SEED, dtype=np.uint64)) if seed is None else seed)
+            own = self.np_random.integers(MAX_SEED, dtype=np.uint64) if seed is None else np.uint64(seed)
+            self._batch.seed(_FIRST, own)
             self._seeded = True
         else:
-            self._batch.next_episode(0)
-        observation = np.empty((1, self._size))
-        self._batch.reset(self._everyone, observation)
+            self._batch.next_episode(_FIRST)
+        observation = np.empty(self._size)
+        self._batch.reset(_EVERYONE, observation)
         if self.render_mode == "human":
             self.render()
-        return observation[0], {}
+        return observation, {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold an action for `control_dt`.
@@ -254,18 +265,17 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
             ValueError: if the action has another shape, or is not finite. The environment has not moved then.
             gymnasium.error.ResetNeeded: before the first `reset`, and after an episode's end.
         """
-        actions = as_actions(action, (2,)).reshape(1, 2)
-        observation = np.empty((1, self._size))
-        bad, ended = self._batch.step(
-            actions, NO_AUTORESET, observation, self._unused, self._reward, self._terminated, self._truncated
-        )
-        if bad >= 0:
+        batch = self._batch
+        observation = np.empty(self._size)
+        refused = batch.step(as_actions(action, (2,)), observation, self._unused)
+        if refused == 0:
             raise ValueError(f"action must be finite, got {action!r}")
-        if ended >= 0:
+        if refused == 1:
             raise error.ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
         if self.render_mode == "human":
             self.render()
-        return observation[0], float(self._reward[0]), bool(self._terminated[0]), bool(self._truncated[0]), {}
+        reward, terminated, truncated = batch.outcome
+        return observation, reward, terminated, truncated, {}
 
     @property
     def truth(self) -> Truth:
@@ -295,7 +305,9 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
 
 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
-    """`action` as a contiguous float64 array of `shape`."""
+    """`action` as contiguous float64 numbers, one after the other; an action of another shape is an error."""
+    if type(action) is np.ndarray and action.shape == shape and action.dtype.kind in "fiu":  # in nearly every step
+        return action.astype(np.float64).ravel()
     try:
         array = np.asarray(action)
     except ValueError:
@@ -304,4 +316,4 @@ def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
         raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, got shape {array.shape}")
-    return np.ascontiguousarray(array, dtype=np.float64)
+    return np.ascontiguousarray(array, dtype=np.float64).ravel()

@@ -1,7 +1,7 @@
 """The scenario in numbers: where each number of the kernel's arrays lies, and the arrays packed from a Scenario.
 
-The kernel sees three flat arrays of doubles: `settings` (what holds for a whole batch), `tables` (the user's samples, levels
-and amplitudes) and `state` (what differs between lanes). The names below are indices into them.
+The kernel sees two flat arrays of doubles: `settings` (what holds for a whole batch; behind its numbers, the user's samples,
+levels and amplitudes) and `state` (what differs between lanes). The names below are indices into them.
 """
 
 from __future__ import annotations
@@ -47,11 +47,9 @@ LANES = 16
 (Y1, Y2, Y3, Y4, Y5, Y6) = range(31, 37)  # measured position, velocity, acceleration
 (R1, R2, R3, R4, R5, R6) = range(37, 43)  # reference position, velocity, acceleration now
 (START1, START2, PHASE1, PHASE2) = range(43, 47)  # position at the episode's start, phase of a sine disturbance
-QUEUE = 47  # past torque commands, a pair each, then the reference's way-points or phases
-
-# Rows of a block of `clock` (unsigned 64-bit): seed, episode, control step, and whether the episode has ended.
-(SEED, EPISODE, STEP, ENDED) = range(4)
-CLOCK_ROWS = 4
+(REWARD, TERMINATED, TRUNCATED, ENDED) = range(47, 51)  # what the last step gave; whether the episode is over
+(SEED, EPISODE, STEP) = range(51, 54)  # unsigned 64-bit integers in the place of doubles: seed, episode, control step
+QUEUE = 54  # past torque commands, a pair each, then the reference's way-points or phases
 
 # Kinds, as numbers in `settings`.
 (NO_FRICTION, EXACT_FRICTION, LITERAL_FRICTION) = range(3)
@@ -70,32 +68,37 @@ def _at(count: int = 1) -> int:
 
 
 # Rates and sizes.
-(ROWS, SUBSTEPS, LAST_STEP, CONTROL_DT, PHYSICS_DT, SIZE) = (_at() for _ in range(6))
+(ROWS, SUBSTEPS, LAST_STEP, CONTROL_DT, PHYSICS_DT, SIZE, AUTORESET) = (_at() for _ in range(7))
 # The nominal arm in the order of ArmParameters, and how the real one differs.
 (ARM_M1, ARM_M2, ARM_L1, ARM_L2, GRAVITY, CENTRE, INERTIA) = (_at() for _ in range(7))
 RATIO, LOG_RADIUS, TOGETHER = _at(4), _at(4), _at()
 (LOAD_MASS, LOAD_ON, LOAD_OFF) = (_at() for _ in range(3))
 # Sensors: position, velocity, acceleration, each for two joints.
 SIGMA, BIAS, QUANTUM, NOISY = _at(6), _at(6), _at(6), _at()
-(SENSES_VELOCITY, SENSES_ACCELERATION) = (_at() for _ in range(2))
+SENSES_ACCELERATION = _at()
 # Friction, per joint.
 FRICTION, VISCOUS, COULOMB, STICTION, V_S = _at(), _at(2), _at(2), _at(2), _at(2)
-# Disturbance: amplitude, timing in physics steps, sine's rate and phase, array's place in `tables`.
+# Disturbance: amplitude, timing in physics steps, sine's rate and phase, array's place behind the settings.
 DISTURBANCE, PUSH, PUSH_EVERY, PUSH_WIDTH, PUSH_START = _at(), _at(2), _at(), _at(), _at()
 PUSH_RATE, PUSH_PHASE, PUSH_DRAWN, PUSH_TABLE, PUSH_ROWS = _at(2), _at(2), _at(), _at(), _at()
 # Actuator: limit, delay, decay of the lag over no, half and a whole physics step.
 TORQUE_LIMIT, QUEUE_DEPTH, QUEUE_SWITCH = _at(2), _at(), _at()
 (LAG_START, LAG_HALF, LAG_END) = (_at() for _ in range(3))
 VARIES = _at()  # whether applied torque or disturbance can change within a control interval
-# Reference: first row of its numbers in `state`, how many points (or harmonics), box, place in `tables`, times.
+# Reference: first row of its numbers in `state`, how many points (or harmonics), box, place behind the settings, times.
 REFERENCE, REFERENCE_ROW, POINTS, LOW, HIGH, POINT_TABLE = _at(), _at(), _at(), _at(2), _at(2), _at()
 (MOVE_TIME, POINT_TIME, BANDWIDTH, BASE_RATE, PHASES_DRAWN) = (_at() for _ in range(5))
 MIDDLE, INITIAL_ERROR = _at(2), _at(2)
 # Interface, limits and reward.
-ACTION, ACTION_LIMIT, PREVIEW, OBSERVES_ACTION = _at(), _at(2), _at(), _at()
+ACTION, ACTION_LIMIT, PREVIEW = _at(), _at(2), _at()
+COLUMNS = 14
+"""Most entries of an observation, its preview aside."""
+OBSERVED, OBSERVED_ROW, OBSERVED_BOUND = _at(), _at(COLUMNS), _at(COLUMNS)  # how many; row and bound of each
 (MAX_POSITION, MAX_VELOCITY, MAX_ACCELERATION) = (_at() for _ in range(3))
 (REWARD_LOG, REWARD_SCALE, REWARD_NORM, W_TRACKING, W_EFFORT, W_CHATTER) = (_at() for _ in range(6))
 SETTINGS = _size
+
+(NO_AUTORESET, NEXT_STEP, SAME_STEP) = range(3)
 
 
 @dataclass(frozen=True)
@@ -104,16 +107,22 @@ class Program:
 
     interface: Interface
     settings: Array
-    tables: Array
     rows: int
 
 
 def make_program(
-    scenario: Scenario, *, action: str, reward: Reward, preview: int, max_episode_steps: int | None = None
+    scenario: Scenario,
+    *,
+    action: str,
+    reward: Reward,
+    preview: int,
+    max_episode_steps: int | None = None,
+    autoreset: int = NO_AUTORESET,
 ) -> Program:
     """Pack a scenario, and what the environment adds to it, into the kernel's numbers."""
     x = np.zeros(SETTINGS)
-    tables: list[float] = [0.0]
+    tables: list[float] = []
+    x[AUTORESET] = autoreset
     x[SUBSTEPS], x[CONTROL_DT], x[PHYSICS_DT] = scenario.substeps, scenario.control_dt, scenario.physics_dt
     x[LAST_STEP] = scenario.steps if max_episode_steps is None else min(scenario.steps, max_episode_steps)
     _pack_arm(x, scenario)
@@ -129,10 +138,9 @@ def make_program(
     interface = _make_interface(scenario, action, limits, whole("preview", preview))
     x[ACTION] = ACTIONS.index(action)
     x[ACTION_LIMIT : ACTION_LIMIT + 2] = interface.action_limit
-    x[PREVIEW], x[OBSERVES_ACTION] = preview, "previous_action" in interface.layout
-    x[SIZE] = interface.layout.size
+    _pack_observation(x, interface)
     _pack_reward(x, reward)
-    return Program(interface, x, np.array(tables), rows)
+    return Program(interface, np.concatenate([x, tables]), rows)
 
 
 def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: int) -> Interface:
@@ -177,7 +185,6 @@ def _pack_arm(x: Array, scenario: Scenario) -> None:
 
 
 def _pack_noise(x: Array, scenario: Scenario) -> None:
-    x[SENSES_VELOCITY] = "velocity" in scenario.sensors
     x[SENSES_ACCELERATION] = "acceleration" in scenario.sensors
     if scenario.noise is None:
         return
@@ -241,7 +248,7 @@ def _pack_disturbance(x: Array, tables: list[float], scenario: Scenario) -> None
     elif isinstance(push, ArrayDisturbance):
         every = round(push.dt / h)
         x[DISTURBANCE], x[PUSH_EVERY] = ARRAY, every
-        x[PUSH_TABLE], x[PUSH_ROWS] = len(tables), len(push.torque)
+        x[PUSH_TABLE], x[PUSH_ROWS] = SETTINGS + len(tables), len(push.torque)
         tables.extend(value for row in push.torque for value in row)
     if every % n:
         x[VARIES] = 1.0
@@ -255,7 +262,7 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
         # One row more than the episode, whose last sample is held for previews beyond it.
         samples = reference.samples(scenario.control_dt * np.arange(steps + 2))
         samples[-1, 2:] = 0.0
-        x[REFERENCE], x[POINT_TABLE], x[POINTS] = REFERENCE_TABLE, len(tables), len(samples)
+        x[REFERENCE], x[POINT_TABLE], x[POINTS] = REFERENCE_TABLE, SETTINGS + len(tables), len(samples)
         tables.extend(samples.ravel())
         return row
     if isinstance(reference, SineReference | FourierReference):
@@ -263,7 +270,7 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
         phase = None if isinstance(reference, FourierReference) else reference.phase
         weights = 1.0 / np.arange(1, n + 1)
         amplitudes = np.outer(weights / weights.sum(), reference.amplitude)
-        x[REFERENCE], x[POINTS], x[POINT_TABLE] = HARMONICS, n, len(tables)
+        x[REFERENCE], x[POINTS], x[POINT_TABLE] = HARMONICS, n, SETTINGS + len(tables)
         x[MIDDLE : MIDDLE + 2] = reference.centre
         x[BASE_RATE] = 2 * np.pi * reference.frequency
         x[PHASES_DRAWN] = phase is None
@@ -278,7 +285,7 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
         x[POINT_TABLE] = -1.0
     else:
         n = len(reference.points)
-        x[POINT_TABLE] = len(tables)
+        x[POINT_TABLE] = SETTINGS + len(tables)
         tables.extend(value for point in reference.points for value in point)
     x[POINTS] = n
     if isinstance(reference, MinimumJerk):
@@ -290,6 +297,27 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
     assert isinstance(reference, FilteredSteps)
     x[REFERENCE], x[BANDWIDTH] = FILTERED_STEPS, reference.bandwidth
     return row + 6 * n  # each segment also holds the filter's state where it begins
+
+
+_FIRST_ROW = {
+    "position": Y1, "velocity": Y3, "acceleration": Y5,
+    "reference_position": R1, "reference_velocity": R3, "reference_acceleration": R5, "previous_action": ACTION1,
+}  # fmt: skip
+"""The first of the two rows that each slot of the observation shows."""
+
+
+def _pack_observation(x: Array, interface: Interface) -> None:
+    layout, bounds = interface.layout, interface.layout.bounds[1]
+    x[SIZE] = layout.size
+    for slot in layout.slots:
+        if slot.name == "preview":
+            x[PREVIEW] = slot.size // 6
+            continue
+        for joint in range(2):
+            column = int(x[OBSERVED])
+            x[OBSERVED_ROW + column] = _FIRST_ROW[slot.name] + joint
+            x[OBSERVED_BOUND + column] = bounds[column]
+            x[OBSERVED] += 1
 
 
 def _pack_reward(x: Array, reward: Reward) -> None:

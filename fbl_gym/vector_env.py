@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import error
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
 from fbl_gym.batch import ArmBatch, Flags, Truth
@@ -23,10 +24,10 @@ from fbl_gym.env import (
     configure,
     frame_rate,
 )
-from fbl_gym.kernel import NEXT_STEP, NO_AUTORESET, SAME_STEP
 from fbl_gym.records import choice, unknown, whole
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
+from fbl_gym.settings import NEXT_STEP, NO_AUTORESET, SAME_STEP
 
 if TYPE_CHECKING:
     from fbl_gym.render import Frame, View
@@ -49,6 +50,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         scenario, action, reward, preview, **options: as for `TwoLinkArmEnv`.
         autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after so many steps if that is sooner than the scenario's duration.
+        threads: between how many threads the lanes are divided, which pays from some 1,000 lanes on; the numbers are the same.
         render_mode: "rgb_array", or None.
         render_size: of each lane's square frame [pixels].
     """
@@ -65,6 +67,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         preview: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
+        threads: int = 1,
         render_mode: str | None = None,
         render_size: int = 480,
         **options: Any,
@@ -75,7 +78,9 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             choice("render_mode", render_mode, self.metadata["render_modes"])
         if max_episode_steps is not None:
             whole("max_episode_steps", max_episode_steps, low=1)
-        self.scenario, program = configure(scenario, action, reward, preview, options, max_episode_steps)
+        whole("threads", threads, low=1)
+        autoreset = _AUTORESET[self.autoreset_mode]
+        self.scenario, program = configure(scenario, action, reward, preview, options, max_episode_steps, autoreset)
         self.render_mode = render_mode
         self.render_size = whole("render_size", render_size, low=MIN_RENDER_SIZE)
         self.metadata = {
@@ -89,7 +94,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._views: list[View] = []
-        self._batch = ArmBatch(program, self.num_envs)
+        self._batch = ArmBatch(program, self.num_envs, threads)
         self._seeded = False
         self._size = program.interface.layout.size
         same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
@@ -110,21 +115,19 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         """
         check_reset_options(options, ("reset_mask",))
         mask = self._as_mask((options or {}).get("reset_mask"))
-        seeds = self._as_seeds(seed)
-        first = next((s for s in seeds if s is not None), None)
-        super().reset(seed=None if first is None else int(first))
+        given, seeds = self._as_seeds(seed)
+        super().reset(seed=int(seeds[0]) if len(seeds) else None)
         if not self._seeded:
             drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
-            for lane in range(self.num_envs):
-                self._batch.seed(lane, int(drawn[lane]))
-        for lane in map(int, np.flatnonzero(mask)):
-            if seeds[lane] is not None:
-                self._batch.seed(lane, seeds[lane])  # type: ignore[arg-type]
-            elif self._seeded:
-                self._batch.next_episode(lane)
+            self._batch.seed(np.arange(self.num_envs), drawn)
+        chosen = np.flatnonzero(mask)
+        fresh = np.isin(chosen, given)
+        self._batch.seed(chosen[fresh], seeds[mask[given]])
+        if self._seeded:
+            self._batch.next_episode(chosen[~fresh])
         self._seeded = True
         observations = np.empty((self.num_envs, self._size))
-        self._batch.reset(mask, observations)
+        self._batch.reset(mask, observations.reshape(-1))
         return observations, {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Any, Any, dict[str, Any]]:
@@ -144,18 +147,18 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         array = as_actions(actions, (self.num_envs, 2))
         if not self._seeded:
             raise error.ResetNeeded("call reset() before the first step()")
-        observations, rewards = np.empty((self.num_envs, self._size)), np.empty(self.num_envs)
-        terminated, truncated = np.empty(self.num_envs, dtype=bool), np.empty(self.num_envs, dtype=bool)
-        bad, ended = self._batch.step(
-            array, _AUTORESET[self.autoreset_mode], observations, self._final, rewards, terminated, truncated
-        )
-        if bad >= 0:
-            raise ValueError(f"actions must be finite, got {array[bad]} in lane {bad}")
-        if ended >= 0:
+        batch = self._batch
+        observations = np.empty((self.num_envs, self._size))
+        refused = batch.step(array, observations.reshape(-1), self._final.reshape(-1))
+        if refused >= 0:
+            lane = refused // 2
+            if refused % 2 == 0:
+                raise ValueError(f"actions must be finite, got {array[2 * lane : 2 * lane + 2]} in lane {lane}")
             raise error.ResetNeeded(
-                f"the episode of lane {ended} has ended: call reset(options={{'reset_mask': ...}}) before step()"
+                f"the episode of lane {lane} has ended: call reset(options={{'reset_mask': ...}}) before step()"
             )
-        return observations, rewards, terminated, truncated, self._infos(terminated, truncated)
+        terminated, truncated = batch.terminated, batch.truncated
+        return observations, batch.rewards, terminated, truncated, self._infos(terminated, truncated)
 
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
@@ -194,19 +197,20 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             raise ValueError("reset_mask must have at least one True, got none")
         return mask
 
-    def _as_seeds(self, seed: Any) -> list[int | None]:
+    def _as_seeds(self, seed: Any) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
+        """The lanes that are given a seed, and those seeds."""
         if seed is None:
-            return [None] * self.num_envs
+            return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.uint64)
         if isinstance(seed, int | np.integer):
             first = check_seed(seed)
             check_seed(first + self.num_envs - 1)
-            return [first + lane for lane in range(self.num_envs)]
+            return np.arange(self.num_envs), np.uint64(first) + np.arange(self.num_envs, dtype=np.uint64)
         if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str):
             raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
-        seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seeds)}")
-        return [None if s is None else check_seed(s) for s in seeds]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")
+        given = [lane for lane, own in enumerate(seed) if own is not None]
+        return np.array(given, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in given], dtype=np.uint64)
 
 
 def _as_autoreset_mode(value: Any) -> AutoresetMode:

@@ -36,9 +36,9 @@ def run(_arguments: argparse.Namespace) -> int:
 
 def _cache() -> str:
     """Where Numba keeps what it compiled."""
-    from fbl_gym import compiled
+    from fbl_gym.kernel import doors
 
-    return str(compiled.step._cache.cache_path)
+    return str(doors.step._cache.cache_path)
 
 
 def _self_check() -> int:

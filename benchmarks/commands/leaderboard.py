@@ -17,7 +17,7 @@ from benchmarks.commands.common import add_store, command_line, console, count
 from benchmarks.report import terminal
 from benchmarks.runner import BACKENDS, Outcome
 from benchmarks.runner import run as run_cells
-from benchmarks.store import Result, Store, identity
+from benchmarks.store import Result, Store
 from benchmarks.suite import SUITES, Cell, Suite, load, narrow
 from fbl_gym import scenarios
 
@@ -110,8 +110,6 @@ def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] 
     for cell in cells:
         if cell.id in errors:
             found.append(Result(cell, (), float("nan"), 0.0, errors[cell.id]))
-            continue
-        path = store.path(cell, identity(cell))
-        if path.exists():
-            found.append(store.load(path))
+        elif (result := store.find(cell)) is not None:
+            found.append(result)
     return found

@@ -13,9 +13,10 @@ from benchmarks.commands.leaderboard import add_suite, results_of, suite_of
 from benchmarks.reach import reaches
 from benchmarks.report import markdown, terminal
 from benchmarks.report.contents import contents
-from benchmarks.report.export import write_csv
+from benchmarks.report.export import write_csv, write_splits
 from benchmarks.report.learned import learned, learned_table
 from benchmarks.report.page import write_page
+from benchmarks.splits import measure_splits
 from benchmarks.store import Store, write_text
 
 
@@ -26,6 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--radius", action="store_true", help="measure the uncertainty radius of every policy too (minutes)"
+    )
+    parser.add_argument(
+        "--splits",
+        action="store_true",
+        help="columns of the error within and beyond what agents are trained on (minutes)",
     )
     parser.add_argument(
         "--learned", action="store_true", help="agents over all their training seeds, in learned.md (minutes)"
@@ -42,9 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if arguments.trust:
-        for policy in (*arguments.policies, *arguments.policy):
-            joining.trust(policy)
+    trusted = (*arguments.policies, *arguments.policy) if arguments.trust else ()
+    for policy in trusted:
+        joining.trust(policy)
     store = Store(arguments.store)
     results = results_of(suite_of(arguments).cells, store)
     if not results:
@@ -53,11 +59,15 @@ def run(arguments: argparse.Namespace) -> int:
         )
     board = assemble(results)
     radii = reaches(board.policies, store, arguments.workers) if arguments.radius else {}
+    splits = measure_splits(board, store, arguments.workers, trusted) if arguments.splits else {}
     terminal.leaderboard(console(), board)
-    table = markdown.leaderboard(board)
+    table = markdown.leaderboard(board, splits)
     write_text(arguments.out / "board.md", table)
     write_csv(arguments.out / "board.csv", results)
-    write_page(arguments.out / "board.html", contents(board, results, radii, command_line()))
+    write_page(arguments.out / "board.html", contents(board, results, radii, splits, command_line()))
+    if splits:
+        terminal.splits(console(), board, splits)
+        write_splits(arguments.out / "splits.csv", board, splits)
     if arguments.learned:
         tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
         write_text(arguments.out / "learned.md", learned_table(learned(list(tasks.values()), board.seeds)))

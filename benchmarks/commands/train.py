@@ -17,7 +17,8 @@ __all__ = ["add_arguments", "run"]
 def run(arguments: argparse.Namespace) -> int:
     settings = from_arguments(arguments)
     memory = f"-history-{arguments.history}" if arguments.history else ""
-    name = f"{settings.algorithm}-{settings.interface.action}{memory}-{settings.seed}"
+    context = "-context" if arguments.context else ""
+    name = f"{settings.algorithm}-{settings.interface.action}{memory}{context}-{settings.seed}"
     folder = arguments.out or Path("runs") / name
     torch.set_num_threads(arguments.threads)
     train(settings, folder, command=command_line(), wandb=arguments.wandb)

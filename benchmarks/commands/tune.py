@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trials", type=count, default=40, metavar="N", help="in all, earlier runs counted (40)")
     parser.add_argument("--seeds", type=count, default=16, metavar="N", help="tuning seeds of each scenario (16)")
     parser.add_argument(
-        "--scenarios", nargs="+", default=SCENARIOS, metavar="S", help="what to tune on (eight of the board's)"
+        "--scenarios", nargs="+", default=SCENARIOS, metavar="S", help="what to tune on (nine of the board's)"
     )
     parser.add_argument(
         "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",

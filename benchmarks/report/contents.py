@@ -12,6 +12,7 @@ from benchmarks.board import Board
 from benchmarks.report.page import Chart, Curve, Interval, Page, Pairs, Policy, Reach, Scene, between, scene
 from benchmarks.rl.policy import curves, shipped
 from benchmarks.rollout import rollout
+from benchmarks.splits import MEANING, Split
 from benchmarks.statistics import Estimate, Radius
 from benchmarks.store import Result
 from fbl_gym import TwoLinkArmEnv, scenarios
@@ -21,13 +22,20 @@ SCENES = 12
 """So many scenarios, at most, have their motions in the page."""
 
 
-def contents(board: Board, results: Sequence[Result], radii: Mapping[tuple[str, str], Radius], command: str) -> Page:
+def contents(
+    board: Board,
+    results: Sequence[Result],
+    radii: Mapping[tuple[str, str], Radius],
+    splits: Mapping[str, Split],
+    command: str,
+) -> Page:
     """All that the page shows.
 
     Args:
         board: of the results.
         results: of the cells, for what is known of them.
         radii: of each policy and direction of error; may be empty.
+        splits: of the radius; may be empty.
         command: that makes the page.
     """
     latest = max(results, key=lambda result: result.provenance.get("time", ""))
@@ -49,7 +57,8 @@ def contents(board: Board, results: Sequence[Result], radii: Mapping[tuple[str, 
             **packages,
         },
         "families": {family: scenarios.families().get(family, "") for family in board.families},
-        "policies": [_policy(board, i) for i in board.order],
+        "splits": {split: MEANING[split] for split in splits},
+        "policies": [_policy(board, i, splits) for i in board.order],
         "degradation": _degradation(board),
         "radius": [_reach(policy, direction, found) for (policy, direction), found in radii.items()],
         "profiles": _profiles(board),
@@ -59,7 +68,7 @@ def contents(board: Board, results: Sequence[Result], radii: Mapping[tuple[str, 
     }
 
 
-def _policy(board: Board, i: int) -> Policy:
+def _policy(board: Board, i: int, splits: Mapping[str, Split]) -> Policy:
     name = board.policies[i]
     own = name in controllers.names()
     ranked = board.ranked
@@ -74,6 +83,9 @@ def _policy(board: Board, i: int) -> Policy:
         "score": _nothing() if board.score is None else between(board.score, i),
         "error": between(board.error, i),
         "families": {family: between(board.family_errors[family], i) for family in board.families},
+        "splits": {
+            split: {**between(found.error, i), "diverged": float(found.diverged[i])} for split, found in splits.items()
+        },
         "failures": between(board.failures, i),
         "variation": float(np.median(board.runs["variation"][i])),
         "decision_us": float(board.decision_us[i]),

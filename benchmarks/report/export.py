@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from benchmarks.board import Board
 from benchmarks.metrics import METRICS
+from benchmarks.splits import Split
 from benchmarks.store import Result, write_text
 
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
@@ -33,6 +35,19 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows(map(_short, rows(results)))
+    write_text(path, text.getvalue())
+
+
+def write_splits(path: Path, board: Board, splits: Mapping[str, Split]) -> None:
+    """Write as CSV each policy's error in % in each split, its interval's ends, and the share of runs that diverged."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        ["policy", *(f"{split}{part}" for split in splits for part in ("", ": low", ": high", ": diverged"))]
+    )
+    for i in board.order:
+        numbers = (x[i] for s in splits.values() for x in (s.error.value, s.error.low, s.error.high, s.diverged))
+        writer.writerow([board.policies[i], *(f"{x:.7g}" for x in numbers)])
     write_text(path, text.getvalue())
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 from benchmarks import joining
 from benchmarks.board import Board
 from benchmarks.paper.claim import Claim
+from benchmarks.splits import Split
 from benchmarks.statistics import Estimate
 
 
@@ -27,9 +29,14 @@ BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 """Between these lines of a file stands the leaderboard."""
 
 
-def leaderboard(board: Board) -> str:
-    """The board, best first, with the intervals of score and rank."""
-    header = ["policy", "told", "rank", "score", "error %", "failed %", "us/decision", *board.families]
+def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({})) -> str:
+    """The board, best first, with the intervals of score and rank.
+
+    Args:
+        board: what the table says.
+        splits: of the uncertainty radius: a column each, the error with its interval and what diverged, if anything did.
+    """
+    header = ["policy", "told", "rank", "score", "error %", "failed %", "us/decision", *board.families, *splits]
     families = [board.family_errors[family].value for family in board.families]
     ranks = dict(zip(board.ranked, zip(board.rank.low, board.rank.high, strict=True), strict=True))
     rows = []
@@ -40,6 +47,7 @@ def leaderboard(board: Board) -> str:
             [
                 f"`{board.policies[i]}`", joining.tier(board.policies[i]), rank, score, _with_interval(board.error, i, 2),
                 f"{100 * board.failures.value[i]:.2g}", f"{board.decision_us[i]:.2g}", *(f"{x[i]:.3g}" for x in families),
+                *(_in_split(found, i) for found in splits.values()),
             ]
         )  # fmt: skip
     return table(header, rows)
@@ -48,6 +56,11 @@ def leaderboard(board: Board) -> str:
 def _with_interval(estimate: Estimate, i: int, digits: int) -> str:
     value, low, high = estimate.value[i], estimate.low[i], estimate.high[i]
     return f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})"
+
+
+def _in_split(split: Split, i: int) -> str:
+    share = split.diverged[i]
+    return _with_interval(split.error, i, 3) + (f", {100 * share:.2g} % diverged" if share else "")
 
 
 def replace_between(text: str, table: str) -> str:

@@ -37,6 +37,12 @@ class Interval(TypedDict):
     high: float
 
 
+class InSplit(Interval):
+    """An error with its interval, and the share of runs that diverged, from 0 to 1."""
+
+    diverged: float
+
+
 class Policy(TypedDict):
     """A row of the board.
 
@@ -49,6 +55,7 @@ class Policy(TypedDict):
     score: the mean of the runs' scores; None: the oracle has not run.
     error: the IQM of error_pct.
     families: the IQM of error_pct per family of scenarios.
+    splits: the same per split of the uncertainty radius, where that was measured.
     failures: share of runs that diverged, from 0 to 1.
     variation: of the torque [N m/s].
     decision_us: wall time of a decision [us].
@@ -65,6 +72,7 @@ class Policy(TypedDict):
     score: Interval | None
     error: Interval
     families: dict[str, Interval]
+    splits: dict[str, InSplit]
     failures: Interval
     variation: float
     decision_us: float
@@ -157,6 +165,7 @@ class Page(TypedDict):
     title, summary: above the board.
     facts: name and value of how it came about: command, version, machine, seeds.
     families: each family of scenarios and what it varies, in the order of the board's columns.
+    splits: each split of the uncertainty radius and what it is, in the order of the columns behind those.
     degradation: a chart per family, error against severity.
     """
 
@@ -164,6 +173,7 @@ class Page(TypedDict):
     summary: str
     facts: dict[str, str]
     families: dict[str, str]
+    splits: dict[str, str]
     policies: list[Policy]
     degradation: list[Chart]
     radius: list[Reach]

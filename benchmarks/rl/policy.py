@@ -72,12 +72,19 @@ class Agent(TorqueLaw):
     Args:
         agent: what it sees and does.
         actor: its network.
+        env: the very environment that an agent with context acts in, whose truth it is told; else None.
     """
 
     agent: AgentInterface
     actor: Actor
+    env: Any = None
 
     needs: ClassVar[tuple[str, ...]] = SENSORS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.agent.context and self.env is None:
+            raise ValueError("an agent with context is told the truth, so it needs the environment, got its interface")
 
     @cached_property
     def body(self) -> Body:
@@ -87,7 +94,8 @@ class Agent(TorqueLaw):
         return self.body.initial(observation)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        action = self.actor(self.body.see(observation, state))
+        told = self.body.told(self.env, len(observation))
+        action = self.actor(self.body.see(observation, state, told))
         return self.body.torque(action, observation, state)
 
 
@@ -97,9 +105,11 @@ class SavedAgent(TorqueLaw):
 
     Args:
         folder: with its `agent.json` and `weights.npz`.
+        env: see `Agent`; `saved_agent` gives it to those that need it.
     """
 
     folder: str
+    env: Any = None
 
     needs: ClassVar[tuple[str, ...]] = SENSORS
 
@@ -109,7 +119,7 @@ class SavedAgent(TorqueLaw):
 
     @cached_property
     def agent(self) -> Agent:
-        return Agent(self.interface, *read(Path(self.folder)))
+        return Agent(self.interface, *read(Path(self.folder)), self.env)
 
     @property
     def configuration(self) -> dict[str, str]:
@@ -163,6 +173,24 @@ def read(folder: Path) -> tuple[AgentInterface, Actor]:
     return AgentInterface(**description["interface"]), Actor(layers, network["activation"], network["output"])
 
 
+def tier_of(folder: Path) -> str:
+    """What the agent in a folder is told: the truth, if it was trained with context."""
+    return "truth" if describe(folder)["interface"].get("context") else "nominal model"
+
+
+def saved_agent(env: Any, folder: str) -> SavedAgent:
+    """The agent in a folder; of the environment it gets no more than the interface, unless it is told the truth.
+
+    Args:
+        env: the environment, single or batched, wrapped or not; or its `interface`.
+        folder: see `SavedAgent`.
+    """
+    if isinstance(env, Interface):
+        return SavedAgent(env, folder)
+    told = tier_of(Path(folder)) == "truth"
+    return SavedAgent(env.unwrapped.interface, folder, env.unwrapped if told else None)
+
+
 def shipped() -> dict[str, tuple[int, ...]]:
     """The names of the shipped agents, each with its training seeds."""
     found = sorted(SHIPPED.glob("*/*/agent.json"))
@@ -186,27 +214,31 @@ def best_seed(name: str) -> int:
     return min(shipped()[name], key=lambda seed: describe(SHIPPED / name / str(seed))["validation_mrad"])
 
 
-def shipped_agent(name: str, interface: Interface, seed: int | None = None) -> SavedAgent:
+def shipped_agent(name: str, env: Any, seed: int | None = None) -> SavedAgent:
     """A shipped agent by its name.
 
     Args:
         name: one of `shipped()`.
-        interface: of the environment.
+        env: the environment, or its interface; see `saved_agent`.
         seed: of its training; None: the best one, as the validation seeds have it.
     """
     if name not in shipped():
         raise unknown("agent", name, shipped())
     if seed is not None and seed not in shipped()[name]:
         raise unknown("training seed", seed, map(str, shipped()[name]))
-    return SavedAgent(interface, str(SHIPPED / name / str(best_seed(name) if seed is None else seed)))
+    return saved_agent(env, str(SHIPPED / name / str(best_seed(name) if seed is None else seed)))
 
 
-def _factory(name: str, summary: str) -> Callable[..., SavedAgent]:
-    def factory(interface: Interface, seed: int | None = None) -> SavedAgent:
+def _factory(name: str, summary: str, tier: str = "nominal model") -> Callable[..., SavedAgent]:
+    # The registry gives the environment to a factory that calls it `env`, and its interface to any other.
+    def honest(interface: Interface, seed: int | None = None) -> SavedAgent:
         return shipped_agent(name, interface, seed)
 
-    factory.__doc__ = summary
-    factory.kind = "learned"  # type: ignore[attr-defined]
+    def told(env: Any, seed: int | None = None) -> SavedAgent:
+        return shipped_agent(name, env, seed)
+
+    factory: Any = told if tier == "truth" else honest
+    factory.__doc__, factory.kind, factory.tier = summary, "learned", tier
     return factory
 
 
@@ -216,6 +248,9 @@ ppo_acceleration = _factory(
 )
 ppo_residual = _factory("ppo-residual", "PPO on top of cascade-flm; trained on everything-2")
 ppo_memory = _factory("ppo-memory", "PPO on torques that sees its last steps and actions; trained on everything-2")
+ppo_context = _factory(
+    "ppo-context", "PPO on torques that is told the true parameters; trained on everything-2", "truth"
+)
 sac = _factory("sac", "SAC on torques; trained on everything-2")
 td3 = _factory("td3", "TD3 on torques; trained on everything-2")
 tqc = _factory("tqc", "TQC on torques; trained on everything-2")

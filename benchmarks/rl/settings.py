@@ -58,8 +58,11 @@ def shipped_hyperparameters(algorithm: str) -> dict[str, Any]:
 
 
 def at_radius(scenario: Scenario, radius: float) -> Scenario:
-    """The scenario with another radius of the parameters' error."""
-    error = dataclasses.replace(scenario.parameter_error or ParameterError(), radius=radius)
+    """The scenario with another radius of the parameters' error; itself, if it has that one."""
+    before = scenario.parameter_error or ParameterError()
+    error = dataclasses.replace(before, radius=radius)
+    if error == before:
+        return scenario
     return scenario.replace(parameter_error=error, name=f"{scenario.name}, radius {radius:g}")
 
 
@@ -70,6 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--interface", choices=ACTIONS, default="torque", help="what the agent's actions mean (torque)")
     parser.add_argument("--history", type=int, default=0, metavar="N", help="earlier steps that the agent sees too (0)")
+    parser.add_argument("--context", action="store_true", help="the agent is told the true parameters (truth tier)")
     parser.add_argument("--scenario", default="everything-2", metavar="S", help="to train on (everything-2)")
     parser.add_argument("--radius", type=float, metavar="R", help="of the parameters' error, instead of the scenario's")
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the training (0)")
@@ -92,7 +96,7 @@ def from_arguments(arguments: argparse.Namespace) -> Settings:
         own = json.loads(arguments.hyperparameters.read_text())[arguments.algorithm]
     return Settings(
         algorithm=arguments.algorithm,
-        interface=AgentInterface(action=arguments.interface, history=arguments.history),
+        interface=AgentInterface(arguments.interface, history=arguments.history, context=arguments.context),
         scenario=scenario,
         seed=arguments.seed,
         steps=arguments.steps,

@@ -133,7 +133,8 @@ class Progress(BaseCallback):
     def _validate(self, done: float) -> None:
         settings, actor = self.settings, export(self.model)
         env = TwoLinkArmVectorEnv(len(VALIDATION), settings.scenario)
-        error = tracking_error(Agent(env.interface, settings.interface, actor), env, VALIDATION).mean()
+        agent = Agent(env.interface, settings.interface, actor, env if settings.interface.context else None)
+        error = tracking_error(agent, env, VALIDATION).mean()
         best = min((row[2] for row in self.curve), default=np.inf)
         wall = time.monotonic() - self.begin
         self.curve.append((self.num_timesteps, round(wall, 2), round(float(error), 4)))

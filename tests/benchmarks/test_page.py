@@ -80,6 +80,7 @@ def data():
             "score": between(of_score, i),
             "error": between(of_error, i),
             "families": {family: between(by_family, i, f) for f, family in enumerate(FAMILIES)},
+            "splits": {"extrapolation": {**between(by_family, i, 0), "diverged": 0.25}},
             "failures": between(failures, i),
             "variation": float(column("variation")[i].mean()),
             "decision_us": 1e6 * traces[policy, "mass-error", 0].decision_time,
@@ -118,6 +119,7 @@ def data():
         "summary": "Six policies on two families of uncertainty, in episodes of 1.5 s.",
         "facts": {"command": "pytest", "seeds": f"{SEEDS[0]} to {SEEDS[-1]}"},
         "families": {family: scenarios.families()[family] for family in FAMILIES},
+        "splits": {"extrapolation": "everything-2 with parameters off by more"},
         "policies": [row(i, policy) for i, policy in enumerate(POLICIES)],
         "degradation": [
             {
@@ -264,6 +266,20 @@ def test_the_board_sorts(page, data):
     assert names(page)[-1] == "oracle-flm"  # unranked, last either way
     press(page, "[data-sort=rank]")
     assert names(page)[-1] == "oracle-flm"
+
+
+def test_splits_are_columns_of_the_board(page, data):
+    heads = page.find_elements("css selector", "#board-table thead tr:last-child th")
+    at = [head.text for head in heads].index("extrapolation")
+    first = page.find_elements("css selector", "#board-table tbody tr:first-child > *")[at]
+    value, ends, diverged = first.text.split("\n")
+    (policy,) = [policy for policy in data["policies"] if policy["name"] == names(page)[0]]
+    assert float(value) == pytest.approx(policy["splits"]["extrapolation"]["value"], rel=5e-3)
+    assert "…" in ends
+    assert diverged == "25.0 % diverged"
+    press(page, "[data-sort='split-extrapolation']")
+    values = {policy["name"]: policy["splits"]["extrapolation"]["value"] for policy in data["policies"]}
+    assert names(page) == sorted(values, key=values.get)
 
 
 def test_the_board_sorts_with_the_keyboard(page):

@@ -1,6 +1,8 @@
 """The batch: each lane bit for bit the single environment, in every autoreset mode."""
 
 import copy
+import multiprocessing
+import os
 import pickle
 
 import gymnasium as gym
@@ -438,3 +440,75 @@ def test_seeds_may_be_numpy_numbers():
 def test_lanes_without_a_seed_differ():
     env = TwoLinkArmVectorEnv(16)
     assert len(np.unique(env.reset()[0][:, 0])) == 16
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_threads_change_nothing(mode):
+    """Not one bit, through several episodes; more threads than blocks are no error."""
+    envs = [
+        TwoLinkArmVectorEnv(75, "everything-3", autoreset_mode=mode, duration=0.2, threads=threads)
+        for threads in (1, 2, 3, 64)
+    ]
+    rng = np.random.default_rng(0)
+    first, *others = [env.reset(seed=5)[0] for env in envs]
+    for other in others:
+        assert np.array_equal(first, other)
+    for _ in range(45):
+        actions = rng.uniform(-1, 1, (75, 2))
+        one, *many = [env.step(actions) for env in envs]
+        for other in many:
+            assert all(np.array_equal(a, b) for a, b in zip(one[:4], other[:4], strict=True))
+            assert ("final_obs" in one[4]) == ("final_obs" in other[4])
+
+
+def test_no_lane_moves_where_one_of_several_threads_would_refuse():
+    env = TwoLinkArmVectorEnv(64, autoreset_mode="Disabled", duration=0.05, threads=4)
+    env.reset(seed=0)
+    before = env.truth.position
+    actions = np.zeros((64, 2))
+    actions[63, 1] = np.nan
+    with pytest.raises(ValueError, match="in lane 63"):
+        env.step(actions)
+    assert np.array_equal(env.truth.position, before)
+    for _ in range(5):
+        env.step(np.zeros((64, 2)))
+    env.reset(options={"reset_mask": np.arange(64) != 40})
+    before = env.truth.position
+    with pytest.raises(ResetNeeded, match="lane 40"):
+        env.step(np.zeros((64, 2)))
+    assert np.array_equal(env.truth.position, before)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, "two"])
+def test_a_number_of_threads_is_whole_and_positive(threads):
+    with pytest.raises(ValueError, match="threads must be"):
+        TwoLinkArmVectorEnv(4, threads=threads)
+
+
+def test_a_hundred_thousand_arms_take_little_memory():
+    """Their state, and what a step returns, within 256 MiB."""
+    env = TwoLinkArmVectorEnv(100_000, "everything-3")
+    observations, _ = env.reset(seed=0)
+    assert np.isfinite(observations).all()
+    assert env._batch._state.nbytes + observations.nbytes < 2**28
+    alone = TwoLinkArmEnv("everything-3")
+    assert np.array_equal(observations[99_999], alone.reset(seed=99_999)[0])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_process_has_threads_of_its_own():
+    env = TwoLinkArmVectorEnv(64, threads=2)
+    env.reset(seed=0)
+    env.step(np.zeros((64, 2)))
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        found = pool.apply_async(_positions_of_a_step).get(60)
+    env.reset(seed=0)
+    env.step(np.zeros((64, 2)))
+    assert np.array_equal(found, env.truth.position)
+
+
+def _positions_of_a_step():
+    env = TwoLinkArmVectorEnv(64, threads=2)
+    env.reset(seed=0)
+    env.step(np.zeros((64, 2)))
+    return env.truth.position

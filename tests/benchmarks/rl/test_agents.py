@@ -15,12 +15,14 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
-from benchmarks import cli
+from benchmarks import cli, joining
+from benchmarks.board import assemble
 from benchmarks.rl import policy
 from benchmarks.rl.policy import SHIPPED, best_seed, curves, describe, shipped, shipped_agent
 from benchmarks.rl.settings import Settings
-from benchmarks.rl.splits import measure_splits
 from benchmarks.rl.train import VALIDATION, tracking_error, train
+from benchmarks.runner import run_cell
+from benchmarks.suite import Cell
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 
 ROOT = Path(__file__).parents[3]
@@ -43,7 +45,7 @@ def test_a_shipped_agent_has_the_error_that_it_states(name):
     found = describe(SHIPPED / name / str(best_seed(name)))
     scenario = Scenario.from_dict(found["scenario"])
     env = TwoLinkArmVectorEnv(len(VALIDATION), scenario)
-    error = tracking_error(shipped_agent(name, env.interface), env, VALIDATION).mean()
+    error = tracking_error(shipped_agent(name, env), env, VALIDATION).mean()
     assert error == pytest.approx(found["validation_mrad"], rel=0.01)
     assert found["command"].startswith("fbl-gym train")
     assert found["licence"] == "MIT"
@@ -63,11 +65,35 @@ def test_learning_curves_are_data():
         policy.ppo_torque(TwoLinkArmEnv().interface, seed=9)
 
 
-def test_splits_have_intervals():
-    found = measure_splits("ppo-residual", seeds=range(2))
-    assert [*found] == ["interpolation", "in distribution", "extrapolation", "far extrapolation"]
-    for e in found.values():
-        assert e.low <= e.value <= e.high
+def test_an_agent_told_the_truth_stands_unranked_on_the_board(tmp_path, capsys):
+    """By its name and by its folder, through every command that takes a policy."""
+    folder = str(SHIPPED / "ppo-context" / "0")
+    told = ("ppo-context", folder)
+    cells = [Cell(policy, "everything-2", (0, 1)) for policy in ("cascade-flm", "oracle-flm", *told)]
+    board = assemble([run_cell(cell) for cell in cells])
+    assert [board.policies[i] for i in board.ranked] == ["cascade-flm"]
+    assert board.order[0] == 0
+    for name in told:
+        assert joining.tier(name) == "truth"
+        assert joining.learned(name)
+        assert cli.main(["check-policy", name]) == 0
+        assert "not so: it is told the truth" in capsys.readouterr().out
+        assert cli.main(["evaluate", name, "--seeds", "1"]) == 0
+    arguments = ["--policies", "oracle-flm", *told, "--scenarios", "everything-2", "--seeds", "2", "--workers", "1"]
+    assert cli.main(["leaderboard", *arguments, "--store", str(tmp_path)]) == 0
+    capsys.readouterr()
+    for name in told:
+        assert cli.main(["verify", f"{name}/everything-2", "--store", str(tmp_path)]) == 0
+        assert "holds, bit for bit" in capsys.readouterr().out
+
+
+def test_context_is_asked_for_on_the_command_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["train", "ppo", "--context", "--steps", "8192"]) == 0
+    found = describe(tmp_path / "runs" / "ppo-torque-context-0")
+    assert found["interface"]["context"] is True
+    told = [name for name in shipped() if describe(SHIPPED / name / "0")["interface"].get("context")]
+    assert told == ["ppo-context"]
 
 
 def test_sb3_evaluates_an_agent_as_it_is():

@@ -6,8 +6,9 @@ import importlib
 import numpy as np
 import pytest
 
-from benchmarks.rl.interface import ACTIONS, AgentInterface, VectorBody
-from benchmarks.rl.policy import ALGORITHMS, Actor, Agent, SavedAgent, load_zip, read, write
+from benchmarks import joining
+from benchmarks.rl.interface import ACTIONS, CONTEXT, AgentInterface, Body, VectorBody
+from benchmarks.rl.policy import ALGORITHMS, Actor, Agent, SavedAgent, load_zip, read, saved_agent, write
 from benchmarks.rl.train import export
 from benchmarks.rl.vec_env import ArmVecEnv
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
@@ -23,7 +24,7 @@ SMALL = {
 
 def actor(agent, interface, seed=0):
     """A network of random weights that fits."""
-    rng, size = np.random.default_rng(seed), Agent(interface, agent, None).body.size
+    rng, size = np.random.default_rng(seed), Body(agent, interface).size
     layers = ((rng.normal(0, 0.3, (8, size)), rng.normal(0, 0.1, 8)), (rng.normal(0, 0.3, (2, 8)), np.zeros(2)))
     return Actor(tuple((np.float32(w).astype(float), np.float32(b).astype(float)) for w, b in layers), "tanh", "clip")
 
@@ -51,14 +52,20 @@ def test_the_exported_actor_is_sb3s_own(algorithm):
     np.testing.assert_allclose(export(model)(seen.astype(np.float32).astype(float)), theirs, rtol=0, atol=2e-6)
 
 
+# A payload that is picked up and dropped within a short episode.
+HEAVY = {"radius": 0.5, "payload": {"mass": 10.0, "pick_up": 0.1, "drop": 0.2}}
+SHORT = {"scenario": "everything-2", "duration": 0.3, "parameter_error": HEAVY}
+
+
 @pytest.mark.parametrize("action", ACTIONS)
 @pytest.mark.parametrize("history", [0, 3])
-def test_an_agent_acts_as_it_did_in_training(action, history):
+@pytest.mark.parametrize("context", [False, True])
+def test_an_agent_acts_as_it_did_in_training(action, history, context):
     """Its closed loop on the plain environment is that of its actor on the training environment, over several episodes."""
-    agent = AgentInterface(action=action, history=history)
-    options = {"scenario": "everything-2", "duration": 0.3, "autoreset_mode": "SameStep"}
+    agent = AgentInterface(action=action, history=history, context=context)
+    options = {**SHORT, "autoreset_mode": "SameStep"}
     plain, trained = TwoLinkArmVectorEnv(3, **options), VectorBody(TwoLinkArmVectorEnv(3, **options), agent)
-    policy = Agent(plain.interface, agent, actor(agent, plain.interface))
+    policy = Agent(plain.interface, agent, actor(agent, plain.interface), plain if context else None)
     a, b = plain.reset(seed=3)[0], trained.reset(seed=3)[0]
     state, starts = None, np.ones(3, dtype=bool)
     ended = 0
@@ -90,6 +97,92 @@ def test_history_is_the_errors_and_actions_of_the_last_steps():
         last, *_, infos = env.step(np.zeros((2, 2)))
     np.testing.assert_array_equal(last[:, 12:], 0)  # a new episode
     assert np.any(infos["final_obs"][0][12:] != 0)
+
+
+def told(env):
+    """What an agent with context is to be told, by its definition."""
+    truth, nominal = env.unwrapped.truth, env.unwrapped.interface.nominal
+    real = zip(*truth.masses.T, *truth.lengths.T, truth.payload, strict=True)
+    return [
+        [
+            np.log(a / nominal.m1),
+            np.log(b / nominal.m2),
+            np.log(c / nominal.L1),
+            np.log(d / nominal.L2),
+            load / nominal.m2,
+        ]
+        for a, b, c, d, load in real
+    ]
+
+
+@pytest.mark.parametrize("history", [0, 2])
+def test_context_is_the_truth_behind_what_any_agent_sees(history):
+    """The truth of each instant, of the finished episode in its last observation; all else as without context."""
+    plain, env = (
+        VectorBody(
+            TwoLinkArmVectorEnv(3, **SHORT, autoreset_mode="SameStep"), AgentInterface(history=history, context=context)
+        )
+        for context in (False, True)
+    )
+    size = plain.single_observation_space.shape[0]
+    assert env.single_observation_space.shape == (size + len(CONTEXT),)
+    rng, loads = np.random.default_rng(0), set()
+    one, two = plain.reset(seed=4)[0], env.reset(seed=4)[0]
+    for _ in range(45):
+        before = told(env)
+        np.testing.assert_array_equal(two[:, :size], one)
+        np.testing.assert_allclose(two[:, size:], before, rtol=0, atol=1e-15)
+        loads.add(float(two[0, -1]))
+        actions = rng.uniform(-1, 1, (3, 2))
+        one, *_, old = plain.step(actions)
+        two, *_, new = env.step(actions)
+        for lane in np.flatnonzero(new.get("_final_obs", [])):
+            np.testing.assert_array_equal(new["final_obs"][lane][:size], old["final_obs"][lane])
+            np.testing.assert_allclose(new["final_obs"][lane][size:], before[lane], rtol=0, atol=1e-15)
+            assert np.any(np.abs(np.subtract(before, told(env))) > 0.01)
+    assert loads == {0.0, 10.0 / 15.0}
+
+
+def test_a_lane_with_context_has_the_same_bits_alone_and_in_a_batch():
+    agent, batch = AgentInterface(context=True), TwoLinkArmVectorEnv(5, **SHORT)
+    network = actor(agent, batch.interface)
+    policy = Agent(batch.interface, agent, network, batch)
+    alone = [TwoLinkArmEnv(**SHORT) for _ in range(5)]
+    policies = [Agent(env.interface, agent, network, env) for env in alone]
+    seen = batch.reset(seed=3)[0]
+    each = [env.reset(seed=3 + lane)[0] for lane, env in enumerate(alone)]
+    for _ in range(25):
+        actions, _ = policy.predict(seen)
+        single = [one.predict(observation)[0] for one, observation in zip(policies, each, strict=True)]
+        np.testing.assert_array_equal(actions, single)
+        seen = batch.step(actions)[0]
+        each = [env.step(action)[0] for env, action in zip(alone, single, strict=True)]
+
+
+def test_an_agent_with_context_is_of_the_truth_tier(tmp_path):
+    """It needs the environment, and by its folder too it is no honest policy; an honest one is given no environment."""
+    env = TwoLinkArmVectorEnv(3, "everything-2")
+    for context, tier in ((False, "nominal model"), (True, "truth")):
+        agent = AgentInterface(context=context)
+        folder = tmp_path / str(context)
+        write(folder, actor(agent, env.interface), {"interface": dataclasses.asdict(agent)})
+        assert joining.tier(str(folder)) == tier
+        made = joining.make(str(folder), env)
+        assert made.env is (env if context else None)
+        assert made.configuration.keys() == {"agent"}
+    observations, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match="made for an environment of 3 lanes, whose truth it is told, got 1"):
+        made.predict(observations[:1])
+    for make in (
+        lambda: saved_agent(env.interface, str(folder)),
+        lambda: joining.make(str(folder), env.interface),
+        lambda: SavedAgent(env.interface, str(folder)),
+        lambda: Agent(env.interface, agent, actor(agent, env.interface)),
+    ):
+        with pytest.raises(ValueError, match="is told the truth, so it needs the environment, got its interface"):
+            make()
+    with pytest.raises(ValueError, match="context must be True or False, got 'no'"):
+        AgentInterface(context="no")
 
 
 @pytest.mark.parametrize("kind", ["fraction", "torque", "acceleration"])

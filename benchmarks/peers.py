@@ -1,0 +1,76 @@
+"""Arms that others simulate, as contestants for `speed.py`: each is a function that steps, and says how many environments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from fbl_gym.arm import ArmParameters
+
+
+def mujoco_arm(arm: ArmParameters) -> Callable[[], int]:
+    """A control step of MuJoCo's own Runge-Kutta on the same arm: ten steps of 1 ms, without any interface around it."""
+    import mujoco
+
+    model = _model(arm)
+    data = mujoco.MjData(model)
+
+    def step() -> int:
+        mujoco.mj_step(model, data, 10)
+        return 1
+
+    return step
+
+
+def mujoco_arms(arm: ArmParameters, lanes: int) -> Callable[[], int]:
+    """The same for many arms at once, by `mujoco.rollout` on one thread; it returns the state of every physics step."""
+    import mujoco
+    from mujoco import rollout
+
+    model = _model(arm)
+    data = mujoco.MjData(model)
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    start = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, data, start, kind)
+    states = np.tile(start, (lanes, 10, 1))
+
+    def step() -> int:
+        rollout.rollout(model, data, states[:, -1].copy(), nstep=10, skip_checks=False, state=states)
+        return lanes
+
+    return step
+
+
+def _model(arm: ArmParameters) -> Any:
+    import mujoco
+
+    tip = '<geom type="sphere" size="0.01" mass="{}" pos="{} 0 0"/>'
+    first, second = tip.format(arm.m1, arm.L1), tip.format(arm.m2, arm.L2)
+    joint = '<joint type="hinge" axis="0 0 1"/>'
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler inertiafromgeom="true"/><option timestep="0.001" gravity="0 -{arm.gravity} 0" integrator="RK4">'
+        f'<flag contact="disable"/></option><worldbody><body>{joint}{first}<body pos="{arm.L1} 0 0">{joint}{second}</body>'
+        "</body></worldbody></mujoco>"
+    )
+
+
+def gymnax_acrobots(lanes: int) -> Callable[[], int]:
+    """gymnax's Acrobot on the processor: one Runge-Kutta step, compiled by XLA, which takes as many threads as it likes."""
+    import gymnax
+    import jax
+
+    env, parameters = gymnax.make("Acrobot-v1")
+    keys = jax.random.split(jax.random.key(0), lanes)
+    _, state = jax.vmap(env.reset, in_axes=(0, None))(keys, parameters)
+    advance = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
+    actions = jax.numpy.ones(lanes, dtype=int)
+
+    def step() -> int:
+        nonlocal state
+        observation, state, *_ = advance(keys, state, actions, parameters)
+        jax.block_until_ready(observation)
+        return lanes
+
+    return step

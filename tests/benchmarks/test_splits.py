@@ -1,0 +1,118 @@
+"""The splits of the uncertainty radius: their cells, their columns, and that they are kept in the store."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from benchmarks import cli, joining, runner
+from benchmarks.board import assemble
+from benchmarks.metrics import measure
+from benchmarks.report import markdown
+from benchmarks.rl.policy import shipped
+from benchmarks.rollout import rollout
+from benchmarks.runner import run_cell
+from benchmarks.splits import RADII, measure_splits, split_cells
+from benchmarks.statistics import iqm
+from benchmarks.store import Store
+from benchmarks.suite import Cell
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+
+SEEDS = (0, 1, 2)
+POLICIES = ("cascade-flm", "ppo-residual", "oracle-flm")
+
+
+def test_a_split_is_the_scenario_of_training_at_its_radius():
+    assert [*RADII] == ["interpolation", "in distribution", "extrapolation", "far extrapolation"]
+    for split, radius in RADII.items():
+        (cell,) = split_cells("cascade-flm", split, SEEDS)
+        env = TwoLinkArmVectorEnv(400, cell.scenario)
+        env.reset(seed=0)
+        ratios = np.hstack([env.truth.masses / [20.0, 15.0], env.truth.lengths / [0.7, 0.5]])
+        np.testing.assert_allclose([ratios.min(), ratios.max()], [1 / (1 + radius), 1 + radius], rtol=0.02)
+        same = scenarios.get("everything-2").replace(parameter_error=cell.scenario.parameter_error)
+        assert cell.scenario.replace(name="everything-2") == same
+    # What was trained on is a cell of the board already.
+    assert split_cells("cascade-flm", "in distribution", SEEDS) == [Cell("cascade-flm", "everything-2", SEEDS)]
+
+
+def test_an_agent_is_named_with_its_training_seed():
+    assert [cell.policy for cell in split_cells("ppo-residual", "extrapolation", SEEDS)] == [
+        f"ppo-residual@{seed}" for seed in shipped()["ppo-residual"]
+    ]
+    env = TwoLinkArmEnv()
+    assert joining.make("ppo-residual@3", env).folder.endswith("ppo-residual/3")
+    assert joining.learned("ppo-residual@3")
+    assert joining.tier("ppo-residual@3") == joining.tier("ppo-residual") == "nominal model"
+    with pytest.raises(ValueError, match="unknown training seed 9"):
+        joining.make("ppo-residual@9", env)
+    with pytest.raises(ValueError, match="unknown policy 'pid-flm@3'"):
+        joining.make("pid-flm@3", env)
+
+
+def test_columns_against_their_definition_and_kept_in_the_store(tmp_path, monkeypatch):
+    store = Store(tmp_path)
+    board = assemble([run_cell(Cell(policy, "nominal", SEEDS)) for policy in POLICIES])
+    found = measure_splits(board, store, workers=1)
+    assert [*found] == [*RADII]
+    training = shipped()["ppo-residual"]
+    assert len(store.files()) == len(RADII) * (2 + len(training))
+    task = split_cells("cascade-flm", "extrapolation", SEEDS)[0].scenario
+    runs = [[row["error_pct"] for row in measure(rollout("cascade-flm", task, SEEDS))]]
+    once = np.ones((1, 1, 1))
+    assert found["extrapolation"].error.value[0] == iqm(runs, once)[0]
+    runs = [
+        [row["error_pct"] for row in measure(rollout("ppo-residual", task, SEEDS, {"seed": seed}))] for seed in training
+    ]
+    assert found["extrapolation"].error.value[1] == pytest.approx(
+        iqm([[run] for run in runs], once[None])[0], rel=1e-12
+    )
+    for split in found.values():
+        assert split.error.value.shape == split.diverged.shape == (len(POLICIES),)
+        assert np.all((split.error.low <= split.error.value) & (split.error.value <= split.error.high))
+    monkeypatch.setattr(runner, "compute", lambda *_: pytest.fail("it was run again"))
+    again = measure_splits(board, store, workers=1)
+    for split in RADII:
+        np.testing.assert_array_equal(again[split].error.value, found[split].error.value)
+        np.testing.assert_array_equal(again[split].error.low, found[split].error.low)
+
+
+def test_runs_that_diverge_are_counted_and_said(tmp_path):
+    """An arm without torque falls now and then; of the arms of the last split, more often."""
+    store, seeds = Store(tmp_path / "store"), tuple(range(24))
+    board = assemble([run_cell(Cell("zero", "everything-2", seeds))])
+    found = measure_splits(board, store, workers=1)
+    for name, split in found.items():
+        trace = rollout("zero", split_cells("zero", name, seeds)[0].scenario, seeds)
+        assert split.diverged[0] == (~trace.alive[-1]).mean()
+    assert found["far extrapolation"].diverged[0] > 0
+    assert f"{100 * found['far extrapolation'].diverged[0]:.2g} % diverged" in markdown.leaderboard(board, found)
+
+
+def test_every_report_has_the_columns(tmp_path, capsys):
+    store, out = str(tmp_path / "store"), tmp_path / "out"
+    some = ["--policies", *POLICIES, "--scenarios", "nominal", "--seeds", "2", "--store", store, "--workers", "1"]
+    assert cli.main(["leaderboard", *some]) == 0
+    capsys.readouterr()
+    assert cli.main(["report", *some, "--out", str(out), "--splits"]) == 0
+    shown = capsys.readouterr().out
+    header = (out / "board.md").read_text().splitlines()[0]
+    assert header.endswith("| nominal | interpolation | in distribution | extrapolation | far extrapolation |")
+    with (out / "splits.csv").open() as file:
+        rows = {row["policy"]: row for row in csv.DictReader(file)}
+    assert set(rows) == set(POLICIES)
+    page = (out / "board.html").read_text()
+    for split, radius in RADII.items():
+        assert split in shown
+        assert f'"{split}":{{"value":' in page.replace(" ", "").replace(split.replace(" ", ""), split)
+        assert f"off by factors of up to {1 + radius:g}" in page
+        low, value, high = (float(rows["ppo-residual"][f"{split}{end}"]) for end in (": low", "", ": high"))
+        assert rows["ppo-residual"][f"{split}: diverged"] == "0"
+        assert 0.0 < low <= value <= high
+    # A number can be checked as any row of the board.
+    assert cli.main(["verify", "ppo-residual@3/everything-2, radius 1", "--store", store]) == 0
+    assert "holds, bit for bit" in capsys.readouterr().out
+    # Without the option, nothing of it.
+    assert cli.main(["report", *some, "--out", str(tmp_path / "plain")]) == 0
+    assert not (tmp_path / "plain" / "splits.csv").exists()
+    assert "extrapolation" not in (tmp_path / "plain" / "board.md").read_text()
