@@ -244,6 +244,8 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     if isinstance(name, str) and name.endswith("@tuned"):
         gains = tuned_gains(name) | gains
     parameters = list(inspect.signature(build).parameters)
+    if not parameters:
+        raise ValueError(f"{_called(name)} makes no policy: it must take the interface, or env, as its first argument")
     for gain in gains:
         if gain not in parameters[1:]:
             raise unknown(f"argument of {_called(name)}", gain, parameters[1:])

@@ -108,3 +108,8 @@ def test_a_list_has_a_line_each(capsys, monkeypatch):
     cut = capsys.readouterr().out.splitlines()
     assert max(map(len, cut)) == 70
     assert cut[0].endswith("…")
+
+
+def test_what_takes_no_interface_makes_no_policy(capsys):
+    assert cli.main(["evaluate", "os:getcwd", "--seeds", "1"]) == 2
+    assert "getcwd makes no policy: it must take the interface" in capsys.readouterr().err
