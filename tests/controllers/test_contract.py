@@ -5,8 +5,6 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
-from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.monitor import Monitor
 
 import controllers
 import fbl_gym
@@ -111,8 +109,10 @@ def test_hidden_parameters_do_not_change_a_decision(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_sb3_evaluates_it_as_it_is(name):
-    env = Monitor(gym.make("fbl_gym/TwoLinkArm-v0", duration=1.0))
-    reward, spread = evaluate_policy(controllers.make(name, env), env, n_eval_episodes=2)
+    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
+    monitor = pytest.importorskip("stable_baselines3.common.monitor")
+    env = monitor.Monitor(gym.make("fbl_gym/TwoLinkArm-v0", duration=1.0))
+    reward, spread = evaluation.evaluate_policy(controllers.make(name, env), env, n_eval_episodes=2)
     assert 0.0 <= reward <= 100.0
     assert spread >= 0.0
 
