@@ -126,23 +126,15 @@ class ArmBatch:
         return found
 
     @property
-    def rewards(self) -> Array:
-        """Of the last step [n]."""
-        return self._row(settings.REWARD)
-
-    @property
-    def terminated(self) -> Flags:
-        """Whether the last step ended an episode by divergence [n]."""
-        return self._row(settings.TERMINATED) != 0.0
-
-    @property
-    def truncated(self) -> Flags:
-        """Whether the last step ended an episode because time was up [n]."""
-        return self._row(settings.TRUNCATED) != 0.0
+    def outcomes(self) -> tuple[Array, Flags, Flags]:
+        """Of the last step: rewards, and whether it ended an episode by divergence, or because time was up; [n] each."""
+        found = self._by_row[:, settings.REWARD : settings.TRUNCATED + 1].transpose(1, 0, 2).copy().reshape(3, -1)
+        over = found[1:] != 0.0
+        return found[0, : self.lanes], over[0, : self.lanes], over[1, : self.lanes]
 
     @property
     def outcome(self) -> tuple[float, bool, bool]:
-        """Reward, terminated and truncated of the last step of the first lane."""
+        """The same for the first lane alone."""
         state = self._state
         return (
             state.item(settings.REWARD * LANES),

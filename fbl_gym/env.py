@@ -307,7 +307,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
     """`action` as contiguous float64 numbers, one after the other; an action of another shape is an error."""
     if type(action) is np.ndarray and action.shape == shape and action.dtype.kind in "fiu":  # in nearly every step
-        return action.astype(np.float64).ravel()
+        return np.ascontiguousarray(action, dtype=np.float64).ravel()
     try:
         array = np.asarray(action)
     except ValueError:

@@ -157,8 +157,8 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             raise error.ResetNeeded(
                 f"the episode of lane {lane} has ended: call reset(options={{'reset_mask': ...}}) before step()"
             )
-        terminated, truncated = batch.terminated, batch.truncated
-        return observations, batch.rewards, terminated, truncated, self._infos(terminated, truncated)
+        rewards, terminated, truncated = batch.outcomes
+        return observations, rewards, terminated, truncated, self._infos(terminated, truncated)
 
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
         if self.autoreset_mode != AutoresetMode.SAME_STEP:

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--readme",
         type=Path,
         metavar="FILE",
-        help="put the table between the markers `<!-- leaderboard -->` of this file",
+        help="put the table, without the families, between the markers `<!-- leaderboard -->` of this file",
     )
     parser.add_argument(
         "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes for --radius (one per core)"
@@ -72,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
         write_text(arguments.out / "learned.md", learned_table(learned(list(tasks.values()), board.seeds)))
     if arguments.readme is not None:
-        write_text(arguments.readme, markdown.replace_between(arguments.readme.read_text(encoding="utf-8"), table))
+        short = markdown.leaderboard(board, families=False)
+        write_text(arguments.readme, markdown.replace_between(arguments.readme.read_text(encoding="utf-8"), short))
     print(f"report: {arguments.out / 'board.html'}, board.md and board.csv beside it")
     return 0

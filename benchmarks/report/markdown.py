@@ -29,15 +29,17 @@ BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 """Between these lines of a file stands the leaderboard."""
 
 
-def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({})) -> str:
+def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({}), *, families: bool = True) -> str:
     """The board, best first, with the intervals of score and rank.
 
     Args:
         board: what the table says.
         splits: of the uncertainty radius: a column each, the error with its interval and what diverged, if anything did.
+        families: whether each family of scenarios has a column with its error.
     """
-    header = ["policy", "told", "rank", "score", "error %", "failed %", "us/decision", *board.families, *splits]
-    families = [board.family_errors[family].value for family in board.families]
+    shown = board.families if families else ()
+    header = ["policy", "told", "rank", "score", "error %", "failed %", "us/decision", *shown, *splits]
+    errors = [board.family_errors[family].value for family in shown]
     ranks = dict(zip(board.ranked, zip(board.rank.low, board.rank.high, strict=True), strict=True))
     rows = []
     for i in board.order:
@@ -46,7 +48,7 @@ def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({})
         rows.append(
             [
                 f"`{board.policies[i]}`", joining.tier(board.policies[i]), rank, score, _with_interval(board.error, i, 2),
-                f"{100 * board.failures.value[i]:.2g}", f"{board.decision_us[i]:.2g}", *(f"{x[i]:.3g}" for x in families),
+                f"{100 * board.failures.value[i]:.2g}", f"{board.decision_us[i]:.2g}", *(f"{x[i]:.3g}" for x in errors),
                 *(_in_split(found, i) for found in splits.values()),
             ]
         )  # fmt: skip

@@ -139,7 +139,12 @@ def test_report_and_query_commands(tmp_path, capsys):
     assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
     table = (out / "board.md").read_text()
     assert table.startswith("| policy | told | rank | score |")
-    assert readme.read_text() == f"before\n<!-- leaderboard -->\n{table}<!-- /leaderboard -->\nafter\n"
+    before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
+    short, _, after = rest.partition("<!-- /leaderboard -->\n")
+    assert (before, after) == ("before\n", "after\n")
+    assert short.splitlines()[0] == "| policy | told | rank | score | error % | failed % | us/decision |"
+    for line, whole in zip(short.splitlines()[2:], table.splitlines()[2:], strict=True):
+        assert whole.startswith(line)
     page = (out / "board.html").read_text()
     assert "cascade-flm" in page
     assert "src=" not in page.partition("<body")[0].replace("data:", "")

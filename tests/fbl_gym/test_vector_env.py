@@ -512,3 +512,16 @@ def _positions_of_a_step():
     env.reset(seed=0)
     env.step(np.zeros((64, 2)))
     return env.truth.position
+
+
+@pytest.mark.parametrize("lanes", [1, 16, 17])
+def test_what_a_step_returns_is_the_callers(lanes):
+    """The next step writes elsewhere."""
+    env = TwoLinkArmVectorEnv(lanes)
+    env.reset(seed=0)
+    kept = env.step(np.full((lanes, 2), 0.5))[:4]
+    copies = [part.copy() for part in kept]
+    for _ in range(3):
+        env.step(np.full((lanes, 2), -1.0))
+    assert all(np.array_equal(a, b) for a, b in zip(kept, copies, strict=True))
+    assert not any(np.shares_memory(part, env._batch._state) for part in kept)
