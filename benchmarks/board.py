@@ -46,7 +46,7 @@ class Board:
         """Mean absolute tracking error in % of the reference's amplitude, [p x s x n]."""
         return self.runs["error_pct"]
 
-    @property
+    @cached_property
     def ranked(self) -> list[int]:
         """The policies that are ranked: those that are not told the truth."""
         return [i for i, policy in enumerate(self.policies) if joining.tier(policy) != "truth"]

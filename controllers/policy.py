@@ -12,6 +12,7 @@ import inspect
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
@@ -171,8 +172,14 @@ def register(
     _REGISTRY[name] = _Entry(factory, summary, choice("tier", tier, TIERS), choice("kind", kind, KINDS))
 
 
-def _strangers() -> dict[str, Any]:
-    return {point.name: point for point in metadata.entry_points(group=ENTRY_POINTS) if point.name not in _REGISTRY}
+@lru_cache(maxsize=1)
+def _entry_points() -> tuple[metadata.EntryPoint, ...]:
+    """Those of installed packages, read from the disk once."""
+    return tuple(metadata.entry_points(group=ENTRY_POINTS))
+
+
+def _strangers() -> dict[str, metadata.EntryPoint]:
+    return {point.name: point for point in _entry_points() if point.name not in _REGISTRY}
 
 
 def names() -> tuple[str, ...]:

@@ -151,7 +151,7 @@ def test_a_strangers_policy_is_found_by_its_entry_point(monkeypatch):
     from controllers import policy
 
     point = metadata.EntryPoint("mine", "controllers.simple:PdGravity", policy.ENTRY_POINTS)
-    monkeypatch.setattr(policy.metadata, "entry_points", lambda group: [point] if group == policy.ENTRY_POINTS else [])
+    monkeypatch.setattr(policy, "_entry_points", lambda: (point,))
     assert "mine" in controllers.names()
     assert controllers.tier("mine") == "nominal model"
     assert controllers.summary("mine").startswith("torque = Kp e")
