@@ -307,7 +307,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
     """`action` as contiguous float64 numbers, one after the other; an action of another shape is an error."""
     if type(action) is np.ndarray and action.shape == shape and action.dtype.kind in "fiu":  # in nearly every step
-        return np.ascontiguousarray(action, dtype=np.float64).ravel()
+        return _flat(action)
     try:
         array = np.asarray(action)
     except ValueError:
@@ -316,4 +316,11 @@ def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
         raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, got shape {array.shape}")
-    return np.ascontiguousarray(array, dtype=np.float64).ravel()
+    return _flat(array)
+
+
+def _flat(array: Any) -> Array:
+    """Numbers as the kernel is compiled for them: of double precision, without gaps, and writeable."""
+    if array.dtype != np.float64 or not array.flags.carray:
+        array = array.astype(np.float64, order="C")
+    return array.ravel()

@@ -195,7 +195,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}")
         if not mask.any():
             raise ValueError("reset_mask must have at least one True, got none")
-        return mask
+        return mask.copy()  # of the layout that the kernel is compiled for
 
     def _as_seeds(self, seed: Any) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
         """The lanes that are given a seed, and those seeds."""

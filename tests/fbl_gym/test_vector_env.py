@@ -12,6 +12,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.kernel import doors
 
 OPTIONS = {
     "scenario": "everything-3",
@@ -525,3 +526,28 @@ def test_what_a_step_returns_is_the_callers(lanes):
         env.step(np.full((lanes, 2), -1.0))
     assert all(np.array_equal(a, b) for a, b in zip(kept, copies, strict=True))
     assert not any(np.shares_memory(part, env._batch._state) for part in kept)
+
+
+def test_actions_of_any_layout_are_taken_without_another_compilation():
+    """Read-only, with gaps, backwards, in Fortran's order, of other types: all move the arms alike."""
+    spread = np.zeros((8, 4))
+    spread[:, ::2] = 0.25
+    actions = np.full((8, 2), 0.25)
+    frozen = actions.copy()
+    frozen.flags.writeable = False
+    found = []
+    for given in (
+        actions,
+        frozen,
+        spread[:, ::2],
+        actions[::-1],
+        np.asfortranarray(actions),
+        actions.astype("f4"),
+        actions.tolist(),
+    ):
+        env = TwoLinkArmVectorEnv(8)
+        env.reset(seed=0)
+        found.append(env.step(given)[0])
+    env.reset(options={"reset_mask": np.ones(16, dtype=bool)[::2]})
+    assert all(np.array_equal(found[0], other) for other in found)
+    assert len(doors.step.signatures) == len(doors.reset.signatures) == 1
