@@ -23,18 +23,8 @@ if TYPE_CHECKING:
 MAX_SEED = 2**64 - 1
 MIN_RENDER_SIZE = 160
 _FIRST, _EVERYONE = np.zeros(1, dtype=np.int64), np.ones(1, dtype=bool)
-ARGUMENTS = (
-    "scenario",
-    "action",
-    "reward",
-    "preview",
-    "render_mode",
-    "render_size",
-    "autoreset_mode",
-    "max_episode_steps",
-    "num_envs",
-    "threads",
-)
+ARGUMENTS = ("scenario", "action", "reward", "preview", "render_mode", "render_size")
+OF_BATCHES = ("num_envs", "autoreset_mode", "max_episode_steps", "threads")
 
 
 class Told:
@@ -77,8 +67,13 @@ def configure(
     built = as_scenario(scenario)
     fields = [f.name for f in dataclasses.fields(Scenario)]
     for name in options:
+        if name in OF_BATCHES:
+            raise ValueError(
+                f"{name!r} is an option of many arms at once: "
+                "gym.make_vec(..., vectorization_mode='vector_entry_point'), or fbl_gym.TwoLinkArmVectorEnv"
+            )
         if name not in fields:
-            raise unknown("option", name, (*ARGUMENTS, *fields))
+            raise unknown("option", name, (*ARGUMENTS, *OF_BATCHES, *fields))
     if options:
         built = built.replace(**options)
     weights = Reward() if reward is None else build("reward", reward, Reward)

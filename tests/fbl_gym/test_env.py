@@ -171,6 +171,7 @@ def test_a_bad_seed_is_named(seed):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"threads": 2}, "'threads' is an option of many arms at once"),
         ({"frictionn": 1}, "unknown option 'frictionn'; did you mean 'friction'"),
         ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean"),
         ({"scenario": 3}, "scenario must be"),
