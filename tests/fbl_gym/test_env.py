@@ -594,3 +594,12 @@ def test_a_reading_beyond_all_bounds_makes_no_nan(sensor, error):
         assert np.isfinite(env.truth.applied_torque).all()
         if terminated:
             break
+
+
+def test_duration_and_initial_error():
+    env = TwoLinkArmEnv(duration=0.05, initial_error=(0.1, -0.2))
+    plain = TwoLinkArmEnv()
+    env.reset(seed=0)
+    plain.reset(seed=0)
+    np.testing.assert_allclose(env.truth.position - plain.truth.position, [0.1, -0.2])
+    assert [env.step((0, 0))[3] for _ in range(5)] == [False] * 4 + [True]

@@ -1,0 +1,76 @@
+"""The option `actuator`: limit, delay and lag, between the command and the plant."""
+
+import numpy as np
+import pytest
+
+from fbl_gym import TABLE_1, TwoLinkArmEnv
+from fbl_gym.arm import gravity_torque
+from tests.fbl_gym.twins import PLAIN, play, torques, watch
+
+
+def test_torque_limit():
+    _, _, truths = play(actuator={"torque_limit": (100.0, 30.0)})
+    for k, truth in enumerate(truths[1:]):
+        assert np.array_equal(truth.applied_torque, np.clip(torques(k), [-100.0, -30.0], [100.0, 30.0]))
+
+
+def test_a_torque_limit_is_what_a_fraction_is_of():
+    env = TwoLinkArmEnv(actuator={"torque_limit": (300.0, 50.0)})
+    env.reset(seed=0)
+    assert env.torque_limit == (300.0, 50.0)
+    env.step((0.25, -0.5))
+    np.testing.assert_array_equal(env.truth.applied_torque, [75.0, -25.0])
+    env = TwoLinkArmEnv(actuator={"torque_limit": (300.0, 50.0)}, action="acceleration")
+    env.reset(seed=0)
+    env.step((100.0, 100.0))
+    np.testing.assert_array_equal(env.truth.applied_torque, [300.0, 50.0])
+
+
+@pytest.mark.parametrize("delay", [0.001, 0.01, 0.013, 0.02, 0.035])
+def test_delay(delay):
+    layout, seen, truths = play(actuator={"delay": delay})
+    late = round(delay / 0.001)
+    held = gravity_torque(TABLE_1, truths[0].position)
+    for k in range(1, 101):
+        # The torque at the interval's last millisecond was commanded `delay` before.
+        step = (10 * k - 1 - late) // 10
+        np.testing.assert_allclose(truths[k].applied_torque, held if step < 0 else torques(step), rtol=1e-12)
+        np.testing.assert_allclose(seen[k][..., layout["previous_action"]], torques(k - 1))
+    assert "previous_action" not in PLAIN[0]
+
+
+@pytest.mark.parametrize("late", [1, 3, 10, 13, 20, 37])
+def test_a_delay_is_so_many_physics_steps(late):
+    """The twin without a delay is given the commands that much later, and before them the torque at rest."""
+    slow = TwoLinkArmEnv(action="torque", actuator={"delay": late * 1e-3})
+    twin = TwoLinkArmEnv(action="torque", control_dt=1e-3)
+    slow.reset(seed=0)
+    twin.reset(seed=0)
+    commands = [twin.truth.applied_torque] * late
+    for k in range(20):
+        commands += [torques(3 * k, 1)[0]] * 10
+        slow.step(commands[-1])
+        for j in range(10):
+            twin.step(commands[10 * k + j])
+        np.testing.assert_array_equal(slow.truth.position, twin.truth.position)
+        np.testing.assert_array_equal(slow.truth.velocity, twin.truth.velocity)
+        np.testing.assert_array_equal(slow.truth.applied_torque, twin.truth.applied_torque)
+
+
+def test_lag():
+    layout, _, truths = play(actuator={"lag": 0.05})
+    assert "previous_action" in layout
+    torque = gravity_torque(TABLE_1, truths[0].position)
+    for k in range(100):
+        torque = torques(k) + (torque - torques(k)) * np.exp(-0.01 / 0.05)
+        np.testing.assert_allclose(truths[k + 1].applied_torque, torque, rtol=1e-11)
+
+
+def test_a_lag_behind_a_delay_answers_a_step_as_an_exponential():
+    applied, position = watch(
+        "applied_torque", "position", torque=(100.0, 20.0), actuator={"delay": 0.02, "lag": 0.03}, steps=150
+    )
+    held = gravity_torque(TABLE_1, position[0])
+    t = np.maximum(np.arange(151) * 1e-3 - 0.02, 0.0)[:, None]
+    expected = held + (np.array([100.0, 20.0]) - held) * (1 - np.exp(-t / 0.03))
+    np.testing.assert_allclose(applied, expected, rtol=1e-12)

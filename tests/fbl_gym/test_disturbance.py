@@ -1,0 +1,116 @@
+"""The option `disturbance`: its torques reach the plant at their times, and only there."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.twins import LANES, play, same, watch
+
+
+def levels(**options):
+    """The disturbance [steps + 1 x lanes x 2] and the truths of a run."""
+    _, _, truths = play(steps=200, **options)
+    reference = play(steps=200)[2]
+    assert same(truths, reference, "reference", "applied_torque", "lumped")
+    assert not same(truths[5:], reference[5:], "position")
+    return np.array([truth.disturbance for truth in truths]), truths
+
+
+def test_piecewise_constant_disturbance():
+    push, _ = levels(disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.2})
+    change = np.any(np.diff(push, axis=0) != 0, axis=(1, 2))
+    # Sample k tells of the interval that ended there, so that the level of [0.2 i, 0.2 (i + 1)) is seen from 20 i + 1 on.
+    assert set(np.flatnonzero(change)) == {20 * i for i in range(1, 10)}
+    levels_seen = push[1::20].reshape(-1, 2) / [20.0, 5.0]
+    assert np.abs(levels_seen).max() <= 1.0
+    for joint in (0, 1):
+        assert stats.kstest(levels_seen[:, joint], stats.uniform(-1, 2).cdf).pvalue > 1e-3
+
+
+def test_a_piecewise_constant_disturbance_changes_at_its_physics_steps():
+    (seen,) = watch(
+        "disturbance", disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.013}
+    )
+    changes = np.flatnonzero(np.any(np.diff(seen[1:], axis=0) != 0, axis=1)) + 1
+    np.testing.assert_array_equal(changes, np.arange(13, 150, 13))
+    assert np.all(np.abs(seen) <= (20.0, 5.0))
+
+
+def test_a_period_that_is_no_multiple_of_the_control_interval():
+    env = TwoLinkArmEnv(
+        control_dt=0.001, disturbance={"kind": "piecewise-constant", "amplitude": 20.0, "period": 0.003}
+    )
+    coarse = TwoLinkArmEnv(disturbance={"kind": "piecewise-constant", "amplitude": 20.0, "period": 0.003})
+    env.reset(seed=0)
+    coarse.reset(seed=0)
+    for _ in range(10):
+        for _ in range(10):
+            env.step((0.1, 0.1))
+        coarse.step((0.1, 0.1))
+        np.testing.assert_array_equal(env.truth.disturbance, coarse.truth.disturbance)
+        np.testing.assert_allclose(env.truth.position, coarse.truth.position, atol=1e-13)
+
+
+def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():
+    env = TwoLinkArmVectorEnv(512, disturbance={"kind": "piecewise-constant", "amplitude": 1.0, "period": 0.01})
+    found = []
+    for start in ({"seed": 0}, {}):
+        env.reset(**start)
+        for _ in range(3):
+            env.step(np.zeros((512, 2)))
+            found += [*env.truth.disturbance.T]
+    assert len(found) == 12
+    assert np.abs(np.corrcoef(found) - np.eye(12)).max() < 0.2
+    assert stats.kstest(np.concatenate(found), stats.uniform(-1, 2).cdf).pvalue > 1e-3
+
+
+def test_sine_disturbance():
+    push, truths = levels(
+        disturbance={"kind": "sine", "amplitude": (20.0, 5.0), "frequency": (1.0, 3.0), "phase": (0.5, 1.0)}
+    )
+    for k, truth in enumerate(truths):
+        expected = np.array([20.0, 5.0]) * np.sin(2 * np.pi * np.array([1.0, 3.0]) * truth.time[0] + [0.5, 1.0])
+        np.testing.assert_allclose(push[k], np.broadcast_to(expected, (LANES, 2)), atol=1e-10)
+    drawn, _ = levels(disturbance={"kind": "sine", "amplitude": 20.0})
+    assert len(np.unique(drawn[0, :, 0])) == LANES
+
+
+def test_the_phases_of_a_sine_disturbance_are_uniform():
+    env = TwoLinkArmVectorEnv(4096, disturbance={"kind": "sine", "amplitude": (3.0, 5.0)})
+    env.reset(seed=0)
+    for joint, amplitude in ((0, 3.0), (1, 5.0)):
+        values = env.truth.disturbance[:, joint] / amplitude
+        assert stats.kstest(values, stats.arcsine(-1, 2).cdf).pvalue > 1e-3
+    assert abs(np.corrcoef(env.truth.disturbance.T)[0, 1]) < 0.06
+
+
+def test_pulses():
+    push, _ = levels(
+        disturbance={"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.5, "width": 0.1, "start": 0.3}
+    )
+    on = np.array([k - 1 >= 30 and (k - 1 - 30) % 50 < 10 for k in range(1, 201)])
+    assert np.array_equal(push[1:, 0], on[:, None] * np.array([20.0, -5.0]))
+
+
+@pytest.mark.parametrize("start", [0.0, 0.017, 0.05])
+def test_pulses_go_on_and_off_at_their_physics_steps(start):
+    push = {"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.03, "width": 0.007, "start": start}
+    (seen,) = watch("disturbance", disturbance=push)
+    first = round(start * 1000)
+    on = [k >= first and (k - first) % 30 < 7 for k in range(150)]
+    # Sample k + 1 tells what acted in the step from k to k + 1 ms.
+    np.testing.assert_array_equal(seen[1:], np.outer(on, [20.0, -5.0]))
+
+
+def test_an_array_of_ones_own():
+    table = np.random.default_rng(0).uniform(-9, 9, (4, 2))
+    push, _ = levels(disturbance={"kind": "array", "torque": table, "dt": 0.25})
+    for k in range(1, 201):
+        assert np.array_equal(push[k, 3], table[min((k - 1) // 25, 3)])
+
+
+def test_an_array_disturbance_is_its_samples():
+    table = np.random.default_rng(0).uniform(-9, 9, (12, 2))
+    (seen,) = watch("disturbance", disturbance={"kind": "array", "torque": table, "dt": 0.011})
+    np.testing.assert_array_equal(seen[1:], table[np.minimum(np.arange(150) // 11, 11)])

@@ -1,0 +1,97 @@
+"""Noise, bias and rounding: in the observation, and only there."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fbl_gym import SensorError, TwoLinkArmVectorEnv
+from tests.fbl_gym.twins import LANES, PLAIN, PLANT, WAYS, play, same
+
+
+@pytest.mark.parametrize("sensor", WAYS)
+def test_noise_is_white_has_its_sigma_and_touches_only_its_sensor(sensor):
+    sigma = (0.02, 0.05)
+    layout, seen, truths = play(noise={sensor: sigma})
+    assert same(truths, PLAIN[2], *PLANT)
+    noise = (seen - PLAIN[1])[..., layout[sensor]]
+    for other in set(WAYS) - {sensor}:
+        assert np.array_equal(seen[..., layout[other]], PLAIN[1][..., layout[other]])
+    for joint in (0, 1):
+        x = noise[..., joint]
+        assert x.std() == pytest.approx(sigma[joint], rel=0.03)
+        assert abs(x.mean()) < 4 * sigma[joint] / np.sqrt(x.size)
+        assert stats.kstest(x.ravel() / sigma[joint], "norm").pvalue > 1e-3
+        assert abs(np.corrcoef(x[1:].ravel(), x[:-1].ravel())[0, 1]) < 0.05
+        assert abs(np.corrcoef(x[:, 1:].ravel(), x[:, :-1].ravel())[0, 1]) < 0.05
+    assert abs(np.corrcoef(noise[..., 0].ravel(), noise[..., 1].ravel())[0, 1]) < 0.05
+
+
+def test_sensors_have_noises_of_their_own():
+    layout, seen, _ = play(noise={"position": 0.1, "velocity": 0.1, "acceleration": 0.1})
+    noises = [(seen - PLAIN[1])[..., layout[sensor]][..., 0].ravel() for sensor in WAYS]
+    assert np.abs(np.corrcoef(noises) - np.eye(3)).max() < 0.05
+
+
+@pytest.mark.parametrize("sensor", WAYS)
+def test_noise_of_one_joint_leaves_the_other_alone(sensor):
+    layout, seen, _ = play(noise={sensor: (0.0, 0.1)})
+    error = seen[..., layout[sensor]] - PLAIN[1][..., PLAIN[0][sensor]]
+    assert np.all(error[..., 0] == 0.0)
+    assert np.all(error[..., 1] != 0.0)
+
+
+def test_noise_is_new_in_each_episode_and_seed_and_the_same_for_every_policy():
+    env, plain = TwoLinkArmVectorEnv(3, noise={"position": 1.0}), TwoLinkArmVectorEnv(3)
+
+    def noises(pushed, **start):
+        """[50 x 3 lanes x 2]"""
+        rows = [env.reset(**start)[0] - plain.reset(**start)[0]]
+        for _ in range(49):
+            actions = np.full((3, 2), pushed)
+            rows.append(env.step(actions)[0] - plain.step(actions)[0])
+        return np.array(rows)[..., :2]
+
+    first, second = noises(0.0, seed=0), noises(0.0)
+    again, shifted = noises(0.2, seed=0), noises(0.0, seed=1)
+    np.testing.assert_allclose(first, again, atol=1e-12)
+    np.testing.assert_allclose(first[:, 1:], shifted[:, :-1], atol=1e-12)  # lane i has the seed s + i
+    columns = np.concatenate([first, second, shifted[:, 2:]], axis=1).reshape(50, -1).T
+    assert np.abs(np.corrcoef(columns) - np.eye(14)).max() < 0.6
+    assert not np.any(first == second)
+
+
+def test_bias_and_quantization_are_exact():
+    layout, seen, truths = play(noise={"velocity": {"bias": (0.5, -1.0)}, "position": {"quantization": (0.01, 0.25)}})
+    assert same(truths, PLAIN[2], *PLANT)
+    np.testing.assert_allclose(
+        (seen - PLAIN[1])[..., layout["velocity"]], np.broadcast_to([0.5, -1.0], (101, LANES, 2)), atol=1e-12
+    )
+    read, true = seen[..., layout["position"]], PLAIN[1][..., layout["position"]]
+    step = np.array([0.01, 0.25])
+    np.testing.assert_allclose(read / step, np.round(read / step), atol=1e-9)
+    assert np.all(np.abs(read - true) <= step / 2 + 1e-12)
+
+
+def test_a_reading_is_bias_then_noise_then_rounding():
+    quantum, bias = np.array([0.01, 0.25]), np.array([0.5, -1.0])
+    for sensor in WAYS:
+        sigma = {"sigma": (0.03, 0.2)}
+        layout, noisy, _ = play(noise={sensor: sigma})
+        _, seen, truths = play(noise={sensor: {**sigma, "bias": bias, "quantization": quantum}})
+        expected = np.floor((noisy[..., layout[sensor]] + bias) / quantum + 0.5) * quantum
+        np.testing.assert_array_equal(seen[..., layout[sensor]], expected)
+        assert same(truths, PLAIN[2], *PLANT)
+
+
+def test_signal_to_noise_ratio():
+    """1 dB against unit power is variance 0.794, and 10 dB is 0.1, as the errata reckon."""
+    for snr, variance in ((1.0, 0.794), (10.0, 0.1)):
+        layout, seen, _ = play(noise={"position": {"snr_db": snr}})
+        assert (seen - PLAIN[1])[..., layout["position"]].var() == pytest.approx(variance, rel=0.05)
+
+
+def test_signal_to_noise_ratio_is_ten_times_the_logarithm_of_the_variance():
+    assert SensorError(snr_db=20.0).std == pytest.approx((0.1, 0.1))
+    a = play(noise={"velocity": {"snr_db": 20.0}})[1]
+    b = play(noise={"velocity": 0.1})[1]
+    np.testing.assert_allclose(a, b, rtol=1e-12)

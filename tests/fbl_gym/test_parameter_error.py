@@ -1,0 +1,108 @@
+"""The arm, and how its parameters err from the nominal model: the plant, and only its parameters."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import forward_dynamics
+from tests.fbl_gym.twins import LANES, PLAIN, play, same
+
+
+def ratios(truths, index=0):
+    truth = truths[index]
+    return np.hstack([truth.masses, truth.lengths]) / [TABLE_1.m1, TABLE_1.m2, TABLE_1.L1, TABLE_1.L2]
+
+
+def test_fixed_ratios():
+    _, _, truths = play(parameter_error={"ratio": {"m2": 2.0, "L1": 0.5}})
+    np.testing.assert_allclose(ratios(truths), np.broadcast_to([1, 2, 0.5, 1], (LANES, 4)), rtol=1e-15)
+    assert same(truths, PLAIN[2], "reference", "applied_torque", "disturbance")
+    assert not same(truths[5:], PLAIN[2][5:], "position")
+    np.testing.assert_allclose(ratios(play(parameter_error=0.5, steps=1)[2]), 0.5)
+    np.testing.assert_allclose(ratios(play(parameter_error={"ratio": (1, 2, 3, 4)}, steps=1)[2])[0], [1, 2, 3, 4])
+
+
+def test_radius_draws_log_uniformly_from_half_to_double():
+    _, _, truths = play(steps=1, lanes=4096, parameter_error={"radius": 1.0})
+    found = ratios(truths)
+    assert found.min() > 0.5
+    assert found.max() < 2.0
+    for column in np.log2(found).T:
+        assert stats.kstest(column, stats.uniform(-1, 2).cdf).pvalue > 1e-3
+    assert np.abs(np.corrcoef(found.T) - np.eye(4)).max() < 0.08
+
+
+def test_radius_together_and_on_some_parameters():
+    found = ratios(play(steps=1, parameter_error={"radius": 1.0, "sampling": "together"})[2])
+    assert np.allclose(found, found[:, :1])
+    assert len(np.unique(found[:, 0])) == LANES
+    found = ratios(play(steps=1, parameter_error={"radius": 1.0, "parameters": ("m1", "m2")})[2])
+    assert np.all(found[:, 2:] == 1.0)
+    assert np.all(found[:, :2] != 1.0)
+
+
+def test_the_radius_multiplies_the_ratio_within_its_bounds():
+    error = {"ratio": {"m1": 3.0, "L2": 0.5}, "radius": 0.25}
+    found = ratios(play(steps=1, lanes=4096, parameter_error=error)[2]) / [3.0, 1.0, 1.0, 0.5]
+    assert np.all((found >= 1 / 1.25) & (found <= 1.25))
+    for column in np.log(found).T / np.log(1.25):
+        assert stats.kstest(column, stats.uniform(-1, 2).cdf).pvalue > 1e-3
+
+
+def test_one_factor_for_all_is_log_uniform_too_and_spares_what_it_does_not_touch():
+    error = {"radius": 1.0, "sampling": "together", "parameters": ("m2", "L1")}
+    found = ratios(play(steps=1, lanes=4096, parameter_error=error)[2])
+    np.testing.assert_array_equal(found[:, [0, 3]], 1.0)
+    np.testing.assert_allclose(found[:, 1], found[:, 2], rtol=1e-14)
+    assert stats.kstest(np.log2(found[:, 1]), stats.uniform(-1, 2).cdf).pvalue > 1e-3
+
+
+def test_which_parameters_are_touched_does_not_shift_the_others():
+    """Masses alone are off by the very factors by which they are off together with the lengths."""
+    every = ratios(play(steps=1, parameter_error={"radius": 1.0})[2])
+    masses = ratios(play(steps=1, parameter_error={"radius": 1.0, "parameters": ("m1", "m2")})[2])
+    np.testing.assert_array_equal(masses[:, :2], every[:, :2])
+
+
+def test_parameters_hold_through_an_episode_and_change_with_the_next():
+    env = TwoLinkArmVectorEnv(4, parameter_error={"radius": 1.0})
+    env.reset(seed=0)
+    first = env.truth
+    for _ in range(20):
+        env.step(np.zeros((4, 2)))
+    np.testing.assert_array_equal(env.truth.masses, first.masses)
+    np.testing.assert_array_equal(env.truth.lengths, first.lengths)
+    env.reset()
+    assert not np.any(env.truth.masses == first.masses)
+
+
+def test_errors_change_the_plant_and_not_the_nominal_model():
+    env = TwoLinkArmEnv(parameter_error={"ratio": 2.0, "payload": 4.0})
+    env.reset(seed=0)
+    assert env.nominal == TABLE_1
+    np.testing.assert_array_equal(env.truth.masses, [40.0, 30.0])
+    np.testing.assert_array_equal(env.truth.lengths, [1.4, 1.0])
+    assert np.abs(env.truth.leakage).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    "arm",
+    [
+        SECTION_2_2,
+        TABLE_1.as_rods(),
+        ArmParameters(gravity=1.6),
+        ArmParameters(m1=1.0, m2=2.0, L1=0.3, L2=0.4, centre=0.7, inertia=0.2),
+    ],
+)
+def test_the_arm_reaches_the_plant_and_the_nominal_model(arm):
+    env = TwoLinkArmEnv(arm=arm)
+    env.reset(seed=0)
+    assert env.nominal == arm
+    np.testing.assert_allclose(env.truth.lumped, arm.lumped, rtol=1e-15)
+    q, v = env.truth.position, env.truth.velocity
+    for _ in range(5):
+        env.step((0.01, 0.02))
+        q, v, torque = env.truth.position, env.truth.velocity, env.truth.applied_torque
+        np.testing.assert_allclose(env.truth.acceleration, forward_dynamics(arm, q, v, torque), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(env.truth.leakage, 0.0, atol=1e-8)

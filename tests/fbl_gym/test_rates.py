@@ -1,0 +1,121 @@
+"""Control rate and physics step: what happens between two decisions does not depend on how often one decides."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fbl_gym import TwoLinkArmEnv
+from tests.fbl_gym.twins import torques
+
+
+def test_rates():
+    """The same held torque at 5 times the control rate, or with a finer physics step, is the same motion."""
+    ends = []
+    for control_dt, physics_dt in ((0.01, 0.001), (0.002, 0.001), (0.01, 0.0005)):
+        env = TwoLinkArmEnv(control_dt=control_dt, physics_dt=physics_dt)
+        env.reset(seed=0)
+        for _ in range(round(1.0 / control_dt)):
+            env.step((0.05, -0.02))
+        ends.append(env.truth.position)
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-12)
+    np.testing.assert_allclose(ends[2], ends[0], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"actuator": {"lag": 0.005, "torque_limit": None}},
+        {"disturbance": {"kind": "sine", "amplitude": 100.0, "frequency": 5.0}},
+    ],
+    ids=["lag", "sine"],
+)
+def test_what_varies_within_a_physics_step_is_followed_there(options):
+    """A physics step of 1 ms and one of 0.1 ms agree to the order of Runge-Kutta, not only to that of a held torque."""
+    ends = []
+    for physics_dt in (1e-3, 1e-4):
+        env = TwoLinkArmEnv(action="torque", physics_dt=physics_dt, **options)
+        env.reset(seed=0)
+        for k in range(50):
+            env.step(torques(10 * k, 1)[0])
+        ends.append(np.concatenate([env.truth.position, env.truth.velocity]))
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7)
+
+
+STEPS = st.integers(1, 60)
+WORLDS = st.fixed_dictionaries(
+    {},
+    optional={
+        "parameter_error": st.fixed_dictionaries(
+            {"radius": st.just(0.5), "mass": st.just(5.0), "pick_up": st.integers(0, 50), "carry": st.integers(1, 50)}
+        ),
+        "friction": st.sampled_from(
+            [
+                {"viscous": 4.0},
+                {"coulomb": 30.0, "stiction": (10.0, 3.0)},
+                {"coulomb": 3.0, "law": "literal", "viscous": (0.0, 2.0)},
+            ]
+        ),
+        "disturbance": st.one_of(
+            st.fixed_dictionaries({"kind": st.just("piecewise-constant"), "period": STEPS}),
+            st.fixed_dictionaries(
+                {"kind": st.just("pulses"), "period": STEPS, "width": st.integers(1, 60), "start": st.integers(0, 60)}
+            ).filter(lambda push: push["width"] <= push["period"]),
+            st.fixed_dictionaries({"kind": st.just("sine")}),
+            st.fixed_dictionaries({"kind": st.just("array"), "dt": STEPS}),
+        ),
+        "actuator": st.fixed_dictionaries({"delay": st.integers(0, 40), "lag": st.sampled_from([0.0, 0.02])}),
+    },
+)
+
+
+def in_seconds(world):
+    """Options of an environment from those drawn above, whose times are whole physics steps of 1 ms."""
+    options = {name: dict(value) for name, value in world.items()}
+    if "parameter_error" in options:
+        load = options["parameter_error"]
+        begin = load.pop("pick_up")
+        load["payload"] = {
+            "mass": load.pop("mass"),
+            "pick_up": begin * 1e-3,
+            "drop": (begin + load.pop("carry")) * 1e-3,
+        }
+    if "disturbance" in options:
+        push = options["disturbance"]
+        push.update({name: push[name] * 1e-3 for name in ("period", "width", "start", "dt") if name in push})
+        if push["kind"] == "array":
+            push["torque"] = np.random.default_rng(0).uniform(-90, 90, (7, 2)).tolist()
+        else:
+            push["amplitude"] = (90.0, 30.0)
+    if "actuator" in options:
+        options["actuator"]["delay"] *= 1e-3
+    return options
+
+
+@settings(max_examples=80, deadline=None)
+@given(WORLDS, st.sampled_from([2, 5, 7, 10]), st.integers(0, 1000))
+def test_a_decision_held_is_the_same_decision_taken_again(world, substeps, seed):
+    """To the bit: n physics steps under one command are n intervals of one step under the same command.
+
+    So delay, lag, payload and every disturbance act at their own times, whether they are multiples of control_dt or not.
+    """
+    options = in_seconds(world)
+    coarse = TwoLinkArmEnv(action="torque", control_dt=substeps * 1e-3, duration=substeps, **options)
+    fine = TwoLinkArmEnv(action="torque", control_dt=1e-3, **options)
+    coarse.reset(seed=seed)
+    fine.reset(seed=seed)
+    for k in range(100 // substeps):
+        torque = torques(7 * k, 1)[0]
+        coarse.step(torque)
+        for _ in range(substeps):
+            fine.step(torque)
+        for name in (
+            "position",
+            "velocity",
+            "acceleration",
+            "applied_torque",
+            "disturbance",
+            "friction_torque",
+            "lumped",
+        ):
+            np.testing.assert_array_equal(getattr(coarse.truth, name), getattr(fine.truth, name), err_msg=name)
