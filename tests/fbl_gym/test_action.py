@@ -1,9 +1,12 @@
 """Actions, from what is given to the torque at the joints."""
 
 import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.arm import gravity_torque
+from tests.fbl_gym.episodes import RECORDS, episode
 
 
 def test_three_kinds_of_action_are_one_plant():
@@ -28,3 +31,176 @@ def test_an_action_beyond_the_box_acts_as_its_edge():
     one.reset(seed=0)
     two.reset(seed=0)
     np.testing.assert_array_equal(one.step((7.0, -3.0))[0], two.step((1.0, -1.0))[0])
+
+
+MODES = ("fraction", "torque", "acceleration")
+
+
+def test_three_modes_with_equivalent_actions_are_one_motion():
+    """On an arm without noise, each from its own observation: 1 s under the same torques."""
+    envs = [TwoLinkArmEnv(action=mode) for mode in MODES]
+    seen = [env.reset(seed=0)[0] for env in envs]
+    at, rng = envs[0].layout, np.random.default_rng(0)
+    for _ in range(100):
+        torque = np.array([-60.0, -10.0]) + rng.uniform(-1, 1, 2) * (60.0, 20.0)
+        for i, env in enumerate(envs):
+            q, v = seen[i][at["position"]], seen[i][at["velocity"]]
+            seen[i] = env.step(env.interface.action_from_torque(torque, q, v))[0]
+            np.testing.assert_allclose(env.truth.applied_torque, torque, rtol=1e-12)
+    for env in envs[1:]:
+        np.testing.assert_allclose(env.truth.position, envs[0].truth.position, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(env.truth.velocity, envs[0].truth.velocity, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_actions_and_torques_are_each_others_inverse(mode):
+    interface = TwoLinkArmEnv(action=mode).interface
+    rng = np.random.default_rng(0)
+    q, v = rng.uniform(-3, 3, (500, 2)), rng.uniform(-3, 3, (500, 2))
+    torque = rng.uniform(-1, 1, (500, 2)) * (300.0, 60.0)
+    action = interface.action_from_torque(torque, q, v)
+    inside = (np.abs(action) < interface.action_limit).all(axis=1)
+    assert inside.mean() > 0.5
+    np.testing.assert_allclose(
+        interface.torque_from_action(action, q, v)[inside], torque[inside], rtol=1e-11, atol=1e-10
+    )
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_interface_says_what_torque_an_action_makes(mode):
+    """At the measured state, noise and all, which is where an acceleration goes through the nominal model."""
+    env = TwoLinkArmEnv(action=mode, noise={"position": 0.1, "velocity": 0.3}, parameter_error=1.5)
+    observation, _ = env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for k in range(60):
+        reach = 1.5 if k % 3 == 0 else 0.1  # also where the action, or the torque it makes, is beyond its limit
+        action = rng.uniform(-reach, reach, 2) * env.interface.action_limit
+        q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
+        expected = env.interface.torque_from_action(action, q, v)
+        observation = env.step(action)[0]
+        np.testing.assert_allclose(env.truth.applied_torque, expected, rtol=1e-12, atol=1e-9)
+
+
+def test_the_interface_is_right_without_a_torque_limit_too():
+    """Also where the action lies outside its box."""
+    env = TwoLinkArmEnv(action="torque", actuator=None)
+    observation, _ = env.reset(seed=0)
+    q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
+    action = np.array([3e6, -10.0])
+    env.step(action)
+    np.testing.assert_array_equal(env.interface.torque_from_action(action, q, v), env.truth.applied_torque)
+
+
+def test_an_acceleration_goes_through_the_readings_that_are_shown():
+    """Also where a reading saturates: what the interface reckons from the observation is what the environment does."""
+    env = TwoLinkArmEnv(action="acceleration", limits={"velocity": 1.0}, noise={"velocity": {"bias": 5.0}})
+    observation, _ = env.reset(seed=0)
+    q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
+    np.testing.assert_array_equal(v, 2.0)
+    expected = env.interface.torque_from_action(np.array([1.0, 1.0]), q, v)
+    env.step((1.0, 1.0))
+    np.testing.assert_allclose(env.truth.applied_torque, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [{"bias": 1e200}, {"bias": -1e308, "sigma": 1e308}, {"quantization": 1e-310}, {"quantization": 1e308}],
+    ids=str,
+)
+@pytest.mark.parametrize("sensor", ["position", "velocity"])
+def test_a_reading_beyond_all_bounds_makes_no_nan(sensor, error):
+    """Not in the torque that an acceleration becomes at that reading, nor, before a delay lets it through, in the reward."""
+    env = TwoLinkArmEnv(action="acceleration", actuator={"delay": 0.02}, noise={sensor: error})
+    observation, _ = env.reset(seed=0)
+    for _ in range(5):
+        assert observation in env.observation_space
+        observation, reward, terminated, *_ = env.step((1.0, 1.0))
+        assert 0.0 <= reward <= 1.0
+        assert np.isfinite(env.truth.applied_torque).all()
+        if terminated:
+            break
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_an_action_outside_its_box_acts_as_the_nearest_inside(mode):
+    one, two = TwoLinkArmEnv(action=mode), TwoLinkArmEnv(action=mode)
+    one.reset(seed=0)
+    two.reset(seed=0)
+    edge = np.array(one.interface.action_limit)
+    for far in (1.5, 1e9, 1e300):
+        a, b = one.step((far * edge[0], -0.25 * edge[1])), two.step((edge[0], -0.25 * edge[1]))
+        np.testing.assert_array_equal(a[0], b[0])
+        assert a[1] == b[1]
+        np.testing.assert_array_equal(one.step((0.0, -far * edge[1]))[0], two.step((0.0, -edge[1]))[0])
+
+
+def test_a_double_keeps_its_precision():
+    env, coarse = TwoLinkArmEnv(), TwoLinkArmEnv()
+    env.reset(seed=0)
+    coarse.reset(seed=0)
+    env.step(np.array([0.1, 0.1]))
+    coarse.step(np.array([0.1, 0.1], dtype=np.float32))
+    np.testing.assert_array_equal(env.truth.applied_torque, 0.1 * np.array([2000.0, 800.0]))
+    np.testing.assert_array_equal(coarse.truth.applied_torque, np.float64(np.float32(0.1)) * np.array([2000.0, 800.0]))
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ((np.nan, 0.0), "action must be finite, got .*nan"),
+        ((0.0, np.inf), "action must be finite, got .*inf"),
+        (np.zeros(3), r"action must have shape \(2,\), got shape \(3,\)"),
+        (np.zeros((1, 2)), r"action must have shape \(2,\), got shape \(1, 2\)"),
+        (0.5, r"action must have shape \(2,\)"),
+        (("a", "b"), r"action must be numbers of shape \(2,\), got \('a', 'b'\)"),
+        (None, "action must"),
+    ],
+)
+def test_a_bad_action_is_named_and_nothing_is_lost(bad, message):
+    env, twin = TwoLinkArmEnv(**RECORDS), TwoLinkArmEnv(**RECORDS)
+    episode(env, 10)
+    episode(twin, 10)
+    with pytest.raises(ValueError, match=message):
+        env.step(bad)
+    np.testing.assert_array_equal(env.step((0.1, 0.1))[0], twin.step((0.1, 0.1))[0])
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        ("0.1", "0.2"),
+        "ab",
+        None,
+        [None, None],
+        {},
+        (1j, 0.0),
+        np.array([1j, 0.0]),
+        [[0.0], [0.0, 1.0]],
+        (np.nan, -np.inf),
+    ],
+    ids=str,
+)
+def test_what_is_not_two_numbers_is_refused_in_mid_episode(bad):
+    """And the run goes on, over many steps, as that of an undisturbed twin: observations, rewards, truth."""
+    env, twin = TwoLinkArmEnv(**RECORDS), TwoLinkArmEnv(**RECORDS)
+    episode(env, 10)
+    episode(twin, 10)
+    for k in range(30):
+        if k % 7 == 0:
+            with pytest.raises(ValueError, match="action must"):
+                env.step(bad)
+        a, b = env.step((0.1, 0.02 * k)), twin.step((0.1, 0.02 * k))
+        np.testing.assert_array_equal(a[0], b[0])
+        assert a[1:] == b[1:]
+        np.testing.assert_array_equal(env.truth.velocity, twin.truth.velocity)
+
+
+def test_a_bad_action_at_the_border_of_an_episode_is_no_step_either():
+    env = TwoLinkArmEnv(duration=0.02)
+    env.reset(seed=0)
+    env.step((0.0, 0.0))
+    with pytest.raises(ValueError, match="finite"):
+        env.step((np.nan, 0.0))
+    assert env.step((0.0, 0.0))[3]
+    with pytest.raises(ResetNeeded):
+        env.step((0.0, 0.0))

@@ -1,7 +1,8 @@
-"""The option `limits`: where the spaces and an episode end."""
+"""The option `limits`: where the spaces end, and where an arm has diverged and its episode ends."""
 
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmEnv
 
@@ -51,3 +52,39 @@ def test_an_arm_diverges_just_beyond_its_limit(limit):
             if ended:
                 break
         assert ended
+
+
+def test_divergence_ends_the_episode_with_reward_zero():
+    env = TwoLinkArmEnv(limits={"velocity": 2.0})
+    env.reset(seed=0)
+    for _ in range(env.scenario.steps):
+        _, reward, terminated, truncated, _ = env.step((1.0, 1.0))
+        if terminated:
+            break
+        assert reward > 0.0
+    assert (reward, terminated, truncated) == (0.0, True, False)
+    assert np.abs(env.truth.velocity).max() > 2.0
+    with pytest.raises(ResetNeeded):
+        env.step((0.0, 0.0))
+    env.reset()
+    assert not env.step((0.0, 0.0))[2]
+
+
+def test_an_arm_that_diverges_at_the_very_end_is_terminated_not_truncated():
+    env = TwoLinkArmEnv(limits={"velocity": 2.0})
+    env.reset(seed=0)
+    last = next(k for k in range(1000) if env.step((1.0, 1.0))[2]) + 1
+    env = TwoLinkArmEnv(limits={"velocity": 2.0}, duration=last * 0.01)
+    env.reset(seed=0)
+    assert [env.step((1.0, 1.0))[2:4] for _ in range(last)] == [(False, False)] * (last - 1) + [(True, False)]
+
+
+def test_looking_at_the_truth_of_a_diverged_arm_is_harmless():
+    """pytest turns NumPy's warnings into errors here."""
+    env = TwoLinkArmEnv(arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1)
+    env.reset(seed=0)
+    observation, reward, terminated, *_ = env.step((1.0, -1.0))
+    assert terminated
+    assert reward == 0.0
+    assert observation in env.observation_space
+    assert env.truth.time == pytest.approx(0.1)

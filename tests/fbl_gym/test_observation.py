@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fbl_gym import TwoLinkArmEnv
 from tests.fbl_gym.twins import PLAIN, PLANT, WAYS, play, same
 
 
@@ -44,3 +45,9 @@ def test_preview_is_the_reference_to_come():
     for ahead in range(3):
         shown = seen[..., layout["preview"]][..., 6 * ahead : 6 * ahead + 6]
         assert np.array_equal(shown[: -ahead - 1], reference[ahead + 1 :])
+
+
+def test_the_first_observation_of_a_heavy_unlimited_arm_lies_in_its_space():
+    """The torque that holds it still, shown as the previous action, exceeds the box of a torque action."""
+    env = TwoLinkArmEnv(arm={"m1": 1e5, "L1": 50.0}, action="torque", actuator={"torque_limit": None, "delay": 0.01})
+    assert all(env.reset(seed=seed)[0] in env.observation_space for seed in range(10))

@@ -1,5 +1,8 @@
 """The option `reward`."""
 
+import numpy as np
+import pytest
+
 from fbl_gym import TwoLinkArmEnv
 
 
@@ -13,3 +16,83 @@ def test_reward_reaches_the_reward():
     env.reset(seed=0)
     rewards.append(env.step((0.1, 0.1))[1])
     assert len(set(rewards)) == 6
+
+
+@pytest.mark.parametrize("form", ["log", "l1"])
+def test_reward_is_what_its_documentation_says(form):
+    weights = {"weight_tracking": 2.0, "weight_effort": 0.3, "weight_chatter": 0.7}
+    reward = {"tracking": form, "worst": 1.5, "resolution": 2e-3, **weights}
+    env = TwoLinkArmEnv(reward=reward, noise={"position": 0.1})
+    env.reset(seed=0)
+    rng, before = np.random.default_rng(0), env.truth.applied_torque / env.torque_limit
+    for _ in range(60):
+        u = rng.uniform(-0.2, 0.2, 2)
+        found = env.step(u)[1]
+        error = np.abs(env.truth.reference - env.truth.position).sum()
+        t = np.log(1 + error / 2e-3) / np.log(1 + 1.5 / 2e-3) if form == "log" else error / 1.5
+        e, c = np.abs(u).mean(), np.abs(u - before).mean() / 2
+        assert found == pytest.approx(1 - (2.0 * min(t, 1.0) + 0.3 * e + 0.7 * c) / 3.0, abs=1e-12)
+        assert 0.0 <= found <= 1.0
+        before = u
+
+
+def test_effort_and_chatter_are_of_the_command_not_of_what_the_drive_delivers():
+    env = TwoLinkArmEnv(
+        actuator={"delay": 0.05, "lag": 0.1},
+        reward={"weight_tracking": 0.0, "weight_effort": 1.0, "weight_chatter": 3.0},
+    )
+    env.reset(seed=0)
+    before, rng = env.truth.applied_torque / env.torque_limit, np.random.default_rng(0)
+    for _ in range(20):
+        u = rng.uniform(-1.5, 1.5, 2)
+        reward = env.step(u)[1]
+        u = np.clip(u, -1.0, 1.0)
+        assert reward == pytest.approx(1 - (np.abs(u).mean() + 3.0 * np.abs(u - before).mean() / 2) / 4.0, abs=1e-12)
+        before = u
+
+
+@pytest.mark.parametrize("form", ["log", "l1"])
+def test_reward_stays_within_its_bounds_at_any_action(form):
+    env = TwoLinkArmEnv(reward={"tracking": form, "worst": 0.3, "weight_effort": 1.0, "weight_chatter": 1.0})
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    rewards = []
+    for _ in range(200):
+        _, reward, terminated, _, _ = env.step(np.sign(rng.normal(size=2)) * 5.0)
+        rewards.append(reward)
+        if terminated:
+            env.reset()
+    assert all(0.0 <= reward <= 1.0 for reward in rewards)
+    assert all(type(reward) is float for reward in rewards)
+    assert len(set(rewards)) > 10
+
+
+def test_an_arm_without_limits_pays_for_tracking_alone():
+    env = TwoLinkArmEnv(actuator=None, action="torque", reward={"tracking": "l1", "worst": 3.0})
+    env.reset(seed=0)
+    for k in range(30):
+        reward = env.step((500.0 * (-1) ** k, 0.0))[1]
+        error = np.abs(env.truth.reference - env.truth.position).sum()
+        assert reward == pytest.approx(1 - min(error / 3.0, 1.0) / 1.12, abs=1e-12)
+
+
+@pytest.mark.parametrize("form", ["log", "l1"])
+def test_reward_has_a_slope_at_zero_error(form):
+    """And is one at perfect tracking without effort or chatter."""
+    weights = {"weight_effort": 0.0, "weight_chatter": 0.0}
+
+    def reward(error):
+        """Of an arm that floats beside its reference."""
+        env = TwoLinkArmEnv(
+            reward={"tracking": form, **weights},
+            reference={"kind": "minimum-jerk", "points": [(0.0, 0.0)]},
+            initial_error=(error, 0.0),
+            arm={"gravity": 0.0},
+        )
+        env.reset(seed=0)
+        return env.step((0.0, 0.0))[1]
+
+    errors = np.array([0.0, 1e-6, 1e-4, 1e-2])
+    rewards = np.array([reward(error) for error in errors])
+    assert rewards[0] == 1.0
+    assert np.all(np.diff(rewards) / np.diff(errors) < -0.1)

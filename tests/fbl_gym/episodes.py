@@ -1,0 +1,27 @@
+"""Episodes of environments with many options, for tests of what holds whatever the options are."""
+
+import numpy as np
+
+from fbl_gym import Actuator, Friction, Noise, ParameterError, SensorError, SineDisturbance
+
+ID = "fbl_gym/TwoLinkArm-v0"
+RECORDS = {
+    "parameter_error": ParameterError(ratio={"m2": 2.0}, radius=0.5, payload={"mass": 3.0, "pick_up": 0.2}),
+    "noise": Noise(position=SensorError(sigma=0.01, bias=1e-3, quantization=1e-3), velocity=0.02),
+    "friction": Friction(coulomb=5.0, stiction=(3.0, 2.0)),
+    "disturbance": SineDisturbance(amplitude=10.0),
+    "actuator": Actuator(delay=0.015, lag=0.02),
+    "reference": {"kind": "filtered-steps", "bandwidth": 6.0},
+    "preview": 2,
+    "duration": 1.0,
+}
+
+
+def episode(env, steps=60, seed=5):
+    """Everything a run returns, as one array."""
+    rng = np.random.default_rng(0)
+    rows = [np.append(env.reset(seed=seed)[0], 0.0)]
+    for _ in range(steps):
+        observation, reward, *_ = env.step(rng.uniform(-0.3, 0.3, 2))
+        rows.append(np.append(observation, reward))
+    return np.array(rows)

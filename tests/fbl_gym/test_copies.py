@@ -1,0 +1,86 @@
+"""The same environment again: from plain data, from its spec, pickled and copied."""
+
+import copy
+import json
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+
+from fbl_gym import TwoLinkArmEnv
+from tests.fbl_gym.episodes import ID, RECORDS, episode
+
+PLAIN = {
+    "parameter_error": {"ratio": {"m2": 2.0}, "radius": 0.5, "payload": {"mass": 3.0, "pick_up": 0.2}},
+    "noise": {"position": {"sigma": 0.01, "bias": 1e-3, "quantization": 1e-3}, "velocity": 0.02},
+    "friction": {"coulomb": 5.0, "stiction": (3.0, 2.0)},
+    "disturbance": {"kind": "sine", "amplitude": 10.0},
+    "actuator": {"delay": 0.015, "lag": 0.02},
+    "reference": {"kind": "filtered-steps", "bandwidth": 6.0},
+    "preview": 2,
+    "duration": 1.0,
+}
+both_ways = pytest.mark.parametrize(
+    "duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
+)
+
+
+def test_plain_data_makes_the_same_environment_as_records():
+    one, two = gym.make(ID, **RECORDS), gym.make(ID, **PLAIN)
+    assert one.unwrapped.scenario == two.unwrapped.scenario
+    np.testing.assert_array_equal(episode(one), episode(two))
+
+
+@pytest.mark.parametrize("options", [RECORDS, PLAIN, {"scenario": "paper-10", "noise": None, "action": "torque"}])
+def test_options_survive_the_spec(options):
+    env = gym.make(ID, **options)
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert again.unwrapped.scenario == env.unwrapped.scenario
+    assert again.unwrapped.interface == env.unwrapped.interface
+    np.testing.assert_array_equal(episode(env, 20), episode(again, 20))
+    json.loads(env.spec.to_json())
+
+
+def test_a_made_environment_can_be_pickled():
+    env = gym.make(ID, **RECORDS)
+    other = pickle.loads(pickle.dumps(env))
+    assert other.unwrapped.scenario == env.unwrapped.scenario
+    np.testing.assert_array_equal(episode(env), episode(other))
+
+
+@both_ways
+def test_a_copy_in_mid_episode_goes_on_alike_and_apart(duplicate):
+    env = TwoLinkArmEnv(**RECORDS)
+    episode(env, 10)
+    other = duplicate(env)
+    for k in range(20):
+        a, b = env.step((0.1, 0.01 * k)), other.step((0.1, 0.01 * k))
+        np.testing.assert_array_equal(a[0], b[0])
+        assert a[1:4] == b[1:4]
+    env.step((1.0, 1.0))
+    assert not np.array_equal(env.truth.velocity, other.truth.velocity)
+
+
+@both_ways
+def test_a_copy_knows_its_own_truth(duplicate):
+    env = TwoLinkArmEnv(**RECORDS)
+    episode(env, 10)
+    other = duplicate(env)
+    for _ in range(20):
+        env.step((0.1, -0.1))
+        other.step((0.1, -0.1))
+    for name, value in vars(env.truth).items():
+        np.testing.assert_array_equal(getattr(other.truth, name), value, err_msg=name)
+
+
+@both_ways
+def test_a_copy_heeds_its_seeds(duplicate):
+    """Both `reset(seed=...)` and the next episode of a seed are those of the original."""
+    env = TwoLinkArmEnv(**RECORDS)
+    env.reset(seed=3)
+    other = duplicate(env)
+    np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
+    np.testing.assert_array_equal(other.reset(seed=8)[0], env.reset(seed=8)[0])
+    np.testing.assert_array_equal(episode(other, seed=9), episode(env, seed=9))

@@ -1,0 +1,65 @@
+"""Seeds: what decides an episode, and what has no say in it."""
+
+import random
+
+import numpy as np
+import pytest
+
+from fbl_gym import TwoLinkArmEnv
+from tests.fbl_gym.episodes import RECORDS, episode
+
+
+def test_an_episode_is_a_function_of_its_seed():
+    env = TwoLinkArmEnv("everything-2")
+    first = episode(env, seed=1)
+    assert not np.array_equal(first, episode(env, seed=2))
+    np.testing.assert_array_equal(first, episode(env, seed=1))
+    env.reset(seed=1)
+    second = env.reset()[0]
+    assert not np.array_equal(second, first[0, :-1])
+    env.reset(seed=1)
+    np.testing.assert_array_equal(env.reset()[0], second)
+
+
+def test_without_a_seed_episodes_differ():
+    assert not np.array_equal(TwoLinkArmEnv().reset()[0], TwoLinkArmEnv().reset()[0])
+
+
+def test_an_episode_does_not_depend_on_what_was_run_before():
+    fresh, used = TwoLinkArmEnv(**RECORDS), TwoLinkArmEnv(**RECORDS)
+    for seed in range(3):
+        episode(used, 7 * seed, seed)
+    np.testing.assert_array_equal(episode(fresh), episode(used))
+
+
+def test_no_global_random_state_is_touched():
+    before = random.getstate(), np.random.get_state()[1].tobytes()  # noqa: NPY002
+    episode(TwoLinkArmEnv("everything-3"))
+    assert (random.getstate(), np.random.get_state()[1].tobytes()) == before  # noqa: NPY002
+
+
+def test_no_numpy_or_python_random_state_is_touched_by_making_seeding_or_drawing():
+    before = random.getstate(), repr(np.random.get_state(legacy=False))  # noqa: NPY002
+    env = TwoLinkArmEnv("everything-3", reference="fourier")
+    env.reset()
+    env.reset(seed=4)
+    episode(env)
+    assert random.getstate() == before[0]
+    assert repr(np.random.get_state(legacy=False)) == before[1]  # noqa: NPY002
+
+
+def test_global_seeds_change_no_episode():
+    random.seed(1)
+    np.random.seed(1)  # noqa: NPY002
+    first = episode(TwoLinkArmEnv("everything-3"))
+    random.seed(2)
+    np.random.seed(2)  # noqa: NPY002
+    np.testing.assert_array_equal(first, episode(TwoLinkArmEnv("everything-3")))
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", True, 2**64])
+def test_a_bad_seed_is_named(seed):
+    env = TwoLinkArmEnv()
+    with pytest.raises(ValueError, match="seed must be"):
+        env.reset(seed=seed)
+    env.reset(seed=2**64 - 1)
