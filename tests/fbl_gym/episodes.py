@@ -15,6 +15,16 @@ RECORDS = {
     "preview": 2,
     "duration": 1.0,
 }
+"""One of each kind of option, as records where there is one."""
+
+EVENTFUL = {
+    "scenario": "everything-3",
+    "duration": 0.3,
+    "limits": {"velocity": 9.0},
+    "actuator": {"delay": 0.013, "lag": 0.01},
+    "preview": 1,
+}
+"""Everything at once, in episodes that end soon and often, by time or by divergence."""
 
 
 def episode(env, steps=60, seed=5):

@@ -1,4 +1,4 @@
-"""The same environment again: from plain data, from its spec, pickled and copied."""
+"""The same environment again: from plain data, from its spec, pickled and copied; batches too."""
 
 import copy
 import json
@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from fbl_gym import TwoLinkArmEnv
-from tests.fbl_gym.episodes import ID, RECORDS, episode
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import EVENTFUL, ID, RECORDS, episode
 
 PLAIN = {
     "parameter_error": {"ratio": {"m2": 2.0}, "radius": 0.5, "payload": {"mass": 3.0, "pick_up": 0.2}},
@@ -84,3 +84,36 @@ def test_a_copy_heeds_its_seeds(duplicate):
     np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
     np.testing.assert_array_equal(other.reset(seed=8)[0], env.reset(seed=8)[0])
     np.testing.assert_array_equal(episode(other, seed=9), episode(env, seed=9))
+
+
+def test_a_pickled_batch_goes_on_alike():
+    env = TwoLinkArmVectorEnv(20, **EVENTFUL)
+    env.reset(seed=0)
+    for _ in range(25):
+        env.step(np.full((20, 2), 0.1))
+    other = pickle.loads(pickle.dumps(env))
+    for _ in range(25):
+        np.testing.assert_array_equal(env.step(np.full((20, 2), 0.1))[0], other.step(np.full((20, 2), 0.1))[0])
+
+
+@pytest.mark.parametrize("duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy])
+def test_a_copied_batch_knows_its_own_truth_and_heeds_its_seeds(duplicate):
+    env = TwoLinkArmVectorEnv(20, **EVENTFUL)
+    env.reset(seed=0)
+    other = duplicate(env)
+    for _ in range(3):
+        env.step(np.full((20, 2), 0.1))
+        other.step(np.full((20, 2), 0.1))
+    np.testing.assert_array_equal(other.truth.position, env.truth.position)
+    np.testing.assert_array_equal(other.reset(seed=40)[0], env.reset(seed=40)[0])
+    np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
+
+
+def test_copies_go_their_own_ways():
+    env = TwoLinkArmVectorEnv(3)
+    env.reset(seed=0)
+    other = copy.deepcopy(env)
+    other.step(np.ones((3, 2)))
+    twin = TwoLinkArmVectorEnv(3)
+    twin.reset(seed=0)
+    np.testing.assert_array_equal(env.step(np.zeros((3, 2)))[0], twin.step(np.zeros((3, 2)))[0])

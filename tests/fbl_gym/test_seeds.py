@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from tests.fbl_gym.episodes import RECORDS, episode
 
 
@@ -63,3 +63,28 @@ def test_a_bad_seed_is_named(seed):
     with pytest.raises(ValueError, match="seed must be"):
         env.reset(seed=seed)
     env.reset(seed=2**64 - 1)
+
+
+def test_seeds_by_list_and_by_number():
+    env = TwoLinkArmVectorEnv(3)
+    by_number, _ = env.reset(seed=4)
+    by_list, _ = env.reset(seed=[4, 5, 6])
+    np.testing.assert_array_equal(by_number, by_list)
+    kept, _ = env.reset(seed=[None, 5, None])
+    np.testing.assert_array_equal(kept[1], by_list[1])
+    assert not np.array_equal(kept[0], by_list[0])
+    single = TwoLinkArmEnv()
+    single.reset(seed=4)
+    np.testing.assert_array_equal(kept[0], single.reset()[0])
+
+
+def test_seeds_may_be_numpy_numbers():
+    env = TwoLinkArmVectorEnv(2)
+    first, _ = env.reset(seed=np.int64(3))
+    np.testing.assert_array_equal(first, env.reset(seed=np.array([3, 4]))[0])
+    np.testing.assert_array_equal(first, env.reset(seed=(3, 4))[0])
+
+
+def test_lanes_without_a_seed_differ():
+    env = TwoLinkArmVectorEnv(16)
+    assert len(np.unique(env.reset()[0][:, 0])) == 16

@@ -1,0 +1,189 @@
+"""The batch: each lane bit for bit the single environment, in every autoreset mode."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import EVENTFUL
+
+MODES = [mode.value for mode in AutoresetMode]
+
+
+def pair(lanes, mode):
+    ours = gym.make_vec(
+        "fbl_gym/TwoLinkArm-v0", lanes, vectorization_mode="vector_entry_point", autoreset_mode=mode, **EVENTFUL
+    )
+    theirs = SyncVectorEnv([lambda: gym.make("fbl_gym/TwoLinkArm-v0", **EVENTFUL)] * lanes, autoreset_mode=mode)
+    return ours, theirs
+
+
+def assert_same_infos(a, b, lanes):
+    """Infos of two vector environments: keys, masks, and the final observation of each lane that ended."""
+    assert a.keys() == b.keys()
+    for key in a:
+        if key == "final_obs":
+            assert a[key].shape == (lanes,)
+            assert a[key].dtype == b[key].dtype == object
+            for x, y in zip(a[key], b[key], strict=True):
+                assert (x is None) == (y is None)
+                if x is not None:
+                    np.testing.assert_array_equal(x, y)
+        elif key == "final_info":
+            assert a[key] == b[key]
+        else:
+            np.testing.assert_array_equal(a[key], b[key])
+            assert a[key].dtype == b[key].dtype
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("lanes", [1, 2, 8, 9, 16, 17, 37])
+def test_lanes_are_single_environments(lanes, mode):
+    """Against Gymnasium's own vector environment over single ones: observations, rewards, flags and infos, to the bit."""
+    ours, theirs = pair(lanes, mode)
+    np.testing.assert_array_equal(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(100):
+        actions = rng.uniform(-1, 1, (lanes, 2))
+        a, b = ours.step(actions), theirs.step(actions)
+        for x, y in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(x, y)
+        assert a[4].keys() == b[4].keys()
+        done = a[2] | a[3]
+        ends += done.sum()
+        if "final_obs" in a[4]:
+            np.testing.assert_array_equal(a[4]["_final_obs"], b[4]["_final_obs"])
+            for lane in np.flatnonzero(done):
+                np.testing.assert_array_equal(a[4]["final_obs"][lane], b[4]["final_obs"][lane])
+        if mode == "Disabled" and done.any():
+            mask = {"reset_mask": done}
+            np.testing.assert_array_equal(ours.reset(options=dict(mask))[0], theirs.reset(options=dict(mask))[0])
+    assert ends >= 3 * lanes
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("seed", range(4))
+def test_any_order_of_steps_and_resets(mode, seed):
+    """200 random calls (steps; resets of all or some lanes, with a seed, a list with None, or without) on both."""
+    rng, lanes = np.random.default_rng(seed), (3, 16, 17, 5)[seed]
+    ours, theirs = pair(lanes, mode)
+    ended = np.zeros(lanes, dtype=bool)
+    np.testing.assert_array_equal(ours.reset(seed=seed)[0], theirs.reset(seed=seed)[0])
+    for _ in range(200):
+        if rng.random() < 0.85:
+            if mode == "Disabled" and ended.any():
+                continue
+            actions = rng.uniform(-1, 1, (lanes, 2))
+            a, b = ours.step(actions), theirs.step(actions)
+            for x, y in zip(a[:4], b[:4], strict=True):
+                np.testing.assert_array_equal(x, y)
+                assert x.dtype == y.dtype
+            assert_same_infos(a[4], b[4], lanes)
+            ended = a[2] | a[3]
+            continue
+        several = [None if rng.random() < 0.5 else int(rng.integers(1000)) for _ in range(lanes)]
+        arguments = {"seed": (None, int(rng.integers(1000)), several)[rng.integers(3)]}
+        mask = rng.random(lanes) < 0.4
+        if rng.random() < 0.7 and mask.any() and not (mode == "Disabled" and (ended & ~mask).any()):
+            a = ours.reset(**arguments, options={"reset_mask": mask.copy()})
+            b = theirs.reset(**arguments, options={"reset_mask": mask.copy()})
+            ended &= ~mask
+        else:
+            a, b = ours.reset(**arguments), theirs.reset(**arguments)
+            ended[:] = False
+        np.testing.assert_array_equal(a[0], b[0])
+        assert a[1] == b[1] == {}
+
+
+@pytest.mark.parametrize("lanes", [1, 16, 33])
+def test_truth_of_a_lane_is_that_of_the_single_environment(lanes):
+    options = {**EVENTFUL, "limits": {"position": 100.0, "velocity": 1e4}}
+    env = TwoLinkArmVectorEnv(lanes, **options)
+    env.reset(seed=5)
+    singles = [TwoLinkArmEnv(**options) for _ in range(lanes)]
+    for lane, single in enumerate(singles):
+        single.reset(seed=5 + lane)
+    for k in range(8):
+        action = np.array([0.02 * k, -0.01])
+        env.step(np.tile(action, (lanes, 1)))
+        for single in singles:
+            single.step(action)
+    for lane, single in enumerate(singles):
+        for name, value in vars(single.truth).items():
+            # Leakage is computed by NumPy, whose last bit may depend on the array's length; all else is the kernel's.
+            rtol = 1e-12 if name == "leakage" else 0.0
+            np.testing.assert_allclose(getattr(env.truth, name)[lane], value, rtol=rtol, atol=0.0, err_msg=name)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_reset_mask_touches_only_its_lanes(mode):
+    ours, theirs = pair(5, mode)
+    ours.reset(seed=0)
+    theirs.reset(seed=0)
+    for k in range(10):
+        ours.step(np.full((5, 2), 0.001 * k))
+        theirs.step(np.full((5, 2), 0.001 * k))
+    mask = np.array([False, True, False, True, False])
+    seeds = [None, 7, None, None, None]
+    a, _ = ours.reset(seed=seeds, options={"reset_mask": mask.copy()})
+    b, _ = theirs.reset(seed=seeds, options={"reset_mask": mask.copy()})
+    np.testing.assert_array_equal(a, b)
+    for _ in range(15):
+        np.testing.assert_array_equal(ours.step(np.zeros((5, 2)))[0], theirs.step(np.zeros((5, 2)))[0])
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_lanes_that_are_not_masked_do_not_notice(mode):
+    """Their observations, rewards, flags and truth are those of a batch in which nothing was reset."""
+    env, twin = pair(20, mode)[0], pair(20, mode)[0]
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    mask = np.arange(20) % 3 == 0
+    for k in range(12):
+        actions = np.full((20, 2), 0.01 * k)
+        a, b = env.step(actions), twin.step(actions)
+        for x, y in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(x[~mask], y[~mask])
+        if k % 4 == 3:
+            shown, _ = env.reset(options={"reset_mask": mask})
+            np.testing.assert_array_equal(shown[~mask], b[0][~mask])
+            for name, value in vars(env.truth).items():
+                np.testing.assert_array_equal(value[~mask], getattr(twin.truth, name)[~mask], err_msg=name)
+    assert not np.array_equal(a[0][mask], b[0][mask])
+
+
+def test_a_lane_that_waits_for_its_reset_goes_on_waiting_when_others_are_reset():
+    """NEXT_STEP: an ended lane outside the mask restarts at the next step; one inside the mask does not do so twice."""
+    env = TwoLinkArmVectorEnv(2, duration=0.02)
+    env.reset(seed=0)
+    env.step(np.zeros((2, 2)))
+    assert env.step(np.zeros((2, 2)))[3].all()
+    env.reset(options={"reset_mask": np.array([True, False])})
+    _, rewards, _, truncated, _ = env.step(np.zeros((2, 2)))
+    assert rewards[0] > 0.0
+    assert rewards[1] == 0.0
+    assert not truncated.any()
+    np.testing.assert_allclose(env.truth.time, [0.01, 0.0])
+
+
+def test_a_hundred_thousand_lanes():
+    env = TwoLinkArmVectorEnv(100_000, "everything-1")
+    env.reset(seed=0)
+    observations, rewards, *_ = env.step(np.zeros((100_000, 2)))
+    assert np.isfinite(observations).all()
+    single = TwoLinkArmEnv("everything-1")
+    single.reset(seed=99_999)
+    np.testing.assert_array_equal(observations[-1], single.step(np.zeros(2))[0])
+    assert env._batch._state.nbytes < 2**28
+    assert rewards.shape == (100_000,)
+
+
+def test_a_hundred_thousand_arms_take_little_memory():
+    """Their state, and what a step returns, within 256 MiB."""
+    env = TwoLinkArmVectorEnv(100_000, "everything-3")
+    observations, _ = env.reset(seed=0)
+    assert np.isfinite(observations).all()
+    assert env._batch._state.nbytes + observations.nbytes < 2**28
+    alone = TwoLinkArmEnv("everything-3")
+    assert np.array_equal(observations[99_999], alone.reset(seed=99_999)[0])

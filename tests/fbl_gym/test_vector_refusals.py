@@ -1,0 +1,107 @@
+"""What a batch refuses, in which words, and that nothing is lost by it."""
+
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+
+from fbl_gym import TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import EVENTFUL
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_envs": 0}, "num_envs must be a whole number not below 1, got 0"),
+        ({"num_envs": 2.5}, "num_envs must be"),
+        ({"num_envs": 2, "autoreset_mode": "Nextstep"}, "did you mean 'NextStep'"),
+        ({"num_envs": 2, "max_episode_steps": 0}, "max_episode_steps must be"),
+        ({"num_envs": 2, "nois": 3}, "did you mean 'noise'"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        TwoLinkArmVectorEnv(**arguments)
+
+
+@pytest.mark.parametrize("num_envs", [0, -1, 2.5, True, "2", None])
+def test_a_bad_number_of_lanes_is_named(num_envs):
+    with pytest.raises(ValueError, match="num_envs must be a whole number not below 1, got"):
+        TwoLinkArmVectorEnv(num_envs)
+
+
+def test_one_bad_action_moves_no_lane():
+    env, twin = TwoLinkArmVectorEnv(20), TwoLinkArmVectorEnv(20)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    actions = np.zeros((20, 2))
+    actions[13, 1] = np.nan
+    with pytest.raises(ValueError, match=r"actions must be finite, got \[ ?0. nan\] in lane 13"):
+        env.step(actions)
+    with pytest.raises(ValueError, match=r"shape \(20, 2\), got shape \(2, 20\)"):
+        env.step(actions.T)
+    np.testing.assert_array_equal(env.step(np.zeros((20, 2)))[0], twin.step(np.zeros((20, 2)))[0])
+
+
+def test_the_first_bad_lane_is_named_and_the_batch_goes_on():
+    env, twin = TwoLinkArmVectorEnv(37, **EVENTFUL), TwoLinkArmVectorEnv(37, **EVENTFUL)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    for k in range(45):
+        actions = np.random.default_rng(k).uniform(-1, 1, (37, 2))
+        for lane, value in ((36, np.nan), (20, np.inf), (k % 37, -np.inf)):
+            bad = actions.copy()
+            bad[lane, k % 2] = value
+            bad[36, 0] = np.nan
+            with pytest.raises(ValueError, match=f"finite, got .*in lane {lane}$"):
+                env.step(bad)
+        a, b = env.step(actions), twin.step(actions)
+        for x, y in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+def test_bad_seeds_are_named():
+    env = TwoLinkArmVectorEnv(2)
+    for seed in ([1, 2, 3], -1, [0, -1], 2**64 - 1):
+        with pytest.raises(ValueError, match="seed must be"):
+            env.reset(seed=seed)
+
+
+@pytest.mark.parametrize("seed", [2.5, np.float64(2.0), "ab", True, -1, [1, 2.5], [1, "2"], {}, [1]])
+def test_a_bad_seed_is_named_and_nothing_is_lost(seed):
+    env, twin = TwoLinkArmVectorEnv(2), TwoLinkArmVectorEnv(2)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    with pytest.raises(ValueError, match="seed must be"):
+        env.reset(seed=seed)
+    np.testing.assert_array_equal(env.step(np.zeros((2, 2)))[0], twin.step(np.zeros((2, 2)))[0])
+    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+@pytest.mark.parametrize("mask", [[True, False], np.array([1, 0]), np.array([True]), np.array([False, False])])
+def test_bad_masks_are_named(mask):
+    env = TwoLinkArmVectorEnv(2)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="reset_mask must"):
+        env.reset(options={"reset_mask": mask})
+
+
+def test_a_bad_mask_or_option_loses_nothing():
+    env, twin = TwoLinkArmVectorEnv(2), TwoLinkArmVectorEnv(2)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    with pytest.raises(ValueError, match=r"reset_mask must be a boolean array of shape \(2,\)"):
+        env.reset(seed=5, options={"reset_mask": np.array([True, False, True])})
+    with pytest.raises(ValueError, match="unknown reset option 'reset_masc'; did you mean 'reset_mask'"):
+        env.reset(options={"reset_masc": np.array([True, False])})
+    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+def test_a_finished_lane_must_be_reset_where_nothing_resets_it():
+    env = TwoLinkArmVectorEnv(2, autoreset_mode="Disabled", duration=0.02)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros((2, 2)))
+    env.reset(seed=0)
+    env.step(np.zeros((2, 2)))
+    env.step(np.zeros((2, 2)))
+    with pytest.raises(ResetNeeded, match="lane 0 has ended"):
+        env.step(np.zeros((2, 2)))
