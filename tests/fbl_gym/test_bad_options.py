@@ -1,9 +1,10 @@
-"""Options that no environment can have: what is said of them."""
+"""Options that no environment can have: what is said of them, and which name was meant."""
 
 import gymnasium as gym
+import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv
+from fbl_gym import Friction, ParameterError, Reward, Scenario, SensorError, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from tests.fbl_gym.episodes import ID
 
 
@@ -53,3 +54,98 @@ def test_a_mistyped_argument_of_the_environment_is_recognised(wrong):
 def test_sensors_of_the_wrong_type_are_named(sensors):
     with pytest.raises(ValueError, match="sensors"):
         TwoLinkArmEnv(sensors=sensors)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Friction(law="exct"), "unknown law 'exct'; did you mean 'exact'"),
+        (lambda: Reward(tracking="logg"), "unknown tracking 'logg'; did you mean 'log'"),
+        (lambda: ParameterError(sampling="eech"), "unknown sampling 'eech'; did you mean 'each'"),
+        (lambda: ParameterError(parameters=("m1", "L3")), "unknown parameter 'L3'; did you mean 'L"),
+        (lambda: ParameterError(ratio={"mm1": 2.0}), "unknown parameter of ratio 'mm1'; did you mean 'm1'"),
+        (lambda: Scenario(sensors=("position", "velocty")), "unknown sensor 'velocty'; did you mean 'velocity'"),
+        (lambda: Scenario(arm="tabel-1"), "unknown arm 'tabel-1'; did you mean 'table-1'"),
+        (
+            lambda: Scenario(reference="minimum-jrk"),
+            "unknown kind of reference 'minimum-jrk'; did you mean 'minimum-jerk'",
+        ),
+        (lambda: Scenario(disturbance={"kind": "pulse", "amplitude": 1.0}), "'pulse'; did you mean 'pulses'"),
+        (lambda: Scenario(noise={"positon": 0.1}), "unknown field of noise 'positon'; did you mean 'position'"),
+        (
+            lambda: Scenario(noise={"position": {"sigm": 1}}),
+            "noise: unknown field of position 'sigm'; did you mean 'sigma'",
+        ),
+        (lambda: Scenario(friction={"stikction": 1}), "unknown field of friction 'stikction'; did you mean 'stiction'"),
+        (lambda: Scenario(actuator={"dealy": 1}), "unknown field of actuator 'dealy'; did you mean 'delay'"),
+        (
+            lambda: Scenario(reference={"kind": "sine", "freqency": 1}),
+            "unknown field of reference 'freqency'.*'frequency'",
+        ),
+        (
+            lambda: Scenario(parameter_error={"payload": {"mas": 1}}),
+            "unknown field of payload 'mas'; did you mean 'mass'",
+        ),
+        (lambda: Scenario(limits={"postion": 1}), "unknown field of limits 'postion'; did you mean 'position'"),
+        (lambda: TwoLinkArmEnv(reward={"wight_effort": 1}), "unknown field of reward 'wight_effort'.*'weight_effort'"),
+        (lambda: TwoLinkArmEnv(contol_dt=0.01), "unknown option 'contol_dt'; did you mean 'control_dt'"),
+        (lambda: TwoLinkArmVectorEnv(2, referense="sine"), "unknown option 'referense'; did you mean 'reference'"),
+        (lambda: TwoLinkArmEnv("mixed-eror-2"), "unknown scenario 'mixed-eror-2'; did you mean 'mixed-error-2'"),
+        (lambda: TwoLinkArmEnv(action="accelaration"), "unknown action 'accelaration'; did you mean 'acceleration'"),
+        (lambda: TwoLinkArmEnv().layout["referense_position"], "did you mean 'reference_position'"),
+    ],
+)
+def test_the_nearest_known_name_is_suggested(make, message):
+    with pytest.raises(ValueError, match=message) as problem:
+        make()
+    assert "Known: " in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Scenario(friction=3.0), "friction must be a Friction, a dict of its fields .viscous.*got 3.0"),
+        (lambda: Scenario(noise=0.1), "noise must be a Noise, a dict of its fields .*got 0.1"),
+        (
+            lambda: Scenario(disturbance=5.0),
+            "disturbance must be one of its records, or a dict with a 'kind' of .*got 5.0",
+        ),
+        (lambda: Scenario(disturbance={"amplitude": 5.0}), "disturbance must be .*a 'kind' of"),
+        (lambda: Scenario(reference=None), "reference must be one of its records, .*got None"),
+        (lambda: Scenario(limits=None), "limits must be a Limits, .*got None"),
+        (lambda: Scenario(arm=3.0), "arm must be .*got 3.0"),
+        (lambda: TwoLinkArmEnv(reward="l1"), "reward must be a Reward, a dict of its fields .*got 'l1'"),
+        (lambda: TwoLinkArmEnv(scenario=3), "scenario must be a Scenario, .*got 3"),
+        (lambda: Scenario(reference={"kind": "array"}), "reference must have the fields of ArrayReference"),
+        (lambda: Scenario(parameter_error="2"), "parameter_error must be .*got '2'"),
+        (lambda: ParameterError(payload="2"), "payload must be a Payload, .* or its mass, got '2'"),
+    ],
+)
+def test_the_wrong_kind_of_thing_is_named_with_the_right_form(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: ParameterError(parameters=5),
+        lambda: ParameterError(parameters=None),
+        lambda: Scenario(sensors=5),
+        lambda: Scenario(sensors=None),
+        lambda: Scenario(disturbance={"kind": ["sine"]}),
+        lambda: SensorError(sigma=np.array("x")),
+    ],
+    ids=["parameters=5", "parameters=None", "sensors=5", "sensors=None", "kind=[...]", "0-d array"],
+)
+def test_no_wrong_value_escapes_as_another_error(make):
+    with pytest.raises(ValueError, match=r"must be|unknown"):
+        make()
+
+
+def test_after_an_error_the_next_environment_is_as_ever():
+    before = TwoLinkArmEnv().reset(seed=0)[0]
+    for bad in ({"noise": {"position": -1}}, {"control_dt": 0.0015}, {"reference": "sinus"}):
+        with pytest.raises(ValueError, match=r"must be|unknown"):
+            TwoLinkArmEnv(**bad)
+    np.testing.assert_array_equal(TwoLinkArmEnv().reset(seed=0)[0], before)

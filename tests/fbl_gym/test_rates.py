@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbl_gym import TwoLinkArmEnv
+from fbl_gym import Scenario, TwoLinkArmEnv
 from tests.fbl_gym.twins import torques
 
 
@@ -119,3 +119,16 @@ def test_a_decision_held_is_the_same_decision_taken_again(world, substeps, seed)
             "lumped",
         ):
             np.testing.assert_array_equal(getattr(coarse.truth, name), getattr(fine.truth, name), err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("control_dt", "physics_dt", "substeps"),
+    [(0.01, 0.001, 10), (0.001, 0.001, 1), (0.3, 0.1, 3), (1 / 30, 1 / 300, 10), (0.02, 1e-4, 200), (0.7, 0.1, 7)],
+)
+def test_any_pair_of_rates_of_which_one_divides_the_other(control_dt, physics_dt, substeps):
+    scenario = Scenario(control_dt=control_dt, physics_dt=physics_dt, duration=3 * control_dt)
+    assert scenario.substeps == substeps
+    env = TwoLinkArmEnv(scenario)
+    env.reset(seed=0)
+    assert [env.step((0.0, 0.0))[3] for _ in range(3)] == [False, False, True]
+    assert env.truth.time == pytest.approx(3 * control_dt)
