@@ -1,9 +1,14 @@
 """The option `friction`: each part and law reaches the plant, and only there."""
 
+import math
+
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from fbl_gym import TwoLinkArmEnv
+from fbl_gym.arm import forward_dynamics
+from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL
 from tests.fbl_gym.twins import PLAIN, play, same
 
 
@@ -64,3 +69,61 @@ def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
         swings.append(env.truth.position)
     np.testing.assert_allclose(swings[1], swings[0], rtol=0, atol=1e-4)
     assert np.abs(swings[2] - swings[0]).max() > 1e-2
+
+
+@pytest.mark.parametrize("v_s", [(1e-3, 2e-3), (0.5, 0.9)])
+def test_the_literal_law_is_the_printed_formula(v_s):
+    """Moving, equation (43) agrees with the exact solution to 1e-8; at the larger v_s all of its curve matters."""
+
+    def printed(v):
+        """f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v)."""
+        return np.array([3.0, 1.0]) * v + (
+            np.array([20.0, 8.0]) + (10.0, 4.0) * np.exp(-(v**2) / np.array(v_s))
+        ) * np.sign(v)
+
+    env = TwoLinkArmEnv(
+        arm=FLAT, action="torque", actuator=None, reference={"kind": "sine", "amplitude": 1.0, "phase": (0.0, math.pi)},
+        friction={**DRY, "viscous": (3.0, 1.0), "v_s": v_s, "law": "literal"}, physics_dt=5e-4,
+    )  # fmt: skip
+    env.reset(seed=0)
+    torque = np.array([40.0, -40.0])
+    state = np.concatenate([env.truth.position, env.truth.velocity])
+    np.testing.assert_allclose(env.truth.friction_torque, printed(state[2:]), rtol=1e-12)
+
+    def slope(_, x):
+        return np.concatenate([x[2:], forward_dynamics(FLAT, x[:2], x[2:], torque - printed(x[2:]))])
+
+    solved = solve_ivp(slope, (0.0, 1.0), state, method="DOP853", rtol=1e-12, atol=1e-13, dense_output=True)
+    assert solved.y[2].min() > 0.1  # joint 1 turns one way throughout, joint 2 the other
+    assert solved.y[3].max() < -0.1
+    for k in range(1, 101):
+        env.step(torque)
+        truth, right = env.truth, solved.sol(0.01 * k)
+        np.testing.assert_allclose(np.concatenate([truth.position, truth.velocity]), right, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(truth.friction_torque, printed(truth.velocity), rtol=1e-12)
+
+
+def test_the_literal_law_has_no_friction_at_rest():
+    """sign(0) = 0: the arm starts under any load at all with the acceleration of an arm without friction."""
+    env = TwoLinkArmEnv(
+        arm=FLAT, action="torque", actuator=None, reference=STILL, friction={**DRY, "law": "literal"},
+        disturbance={"kind": "array", "torque": ((-6.0, 2.0),)},
+    )  # fmt: skip
+    env.reset(seed=0)
+    free = forward_dynamics(FLAT, (0.4, 0.7), (0.0, 0.0), (6.0, -2.0))
+    np.testing.assert_allclose(env.truth.acceleration, free, rtol=1e-12)
+    assert env.truth.friction_torque.tolist() == [0.0, 0.0]
+
+
+def test_under_the_literal_law_nothing_sticks():
+    """The same load below breakaway moves the arm under the printed formula, and not under the exact rule."""
+    moved = {}
+    for law in ("literal", "exact"):
+        env = TwoLinkArmEnv(arm=FLAT, action="torque", actuator=None, reference=STILL, friction={**DRY, "law": law})
+        env.reset(seed=0)
+        start = env.truth.position
+        for _ in range(500):
+            env.step(0.9 * BREAKAWAY)
+        moved[law] = np.abs(env.truth.position - start).max()
+    assert moved["exact"] == 0.0
+    assert moved["literal"] > 1e-4

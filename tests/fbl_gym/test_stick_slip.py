@@ -1,0 +1,147 @@
+"""Motion that sticks and slips, against closed forms and solutions between events."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from fbl_gym import TwoLinkArmEnv
+from fbl_gym.arm import inertia_matrix
+from tests.fbl_gym.dry_arm import FLAT, STILL, flat
+
+
+def stick_slip(h):
+    """A push and pull through breakaway and back, long enough to stick and slip several times."""
+    push = {"kind": "sine", "amplitude": (40.0, 16.0), "frequency": (0.5, 0.4), "phase": (0.0, 1.5)}
+    env = flat(disturbance=push, control_dt=0.02, physics_dt=h, duration=4.0)
+    env.reset(seed=0)
+    path = []
+    for _ in range(200):
+        env.step((0.0, 0.0))
+        path.append(env.truth.position)
+    return np.array(path)
+
+
+def test_the_solution_converges_as_the_step_shrinks():
+    """First order over a 500-fold range, on the whole: just when a joint lets go or stops makes single ratios uneven."""
+    fine = stick_slip(2e-2 / 8192)
+    steps = 0.02 / 5 / 2.0 ** np.arange(10)
+    errors = [np.abs(stick_slip(h) - fine).max() for h in steps]
+    order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert 0.8 < order < 1.2, (order, errors)
+    assert errors[-1] < 3e-5
+    assert np.ptp(fine, axis=0).min() > 0.05
+    moves = {tuple(row) for row in (np.diff(fine, axis=0) != 0.0).tolist()}
+    assert len(moves) == 4  # both stick, both slip, and each while the other does not
+
+
+# One joint at a time has solutions of its own: here friction that nothing overcomes locks joint 2.
+
+LOCKED = {"coulomb": (20.0, 1e5), "stiction": (10.0, 0.0), "v_s": 1e-3}
+ALONE = float(inertia_matrix(FLAT, (0.4, 0.7))[0, 0])
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 5e-2])
+def test_a_coasting_joint_stops_where_mechanics_says(h):
+    """Under Coulomb friction alone it stops after v^2 I / (2 f). The step in which it stops adds at most f h^2 / (8 I)."""
+    coasting = {"kind": "sine", "centre": (0.4, 0.7), "amplitude": (0.5, 0.0), "frequency": 1 / math.pi}
+    friction = {"coulomb": (20.0, 1e5)}
+    env = TwoLinkArmEnv(
+        arm=FLAT, action="torque", actuator=None, reference=coasting, friction=friction, control_dt=h, physics_dt=h
+    )
+    env.reset(seed=0)
+    assert env.truth.velocity.tolist() == [1.0, 0.0]
+    while env.truth.velocity[0] != 0.0:
+        env.step((0.0, 0.0))
+        assert env.truth.position[1] == 0.7
+    stop, late = 0.4 + ALONE / (2 * 20.0), 20.0 * h**2 / (8 * ALONE)
+    assert abs(env.truth.time - ALONE / 20.0) <= h * (1 + 1e-9)
+    assert -1e-11 <= env.truth.position[0] - stop <= late + 1e-11
+    rest = env.truth.position
+    for _ in range(20):
+        env.step((19.0, 0.0))
+    assert np.array_equal(env.truth.position, rest)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.5])
+def test_a_joint_without_dry_friction_is_never_held(phase):
+    """Whatever the other joint's friction: its motion is the smooth one, also where it starts at rest under no load."""
+    push = {"kind": "sine", "amplitude": (45.0, 0.0), "frequency": 1.0, "phase": (phase, 0.0)}
+    env = TwoLinkArmEnv(
+        arm=FLAT, action="torque", actuator=None, reference=STILL, friction={"coulomb": (0.0, 1e5)}, disturbance=push
+    )
+    env.reset(seed=0)
+    for _ in range(100):
+        env.step((0.0, 0.0))
+    w, t, a = 2 * math.pi, 1.0, -45.0 / ALONE
+    velocity = a * (math.cos(phase) - math.cos(w * t + phase)) / w
+    way = a * (math.cos(phase) * t - (math.sin(w * t + phase) - math.sin(phase)) / w) / w
+    assert env.truth.velocity[0] == pytest.approx(velocity, abs=1e-9)
+    assert env.truth.position[0] == pytest.approx(0.4 + way, abs=1e-9)
+
+
+def slip_by_events(times):
+    """The position of joint 1 alone under -45 sin(pi t) N m, from rest: phases that stick and slip, each solved by itself."""
+
+    def load(t):
+        return -45.0 * math.sin(math.pi * t)
+
+    def slope(t, x, way):
+        return x[1], (load(t) - way * (20.0 + 10.0 * math.exp(-(x[1] ** 2) / 1e-3))) / ALONE
+
+    def stops(t, x, way):
+        return way * x[1] if t > start + 1e-6 else 1.0
+
+    stops.terminal = True
+    path, t, q, last = np.full(len(times), np.nan), 0.0, 0.4, times[-1]
+    while t < last:
+        grid = np.linspace(t, last, 20_001)
+        above = np.abs(45.0 * np.sin(np.pi * grid)) > 30.000000001
+        start = last
+        if above.any():
+            i = int(above.argmax())
+            start = brentq(lambda s: abs(load(s)) - 30.000000001, grid[i - 1], grid[i], xtol=1e-14) if i else t
+        path[(times >= t) & (times <= start)] = q
+        if start >= last:
+            break
+        way = math.copysign(1.0, load(start + 1e-9))
+        phase = solve_ivp(
+            slope,
+            (start, last),
+            (q, 0.0),
+            "DOP853",
+            args=(way,),
+            rtol=1e-11,
+            atol=1e-13,
+            events=stops,
+            dense_output=True,
+        )
+        t, q = phase.t[-1], phase.y[0, -1]
+        inside = (times > start) & (times <= t)
+        path[inside] = phase.sol(times[inside])[0]
+    return path
+
+
+def test_stick_and_slip_are_those_of_an_event_driven_solution():
+    """Release, slip, stop and hold, four times over: the error is first order in the step, and small."""
+    push = {"kind": "sine", "amplitude": (45.0, 0.0), "frequency": 0.5, "phase": 0.0}
+    times = 0.02 * np.arange(201)
+    right, errors = slip_by_events(times), []
+    assert np.abs(np.diff(right)).max() > 0.005
+    for h in (1e-3, 2.5e-4, 6.25e-5):
+        env = TwoLinkArmEnv(
+            arm=FLAT, action="torque", actuator=None, reference=STILL, friction=LOCKED, disturbance=push,
+            control_dt=0.02, physics_dt=h,
+        )  # fmt: skip
+        env.reset(seed=0)
+        path = [env.truth.position]
+        for _ in times[1:]:
+            env.step((0.0, 0.0))
+            path.append(env.truth.position)
+        assert np.all(np.array(path)[:, 1] == 0.7)
+        errors.append(np.abs(np.array(path)[:, 0] - right).max())
+    ratios = np.divide(errors[:-1], errors[1:])
+    assert np.all((ratios > 3.5) & (ratios < 4.5)), errors
+    assert errors[2] < 2e-5

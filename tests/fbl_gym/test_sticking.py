@@ -1,0 +1,141 @@
+"""Joints that stick, slide and come to rest, against what mechanics says of them."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import gravity_torque, inertia_matrix, inverse_dynamics
+from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL, flat
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 5e-2])
+@pytest.mark.parametrize("load", [(0.999, 0.999), (-0.999, 0.5), (0.0, -0.999), (0.7, -0.999)])
+def test_below_breakaway_not_one_bit_moves(h, load):
+    env = flat(control_dt=h, physics_dt=h, duration=200 * h)
+    env.reset(seed=0)
+    before = env.truth.position
+    for _ in range(200):
+        env.step(np.array(load) * BREAKAWAY)
+        truth = env.truth
+        assert np.array_equal(truth.position, before)
+        assert np.array_equal(truth.velocity, [0.0, 0.0])
+        assert np.array_equal(truth.acceleration, [0.0, 0.0])
+        np.testing.assert_allclose(truth.friction_torque, np.array(load) * BREAKAWAY, rtol=1e-12)
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 5e-2])
+def test_a_changing_load_below_breakaway_moves_nothing(h):
+    """Torques that swing to 99 % of breakaway and back, of either sign."""
+    push = {"kind": "sine", "amplitude": tuple(0.99 * BREAKAWAY), "frequency": (1.0, 1.7), "phase": (0.0, 1.0)}
+    env = flat(disturbance=push, control_dt=max(h, 1e-2), physics_dt=h, duration=2.0)
+    env.reset(seed=0)
+    before = env.truth.position
+    largest = np.zeros(2)
+    for _ in range(round(2.0 / env.control_dt)):
+        env.step((0.0, 0.0))
+        largest = np.maximum(largest, np.abs(env.truth.friction_torque))
+        np.testing.assert_allclose(env.truth.friction_torque, -env.truth.disturbance, rtol=1e-12)
+    assert np.array_equal(env.truth.position, before)
+    assert np.all(largest > 0.9 * BREAKAWAY)
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 5e-2])
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize("direction", [-1.0, 1.0])
+def test_just_above_breakaway_it_moves(h, joint, direction):
+    """A load a ten-thousandth above breakaway releases the joint, its way, at any step size."""
+    env = flat(control_dt=h, physics_dt=h, duration=200 * h)
+    env.reset(seed=0)
+    before = env.truth.position
+    load = np.zeros(2)
+    load[joint] = direction * 1.0001 * BREAKAWAY[joint]
+    env.step(load)
+    assert direction * (env.truth.position - before)[joint] > 0.0
+    assert direction * env.truth.velocity[joint] > 0.0
+
+
+def test_a_load_one_rounding_above_breakaway_hardly_moves():
+    """30 and 12 N m hold the arm; a few parts in 1e16 more may not make it jump."""
+    env = flat(control_dt=1e-3, physics_dt=1e-3)
+    for i, j in itertools.product(range(1, 6), repeat=2):
+        for s1, s2 in itertools.product((-1, 1), repeat=2):
+            env.reset(seed=0)
+            env.step((s1 * 30.0 * (1 + i * 2.0**-52), s2 * 12.0 * (1 + j * 2.0**-52)))
+            assert np.abs(env.truth.velocity).max() < 1e-12, (s1, s2, i, j, env.truth.velocity)
+
+
+def test_a_hanging_load_holds_with_gravity():
+    """With gravity the static load is the torque less G(q); within breakaway the arm stays put for 10 s."""
+    env = TwoLinkArmEnv(action="torque", reference=STILL, friction=DRY)
+    env.reset(seed=0)
+    before = env.truth.position
+    load = gravity_torque(env.nominal, before) + np.array([25.0, -11.0])
+    for _ in range(999):
+        env.step(load)
+    assert np.array_equal(env.truth.position, before)
+    np.testing.assert_allclose(env.truth.friction_torque, (25.0, -11.0), rtol=1e-10)
+
+
+@pytest.mark.parametrize("slider", [0, 1])
+def test_one_joint_slides_while_the_other_sticks(slider):
+    """The stuck one does not move by one bit; the slider moves as if the other were welded: its own M_ii alone."""
+    env = flat(duration=2.0)
+    env.reset(seed=0)
+    before, load = env.truth.position, np.zeros(2)
+    load[slider] = BREAKAWAY[slider] * 1.15
+    for _ in range(5):
+        env.step(load)
+        truth = env.truth
+        assert truth.position[1 - slider] == before[1 - slider]
+        assert truth.velocity[1 - slider] == 0.0
+        assert truth.velocity[slider] > 0.0
+        coulomb = truth.friction_torque[slider]
+        own = inertia_matrix(FLAT, truth.position)[slider, slider]
+        assert truth.acceleration[slider] == pytest.approx((load[slider] - coulomb) / own, rel=1e-9)
+
+
+def test_a_thrown_arm_comes_to_rest_and_stays():
+    env = flat(duration=5.0)
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step((80.0, 30.0))
+    for _ in range(400):
+        env.step((0.0, 0.0))
+    rest = env.truth.position
+    assert np.array_equal(env.truth.velocity, [0.0, 0.0])
+    env.step((10.0, 3.0))
+    assert np.array_equal(env.truth.position, rest)
+
+
+def test_friction_never_drives():
+    """Random torques on many arms: friction takes power at every sample, and keeps within its bound."""
+    env = TwoLinkArmVectorEnv(64, "stiction-3", action="torque")
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    stuck = 0
+    for _ in range(500):
+        env.step(rng.normal(size=(64, 2)) * (200.0, 60.0))
+        truth = env.truth
+        assert np.all(truth.friction_torque * truth.velocity >= 0.0)
+        assert np.all(np.abs(truth.friction_torque) <= np.array([120.0, 40.0]) * (1 + 1e-12))
+        stuck += (truth.velocity == 0.0).sum()
+    assert stuck > 100
+
+
+def test_friction_balances_equation_1():
+    """M a + C v + G + F + tau_d = tau at every sample of a rough motion, whether joints slide, stick, or one does each."""
+    env = TwoLinkArmVectorEnv(
+        64, "stiction-2", action="torque", disturbance={"kind": "sine", "amplitude": (30.0, 10.0)}
+    )
+    env.reset(seed=0)
+    rng, seen = np.random.default_rng(0), set()
+    for _ in range(300):
+        env.step(rng.normal(size=(64, 2)) * (100.0, 30.0))
+        truth = env.truth
+        motion = inverse_dynamics(truth.lumped, truth.position, truth.velocity, truth.acceleration)
+        np.testing.assert_allclose(truth.friction_torque, truth.applied_torque - truth.disturbance - motion, atol=1e-9)
+        held = (truth.velocity == 0.0) & (truth.acceleration == 0.0)
+        seen |= {tuple(lane) for lane in held.tolist()}
+    assert len(seen) == 4
