@@ -1,7 +1,6 @@
 """The page in a real browser, with numbers from real runs of short episodes."""
 
 import json
-import math
 import re
 import shutil
 
@@ -11,159 +10,52 @@ from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
-import controllers
 from benchmarks import statistics
+from benchmarks.board import assemble
 from benchmarks.metrics import measure
-from benchmarks.report.page import POINTS, between, scene, write_page
+from benchmarks.reach import BOUND, DIRECTIONS, with_radius
+from benchmarks.report.contents import contents
+from benchmarks.report.page import POINTS, scene, write_page
 from benchmarks.rollout import rollout
+from benchmarks.runner import run_cell
+from benchmarks.splits import Split
+from benchmarks.suite import Cell
 from fbl_gym import scenarios
 
 POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm-ls", "oracle-flm")
-FAMILIES = ("mass-error", "disturbance")
-SEVERITIES = (0, 1, 2, 3)
+SCENARIOS = ("nominal", *(f"{family}-{severity}" for family in ("mass-error", "disturbance") for severity in (1, 2, 3)))
 SEEDS = tuple(range(8))
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
 
 
-def short(family, severity):
-    return scenarios.family(family, severity).replace(duration=1.5)
+def short(scenario):
+    return scenarios.get(scenario).replace(duration=1.5)
 
 
-def lengths(env, *_):
-    return env.truth.lengths
+def radius(policy, direction):
+    """The uncertainty radius, roughly."""
+
+    def share(r):
+        rows = measure(rollout(policy, with_radius(short("nominal"), r, direction), SEEDS[:2]))
+        return float(np.mean([row["error_pct"] <= BOUND for row in rows]))
+
+    return statistics.radius(share, scan=3, tolerance=0.5)
 
 
 @pytest.fixture(scope="module")
 def data():
-    """A page of six policies on two families, as the leaderboard would fill it."""
-    traces = {
-        (policy, family, severity): rollout(policy, short(family, severity), SEEDS, watch={"lengths": lengths})
-        for policy in POLICIES
-        for family in FAMILIES
-        for severity in SEVERITIES
-    }
+    """What the page shows of a board of six policies on two families.
 
-    measured = [measure(trace) for trace in traces.values()]
-
-    def column(name):  # [policy x family x severity x seed]
-        return np.reshape(
-            [[row[name] for row in rows] for rows in measured],
-            (len(POLICIES), len(FAMILIES), len(SEVERITIES), len(SEEDS)),
-        )
-
-    def flat(x):
-        return x.reshape(len(POLICIES), -1, len(SEEDS))
-
-    error, failed = column("error_pct"), column("diverged")
-    score = statistics.score(error, column("stay_pct"), error[-1:], failed)
-    counts = statistics.resample(len(SEEDS), 0, resamples=200)
-    of_error = statistics.estimate(flat(error), counts)
-    of_score = statistics.estimate(flat(score), counts, statistics.mean)
-    by_family = statistics.estimate(error, counts)
-    by_severity = statistics.estimate(error[..., None, :], counts)
-    ranked = [i for i, policy in enumerate(POLICIES) if controllers.tier(policy) != "truth"]
-    rank = statistics.ranks(statistics.mean(-flat(score)[ranked], counts))
-    tau = np.geomspace(0.01, 1000, 60)
-    share = statistics.profile(flat(error), tau, counts)
-    runs = failed[0].size
-    failures = statistics.failures(flat(failed).sum(axis=(1, 2)), runs)
-
-    def row(i, policy):
-        return {
-            "name": policy,
-            "summary": controllers.summary(policy),
-            "tier": controllers.tier(policy),
-            "sensors": "none" if policy == "zero" else "position, velocity",
-            "preview": "none",
-            "tuning": "default gains",
-            "rank": between(rank, ranked.index(i)) if i in ranked else None,
-            "score": between(of_score, i),
-            "error": between(of_error, i),
-            "families": {family: between(by_family, i, f) for f, family in enumerate(FAMILIES)},
-            "splits": {"extrapolation": {**between(by_family, i, 0), "diverged": 0.25}},
-            "failures": between(failures, i),
-            "variation": float(column("variation")[i].mean()),
-            "decision_us": 1e6 * traces[policy, "mass-error", 0].decision_time,
-            "label": "",
-        }
-
-    def curve(policy, x, found, *index):
-        value, low, high = (part[index].tolist() for part in (found.value, found.low, found.high))
-        return {"policy": policy, "x": list(x), "value": value, "low": low, "high": high}
-
-    pairs = [
-        [
-            None if a == b else statistics.improvement(flat(error)[a], flat(error)[b], counts)
-            for b in range(len(POLICIES))
-        ]
-        for a in range(len(POLICIES))
-    ]
-
-    def part(field):
-        return [[None if pair is None else float(getattr(pair, field)) for pair in row] for row in pairs]
-
-    def reach(policy, sign):
-        def tracks(r):
-            scenario = short("mass-error", 0).replace(
-                parameter_error={"ratio": (1 + r) ** sign, "parameters": ("m1", "m2")}
-            )
-            return np.mean([row["error_pct"] < 5 for row in measure(rollout(policy, scenario, SEEDS[:2]))])
-
-        found = statistics.radius(tracks, scan=3, tolerance=0.5)
-        direction = "larger" if sign > 0 else "smaller"
-        value = None if math.isnan(found.value) else found.value
-        return {"policy": policy, "direction": direction, "value": value, "text": str(found), "tried": found.tried}
-
-    return {
-        "title": "fbl-gym leaderboard </script><b>",
-        "summary": "Six policies on two families of uncertainty, in episodes of 1.5 s.",
-        "facts": {"command": "pytest", "seeds": f"{SEEDS[0]} to {SEEDS[-1]}"},
-        "families": {family: scenarios.families()[family] for family in FAMILIES},
-        "splits": {"extrapolation": "everything-2 with parameters off by more"},
-        "policies": [row(i, policy) for i, policy in enumerate(POLICIES)],
-        "degradation": [
-            {
-                "title": family,
-                "description": scenarios.families()[family],
-                "x": "severity",
-                "y": "error [%]",
-                "scales": ("linear", "log"),
-                "curves": [curve(policy, SEVERITIES, by_severity, i, f) for i, policy in enumerate(POLICIES)],
-            }
-            for f, family in enumerate(FAMILIES)
-        ],
-        "radius": [reach(policy, sign) for policy in ("pd-gravity", "cascade-flm") for sign in (1, -1)],
-        "profiles": [
-            {
-                "title": "All scenarios",
-                "description": "",
-                "x": "error [%]",
-                "y": "share of runs",
-                "scales": ("log", "linear"),
-                "curves": [curve(policy, tau, share, i) for i, policy in enumerate(POLICIES)],
-            }
-        ],
-        "pairs": [
-            {
-                "title": "Probability of improvement",
-                "description": "That a run of the row's policy errs less than one of the column's on another seed.",
-                "policies": list(POLICIES),
-                "value": part("value"),
-                "low": part("low"),
-                "high": part("high"),
-            }
-        ],
-        "learning": [],
-        "scenes": [
-            scene(
-                {policy: traces[policy, family, 3] for policy in POLICIES},
-                traces["zero", family, 3].watched["lengths"][0, lane],
-                lane,
-            )
-            for family in FAMILIES
-            for lane in (0,)
-        ],
-    }
+    Rows that are not in the order of the ranks, so that the page sorts them, and a title that could end its script.
+    """
+    results = [run_cell(Cell(policy, short(scenario), SEEDS)) for policy in POLICIES for scenario in SCENARIOS]
+    board = assemble(results)
+    radii = {(policy, way): radius(policy, way) for policy in ("pd-gravity", "cascade-flm") for way in DIRECTIONS}
+    splits = {"extrapolation": Split(board.family_errors["mass-error"], np.full(len(POLICIES), 0.25))}
+    page = contents(board, results, radii, splits, "pytest")
+    rows = sorted(page["policies"], key=lambda row: POLICIES.index(row["name"]))
+    assert rows != page["policies"]
+    return {**page, "title": "fbl-gym leaderboard </script><b>", "policies": rows}
 
 
 @pytest.fixture(scope="module")
@@ -171,6 +63,12 @@ def path(data, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "deep" / "index.html"
     write_page(path, data)
     return path
+
+
+def of(policy, lines):
+    """The one of a list of runs or curves that is this policy's."""
+    (found,) = [line for line in lines if line["policy"] == policy]
+    return found
 
 
 def test_the_page_holds_its_data_and_loads_nothing(path, data):
@@ -186,10 +84,10 @@ def test_the_page_holds_its_data_and_loads_nothing(path, data):
 
 
 def test_a_scene_is_one_lane_of_its_traces(data):
-    found = data["scenes"][1]
-    trace = rollout("pd-gravity", short("disturbance", 3), SEEDS)
-    run = found["runs"][1]
-    assert (found["scenario"], found["seed"], run["policy"]) == ("disturbance-3", 0, "pd-gravity")
+    found = data["scenes"][SCENARIOS.index("disturbance-3")]
+    trace = rollout("pd-gravity", short("disturbance-3"), SEEDS)
+    run = of("pd-gravity", found["runs"])
+    assert (found["scenario"], found["seed"]) == ("disturbance-3", 0)
     assert len(found["time"]) <= POINTS
     assert run["error_pct"] == measure(trace)[0]["error_pct"]
     for signal, expected in (
@@ -199,11 +97,11 @@ def test_a_scene_is_one_lane_of_its_traces(data):
         (found["disturbance"], trace.disturbance),
     ):
         np.testing.assert_array_equal(np.transpose(signal), expected[:, 0])
-    fallen = found["runs"][0]
-    zero = rollout("zero", short("disturbance", 3), SEEDS)
+    fallen = of("zero", found["runs"])
+    zero = rollout("zero", short("disturbance-3"), SEEDS)
     assert (fallen["diverged"] is None) == bool(zero.alive[-1, 0])
     with pytest.raises(ValueError, match="traces must be of one scenario and the same seeds"):
-        scene({"one": trace, "other": rollout("zero", short("nominal", 0), SEEDS)}, [1, 1])
+        scene({"one": trace, "other": rollout("zero", short("nominal"), SEEDS)}, [1, 1])
 
 
 @pytest.fixture(scope="module")
@@ -306,9 +204,11 @@ def test_charts_are_drawn_and_follow_the_chips(page, data):
 
     page.execute_script("document.querySelector('#degradation').scrollIntoView()")
     WebDriverWait(page, 5).until(lambda _: curves())
-    assert curves() == list(POLICIES)
+    expected = [curve["policy"] for curve in data["degradation"][0]["curves"]]
+    assert sorted(expected) == sorted(POLICIES)
+    assert curves() == expected
     press(page, "[data-chip=zero]")
-    assert curves() == list(POLICIES[1:])
+    assert curves() == [policy for policy in expected if policy != "zero"]
     assert len(page.find_elements("css selector", "#pairs tbody tr")) == len(POLICIES) - 1
     press(page, "#degradation summary")
     cell = "#degradation details td"
