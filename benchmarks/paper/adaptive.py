@@ -7,18 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import (
-    ARMS,
-    NOT,
-    READING,
-    REPRODUCED,
-    Claim,
-    Effort,
-    Measured,
-    percents,
-    run,
-    seed_range,
-)
+from benchmarks.paper.claim import ARMS, NOT, READING, REPRODUCED, Claim, Effort, Measured, percents, run, seed_range
 from benchmarks.report.plot import COLORS, Line, Panel, plot_lines, plot_trace
 from benchmarks.rollout import Trace
 from controllers.gain_scheduling import schedule
