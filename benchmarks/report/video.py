@@ -12,8 +12,9 @@ import numpy as np
 from benchmarks.metrics import errors
 from benchmarks.rollout import Trace
 from fbl_gym.arm import ArmParameters, joint_positions
+from fbl_gym.canvas import INK, Canvas, Frame
 from fbl_gym.records import Pair
-from fbl_gym.render import INK, LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Canvas, Frame, Picture, draw, full_torque
+from fbl_gym.render import LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Picture, draw, full_torque
 from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import Payload
 from fbl_gym.vector_env import TwoLinkArmVectorEnv

@@ -18,9 +18,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo, RenderCollection
 from scipy import ndimage
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, render
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, canvas, render
 from fbl_gym.arm import ArmParameters, inverse_dynamics, joint_positions
-from fbl_gym.render import INK, ORANGE, PAPER, PURPLE, RULE, VERMILLION, Canvas, Picture, Trail, View, draw
+from fbl_gym.canvas import INK, ORANGE, PAPER, PURPLE, RULE, VERMILLION, Canvas
+from fbl_gym.render import Picture, Trail, View, draw
 
 ID = "fbl_gym/TwoLinkArm-v0"
 ACTION = np.array([0.1, -0.05])
@@ -140,36 +141,6 @@ def test_the_numbers_are_those_of_the_picture(monkeypatch):
     assert written[-9:] == [text for row in rows for text in row]
 
 
-def test_shapes_cover_what_geometry_says():
-    """Edges are soft, and lose no area: disc, ring, tapered line and arrow against their formulas."""
-
-    def area(paint):
-        canvas = Canvas(200, 200)
-        paint(canvas)
-        ink = np.array(PAPER, dtype=float) - canvas.frame
-        return (ink.sum(axis=-1) / (np.array(PAPER) - INK).sum()).sum()
-
-    centre = (100.3, 99.6)
-    assert area(lambda c: c.disc(centre, 30.0, INK)) == pytest.approx(np.pi * 30**2, rel=2e-3)
-    assert area(lambda c: c.ring(centre, 60.0, 4.0, INK)) == pytest.approx(2 * np.pi * 60 * 4, rel=2e-3)
-    tapered = area(lambda c: c.line([(40, 50), (160, 50)], [20, 10], INK))
-    assert tapered == pytest.approx(120 * 15 + np.pi / 2 * (10**2 + 5**2), rel=2e-3)
-    # An arc with round ends and a head of three widths' length, less the end that the head covers.
-    arrow = 60 * 2.0 * 4 + np.pi * 2**2 / 2 + 12 * 14.4 / 2
-    assert area(lambda c: c.arrow(centre, 60.0, 0.5, 2.0, 4.0, INK)) == pytest.approx(arrow, rel=2e-2)
-    assert area(lambda c: c.arrow(centre, 60.0, 0.5, -2.0, 4.0, INK)) == pytest.approx(arrow, rel=2e-2)
-
-
-def test_what_lies_outside_the_canvas_is_left_out():
-    canvas = Canvas(40, 30)
-    canvas.disc((-50.0, 10.0), 20.0, INK)
-    canvas.line([(100.0, 100.0), (200.0, 100.0)], [5.0, 5.0], INK)
-    canvas.write("far too long for so small a canvas", (20.0, 15.0), 12.0, PURPLE, 0.5)
-    assert canvas.frame.shape == (30, 40, 3)
-    assert count(canvas.frame, INK) == 0
-    assert count(canvas.frame, PAPER) < 30 * 40
-
-
 def test_the_trail_forgets_and_an_earlier_time_begins_a_new_one():
     trail = Trail()
     for k in range(400):
@@ -201,7 +172,7 @@ import sys, gymnasium as gym, fbl_gym
 env = gym.make("fbl_gym/TwoLinkArm-v0", render_mode="rgb_array")
 env.reset(seed=0)
 env.step(env.action_space.sample())
-assert not {"pygame", "matplotlib", "fbl_gym.render"} & set(sys.modules)
+assert not {"pygame", "matplotlib", "fbl_gym.render", "fbl_gym.canvas"} & set(sys.modules)
 env.render()
 assert "matplotlib" not in sys.modules
 import pygame
@@ -215,6 +186,7 @@ def test_without_pygame_the_error_says_what_to_install(monkeypatch):
     env.reset(seed=0)
     monkeypatch.setitem(sys.modules, "pygame", None)
     monkeypatch.delitem(sys.modules, "fbl_gym.render")
+    monkeypatch.delitem(sys.modules, "fbl_gym.canvas")
     with pytest.raises(DependencyNotInstalled, match=r"pip install 'fbl-gym\[render\]'"):
         env.render()
 
@@ -414,7 +386,7 @@ def test_letters_outlive_another_environments_close():
     before = env.render()
     render.pygame.quit()
     np.testing.assert_array_equal(env.render(), before)
-    render._letters.cache_clear()
+    canvas._letters.cache_clear()
     np.testing.assert_array_equal(env.render(), before)
 
 
