@@ -1,4 +1,4 @@
-"""A batch of arms: the arrays that the kernel works on, and the two things that can be done to them.
+"""A batch of arms: the memory that the kernel works on, and the two things that can be done to it.
 
 Both environments are a thin layer over this: the single one is a batch of one lane.
 """
@@ -70,98 +70,104 @@ class ArmBatch:
     """
 
     def __init__(self, program: Program, lanes: int, threads: int = 1) -> None:
-        blocks = -(-lanes // LANES)
+        blocks, block = -(-lanes // LANES), int(program.settings[settings.BLOCK])
+        size = program.interface.layout.size
+        lasts = lanes * size if program.settings[settings.AUTORESET] == settings.SAME_STEP else 0
+        sizes = len(program.settings), 2 * lanes, lanes, -(-lanes // 4), lasts, blocks * block
+        places = np.cumsum([0, *sizes])
         self.lanes = lanes
-        self.program = program
+        self.interface = program.interface
         self.threads = min(threads, blocks)
-        self._state = np.zeros(blocks * program.rows * LANES)
+        self._block = block
+        self._given, self._rewards, self._flags, self._lasts, self._state = (
+            slice(int(place), int(place) + size) for place, size in zip(places[1:-1], sizes[1:], strict=True)
+        )
+        self._memory = np.zeros(places[-1])
+        self._memory[: sizes[0]] = program.settings
+        self._memory[settings.COUNT : settings.STATE + 1] = lanes, *places[1:-1]
         # The last block's spare lanes get an episode too, so that their numbers stay sane.
-        doors.reset(self._state, program.settings, np.ones(blocks * LANES, dtype=bool), np.empty(0))
+        self._blocks[:, settings.ENDED : settings.ENDED + LANES] = settings.RESTART
+        doors.step(self._memory, np.empty(lanes * size), 0, 0)
         # Before its first step, a lane must be reset.
-        self._by_row[:, settings.ENDED] = 1.0
+        self._blocks[:, settings.ENDED : settings.ENDED + LANES] = 1.0
 
     @property
-    def _by_row(self) -> Array:
-        """The state as [blocks x rows x lanes of a block], a new view each time: one that is kept would not follow a copy."""
-        return self._state.reshape(-1, self.program.rows, LANES)
+    def _blocks(self) -> Array:
+        """The state as [blocks x numbers of a block], a new view each time: one that is kept would not follow a copy."""
+        return self._memory[self._state].reshape(-1, self._block)
 
     @property
     def _counters(self) -> NDArray[np.uint64]:
         """The same, for the rows that hold whole numbers."""
-        return self._by_row.view(np.uint64)
+        return self._blocks.view(np.uint64)
 
     def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
         """Give lanes their seeds; the episode that starts next in each is the first of its seed."""
-        self._counters[lanes // LANES, settings.SEED, lanes % LANES] = seeds
-        self._counters[lanes // LANES, settings.EPISODE, lanes % LANES] = 0
+        self._counters[lanes // LANES, settings.SEED + lanes % LANES] = seeds
+        self._counters[lanes // LANES, settings.EPISODE + lanes % LANES] = 0
 
     def next_episode(self, lanes: NDArray[np.int64]) -> None:
         """Let the episode that starts next in these lanes be another one of the same seed."""
-        self._counters[lanes // LANES, settings.EPISODE, lanes % LANES] += np.uint64(1)
+        self._counters[lanes // LANES, settings.EPISODE + lanes % LANES] += np.uint64(1)
 
-    def reset(self, mask: Flags, out: Array) -> None:
-        """Start an episode in each lane of `mask` [n]; write every lane's observation to `out` [n * size]."""
-        doors.reset(self._state, self.program.settings, mask, out)
+    def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
+        """Start an episode in some lanes; write every lane's observation to `out` [n * size]."""
+        self._blocks[lanes // LANES, settings.ENDED + lanes % LANES] = settings.RESTART
+        doors.step(self._memory, out, 0, 0)
 
-    def step(self, actions: Array, out: Array, final: Array) -> int:
+    def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
         """One control interval of every lane, unless something is against it; see `kernel.doors.step` and `check`.
 
         Args:
             actions: [2 n].
             out: takes the observations [n * size].
-            final: takes those of episodes that ended and were followed by the next one at once [n * size].
+
+        Returns:
+            What `check` found, and of the first lane the reward, and whether it is terminated, and truncated.
         """
+        memory = self._memory
+        memory[self._given] = actions
         if self.threads == 1:
-            return doors.step(self._state, self.program.settings, actions, out, final, 0, 1)
-        found: int = doors.check(self._state, self.program.settings, actions)
-        if found < 0:
-            work = [
-                _pool(self.threads).submit(
-                    doors.step, self._state, self.program.settings, actions, out, final, part, self.threads
-                )
-                for part in range(self.threads)
-            ]
-            for part in work:
-                part.result()
-        return found
+            return doors.step(memory, out, 0, 1)
+        found: int = doors.check(memory)
+        if found >= 0:
+            return found, 0.0, False, False
+        pool = _pool(self.threads)
+        work = [pool.submit(doors.step, memory, out, part, self.threads) for part in range(self.threads)]
+        first, *_ = [each.result() for each in work]
+        return first
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:
         """Of the last step: rewards, and whether it ended an episode by divergence, or because time was up; [n] each."""
-        found = self._by_row[:, settings.REWARD : settings.TRUNCATED + 1].transpose(1, 0, 2).copy().reshape(3, -1)
-        over = found[1:] != 0.0
-        return found[0, : self.lanes], over[0, : self.lanes], over[1, : self.lanes]
+        n = self.lanes
+        flags = self._memory[self._flags].view(np.bool_)
+        return self._memory[self._rewards].copy(), flags[:n].copy(), flags[n : 2 * n].copy()
 
     @property
-    def outcome(self) -> tuple[float, bool, bool]:
-        """The same for the first lane alone."""
-        state = self._state
-        return (
-            state.item(settings.REWARD * LANES),
-            state.item(settings.TERMINATED * LANES) != 0.0,
-            state.item(settings.TRUNCATED * LANES) != 0.0,
-        )
+    def lasts(self) -> Array:
+        """With SAME_STEP, the last observations of the episodes that the last step ended [n x size]; of no use elsewhere."""
+        return self._memory[self._lasts].reshape(self.lanes, -1)
 
     def _row(self, row: int) -> Array:
         """A copy of one row of the state, [n]."""
-        return self._by_row[:, row].flatten()[: self.lanes]
+        return self._blocks[:, row : row + LANES].flatten()[: self.lanes]
 
     def _rows(self, first: int, count: int = 2) -> Array:
         """A copy of neighbouring rows, [n x count]."""
-        return self._by_row[:, first : first + count].transpose(0, 2, 1).copy().reshape(-1, count)[: self.lanes]
+        return np.stack([self._row(first + LANES * i) for i in range(count)], axis=1)
 
     def truth(self) -> Truth:
         """What is really so, now; computed when asked for."""
         found = np.empty((self.lanes, 4))
-        doors.inspect(self._state, self.program.settings, self.lanes, found)
+        doors.inspect(self._memory, found)
         acceleration, friction = found[:, :2].copy(), found[:, 2:].copy()
         position, velocity = self._rows(settings.Q1), self._rows(settings.V1)
         applied = self._rows(settings.T1)
-        interface = self.program.interface
-        expected = forward_dynamics(interface.nominal, position, velocity, applied)
-        steps = self._counters[:, settings.STEP].flatten()[: self.lanes].astype(float)
+        expected = forward_dynamics(self.interface.nominal, position, velocity, applied)
+        steps = self._row(settings.STEP).view(np.uint64).astype(float)
         return Truth(
-            time=steps * interface.control_dt,
+            time=steps * self.interface.control_dt,
             position=position,
             velocity=velocity,
             acceleration=acceleration,

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 
 MAX_SEED = 2**64 - 1
 MIN_RENDER_SIZE = 160
-_FIRST, _EVERYONE = np.zeros(1, dtype=np.int64), np.ones(1, dtype=bool)
+_FIRST = np.zeros(1, dtype=np.int64)
 ARGUMENTS = ("scenario", "action", "reward", "preview", "render_mode", "render_size")
+_USUAL = frozenset({np.dtype(np.float32), np.dtype(np.float64)})
 OF_BATCHES = ("num_envs", "autoreset_mode", "max_episode_steps", "threads")
 
 
@@ -219,7 +220,6 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
         self._batch = ArmBatch(program, 1)
         self._seeded = False
         self._size = program.interface.layout.size
-        self._unused = np.empty(0)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode: the first of `seed`, or the next one of the seed given before.
@@ -242,7 +242,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
         else:
             self._batch.next_episode(_FIRST)
         observation = np.empty(self._size)
-        self._batch.reset(_EVERYONE, observation)
+        self._batch.reset(_FIRST, observation)
         if self.render_mode == "human":
             self.render()
         return observation, {}
@@ -260,16 +260,16 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
             ValueError: if the action has another shape, or is not finite. The environment has not moved then.
             gymnasium.error.ResetNeeded: before the first `reset`, and after an episode's end.
         """
-        batch = self._batch
+        if type(action) is not np.ndarray or action.dtype not in _USUAL or action.shape != (2,):  # hardly ever
+            action = as_actions(action, (2,))
         observation = np.empty(self._size)
-        refused = batch.step(as_actions(action, (2,)), observation, self._unused)
-        if refused == 0:
-            raise ValueError(f"action must be finite, got {action!r}")
-        if refused == 1:
+        refused, reward, terminated, truncated = self._batch.step(action, observation)
+        if refused >= 0:
+            if refused == 0:
+                raise ValueError(f"action must be finite, got {action!r}")
             raise error.ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
         if self.render_mode == "human":
             self.render()
-        reward, terminated, truncated = batch.outcome
         return observation, reward, terminated, truncated, {}
 
     @property
@@ -300,9 +300,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
 
 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
-    """`action` as contiguous float64 numbers, one after the other; an action of another shape is an error."""
-    if type(action) is np.ndarray and action.shape == shape and action.dtype.kind in "fiu":  # in nearly every step
-        return _flat(action)
+    """`action` as an array of real numbers; an action of another shape is an error."""
     try:
         array = np.asarray(action)
     except ValueError:
@@ -311,11 +309,4 @@ def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
         raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, got shape {array.shape}")
-    return _flat(array)
-
-
-def _flat(array: Any) -> Array:
-    """Numbers as the kernel is compiled for them: of double precision, without gaps, and writeable."""
-    if array.dtype != np.float64 or not array.flags.carray:
-        array = array.astype(np.float64, order="C")
-    return array.ravel()
+    return array

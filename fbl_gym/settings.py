@@ -7,6 +7,7 @@ levels and amplitudes) and `state` (what differs between lanes). The names below
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Context, Decimal
 
 import numpy as np
 
@@ -37,19 +38,33 @@ from fbl_gym.uncertainty import (
 LANES = 16
 """Lanes are worked on in blocks of this many, whatever the batch: one environment is a block with one lane in use."""
 
-# Rows of a block of `state`; row r of lane l is at r * LANES + l. Two names in a row: joints 1 and 2.
-(Q1, Q2, V1, V2, A1, A2) = range(0, 6)  # position, velocity, acceleration
-(P1, P2, P3, P4, P5) = range(6, 11)  # true lumped parameters, with the payload that is carried
-(M1, M2, L1, L2, LOAD) = range(11, 16)  # true masses and lengths, payload carried [kg]
-(U1, U2, ACTION1, ACTION2, CHATTER) = range(16, 21)  # last torque command, last action, change of the command
-(T1, T2, D1, D2) = range(21, 25)  # applied torque and disturbance now
-(S1, S2, H1, H2, E1, E2) = range(25, 31)  # applied torque less disturbance at a physics step's start, half and end
-(Y1, Y2, Y3, Y4, Y5, Y6) = range(31, 37)  # measured position, velocity, acceleration
-(R1, R2, R3, R4, R5, R6) = range(37, 43)  # reference position, velocity, acceleration now
-(START1, START2, PHASE1, PHASE2) = range(43, 47)  # position at the episode's start, phase of a sine disturbance
-(REWARD, TERMINATED, TRUNCATED, ENDED) = range(47, 51)  # what the last step gave; whether the episode is over
-(SEED, EPISODE, STEP) = range(51, 54)  # unsigned 64-bit integers in the place of doubles: seed, episode, control step
-QUEUE = 54  # past torque commands, a pair each, then the reference's way-points or phases
+PAIR = 2 * LANES
+"""From a joint-1 row of numbers that come in pairs to that of the next pair."""
+
+_place = 0
+
+
+def _rows(count: int) -> range:
+    """Where the next rows of a block begin."""
+    global _place
+    _place += count * LANES
+    return range(_place - count * LANES, _place, LANES)
+
+
+# Rows of a block of a batch's state; lane l of a row is l further. Two names in a row: joints 1 and 2.
+(Q1, Q2, V1, V2, A1, A2) = _rows(6)  # position, velocity, acceleration
+(P1, P2, P3, P4, P5) = _rows(5)  # true lumped parameters, with the payload that is carried
+(M1, M2, L1, L2, LOAD) = _rows(5)  # true masses and lengths, payload carried [kg]
+(U1, U2, ACTION1, ACTION2, CHATTER) = _rows(5)  # last torque command, last action, change of the command
+(T1, T2, D1, D2) = _rows(4)  # applied torque and disturbance now
+(S1, S2, H1, H2, E1, E2) = _rows(6)  # applied torque less disturbance at a physics step's start, half and end
+(Y1, Y2, Y3, Y4, Y5, Y6) = _rows(6)  # measured position, velocity, acceleration
+(R1, R2, R3, R4, R5, R6) = _rows(6)  # reference position, velocity, acceleration now
+(START1, START2, PHASE1, PHASE2) = _rows(4)  # position at the episode's start, phase of a sine disturbance
+(REWARD, TERMINATED, TRUNCATED, ENDED) = _rows(4)  # what the last step gave; whether the episode is over
+(SEED, EPISODE, STEP) = _rows(3)  # unsigned 64-bit integers in the place of doubles: seed, episode, control step
+QUEUE = _place  # past torque commands, a pair each, then the reference's way-points or phases
+RESTART = 2.0  # ENDED of a lane that is to start an episode
 
 # Kinds, as numbers in `settings`.
 (NO_FRICTION, EXACT_FRICTION, LITERAL_FRICTION) = range(3)
@@ -68,7 +83,7 @@ def _at(count: int = 1) -> int:
 
 
 # Rates and sizes.
-(ROWS, SUBSTEPS, LAST_STEP, CONTROL_DT, PHYSICS_DT, SIZE, AUTORESET) = (_at() for _ in range(7))
+(BLOCK, SUBSTEPS, LAST_STEP, CONTROL_DT, PHYSICS_DT, SIZE, AUTORESET) = (_at() for _ in range(7))
 # The nominal arm in the order of ArmParameters, and how the real one differs.
 (ARM_M1, ARM_M2, ARM_L1, ARM_L2, GRAVITY, CENTRE, INERTIA) = (_at() for _ in range(7))
 RATIO, LOG_RADIUS, TOGETHER = _at(4), _at(4), _at()
@@ -85,7 +100,7 @@ PUSH_RATE, PUSH_PHASE, PUSH_DRAWN, PUSH_TABLE, PUSH_ROWS = _at(2), _at(2), _at()
 TORQUE_LIMIT, QUEUE_DEPTH, QUEUE_SWITCH = _at(2), _at(), _at()
 (LAG_START, LAG_HALF, LAG_END) = (_at() for _ in range(3))
 VARIES = _at()  # whether applied torque or disturbance can change within a control interval
-# Reference: first row of its numbers in `state`, how many points (or harmonics), box, place behind the settings, times.
+# Reference: first row of its numbers, how many points (or harmonics), box, place behind the settings, times.
 REFERENCE, REFERENCE_ROW, POINTS, LOW, HIGH, POINT_TABLE = _at(), _at(), _at(), _at(2), _at(2), _at()
 (MOVE_TIME, POINT_TIME, BANDWIDTH, BASE_RATE, PHASES_DRAWN) = (_at() for _ in range(5))
 MIDDLE, INITIAL_ERROR = _at(2), _at(2)
@@ -96,6 +111,9 @@ COLUMNS = 14
 OBSERVED, OBSERVED_ROW, OBSERVED_BOUND = _at(), _at(COLUMNS), _at(COLUMNS)  # how many; row and bound of each
 (MAX_POSITION, MAX_VELOCITY, MAX_ACCELERATION) = (_at() for _ in range(3))
 (REWARD_LOG, REWARD_SCALE, REWARD_NORM, W_TRACKING, W_EFFORT, W_CHATTER) = (_at() for _ in range(6))
+# A batch's own: how many lanes, and where the rest of its memory lies: actions given, rewards, terminated and truncated (a
+# byte each), last observations, the blocks of its state.
+(COUNT, GIVEN, REWARDS, FLAGS, LASTS, STATE) = (_at() for _ in range(6))
 SETTINGS = _size
 
 (NO_AUTORESET, NEXT_STEP, SAME_STEP) = range(3)
@@ -107,7 +125,6 @@ class Program:
 
     interface: Interface
     settings: Array
-    rows: int
 
 
 def make_program(
@@ -130,8 +147,7 @@ def make_program(
     _pack_friction(x, scenario)
     _pack_actuator(x, scenario)
     _pack_disturbance(x, tables, scenario)
-    rows = _pack_reference(x, tables, scenario, QUEUE + 2 * (int(x[QUEUE_DEPTH]) + 1))
-    x[ROWS] = rows
+    x[BLOCK] = _pack_reference(x, tables, scenario, QUEUE + PAIR * (int(x[QUEUE_DEPTH]) + 1))
     x[INITIAL_ERROR : INITIAL_ERROR + 2] = scenario.initial_error
     limits = scenario.limits
     x[MAX_POSITION], x[MAX_VELOCITY], x[MAX_ACCELERATION] = limits.position, limits.velocity, limits.acceleration
@@ -140,7 +156,7 @@ def make_program(
     x[ACTION_LIMIT : ACTION_LIMIT + 2] = interface.action_limit
     _pack_observation(x, interface)
     _pack_reward(x, reward)
-    return Program(interface, np.concatenate([x, tables]), rows)
+    return Program(interface, np.concatenate([x, tables]))
 
 
 def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: int) -> Interface:
@@ -166,6 +182,19 @@ def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: in
     return Interface(scenario.arm, layout, scenario.control_dt, limit, action, bound)  # type: ignore[arg-type]
 
 
+_EXACT = Context(prec=50)
+
+
+def _exp(x: float) -> float:
+    """e**x to the last bit on every machine, which no C library promises."""
+    return float(_EXACT.exp(Decimal(x)))
+
+
+def _log1p(x: float) -> float:
+    """log(1 + x), likewise."""
+    return float(_EXACT.ln(_EXACT.add(1, Decimal(x))))
+
+
 def _pack_arm(x: Array, scenario: Scenario) -> None:
     arm, error = scenario.arm, scenario.parameter_error
     x[ARM_M1 : INERTIA + 1] = arm.m1, arm.m2, arm.L1, arm.L2, arm.gravity, arm.centre, arm.inertia
@@ -175,7 +204,7 @@ def _pack_arm(x: Array, scenario: Scenario) -> None:
         return
     x[RATIO : RATIO + 4] = error.ratios
     for i, name in enumerate(PARAMETERS):
-        x[LOG_RADIUS + i] = np.log1p(error.radius) if name in error.parameters else 0.0
+        x[LOG_RADIUS + i] = _log1p(error.radius) if name in error.parameters else 0.0
     x[TOGETHER] = error.sampling == "together"
     load = error.payload
     if isinstance(load, Payload):
@@ -220,8 +249,8 @@ def _pack_actuator(x: Array, scenario: Scenario) -> None:
     x[QUEUE_DEPTH], x[QUEUE_SWITCH] = depth, delay - (depth - 1) * scenario.substeps if depth else 0
     if actuator.lag > 0:
         x[LAG_START] = 1.0
-        x[LAG_HALF] = np.exp(-0.5 * scenario.physics_dt / actuator.lag)
-        x[LAG_END] = np.exp(-scenario.physics_dt / actuator.lag)
+        x[LAG_HALF] = _exp(-0.5 * scenario.physics_dt / actuator.lag)
+        x[LAG_END] = _exp(-scenario.physics_dt / actuator.lag)
     x[VARIES] = delay > 0 or actuator.lag > 0
 
 
@@ -255,7 +284,7 @@ def _pack_disturbance(x: Array, tables: list[float], scenario: Scenario) -> None
 
 
 def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int) -> int:
-    """Pack the reference; returns the number of rows that a block needs."""
+    """Pack the reference; returns the size of a block."""
     reference, steps = scenario.reference, scenario.steps
     x[REFERENCE_ROW] = row
     if isinstance(reference, ArrayReference):
@@ -276,7 +305,7 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
         x[PHASES_DRAWN] = phase is None
         tables.extend(amplitudes.ravel())
         tables.extend((0.0, 0.0) if phase is None else phase)  # type: ignore[arg-type]
-        return row + 2 * n
+        return row + PAIR * n
     period = reference.move_time + reference.hold_time if isinstance(reference, MinimumJerk) else reference.period
     x[POINT_TIME] = period
     x[LOW : LOW + 2], x[HIGH : HIGH + 2] = reference.low, reference.high
@@ -290,13 +319,13 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
     x[POINTS] = n
     if isinstance(reference, MinimumJerk):
         x[REFERENCE], x[MOVE_TIME] = MINIMUM_JERK, reference.move_time
-        return row + 2 * n
+        return row + PAIR * n
     if isinstance(reference, Steps):
         x[REFERENCE] = STEPS
-        return row + 2 * n
+        return row + PAIR * n
     assert isinstance(reference, FilteredSteps)
     x[REFERENCE], x[BANDWIDTH] = FILTERED_STEPS, reference.bandwidth
-    return row + 6 * n  # each segment also holds the filter's state where it begins
+    return row + 3 * PAIR * n  # each segment also holds the filter's state where it begins
 
 
 _FIRST_ROW = {
@@ -315,7 +344,7 @@ def _pack_observation(x: Array, interface: Interface) -> None:
             continue
         for joint in range(2):
             column = int(x[OBSERVED])
-            x[OBSERVED_ROW + column] = _FIRST_ROW[slot.name] + joint
+            x[OBSERVED_ROW + column] = _FIRST_ROW[slot.name] + LANES * joint
             x[OBSERVED_BOUND + column] = bounds[column]
             x[OBSERVED] += 1
 
@@ -324,7 +353,7 @@ def _pack_reward(x: Array, reward: Reward) -> None:
     total = reward.weight_tracking + reward.weight_effort + reward.weight_chatter
     x[REWARD_LOG] = reward.tracking == "log"
     x[REWARD_SCALE] = 1 / reward.resolution if x[REWARD_LOG] else 1 / reward.worst
-    x[REWARD_NORM] = 1 / np.log1p(reward.worst / reward.resolution)
+    x[REWARD_NORM] = 1 / _log1p(reward.worst / reward.resolution)
     x[W_TRACKING] = reward.weight_tracking / total
     x[W_EFFORT] = reward.weight_effort / total
     x[W_CHATTER] = reward.weight_chatter / total

@@ -97,8 +97,6 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         self._batch = ArmBatch(program, self.num_envs, threads)
         self._seeded = False
         self._size = program.interface.layout.size
-        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
-        self._final = np.zeros((self.num_envs if same_step else 0, self._size))
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -127,7 +125,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             self._batch.next_episode(chosen[~fresh])
         self._seeded = True
         observations = np.empty((self.num_envs, self._size))
-        self._batch.reset(mask, observations.reshape(-1))
+        self._batch.reset(chosen, observations.reshape(-1))
         return observations, {}
 
     def step(self, actions: Array) -> tuple[Array, Array, Any, Any, dict[str, Any]]:
@@ -149,11 +147,11 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             raise error.ResetNeeded("call reset() before the first step()")
         batch = self._batch
         observations = np.empty((self.num_envs, self._size))
-        refused = batch.step(array, observations.reshape(-1), self._final.reshape(-1))
+        refused = batch.step(array.reshape(-1), observations.reshape(-1))[0]
         if refused >= 0:
             lane = refused // 2
             if refused % 2 == 0:
-                raise ValueError(f"actions must be finite, got {array[2 * lane : 2 * lane + 2]} in lane {lane}")
+                raise ValueError(f"actions must be finite, got {array[lane]} in lane {lane}")
             raise error.ResetNeeded(
                 f"the episode of lane {lane} has ended: call reset(options={{'reset_mask': ...}}) before step()"
             )
@@ -167,8 +165,9 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         if not done.any():
             return {}
         final = np.full(self.num_envs, None, dtype=object)
+        lasts = self._batch.lasts
         for lane in np.flatnonzero(done):
-            final[lane] = self._final[lane].copy()
+            final[lane] = lasts[lane].copy()
         return {"final_obs": final, "_final_obs": done, "final_info": {}, "_final_info": done.copy()}
 
     @property

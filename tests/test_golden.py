@@ -1,8 +1,10 @@
-"""Golden traces: a few episodes, kept as they were. They fail when the same scenario, seed and policy give another episode.
+"""Golden traces: a few episodes, kept as they were. They fail when the same scenario, seed and policy give another episode, and
+when the environment alone gives another bit, on whatever machine.
 
 `python tests/test_golden.py` writes them anew; that is a change of results, and belongs into CHANGELOG.md.
 """
 
+import hashlib
 import json
 import sys
 from pathlib import Path
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks.rollout import rollout
-from fbl_gym import scenarios
+from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 FOLDER = Path(__file__).parent / "golden"
 CASES = [
@@ -44,7 +46,44 @@ def test_an_episode_is_what_it_was(policy, scenario):
         np.testing.assert_allclose(found[name], values, rtol=1e-6, atol=1e-9, err_msg=name)
 
 
+BITS = FOLDER / "bits.json"
+WORLDS = {
+    "nominal": {},
+    "everything-2": {"scenario": "everything-2"},
+    "section-2-2": {"scenario": "section-2-2/everything-1"},
+    "slow drive, sine": {
+        "actuator": {"delay": 0.015, "lag": 0.02},
+        "disturbance": {"kind": "sine", "amplitude": 20.0, "frequency": 3.0},
+        "preview": 2,
+    },
+    "literal friction, pulses": {
+        "friction": {"viscous": 1.0, "coulomb": 5.0, "stiction": 5.0, "law": "literal"},
+        "disturbance": {"kind": "pulses", "amplitude": 30.0, "period": 0.3, "width": 0.1},
+    },
+    "filtered steps": {"reference": {"kind": "filtered-steps"}, "reward": {"tracking": "l1"}},
+    "Fourier": {"reference": {"kind": "fourier"}, "action": "acceleration"},
+    "next episodes": {"duration": 0.3, "autoreset_mode": "SameStep", "noise": {"position": 0.01, "velocity": 0.1}},
+}
+
+
+def bits(options):
+    """The SHA-256 of all that three arms are seen to do in a hundred steps, under actions that no machine rounds."""
+    env = TwoLinkArmVectorEnv(3, **options)
+    digest = hashlib.sha256(env.reset(seed=7)[0].astype("<f8").tobytes())
+    for k in range(100):
+        fractions = (np.arange(6).reshape(3, 2) * 11 + 37 * k) % 64 / 64 - 0.5
+        observations, rewards, *_ = env.step(fractions * env.single_action_space.high)
+        digest.update(observations.astype("<f8").tobytes() + rewards.astype("<f8").tobytes())
+    return digest.hexdigest()
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_every_bit_is_what_it_was(world):
+    assert bits(WORLDS[world]) == json.loads(BITS.read_text())[world]
+
+
 if __name__ == "__main__":
+    BITS.write_text(json.dumps({world: bits(options) for world, options in WORLDS.items()}, indent=1) + "\n")
     FOLDER.mkdir(exist_ok=True)
     for case in CASES:
         file_of(*case).write_text(json.dumps(episode(*case)) + "\n")

@@ -4,7 +4,7 @@ import numpy as np
 
 from fbl_gym import settings as at
 from fbl_gym.elementary import compiled, exp, inline, sincos
-from fbl_gym.settings import LANES, R1, R2, R3, R4, R5, R6, STEP
+from fbl_gym.settings import LANES, PAIR, R1, R2, R3, R4, R5, R6, STEP
 from fbl_gym.streams import stream_key, uniforms
 
 _STREAM = stream_key("reference")
@@ -25,15 +25,14 @@ def reference(b, l, x, step):
     if kind == at.MINIMUM_JERK:
         return _minimum_jerk(b, l, x, row, points, t)
     i, j, tau = _segment(x, points, t)
-    to1, to2 = b[(row + 2 * j) * LANES + l], b[(row + 2 * j + 1) * LANES + l]
+    to1, to2 = b[row + PAIR * j + l], b[row + PAIR * j + LANES + l]
     if kind == at.STEPS:
         return to1, to2, 0.0, 0.0, 0.0, 0.0
     # Filtered steps: r = to + (a + c tau) exp(-w tau).
     w = x[at.BANDWIDTH]
     fade = exp(-w * tau)
-    own = row + 2 * points + 4 * i
-    a1, a2 = b[own * LANES + l], b[(own + 1) * LANES + l]
-    c1, c2 = b[(own + 2) * LANES + l], b[(own + 3) * LANES + l]
+    own = row + PAIR * (points + 2 * i) + l
+    a1, a2, c1, c2 = b[own], b[own + LANES], b[own + PAIR], b[own + PAIR + LANES]
     r1, r2 = (a1 + c1 * tau) * fade, (a2 + c2 * tau) * fade
     v1, v2 = c1 * fade - w * r1, c2 * fade - w * r2
     return to1 + r1, to2 + r2, v1, v2, -2.0 * w * v1 - w * w * r1, -2.0 * w * v2 - w * w * r2
@@ -49,8 +48,8 @@ def _segment(x, points, t):
 @inline
 def _minimum_jerk(b, l, x, row, points, t):
     i, j, tau = _segment(x, points, t)
-    from1, from2 = b[(row + 2 * i) * LANES + l], b[(row + 2 * i + 1) * LANES + l]
-    d1, d2 = b[(row + 2 * j) * LANES + l] - from1, b[(row + 2 * j + 1) * LANES + l] - from2
+    from1, from2 = b[row + PAIR * i + l], b[row + PAIR * i + LANES + l]
+    d1, d2 = b[row + PAIR * j + l] - from1, b[row + PAIR * j + LANES + l] - from2
     move = x[at.MOVE_TIME]
     s = min(tau / move, 1.0)
     share = s * s * s * (10.0 + s * (6.0 * s - 15.0))
@@ -65,8 +64,8 @@ def _harmonics(b, l, x, row, points, place, t):
     for i in range(points):
         w = (i + 1) * x[at.BASE_RATE]
         size1, size2 = x[place + 2 * i], x[place + 2 * i + 1]
-        s1, c1 = sincos(w * t + b[(row + 2 * i) * LANES + l])
-        s2, c2 = sincos(w * t + b[(row + 2 * i + 1) * LANES + l])
+        s1, c1 = sincos(w * t + b[row + PAIR * i + l])
+        s2, c2 = sincos(w * t + b[row + PAIR * i + LANES + l])
         q1, q2 = q1 + size1 * s1, q2 + size2 * s2
         v1, v2 = v1 + w * size1 * c1, v2 + w * size2 * c2
         a1, a2 = a1 - w * w * size1 * s1, a2 - w * w * size2 * s2
@@ -76,20 +75,20 @@ def _harmonics(b, l, x, row, points, place, t):
 @inline
 def _note(b, l, r):
     """Keep the reference of a lane."""
-    b[R1 * LANES + l], b[R2 * LANES + l], b[R3 * LANES + l] = r[0], r[1], r[2]
-    b[R4 * LANES + l], b[R5 * LANES + l], b[R6 * LANES + l] = r[3], r[4], r[5]
+    b[R1 + l], b[R2 + l], b[R3 + l] = r[0], r[1], r[2]
+    b[R4 + l], b[R5 + l], b[R6 + l] = r[3], r[4], r[5]
 
 
 @compiled
-def refer(b, clock, x):
+def refer(b, clock, x, width):
     """The reference of a block, now."""
     if x[at.REFERENCE] == at.MINIMUM_JERK:  # the usual one, without branches
         row, points = int(x[at.REFERENCE_ROW]), int(x[at.POINTS])
-        for l in range(LANES):
-            _note(b, l, _minimum_jerk(b, l, x, row, points, np.int64(clock[STEP * LANES + l]) * x[at.CONTROL_DT]))
+        for l in range(width):
+            _note(b, l, _minimum_jerk(b, l, x, row, points, np.int64(clock[STEP + l]) * x[at.CONTROL_DT]))
     else:
-        for l in range(LANES):
-            _note(b, l, reference(b, l, x, np.int64(clock[STEP * LANES + l])))
+        for l in range(width):
+            _note(b, l, reference(b, l, x, np.int64(clock[STEP + l])))
 
 
 @compiled
@@ -109,10 +108,10 @@ def draw_reference(b, l, x, seed, episode):
             value2 = x[at.LOW + 1] + c * (x[at.HIGH + 1] - x[at.LOW + 1])
         else:
             value1, value2 = x[place + 2 * i], x[place + 2 * i + 1]
-        b[(row + 2 * i) * LANES + l], b[(row + 2 * i + 1) * LANES + l] = value1, value2
+        b[row + PAIR * i + l], b[row + PAIR * i + LANES + l] = value1, value2
     if kind == at.FILTERED_STEPS:
         _chain_filter(b, l, x, row, points)
-    return b[row * LANES + l], b[(row + 1) * LANES + l]
+    return b[row + l], b[row + LANES + l]
 
 
 @compiled
@@ -121,12 +120,12 @@ def _chain_filter(b, l, x, row, points):
     w, time = x[at.BANDWIDTH], x[at.POINT_TIME]
     fade = exp(-w * time)
     for joint in range(2):
-        r, v = b[(row + joint) * LANES + l], 0.0
+        own = row + LANES * joint + l
+        r, v = b[own], 0.0
         for i in range(points):
-            to = b[(row + 2 * min(i + 1, points - 1) + joint) * LANES + l]
+            to = b[own + PAIR * min(i + 1, points - 1)]
             a = r - to
             c = v + w * a
-            b[(row + 2 * points + 4 * i + joint) * LANES + l] = a
-            b[(row + 2 * points + 4 * i + 2 + joint) * LANES + l] = c
+            b[own + PAIR * (points + 2 * i)], b[own + PAIR * (points + 2 * i + 1)] = a, c
             r = to + (a + c * time) * fade
             v = (c - w * (a + c * time)) * fade

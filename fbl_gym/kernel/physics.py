@@ -7,7 +7,7 @@ from fbl_gym import settings as at
 from fbl_gym.elementary import compiled, inline, sincos
 from fbl_gym.friction import dry_friction, resist, sign
 from fbl_gym.settings import (
-    D1, D2, E1, E2, H1, H2, L1, L2, LANES, LOAD, M1, M2, P1, P2, P3, P4, P5, Q1, Q2, S1, S2, STEP, T1, T2, V1, V2,
+    D1, D2, E1, E2, H1, H2, L1, L2, LOAD, M1, M2, P1, P2, P3, P4, P5, Q1, Q2, S1, S2, STEP, T1, T2, V1, V2,
 )  # fmt: skip
 
 inertia_terms = inline(model.inertia_terms)
@@ -53,16 +53,16 @@ def _runge_kutta(b, l, h, viscous1, viscous2, c1, c2, k1, k2, w1, w2, friction):
     breakaway has no acceleration at all, at any step size; a joint that the problem brings to rest ends the step at rest.
     Sliding under Coulomb friction keeps the fourth order; where stiction fades, or a joint stops, the step is of first order.
     """
-    q1, q2, v1, v2 = b[Q1 * LANES + l], b[Q2 * LANES + l], b[V1 * LANES + l], b[V2 * LANES + l]
-    p1, p2, p3 = b[P1 * LANES + l], b[P2 * LANES + l], b[P3 * LANES + l]
-    p4, p5 = b[P4 * LANES + l], b[P5 * LANES + l]
+    q1, q2, v1, v2 = b[Q1 + l], b[Q2 + l], b[V1 + l], b[V2 + l]
+    p1, p2, p3 = b[P1 + l], b[P2 + l], b[P3 + l]
+    p4, p5 = b[P4 + l], b[P5 + l]
     dry1, dry2 = 0.0, 0.0  # friction torque held over the step
     free1, free2 = 1.0, 1.0  # 0 where a joint sticks throughout the step
     rest1, rest2 = False, False  # whether a joint ends the step at rest
 
     if friction == at.EXACT_FRICTION:
         m11, m12, m22, r1, r2 = load_on_joints(
-            p1, p2, p3, p4, p5, q1, q2, v1, v2, b[S1 * LANES + l] - viscous1 * v1, b[S2 * LANES + l] - viscous2 * v2
+            p1, p2, p3, p4, p5, q1, q2, v1, v2, b[S1 + l] - viscous1 * v1, b[S2 + l] - viscous2 * v2
         )
         bound1, bound2 = h * dry_friction(v1, c1, k1, w1), h * dry_friction(v2, c2, k2, w2)
         g1, g2 = m11 * v1 + m12 * v2 + h * r1, m12 * v1 + m22 * v2 + h * r2
@@ -77,19 +77,19 @@ def _runge_kutta(b, l, h, viscous1, viscous2, c1, c2, k1, k2, w1, w2, friction):
     half = 0.5 * h
     arm = (p1, p2, p3, p4, p5)
     law = (viscous1, viscous2, c1, c2, k1, k2, w1, w2, dry1, dry2, free1, free2)
-    s1, s2, m1, m2 = b[S1 * LANES + l], b[S2 * LANES + l], b[H1 * LANES + l], b[H2 * LANES + l]
+    s1, s2, m1, m2 = b[S1 + l], b[S2 + l], b[H1 + l], b[H2 + l]
     a1, a2 = _slope(s1, s2, arm, law, q1, q2, v1, v2, friction)
     vb1, vb2 = v1 + half * a1, v2 + half * a2
     b1, b2 = _slope(m1, m2, arm, law, q1 + half * v1, q2 + half * v2, vb1, vb2, friction)
     vc1, vc2 = v1 + half * b1, v2 + half * b2
     d1, d2 = _slope(m1, m2, arm, law, q1 + half * vb1, q2 + half * vb2, vc1, vc2, friction)
     vd1, vd2 = v1 + h * d1, v2 + h * d2
-    e1, e2 = _slope(b[E1 * LANES + l], b[E2 * LANES + l], arm, law, q1 + h * vc1, q2 + h * vc2, vd1, vd2, friction)
+    e1, e2 = _slope(b[E1 + l], b[E2 + l], arm, law, q1 + h * vc1, q2 + h * vc2, vd1, vd2, friction)
     sixth = h / 6.0
-    b[Q1 * LANES + l] = q1 + sixth * (v1 + 2.0 * (vb1 + vc1) + vd1)
-    b[Q2 * LANES + l] = q2 + sixth * (v2 + 2.0 * (vb2 + vc2) + vd2)
+    b[Q1 + l] = q1 + sixth * (v1 + 2.0 * (vb1 + vc1) + vd1)
+    b[Q2 + l] = q2 + sixth * (v2 + 2.0 * (vb2 + vc2) + vd2)
     v1, v2 = v1 + sixth * (a1 + 2.0 * (b1 + d1) + e1), v2 + sixth * (a2 + 2.0 * (b2 + d2) + e2)
-    b[V1 * LANES + l], b[V2 * LANES + l] = 0.0 if rest1 else v1, 0.0 if rest2 else v2
+    b[V1 + l], b[V2 + l] = 0.0 if rest1 else v1, 0.0 if rest2 else v2
 
 
 @compiled
@@ -114,10 +114,10 @@ def advance(b, x, width):
 @inline
 def acceleration_and_friction(b, l, x, friction):
     """The acceleration of a lane at this instant, and its friction torque; both joints of each."""
-    q1, q2, v1, v2 = b[Q1 * LANES + l], b[Q2 * LANES + l], b[V1 * LANES + l], b[V2 * LANES + l]
+    q1, q2, v1, v2 = b[Q1 + l], b[Q2 + l], b[V1 + l], b[V2 + l]
     m11, m12, m22, r1, r2 = load_on_joints(
-        b[P1 * LANES + l], b[P2 * LANES + l], b[P3 * LANES + l], b[P4 * LANES + l], b[P5 * LANES + l],
-        q1, q2, v1, v2, b[T1 * LANES + l] - b[D1 * LANES + l], b[T2 * LANES + l] - b[D2 * LANES + l],
+        b[P1 + l], b[P2 + l], b[P3 + l], b[P4 + l], b[P5 + l],
+        q1, q2, v1, v2, b[T1 + l] - b[D1 + l], b[T2 + l] - b[D2 + l],
     )  # fmt: skip
     bound1, bound2 = 0.0, 0.0
     if friction != at.NO_FRICTION:
@@ -135,24 +135,24 @@ def acceleration_and_friction(b, l, x, friction):
 
 
 @compiled
-def carry_payload(b, clock, x, substep):
+def carry_payload(b, clock, x, width, substep):
     """Put the payload on the tip while it is carried."""
-    for l in range(LANES):
-        now = float(np.int64(clock[STEP * LANES + l])) * x[at.SUBSTEPS] + substep
+    for l in range(width):
+        now = float(np.int64(clock[STEP + l])) * x[at.SUBSTEPS] + substep
         carried = x[at.LOAD_MASS] if x[at.LOAD_ON] <= now and now < x[at.LOAD_OFF] else 0.0
-        if carried != b[LOAD * LANES + l]:
-            b[LOAD * LANES + l] = carried
+        if carried != b[LOAD + l]:
+            b[LOAD + l] = carried
             lump(b, l, x)
 
 
 @compiled
 def lump(b, l, x):
     """The true lumped parameters of a lane, with the payload it carries."""
-    m1, m2, l1, l2 = b[M1 * LANES + l], b[M2 * LANES + l], b[L1 * LANES + l], b[L2 * LANES + l]
-    load, g = b[LOAD * LANES + l], x[at.GRAVITY]
+    m1, m2, l1, l2 = b[M1 + l], b[M2 + l], b[L1 + l], b[L2 + l]
+    load, g = b[LOAD + l], x[at.GRAVITY]
     p1, p2, p3, p4, p5 = lumped_terms(m1, m2, l1, l2, g, x[at.CENTRE], x[at.INERTIA])
-    b[P1 * LANES + l] = p1 + load * l1 * l1
-    b[P2 * LANES + l] = p2 + load * l2 * l2
-    b[P3 * LANES + l] = p3 + load * l1 * l2
-    b[P4 * LANES + l] = p4 + load * l1 * g
-    b[P5 * LANES + l] = p5 + load * l2 * g
+    b[P1 + l] = p1 + load * l1 * l1
+    b[P2 + l] = p2 + load * l2 * l2
+    b[P3 + l] = p3 + load * l1 * l2
+    b[P4 + l] = p4 + load * l1 * g
+    b[P5 + l] = p5 + load * l2 * g

@@ -175,7 +175,7 @@ def test_a_hundred_thousand_lanes():
     single = TwoLinkArmEnv("everything-1")
     single.reset(seed=99_999)
     np.testing.assert_array_equal(observations[-1], single.step(np.zeros(2))[0])
-    assert env._batch._state.nbytes < 2**28
+    assert env._batch._memory.nbytes < 2**28
     assert rewards.shape == (100_000,)
 
 
@@ -184,6 +184,6 @@ def test_a_hundred_thousand_arms_take_little_memory():
     env = TwoLinkArmVectorEnv(100_000, "everything-3")
     observations, _ = env.reset(seed=0)
     assert np.isfinite(observations).all()
-    assert env._batch._state.nbytes + observations.nbytes < 2**28
+    assert env._batch._memory.nbytes + observations.nbytes < 2**28
     alone = TwoLinkArmEnv("everything-3")
     assert np.array_equal(observations[99_999], alone.reset(seed=99_999)[0])

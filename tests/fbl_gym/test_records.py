@@ -180,9 +180,9 @@ def test_what_is_given_is_not_kept():
 def test_no_default_is_shared_between_environments():
     one, two = TwoLinkArmEnv(noise={"position": 0.1}), TwoLinkArmEnv()
     assert two.scenario.noise is None
-    assert one._batch.program.settings is not two._batch.program.settings
-    one._batch.program.settings[:] = 0.0
-    assert TwoLinkArmEnv()._batch.program.settings.any()
+    assert one._batch._memory is not two._batch._memory
+    one._batch._memory[:] = 0.0
+    assert TwoLinkArmEnv()._batch._memory.any()
 
 
 def test_derived_numbers():
