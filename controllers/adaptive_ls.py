@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -68,12 +69,17 @@ class AdaptiveFlmLs(RobustFlm):
         for name in ("memory", "bandwidth", "prior", "excitation", "moving", "turn"):
             settle(self, **{name: number(name, getattr(self, name), above=0)})
 
-    @property
+    @cached_property
     def scale(self) -> Array:
         """The size of each unknown in the nominal arm [9]: fits are made in shares of it."""
         lumped = self.interface.nominal.lumped
         weight = np.maximum(lumped[4], lumped[1])
         return np.concatenate([np.maximum(lumped, 1e-9), np.full(4, weight)])
+
+    @cached_property
+    def weight(self) -> Array:
+        """Of each joint's torque [2], one over its nominal inertia, so that residuals are accelerations."""
+        return 1.0 / np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
 
     def initial(self, observation: Array) -> State:
         n = len(observation)
@@ -121,10 +127,8 @@ class AdaptiveFlmLs(RobustFlm):
     def add(self, z: Array, torque: Array, a: Array, b: Array, moves: NDArray[np.bool_]) -> tuple[Array, Array]:
         """A and b with one sample more, in shares of the nominal arm; where nothing moves, as they were."""
         dt = self.interface.control_dt
-        # Each joint's torque is weighed by its nominal inertia, so that residuals are accelerations.
-        weight = 1.0 / np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
-        rows = z * self.scale * weight[:, None]
-        return accumulate(a, b, rows, torque * weight, np.exp(-dt / self.memory), dt, moves)
+        rows = z * self.scale * self.weight[:, None]
+        return accumulate(a, b, rows, torque * self.weight, np.exp(-dt / self.memory), dt, moves)
 
     def fit(self, a: Array, b: Array, before: Array) -> Array:
         """The estimate [n x 9] from A and b: that of an arm, or the one before."""
