@@ -12,7 +12,7 @@ from controllers.cascade import CascadeFlm
 from controllers.estimator import estimate, lumped_of, point_masses
 from controllers.gain_scheduling import schedule
 from controllers.policy import State
-from fbl_gym.arm import Array
+from fbl_gym.arm import Array, regressor
 from fbl_gym.records import number, settle
 
 SAMPLES = 3
@@ -33,7 +33,7 @@ class AdaptiveFlm(CascadeFlm):
         alpha: alpha_ij of (46), [2 x 2]; the paper leaves them open. Zeros (default): no scheduling.
         v_s: velocity scale of (46) [(rad/s)^2].
         total_mass: of the real arm [kg], as (39) assumes it known; None: the form that needs none.
-        weakest: smallest singular value of the scaled regressor at which an estimate is accepted.
+        weakest: smallest singular value of the scaled regressor at which an estimate is accepted; below 1e-12 it is rounding.
     """
 
     alpha: Any = ((0.0, 0.0), (0.0, 0.0))
@@ -52,33 +52,36 @@ class AdaptiveFlm(CascadeFlm):
             self,
             alpha=tuple(tuple(float(x) for x in row) for row in alpha),
             v_s=number("v_s", self.v_s, above=0),
-            weakest=number("weakest", self.weakest, above=0),
+            weakest=number("weakest", self.weakest, low=1e-12),
         )
         if self.total_mass is not None:
             settle(self, total_mass=number("total_mass", self.total_mass, above=0))
 
     def initial(self, observation: Array) -> State:
         n = len(observation)
-        samples = np.zeros((n, SAMPLES, 4, 2))  # position, velocity, acceleration, torque
-        lumped = np.broadcast_to(self.interface.nominal.lumped, (n, 5)).copy()
-        return np.zeros((n, 2)), samples, np.zeros(n, dtype=int), np.zeros((n, 2)), lumped
+        return (
+            np.zeros((n, 2)),  # integral
+            np.zeros((n, SAMPLES, 2, 5)),  # regressors of the last samples
+            np.zeros((n, SAMPLES, 2)),  # torques applied up to each of them
+            np.zeros(n, dtype=int),  # observations so far
+            np.zeros((n, 2)),  # torque applied in the interval that ends now
+            np.broadcast_to(self.interface.nominal.lumped, (n, 5)).copy(),  # the estimate
+        )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        integral, samples, count, applied, lumped = state
+        integral, y, torques, count, applied, lumped = state
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
-        # The first observation of an episode ends no interval.
-        begun = (count > 0)[:, None, None, None]
-        newest = np.stack([q, v, a, applied], axis=1)[:, None]
-        samples = np.where(begun, np.concatenate([samples[:, 1:], newest], axis=1), samples)
-        found, ok = self.learn(samples)
+        y = np.concatenate([y[:, 1:], regressor(q, v, a)[:, None]], axis=1)
+        torques = np.concatenate([torques[:, 1:], applied[:, None]], axis=1)
+        # The first observation of an episode ends no interval: the three samples after it are the first to count.
+        found, ok = self.learn(y, torques)
         lumped = np.where((ok & (count >= SAMPLES))[:, None], found, lumped)
         torque, integral = self.drive(observation, q, v, integral, lumped, schedule(v, self.alpha, self.v_s))
-        return torque, (integral, samples, count + 1, self.interface.saturate(torque), lumped)
+        return torque, (integral, y, torques, count + 1, self.interface.saturate(torque), lumped)
 
-    def learn(self, samples: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Lumped parameters [n x 5] from samples [n x 3 x 4 x 2], and where to believe them [n]."""
-        q, v, a, torque = (samples[:, :, i] for i in range(4))
-        found, ok = estimate(q, v, a, torque, self.weakest)
+    def learn(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Lumped parameters [n x 5] from regressors [n x 3 x 2 x 5] and torques [n x 3 x 2], and where to believe them [n]."""
+        found, ok = estimate(y, torques, self.weakest)
         if self.total_mass is None:
             return found, ok
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -88,4 +91,4 @@ class AdaptiveFlm(CascadeFlm):
 
     def parameters(self, state: State) -> Array:
         """The estimates m1, m2, L1, L2 [n x 4] that a state holds."""
-        return point_masses(state[4], self.total_mass)
+        return point_masses(state[5], self.total_mass)

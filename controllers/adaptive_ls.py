@@ -9,14 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.estimator import plausible, point_masses
 from controllers.kalman import RobustFlm
 from controllers.policy import State
+from controllers.solving import accumulate, exceeds, solve
 from fbl_gym.arm import Array, inertia_matrix, regressor
 from fbl_gym.records import number, settle
 
@@ -66,12 +69,17 @@ class AdaptiveFlmLs(RobustFlm):
         for name in ("memory", "bandwidth", "prior", "excitation", "moving", "turn"):
             settle(self, **{name: number(name, getattr(self, name), above=0)})
 
-    @property
+    @cached_property
     def scale(self) -> Array:
         """The size of each unknown in the nominal arm [9]: fits are made in shares of it."""
         lumped = self.interface.nominal.lumped
         weight = np.maximum(lumped[4], lumped[1])
         return np.concatenate([np.maximum(lumped, 1e-9), np.full(4, weight)])
+
+    @cached_property
+    def weight(self) -> Array:
+        """Of each joint's torque [2], one over its nominal inertia, so that residuals are accelerations."""
+        return 1.0 / np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
 
     def initial(self, observation: Array) -> State:
         n = len(observation)
@@ -100,7 +108,7 @@ class AdaptiveFlmLs(RobustFlm):
         filtered = keep[:, None] * filtered + (1.0 - keep)[:, None] * applied
         moves = begun & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
         a_sum, b_sum = self.add(z, filtered, a_sum, b_sum, moves)
-        rich = moves & (np.linalg.eigvalsh(a_sum)[:, 0] > self.excitation)
+        rich = moves & exceeds(a_sum, self.excitation)
         if rich.any():
             found = np.where(rich[:, None], self.fit(a_sum, b_sum, found), found)
 
@@ -116,23 +124,16 @@ class AdaptiveFlmLs(RobustFlm):
         viscous, coulomb = v[..., None] * eye, np.tanh(v / self.turn)[..., None] * eye
         return np.concatenate([regressor(q, v, a), viscous, coulomb], axis=-1)
 
-    def add(self, z: Array, torque: Array, a: Array, b: Array, moves: Array) -> tuple[Array, Array]:
+    def add(self, z: Array, torque: Array, a: Array, b: Array, moves: NDArray[np.bool_]) -> tuple[Array, Array]:
         """A and b with one sample more, in shares of the nominal arm; where nothing moves, as they were."""
         dt = self.interface.control_dt
-        # Each joint's torque is weighed by its nominal inertia, so that residuals are accelerations.
-        weight = 1.0 / np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
-        rows = z * self.scale * weight[:, None]
-        keep = np.exp(-dt / self.memory)
-        more_a = keep * a + dt * np.einsum("nji,njk->nik", rows, rows)
-        more_b = keep * b + dt * np.einsum("nji,nj->ni", rows, torque * weight)
-        return np.where(moves[:, None, None], more_a, a), np.where(moves[:, None], more_b, b)
+        rows = z * self.scale * self.weight[:, None]
+        return accumulate(a, b, rows, torque * self.weight, np.exp(-dt / self.memory), dt, moves)
 
     def fit(self, a: Array, b: Array, before: Array) -> Array:
         """The estimate [n x 9] from A and b: that of an arm, or the one before."""
         start = np.concatenate([np.ones(5), np.zeros(4)])
-        prior = self.prior * np.eye(TERMS)
-        shares = np.linalg.solve(a + prior, (b + prior @ start)[..., None])[..., 0]
-        new = shares * self.scale
+        new = solve(a + self.prior * np.eye(TERMS), b + self.prior * start) * self.scale
         new[:, 5:] = np.maximum(new[:, 5:], 0.0)
         return np.where(plausible(new[:, :5])[:, None], new, before)
 

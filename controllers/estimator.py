@@ -11,14 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.arm import STANDARD_GRAVITY, Array, regressor
+from controllers.solving import least_squares
+from fbl_gym.arm import STANDARD_GRAVITY, Array
 
 
-def estimate(q: Array, v: Array, a: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
+def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
     """The five lumped parameters that explain the samples in the least-squares sense, and whether they can be trusted.
 
     Args:
-        q, v, a: measured motion, [n x s x 2].
+        y: the regressor at each sample, `arm.regressor` of the measured motion, [n x s x 2 x 5].
         torque: applied torque, [n x s x 2] N m.
         weakest: smallest singular value of the regressor (columns scaled to length one) below which the samples do not
             tell all five apart. At rest the rank is 2, and (39) would return nonsense.
@@ -26,15 +27,9 @@ def estimate(q: Array, v: Array, a: Array, torque: Array, weakest: float) -> tup
     Returns:
         Lumped parameters [n x 5], and [n] True where the samples were rich enough and the parameters are physical.
     """
-    y = regressor(q, v, a)
-    rows = y.reshape(len(y), -1, 5)
-    size = np.sqrt((rows**2).sum(axis=1, keepdims=True))
-    safe = np.where(size > 0.0, size, 1.0)
-    u, s, vt = np.linalg.svd(rows / safe, full_matrices=False)
-    rich = (s[:, -1] > weakest) & np.all(size[:, 0] > 0.0, axis=-1)
-    inverse = np.where(s > 1e-12, 1.0 / np.maximum(s, 1e-300), 0.0)
-    target = np.einsum("nij,ni->nj", u, torque.reshape(len(y), -1))
-    lumped = np.einsum("nji,nj->ni", vt, inverse * target) / safe[:, 0]
+    n = len(y)
+    # Where all five can be told apart, the pseudo-inverse is (Y'Y)^-1 Y': the solution of least squares.
+    lumped, rich = least_squares(y.reshape(n, -1, 5), torque.reshape(n, -1), weakest)
     return lumped, rich & plausible(lumped)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -48,7 +49,7 @@ class PdGravity(TorqueLaw):
         super().__post_init__()
         settle(self, frequency=pair("frequency", self.frequency), damping=pair("damping", self.damping))
 
-    @property
+    @cached_property
     def inertia(self) -> Array:
         """M_ii of the stretched nominal arm [2], kg m^2."""
         return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))

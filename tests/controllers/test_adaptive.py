@@ -9,7 +9,7 @@ from benchmarks.rollout import rollout
 from controllers.estimator import estimate, lumped_of, plausible, point_masses
 from controllers.gain_scheduling import schedule
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, scenarios
-from fbl_gym.arm import forward_dynamics, inertia_matrix, inverse_dynamics
+from fbl_gym.arm import forward_dynamics, inertia_matrix, inverse_dynamics, regressor
 
 REAL = ArmParameters(m1=31.0, m2=9.0, L1=1.1, L2=0.4)
 
@@ -46,7 +46,8 @@ def printed_estimate(q, v, a, wished, nominal):
 
 
 def test_three_samples_are_enough():
-    found, ok = estimate(*samples(REAL), 1e-7)
+    q, v, a, torque = samples(REAL)
+    found, ok = estimate(regressor(q, v, a), torque, 1e-7)
     assert ok.all()
     np.testing.assert_allclose(found, np.broadcast_to(REAL.lumped, found.shape), rtol=1e-6)
 
@@ -54,7 +55,7 @@ def test_three_samples_are_enough():
 def test_it_is_the_papers_estimate():
     """(32)-(39) as printed, where the torque is the nominal mapping's: the same Y1, Y2, Y3, and rank five as (38) says."""
     q, v, a, torque = samples(REAL, 20)
-    found, _ = estimate(q, v, a, torque, 1e-7)
+    found, _ = estimate(regressor(q, v, a), torque, 1e-7)
     for i in range(20):
         wished = np.array([forward_dynamics(TABLE_1, q[i, s], v[i, s], torque[i, s]) for s in range(3)])
         k, printed = printed_estimate(q[i], v[i], a[i], wished, TABLE_1)
@@ -67,7 +68,7 @@ def test_saturation_biases_the_printed_form_and_not_this_one():
     q, v, _, wished_torque = samples(REAL, 20)
     torque = np.clip(wished_torque, -150, 150)
     a = forward_dynamics(REAL, q, v, torque)
-    found, ok = estimate(q, v, a, torque, 1e-7)
+    found, ok = estimate(regressor(q, v, a), torque, 1e-7)
     assert ok.all()
     np.testing.assert_allclose(found, np.broadcast_to(REAL.lumped, found.shape), rtol=1e-6)
     wrong = []
@@ -90,7 +91,7 @@ def test_at_rest_nothing_is_believed():
     """At rest the rank is two: the samples tell the gravity torques and nothing of the inertia."""
     q = np.broadcast_to(np.array([0.3, 0.5]), (1, 3, 2))
     still = np.zeros((1, 3, 2))
-    _, ok = estimate(q, still, still, inverse_dynamics(REAL, q, still, still), 1e-7)
+    _, ok = estimate(regressor(q, still, still), inverse_dynamics(REAL, q, still, still), 1e-7)
     assert not ok.any()
 
 
