@@ -143,8 +143,17 @@ def _joints(x: ArrayLike) -> tuple[Array, Array]:
     return x[..., 0], x[..., 1]
 
 
-def _stack(first: Array, second: Array) -> Array:
-    return np.stack(np.broadcast_arrays(first, second), axis=-1)
+def _stack(*parts: ArrayLike) -> Array:
+    """The parts, broadcast against each other, along a new last axis; for one arm several times faster than np.stack."""
+    stacked = np.empty((*np.broadcast(*parts).shape, len(parts)))
+    for i, part in enumerate(parts):
+        stacked[..., i] = part
+    return stacked
+
+
+def _matrix(m11: ArrayLike, m12: ArrayLike, m21: ArrayLike, m22: ArrayLike) -> Array:
+    entries = _stack(m11, m12, m21, m22)
+    return entries.reshape(*entries.shape[:-1], 2, 2)
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
@@ -152,7 +161,7 @@ def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
     p1, p2, p3, _, _ = _lumped(arm)
     _, q2 = _joints(q)
     m11, m12, m22 = inertia_terms(p1, p2, p3, np.cos(q2))
-    return np.stack([_stack(m11, m12), _stack(m12, np.broadcast_to(m22, np.shape(m12)))], axis=-2)
+    return _matrix(m11, m12, m12, m22)
 
 
 def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, *, skew: bool = False) -> Array:
@@ -172,7 +181,7 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
     v1, v2 = _joints(v)
     h = p3 * np.sin(q2)
     c11, c12 = (-h * v2, -h * (v1 + v2)) if skew else (-2.0 * h * v2, -h * v2)
-    return np.stack([_stack(c11, c12), _stack(h * v1, np.zeros_like(h * v1))], axis=-2)
+    return _matrix(c11, c12, h * v1, 0.0)
 
 
 def coriolis_torque(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
@@ -235,8 +244,8 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     c2, s2, c12 = np.cos(q2), np.sin(q2), np.cos(q1 + q2)
     first = (a1, a1 + a2, (2.0 * a1 + a2) * c2 - v2 * (2.0 * v1 + v2) * s2, np.cos(q1), c12)
     second = (0.0, a1 + a2, a1 * c2 + v1 * v1 * s2, 0.0, c12)
-    rows = np.broadcast_arrays(*first, *second)
-    return np.stack([np.stack(rows[:5], axis=-1), np.stack(rows[5:], axis=-1)], axis=-2)
+    both = _stack(*first, *second)
+    return both.reshape(*both.shape[:-1], 2, 5)
 
 
 def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
