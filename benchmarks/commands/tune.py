@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from benchmarks.commands.common import command_line, count
-from benchmarks.tuning import SCENARIOS, Task, ship, summary, tune
+from benchmarks.tuning import JUDGED, SCENARIOS, Task, judge, seeds, ship, summary, tune
 from controllers.policy import TUNED
 
 
@@ -16,8 +16,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trials", type=count, default=40, metavar="N", help="in all, earlier runs counted (40)")
     parser.add_argument("--seeds", type=count, default=16, metavar="N", help="tuning seeds of each scenario (16)")
     parser.add_argument(
-        "--scenarios", nargs="+", default=SCENARIOS, metavar="S", help="what to tune on (nine of the board's)"
+        "--also", nargs="+", type=_gain, default=(), metavar="GAIN=VALUE", help="gains to try as one of the trials"
     )
+    parser.add_argument(
+        "--candidates", type=count, default=10, metavar="N", help="how many of the best trials to judge once more (10)"
+    )
+    parser.add_argument(
+        "--fresh-seeds", type=count, default=128, metavar="N", help="tuning seeds to judge on, of each scenario (128)"
+    )
+    parser.add_argument(
+        "--scenarios", nargs="+", metavar="S",
+        help=f"what to try and to judge on ({len(SCENARIOS)} of the board's, then {len(JUDGED)})",
+    )  # fmt: skip
     parser.add_argument(
         "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",
         help="of the studies; several processes may share it, and a stopped one goes on (results/tuning)",
@@ -26,14 +36,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    task = Task(arguments.policy, tuple(arguments.scenarios), arguments.seeds)
-    study = tune(task, arguments.trials, arguments.storage / f"{arguments.policy}.db")
-    found = summary(task, study, command_line())
-    print(
-        json.dumps(
-            {key: found[key] for key in ("gains", "objective", "objective_of_defaults", "trials", "cpu_s")}, indent=1
-        )
-    )
+    tried, fresh = seeds(arguments.seeds, arguments.fresh_seeds)
+    task = Task(arguments.policy, tuple(arguments.scenarios or SCENARIOS), tried)
+    judging = Task(arguments.policy, tuple(arguments.scenarios or JUDGED), fresh)
+    study = tune(task, arguments.trials, arguments.storage / f"{arguments.policy}.db", dict(arguments.also))
+    found = summary(task, study, judging, judge(judging, study, arguments.candidates), command_line())
+    print(json.dumps({key: found[key] for key in ("gains", "judged")}, indent=1))
     if arguments.ship:
         print(f"shipped: {ship(found)}")
     return 0
+
+
+def _gain(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be such as kp=25, got {text!r}") from None

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import json
 import sys
 
 import numpy as np
@@ -16,8 +15,7 @@ from benchmarks.metrics import METRICS, measure
 from benchmarks.rollout import rollout
 from benchmarks.runner import run_cell
 from benchmarks.store import Store
-from benchmarks.suite import SPLITS, leaderboard_scenarios, named, narrow
-from benchmarks.tuning import ship
+from benchmarks.suite import leaderboard_scenarios, named, narrow
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 
@@ -266,22 +264,6 @@ def test_an_archive_is_not_loaded_without_trust(tmp_path, capsys):
     archive.write_bytes(b"PK")
     assert cli.main(["check-policy", str(archive)]) == 2
     assert "runs whatever code it holds; give --trust" in capsys.readouterr().err
-
-
-def test_tune_goes_on_where_it_stopped(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("benchmarks.commands.tune.ship", lambda found: ship(found, tmp_path))
-    arguments = ["tune", "pid-flm", "--seeds", "2", "--scenarios", "nominal", "--storage", str(tmp_path), "--ship"]
-    assert cli.main([*arguments, "--trials", "2"]) == 0
-    assert json.loads((tmp_path / "pid-flm.json").read_text())["trials"] == 2
-    assert cli.main([*arguments, "--trials", "5"]) == 0
-    found = json.loads((tmp_path / "pid-flm.json").read_text())
-    assert found["trials"] == 5
-    assert found["environment_steps"] == 5 * 2 * 1000
-    assert found["objective"] <= found["objective_of_defaults"]
-    assert found["seeds"][0] == SPLITS["tuning"].start
-    assert set(found["gains"]) == {"kp", "ki", "kd"}
-    assert cli.main(["tune", "zero"]) == 2
-    assert "has nothing to tune" in capsys.readouterr().err
 
 
 def test_tuned_gains_make_a_policy_of_their_own():

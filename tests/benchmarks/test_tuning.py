@@ -1,0 +1,96 @@
+"""Trials find gains, and fresh seeds judge them."""
+
+import json
+
+import optuna
+import pytest
+
+from benchmarks import cli
+from benchmarks.suite import SPLITS
+from benchmarks.tuning import JUDGED, Task, judge, seeds, ship, summary
+
+# Of the defaults (trial 0) and two others: kp, the objective of the trial, then objective and diverged runs [%] on fresh seeds.
+TRIALS = ((None, 1.0, (0.5, 0.0)), (100.0, -3.0, (-2.9, 4.0)), (50.12345, -2.0, (-1.9, 0.0)))
+
+
+@pytest.fixture
+def study():
+    found = optuna.create_study()
+    ends = optuna.distributions.FloatDistribution(1.0, 1000.0)
+    for kp, value, _ in TRIALS:
+        own = {} if kp is None else {"params": {"kp": kp}, "distributions": {"kp": ends}}
+        found.add_trial(optuna.trial.create_trial(value=value, **own))
+    return found
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The gains that were run, in turn."""
+    found = []
+
+    def cost(_, gains):
+        found.append(gains)
+        return TRIALS[{None: 0, 100.0: 1, 50.12: 2}[gains.get("kp")]][2]
+
+    monkeypatch.setattr(Task, "cost", cost)
+    return found
+
+
+def test_fresh_seeds_overrule_the_trials(study, asked):
+    """Trial 1 was best and fails on fresh seeds, so trial 2 is shipped. The defaults are judged in any case."""
+    tried, fresh = seeds(16, 128)
+    task, judging = Task("pid-flm", ("nominal",), tried), Task("pid-flm", JUDGED, fresh)
+    verdicts = judge(judging, study, 2)
+    assert [verdict["trial"] for verdict in verdicts] == [2, 0, 1]
+    found = summary(task, study, judging, verdicts, "")
+    assert found["gains"] == {"kp": 50.12} == asked[-1]
+    assert found["judged"]["best_first"][1] == {"trial": 0, "objective": 0.5, "diverged_pct": 0.0}
+    # What was judged is not run again, unless on something else.
+    assert judge(judging, study, 2) == verdicts
+    assert len(asked) == 3
+    judge(task, study, 1)
+    assert len(asked) == 5
+
+
+def test_judging_is_on_tuning_seeds_that_no_trial_saw():
+    tried, fresh = seeds(16, 128)
+    assert len(tried) == 16
+    assert len(fresh) == 128
+    assert not set(tried) & set(fresh)
+    assert {*tried, *fresh} <= set(SPLITS["tuning"])
+    with pytest.raises(
+        ValueError, match="there are 10000 tuning seeds, for trials and judging together, got 16 and 9985"
+    ):
+        seeds(16, 9985)
+
+
+def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmarks.commands.tune.ship", lambda found: ship(found, tmp_path))
+    few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
+    arguments = ["tune", "pid-flm", *few, "--storage", str(tmp_path), "--ship"]
+    assert cli.main([*arguments, "--trials", "2"]) == 0
+    assert json.loads((tmp_path / "pid-flm.json").read_text())["trials"]["count"] == 2
+    assert cli.main([*arguments, "--trials", "5", "--also", "kp=3756"]) == 0
+    found = json.loads((tmp_path / "pid-flm.json").read_text())
+    assert found["trials"]["count"] == 5
+    assert found["trials"]["environment_steps"] == 5 * 2 * 1000
+    assert found["trials"]["seeds"] == [SPLITS["tuning"].start, SPLITS["tuning"].start + 2]
+    assert found["judged"]["environment_steps"] == 3 * 3 * 1000
+    assert 0 in [verdict["trial"] for verdict in found["judged"]["best_first"]]
+    assert set(found["gains"]) == {"kp", "ki", "kd"}
+    study = optuna.load_study(study_name="pid-flm", storage=f"sqlite:///{tmp_path / 'pid-flm.db'}")
+    assert [trial.params.get("kp") == 3756 for trial in study.trials] == [False, False, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("tune zero", "has nothing to tune"),
+        ("tune pid-flm --also pk=3", "unknown gain of pid-flm 'pk'; did you mean 'kp'?"),
+        ("tune pid-flm --also kp=-3", "kp must be a finite number not below"),
+        ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
+    ],
+)
+def test_what_cannot_be_tuned_is_said(line, message, capsys, tmp_path):
+    assert cli.main([*line.split(), "--storage", str(tmp_path)]) == 2
+    assert message in capsys.readouterr().err
