@@ -23,6 +23,9 @@ from fbl_gym import TABLE_1, TwoLinkArmVectorEnv, scenarios
 ROUND_S = 0.1
 """How long a contestant runs in each round [s]."""
 
+SETTLED = 60
+"""Steps after which an adaptive law has data to fit."""
+
 
 @dataclass(frozen=True)
 class Speed:
@@ -142,19 +145,24 @@ def measure_growth(rounds: int = 3) -> tuple[dict[int, float], dict[int, float]]
 
 
 def measure_policies(rounds: int = 3, lanes: int = 4096) -> dict[str, float]:
-    """How many of the environment's own steps a batched decision of each policy takes."""
+    """How many of the environment's own steps a batched decision of each policy takes, once its loop has run for a while."""
     env = TwoLinkArmVectorEnv(lanes, scenarios.get("everything-2"))
-    observation, _ = env.reset(seed=0)
-    contestants: dict[str, Callable[[], int]] = {"the step itself": _batch(env, np.zeros((lanes, 2)))}
-    for name in controllers.names():
-        if controllers.tier(name) != "truth" and name != "nmpc":
-            contestants[name] = _decision(controllers.make(name, env), observation)
+    contestants = {
+        name: _decision(controllers.make(name, env), env)
+        for name in controllers.names()
+        if controllers.tier(name) != "truth" and name != "nmpc"
+    }
+    contestants["the step itself"] = _batch(env, np.zeros((lanes, 2)))
     rates = {name: float(np.median(r)) for name, r in _rates(contestants, rounds).items()}
     return {name: rates["the step itself"] / rate for name, rate in rates.items() if name != "the step itself"}
 
 
-def _decision(policy: Any, observation: np.ndarray) -> Callable[[], int]:
-    _, state = policy.predict(observation)
+def _decision(policy: Any, env: TwoLinkArmVectorEnv) -> Callable[[], int]:
+    observation, _ = env.reset(seed=0)
+    actions, state = policy.predict(observation)
+    for _ in range(SETTLED):
+        observation = env.step(actions)[0]
+        actions, state = policy.predict(observation, state)
 
     def decide() -> int:
         policy.predict(observation, state)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym import settings
-from fbl_gym.arm import Array, forward_dynamics
+from fbl_gym.arm import Array
 from fbl_gym.kernel import doors
 from fbl_gym.settings import LANES, Program
 
@@ -149,40 +149,11 @@ class ArmBatch:
         """With SAME_STEP, the last observations of the episodes that the last step ended [n x size]; of no use elsewhere."""
         return self._memory[self._lasts].reshape(self.lanes, -1)
 
-    def _row(self, row: int) -> Array:
-        """A copy of one row of the state, [n]."""
-        return self._blocks[:, row : row + LANES].flatten()[: self.lanes]
-
-    def _rows(self, first: int, count: int = 2) -> Array:
-        """A copy of neighbouring rows, [n x count]."""
-        return np.stack([self._row(first + LANES * i) for i in range(count)], axis=1)
-
     def truth(self) -> Truth:
         """What is really so, now; computed when asked for."""
-        found = np.empty((self.lanes, 4))
+        found = np.empty((self.lanes, settings.TRUE_COLUMNS))
         doors.inspect(self._memory, found)
-        acceleration, friction = found[:, :2].copy(), found[:, 2:].copy()
-        position, velocity = self._rows(settings.Q1), self._rows(settings.V1)
-        applied = self._rows(settings.T1)
-        expected = forward_dynamics(self.interface.nominal, position, velocity, applied)
-        steps = self._row(settings.STEP).view(np.uint64).astype(float)
-        return Truth(
-            time=steps * self.interface.control_dt,
-            position=position,
-            velocity=velocity,
-            acceleration=acceleration,
-            reference=self._rows(settings.R1),
-            reference_velocity=self._rows(settings.R3),
-            reference_acceleration=self._rows(settings.R5),
-            applied_torque=applied,
-            friction_torque=friction,
-            disturbance=self._rows(settings.D1),
-            leakage=expected - acceleration,
-            masses=self._rows(settings.M1),
-            lengths=self._rows(settings.L1),
-            lumped=self._rows(settings.P1, 5),
-            payload=self._row(settings.LOAD),
-        )
+        return Truth(**{name: found[:, columns] for name, columns in settings.TRUE.items()})
 
 
 @lru_cache

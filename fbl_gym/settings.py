@@ -66,6 +66,20 @@ def _rows(count: int) -> range:
 QUEUE = _place  # past torque commands, a pair each, then the reference's way-points or phases
 RESTART = 2.0  # ENDED of a lane that is to start an episode
 
+# What is told of the truth: rows of the state as they lie there (the first, and how many), then what is computed of them.
+TRUE_ROWS = ((Q1, 4), (P1, 10), (T1, 4), (R1, 6))
+_TRUE = {
+    "position": 2, "velocity": 2, "lumped": 5, "masses": 2, "lengths": 2, "payload": 1, "applied_torque": 2,
+    "disturbance": 2, "reference": 2, "reference_velocity": 2, "reference_acceleration": 2,
+    "time": 1, "acceleration": 2, "friction_torque": 2, "leakage": 2,
+}  # fmt: skip
+TRUE_COLUMNS = sum(_TRUE.values())
+_ends = dict(zip(_TRUE, np.cumsum(list(_TRUE.values())).tolist(), strict=True))
+TRUE: dict[str, slice | int] = {
+    name: slice(_ends[name] - size, _ends[name]) if size > 1 else _ends[name] - 1 for name, size in _TRUE.items()
+}
+"""The columns of each field of `Truth`."""
+
 # Kinds, as numbers in `settings`.
 (NO_FRICTION, EXACT_FRICTION, LITERAL_FRICTION) = range(3)
 (NO_DISTURBANCE, PIECEWISE_CONSTANT, SINE, PULSES, ARRAY) = range(5)

@@ -16,7 +16,7 @@ from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.motion import refer
 from fbl_gym.kernel.physics import acceleration_and_friction, advance, carry_payload
 from fbl_gym.kernel.readings import observe, sense
-from fbl_gym.kernel.torque import apply_torque, command
+from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
 from fbl_gym.settings import ENDED, EPISODE, LANES, RESTART, REWARD, STEP, TERMINATED, TRUNCATED
 
 _SOURCES = ("arm.py", "elementary.py", "friction.py", "settings.py", "streams.py", "kernel/*.py")
@@ -132,14 +132,21 @@ def _doors(fingerprint):
 
     @njit(nogil=True, cache=True, **COMPILED)
     def inspect(x, out):
-        """The true acceleration and friction torque of each lane, [n x 4], for plots and checks."""
+        """The truth of each lane, [n x TRUE_COLUMNS] in the order of `settings.TRUE`."""
         _ = fingerprint
-        size, state = int(x[at.BLOCK]), x[int(x[at.STATE]) :]
-        friction = int(x[at.FRICTION])
+        size, state, friction = int(x[at.BLOCK]), int(x[at.STATE]), int(x[at.FRICTION])
         for i in range(len(out)):
-            block, l = i // LANES, i % LANES
-            b = state[block * size : (block + 1) * size]
-            out[i, 0], out[i, 1], out[i, 2], out[i, 3] = acceleration_and_friction(b, l, x, friction)
+            b, l = x[state + i // LANES * size : state + (i // LANES + 1) * size], i % LANES
+            column = 0
+            for first, count in at.TRUE_ROWS:
+                for row in range(count):
+                    out[i, column] = b[first + LANES * row + l]
+                    column += 1
+            out[i, column] = float(np.int64(b.view(np.uint64)[STEP + l])) * x[at.CONTROL_DT]
+            a1, a2, f1, f2 = acceleration_and_friction(b, l, x, friction)
+            out[i, column + 1], out[i, column + 2], out[i, column + 3], out[i, column + 4] = a1, a2, f1, f2
+            e1, e2 = nominal_acceleration(b, l, x)
+            out[i, column + 5], out[i, column + 6] = e1 - a1, e2 - a2
 
     return step, check, inspect
 

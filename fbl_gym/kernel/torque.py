@@ -4,10 +4,10 @@ import numpy as np
 
 from fbl_gym import settings as at
 from fbl_gym.elementary import compiled, inline, sincos
-from fbl_gym.kernel.physics import load_on_joints, lumped_terms
+from fbl_gym.kernel.physics import load_on_joints, lumped_terms, solve_terms
 from fbl_gym.settings import (
-    ACTION1, ACTION2, CHATTER, D1, D2, E1, E2, EPISODE, H1, H2, LANES, PAIR, PHASE1, QUEUE, S1, S2, SEED, STEP, T1,
-    T2, U1, U2, Y1, Y2, Y3, Y4,
+    ACTION1, ACTION2, CHATTER, D1, D2, E1, E2, EPISODE, H1, H2, LANES, PAIR, PHASE1, Q1, Q2, QUEUE, S1, S2, SEED,
+    STEP, T1, T2, U1, U2, V1, V2, Y1, Y2, Y3, Y4,
 )  # fmt: skip
 from fbl_gym.streams import stream_key, uniforms
 
@@ -41,14 +41,29 @@ def command(b, x, actions, count):
 
 
 @inline
-def nominal_torque(b, l, x, a1, a2):
-    """The nominal feedback linearisation mapping at the measured state."""
-    p1, p2, p3, p4, p5 = lumped_terms(
+def _nominal(x):
+    """The lumped parameters of the nominal arm."""
+    return lumped_terms(
         x[at.ARM_M1], x[at.ARM_M2], x[at.ARM_L1], x[at.ARM_L2], x[at.GRAVITY], x[at.CENTRE], x[at.INERTIA]
     )
+
+
+@inline
+def nominal_torque(b, l, x, a1, a2):
+    """The nominal feedback linearisation mapping at the measured state."""
+    p1, p2, p3, p4, p5 = _nominal(x)
     q1, q2, v1, v2 = b[Y1 + l], b[Y2 + l], b[Y3 + l], b[Y4 + l]
     m11, m12, m22, r1, r2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, 0.0, 0.0)
     return m11 * a1 + m12 * a2 - r1, m12 * a1 + m22 * a2 - r2
+
+
+@inline
+def nominal_acceleration(b, l, x):
+    """The acceleration that the nominal model expects of the applied torque, at the true state."""
+    p1, p2, p3, p4, p5 = _nominal(x)
+    q1, q2, v1, v2 = b[Q1 + l], b[Q2 + l], b[V1 + l], b[V2 + l]
+    m11, m12, m22, r1, r2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, b[T1 + l], b[T2 + l])
+    return solve_terms(m11, m12, m22, r1, r2)
 
 
 @inline
