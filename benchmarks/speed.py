@@ -18,6 +18,8 @@ import numpy as np
 
 import controllers
 from benchmarks import peers
+from benchmarks.metrics import measure
+from benchmarks.rollout import rollout
 from fbl_gym import TABLE_1, TwoLinkArmVectorEnv, scenarios
 
 ROUND_S = 0.1
@@ -169,6 +171,15 @@ def _decision(policy: Any, env: TwoLinkArmVectorEnv) -> Callable[[], int]:
         return len(observation)
 
     return decide
+
+
+def measure_loop(policy: str = "robust-flm", episodes: int = 4096) -> float:
+    """Steps per second of episodes in closed loop, with all that an evaluation costs: decisions, steps, trace and metrics."""
+    scenario = scenarios.get("everything-2")
+    measure(rollout(policy, scenario, range(8)))
+    begin = time.perf_counter()
+    measure(rollout(policy, scenario, range(episodes)))
+    return episodes * scenario.steps / (time.perf_counter() - begin)
 
 
 def as_plain(rows: list[Speed]) -> list[dict[str, Any]]:
