@@ -35,9 +35,8 @@ def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np
 
 def plausible(lumped: Array) -> NDArray[np.bool_]:
     """Whether parameters are those of an arm: finite, positive, and with an inertia that is so, too.  lumped: [n x 5]."""
-    p1, p2, p3, p4, p5 = (lumped[..., i] for i in range(5))
-    positive = np.all(np.isfinite(lumped) & (lumped > 0.0), axis=-1)
-    return positive & (p1 * p2 > p3 * p3) & (p4 > 0.0) & (p5 > 0.0)
+    p1, p2, p3 = (lumped[..., i] for i in range(3))
+    return np.all(np.isfinite(lumped) & (lumped > 0.0), axis=-1) & (p1 * p2 > p3 * p3)
 
 
 def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity: float = STANDARD_GRAVITY) -> Array:

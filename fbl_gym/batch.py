@@ -1,4 +1,4 @@
-"""A batch of arms: the memory that the kernel works on, and the two things that can be done to it.
+"""A batch of arms: the memory that the kernel works on, and what can be done to it.
 
 Both environments are a thin layer over this: the single one is a batch of one lane.
 """
@@ -9,6 +9,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,6 @@ class ArmBatch:
         sizes = len(program.settings), 2 * lanes, lanes, -(-lanes // 4), lasts, blocks * block
         places = np.cumsum([0, *sizes])
         self.lanes = lanes
-        self.interface = program.interface
         self.threads = min(threads, blocks)
         self._block = block
         self._given, self._rewards, self._flags, self._lasts, self._state = (
@@ -90,6 +90,11 @@ class ArmBatch:
         doors.step(self._memory, np.empty(lanes * size), 0, 0)
         # Before its first step, a lane must be reset.
         self._blocks[:, settings.ENDED : settings.ENDED + LANES] = 1.0
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if not self._memory.flags.writeable:  # as out of a memory map
+            self._memory = self._memory.copy()
 
     @property
     def _blocks(self) -> Array:
@@ -153,7 +158,7 @@ class ArmBatch:
         """What is really so, now; computed when asked for."""
         found = np.empty((self.lanes, settings.TRUE_COLUMNS))
         doors.inspect(self._memory, found)
-        return Truth(**{name: found[:, columns] for name, columns in settings.TRUE.items()})
+        return Truth(**{name: found[:, columns].copy() for name, columns in settings.TRUE.items()})
 
 
 @lru_cache

@@ -123,6 +123,15 @@ class Scenario:
         if steps_of("duration", self.duration, self.control_dt, "control_dt") < 1:
             raise ValueError(f"duration must be at least control_dt={self.control_dt:g} s, got {self.duration:g} s")
         steps_of("actuator.delay", self.actuator.delay, self.physics_dt, "physics_dt")
+        r = self.reference
+        if isinstance(r, MinimumJerk | Steps | FilteredSteps):
+            name, value = (
+                ("move_time + hold_time", r.move_time + r.hold_time)
+                if isinstance(r, MinimumJerk)
+                else ("period", r.period)
+            )
+            if value < self.control_dt:
+                raise ValueError(f"reference.{name} must be at least control_dt={self.control_dt:g} s, got {value:g} s")
         d = self.disturbance
         times: dict[str, float] = {}
         if isinstance(d, PiecewiseConstantDisturbance):

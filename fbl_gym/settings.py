@@ -1,7 +1,8 @@
 """The scenario in numbers: where each number of the kernel's arrays lies, and the arrays packed from a Scenario.
 
-The kernel sees two flat arrays of doubles: `settings` (what holds for a whole batch; behind its numbers, the user's samples,
-levels and amplitudes) and `state` (what differs between lanes). The names below are indices into them.
+The kernel sees one flat array of doubles, a batch's memory: the settings (what holds for all lanes; behind them the user's
+samples, levels and amplitudes), actions, rewards, flags, last observations, and the state (what differs between
+lanes). The names below are indices into the settings, and into a block of the state.
 """
 
 from __future__ import annotations
@@ -120,8 +121,12 @@ REFERENCE, REFERENCE_ROW, POINTS, LOW, HIGH, POINT_TABLE = _at(), _at(), _at(), 
 MIDDLE, INITIAL_ERROR = _at(2), _at(2)
 # Interface, limits and reward.
 ACTION, ACTION_LIMIT, PREVIEW = _at(), _at(2), _at()
-COLUMNS = 14
-"""Most entries of an observation, its preview aside."""
+FIRST_ROW = {
+    "position": Y1, "velocity": Y3, "acceleration": Y5,
+    "reference_position": R1, "reference_velocity": R3, "reference_acceleration": R5, "previous_action": ACTION1,
+}  # fmt: skip
+"""The first of the two rows that each slot of the observation shows, its preview aside."""
+COLUMNS = 2 * len(FIRST_ROW)
 OBSERVED, OBSERVED_ROW, OBSERVED_BOUND = _at(), _at(COLUMNS), _at(COLUMNS)  # how many; row and bound of each
 (MAX_POSITION, MAX_VELOCITY, MAX_ACCELERATION) = (_at() for _ in range(3))
 (REWARD_LOG, REWARD_SCALE, REWARD_NORM, W_TRACKING, W_EFFORT, W_CHATTER) = (_at() for _ in range(6))
@@ -342,13 +347,6 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
     return row + 3 * PAIR * n  # each segment also holds the filter's state where it begins
 
 
-_FIRST_ROW = {
-    "position": Y1, "velocity": Y3, "acceleration": Y5,
-    "reference_position": R1, "reference_velocity": R3, "reference_acceleration": R5, "previous_action": ACTION1,
-}  # fmt: skip
-"""The first of the two rows that each slot of the observation shows."""
-
-
 def _pack_observation(x: Array, interface: Interface) -> None:
     layout, bounds = interface.layout, interface.layout.bounds[1]
     x[SIZE] = layout.size
@@ -358,7 +356,7 @@ def _pack_observation(x: Array, interface: Interface) -> None:
             continue
         for joint in range(2):
             column = int(x[OBSERVED])
-            x[OBSERVED_ROW + column] = _FIRST_ROW[slot.name] + LANES * joint
+            x[OBSERVED_ROW + column] = FIRST_ROW[slot.name] + LANES * joint
             x[OBSERVED_BOUND + column] = bounds[column]
             x[OBSERVED] += 1
 

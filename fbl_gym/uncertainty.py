@@ -26,7 +26,7 @@ class Payload:
     Args:
         mass: [kg], zero or more.
         pick_up: when it is grasped [s] (to the nearest physics step); joint velocities do not jump.
-        drop: when it is released [s], later than `pick_up`; None: never.
+        drop: when it is released [s], likewise, later than `pick_up`; None: never.
     """
 
     mass: float

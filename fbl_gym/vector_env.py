@@ -113,6 +113,8 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         """
         check_reset_options(options, ("reset_mask",))
         mask = self._as_mask((options or {}).get("reset_mask"))
+        if not self._seeded and not mask.all():
+            raise error.ResetNeeded("the first reset must be of every lane: no episode has begun outside reset_mask")
         given, seeds = self._as_seeds(seed)
         super().reset(seed=int(seeds[0]) if len(seeds) else None)
         if not self._seeded:
@@ -194,7 +196,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}")
         if not mask.any():
             raise ValueError("reset_mask must have at least one True, got none")
-        return mask.copy()  # of the layout that the kernel is compiled for
+        return mask
 
     def _as_seeds(self, seed: Any) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
         """The lanes that are given a seed, and those seeds."""
@@ -204,7 +206,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
             first = check_seed(seed)
             check_seed(first + self.num_envs - 1)
             return np.arange(self.num_envs), np.uint64(first) + np.arange(self.num_envs, dtype=np.uint64)
-        if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str):
+        if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str) or np.shape(seed) == ():
             raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
         if len(seed) != self.num_envs:
             raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")

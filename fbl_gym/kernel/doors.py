@@ -34,13 +34,13 @@ def _fingerprint() -> int:
 
 @compiled
 def _check(x):
-    given, state, size, n = int(x[at.GIVEN]), int(x[at.STATE]), int(x[at.BLOCK]), int(x[at.COUNT])
+    given, state, length, n = int(x[at.GIVEN]), int(x[at.STATE]), int(x[at.BLOCK]), int(x[at.COUNT])
     for i in range(n):
         if not (np.isfinite(x[given + 2 * i]) and np.isfinite(x[given + 2 * i + 1])):
             return 2 * i
     if x[at.AUTORESET] != at.NEXT_STEP:
         for i in range(n):
-            if x[state + i // LANES * size + ENDED + i % LANES] != 0.0:
+            if x[state + i // LANES * length + ENDED + i % LANES] != 0.0:
                 return 2 * i + 1
     return -1
 
@@ -100,10 +100,10 @@ def _doors(fingerprint):
             if found >= 0:
                 return found, 0.0, False, False
         moves, parts = parts > 0, max(parts, 1)
-        n, size, state = int(x[at.COUNT]), int(x[at.BLOCK]), int(x[at.STATE])
+        n, length, state = int(x[at.COUNT]), int(x[at.BLOCK]), int(x[at.STATE])
         blocks = (n + LANES - 1) // LANES
         for block in range(blocks * part // parts, blocks * (part + 1) // parts):
-            b = x[state + block * size : state + (block + 1) * size]
+            b = x[state + block * length : state + (block + 1) * length]
             clock = b.view(np.uint64)
             first = block * LANES
             count = min(LANES, n - first)
@@ -134,9 +134,9 @@ def _doors(fingerprint):
     def inspect(x, out):
         """The truth of each lane, [n x TRUE_COLUMNS] in the order of `settings.TRUE`."""
         _ = fingerprint
-        size, state, friction = int(x[at.BLOCK]), int(x[at.STATE]), int(x[at.FRICTION])
+        length, state, friction = int(x[at.BLOCK]), int(x[at.STATE]), int(x[at.FRICTION])
         for i in range(len(out)):
-            b, l = x[state + i // LANES * size : state + (i // LANES + 1) * size], i % LANES
+            b, l = x[state + i // LANES * length : state + (i // LANES + 1) * length], i % LANES
             column = 0
             for first, count in at.TRUE_ROWS:
                 for row in range(count):

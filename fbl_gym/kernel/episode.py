@@ -29,30 +29,28 @@ def start(b, clock, l, x):
         draw = draws[0] if x[at.TOGETHER] != 0.0 else draws[i]
         factor = exp((2.0 * draw - 1.0) * x[at.LOG_RADIUS + i]) if x[at.LOG_RADIUS + i] > 0.0 else 1.0
         b[M1 + LANES * i + l] = x[at.ARM_M1 + i] * x[at.RATIO + i] * factor
-    b[LOAD + l] = x[at.LOAD_MASS] if x[at.LOAD_ON] == 0.0 else 0.0
+    b[LOAD + l] = x[at.LOAD_MASS] if x[at.LOAD_ON] == 0.0 and x[at.LOAD_OFF] > 0.0 else 0.0
     lump(b, l, x)
-    start1, start2 = draw_reference(b, l, x, seed, episode)
+    draw_reference(b, l, x, seed, episode)
     r1, r2, r3, r4, r5, r6 = reference(b, l, x, np.int64(0))
     b[R1 + l], b[R2 + l], b[R3 + l] = r1, r2, r3
     b[R4 + l], b[R5 + l], b[R6 + l] = r4, r5, r6
-    if x[at.REFERENCE] != at.STEPS:
-        start1, start2 = r1, r2
-    start1, start2 = start1 + x[at.INITIAL_ERROR], start2 + x[at.INITIAL_ERROR + 1]
+    if x[at.REFERENCE] == at.STEPS:  # they jump at once, away from where the arm is
+        row = int(x[at.REFERENCE_ROW])
+        r1, r2 = b[row + l], b[row + LANES + l]
+    start1, start2 = r1 + x[at.INITIAL_ERROR], r2 + x[at.INITIAL_ERROR + 1]
     b[Q1 + l], b[Q2 + l] = start1, start2
     b[START1 + l], b[START2 + l] = start1, start2
     b[V1 + l], b[V2 + l] = r3, r4
     _hold_still(b, l, x)
-    b[D1 + l], b[D2 + l] = 0.0, 0.0
+    d1, d2 = pick_disturbance(clock, l, x, np.int64(0))
     if x[at.DISTURBANCE] == at.SINE:
         b[PHASE1 + l], b[PHASE2 + l] = x[at.PUSH_PHASE], x[at.PUSH_PHASE + 1]
         if x[at.PUSH_DRAWN] != 0.0:
             a, c, _, _ = uniforms(seed, _DISTURBANCE, episode, _NONE, _NONE)
             b[PHASE1 + l], b[PHASE2 + l] = 6.283185307179586 * a, 6.283185307179586 * c
-        b[D1 + l] = x[at.PUSH] * sincos(b[PHASE1 + l])[0]
-        b[D2 + l] = x[at.PUSH + 1] * sincos(b[PHASE2 + l])[0]
-    elif x[at.DISTURBANCE] != at.NO_DISTURBANCE:
-        d1, d2 = pick_disturbance(clock, l, x, np.int64(0))
-        b[D1 + l], b[D2 + l] = d1, d2
+        d1, d2 = x[at.PUSH] * sincos(b[PHASE1 + l])[0], x[at.PUSH + 1] * sincos(b[PHASE2 + l])[0]
+    b[D1 + l], b[D2 + l] = d1, d2
 
 
 @compiled

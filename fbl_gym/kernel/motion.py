@@ -41,7 +41,7 @@ def reference(b, l, x, step):
 @inline
 def _segment(x, points, t):
     """Way-points (or levels) i and j between which time t lies, and the time since i; the last segment goes on for ever."""
-    i = min(int(np.floor(t / x[at.POINT_TIME] + 1e-9)), max(points - 2, 0))
+    i = int(min(np.floor(t / x[at.POINT_TIME] + 1e-9), max(points - 2, 0)))
     return i, min(i + 1, points - 1), t - i * x[at.POINT_TIME]
 
 
@@ -93,10 +93,10 @@ def refer(b, clock, x, width):
 
 @compiled
 def draw_reference(b, l, x, seed, episode):
-    """Way-points, levels or phases of a lane; returns the first way-point."""
+    """Way-points, levels or phases of a lane."""
     kind, row, points, place = int(x[at.REFERENCE]), int(x[at.REFERENCE_ROW]), int(x[at.POINTS]), int(x[at.POINT_TABLE])
     if kind == at.REFERENCE_TABLE:
-        return 0.0, 0.0
+        return
     for i in range(points):
         a, c, _, _ = uniforms(seed, _STREAM, episode, np.uint64(i), _NONE)
         if kind == at.HARMONICS:
@@ -111,7 +111,6 @@ def draw_reference(b, l, x, seed, episode):
         b[row + PAIR * i + l], b[row + PAIR * i + LANES + l] = value1, value2
     if kind == at.FILTERED_STEPS:
         _chain_filter(b, l, x, row, points)
-    return b[row + l], b[row + LANES + l]
 
 
 @compiled

@@ -77,16 +77,16 @@ def _disturb_reading(b, clock, x, width, sensor, stream):
 @compiled
 def observe(b, clock, x, out, first, last):
     """The observations of a block's lanes from `first` up to `last`, into `out`, which begins with that of the first lane."""
-    width, observed = int(x[at.SIZE]), int(x[at.OBSERVED])
+    size, observed = int(x[at.SIZE]), int(x[at.OBSERVED])
     for column in range(observed):
         row, bound = int(x[at.OBSERVED_ROW + column]), x[at.OBSERVED_BOUND + column]
         for l in range(first, last):
-            out[l * width + column] = _within(b[row + l], bound)
+            out[l * size + column] = _within(b[row + l], bound)
     position, velocity, acceleration = 2.0 * x[at.MAX_POSITION], 2.0 * x[at.MAX_VELOCITY], x[at.MAX_ACCELERATION]
     for ahead in range(int(x[at.PREVIEW])):
         for l in range(first, last):
             r1, r2, r3, r4, r5, r6 = reference(b, l, x, np.int64(clock[STEP + l]) + ahead + 1)
-            n = l * width + observed + 6 * ahead
+            n = l * size + observed + 6 * ahead
             out[n], out[n + 1] = _within(r1, position), _within(r2, position)
             out[n + 2], out[n + 3] = _within(r3, velocity), _within(r4, velocity)
             out[n + 4], out[n + 5] = _within(r5, acceleration), _within(r6, acceleration)

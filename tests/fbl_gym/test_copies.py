@@ -117,3 +117,14 @@ def test_copies_go_their_own_ways():
     twin = TwoLinkArmVectorEnv(3)
     twin.reset(seed=0)
     np.testing.assert_array_equal(env.step(np.zeros((3, 2)))[0], twin.step(np.zeros((3, 2)))[0])
+
+
+def test_an_environment_unpickled_onto_frozen_memory_steps():
+    """As a worker does that is handed a memory map."""
+    env = TwoLinkArmEnv()
+    env.reset(seed=0)
+    buffers = []
+    data = pickle.dumps(env, protocol=5, buffer_callback=buffers.append)
+    other = pickle.loads(data, buffers=[bytes(buffer) for buffer in buffers])
+    action = np.array([0.1, -0.2])
+    np.testing.assert_array_equal(other.step(action)[0], env.step(action)[0])

@@ -39,3 +39,10 @@ def test_a_payload_from_the_start_is_there_at_the_start():
     payload, lumped = watch("payload", "lumped", steps=1, parameter_error={"payload": 2.0})
     np.testing.assert_array_equal(payload, [2.0, 2.0])
     assert np.all(lumped > TABLE_1.lumped)
+
+
+def test_a_payload_dropped_at_once_is_never_carried():
+    load = {"mass": 5.0, "drop": 4e-4}
+    payload, lumped = watch("payload", "lumped", steps=2, parameter_error={"payload": load})
+    np.testing.assert_array_equal(payload, np.zeros(3))
+    np.testing.assert_array_equal(lumped, watch("lumped", steps=2)[0])

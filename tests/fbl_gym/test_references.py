@@ -400,3 +400,12 @@ def test_the_simulated_arm_can_follow_the_default_reference_at_its_worst():
         env.step(torque)
         worst = max(worst, np.abs(env.truth.reference - env.truth.position).max())
     assert worst < 2e-3
+
+
+@pytest.mark.parametrize("kind", ["steps", "filtered-steps"])
+def test_levels_stand_for_a_control_step_at_least(kind):
+    with pytest.raises(ValueError, match=r"reference.period must be at least control_dt=0.01 s, got 1e-30 s"):
+        TwoLinkArmEnv(reference={"kind": kind, "period": 1e-30})
+    with pytest.raises(ValueError, match=r"reference.move_time \+ hold_time must be at least control_dt=0.01 s"):
+        TwoLinkArmEnv(reference={"kind": "minimum-jerk", "move_time": 1e-300, "hold_time": 0.0})
+    TwoLinkArmEnv(reference={"kind": kind, "period": 0.01}).reset(seed=0)

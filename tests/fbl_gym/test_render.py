@@ -250,8 +250,11 @@ import gymnasium as gym
 import controllers, fbl_gym
 
 def windows():
-    tree = subprocess.run(["xwininfo", "-root", "-tree"], capture_output=True, text=True, check=True).stdout
-    return [line.split()[-2].split("+")[0] for line in tree.splitlines() if '"fbl-gym"' in line]
+    for _ in range(20):  # it fails where a window goes away while it looks
+        tree = subprocess.run(["xwininfo", "-root", "-tree"], capture_output=True, text=True)
+        if tree.returncode == 0:
+            return [line.split()[-2].split("+")[0] for line in tree.stdout.splitlines() if '"fbl-gym"' in line]
+    raise SystemExit(tree.stderr)
 
 envs = [gym.make("fbl_gym/TwoLinkArm-v0", scenario=s, render_mode="human") for s in ("everything-2", "payload-2")]
 for env in envs:

@@ -96,6 +96,20 @@ def test_a_bad_mask_or_option_loses_nothing():
     np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
 
 
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_the_first_reset_is_of_every_lane(mode):
+    env, twin = TwoLinkArmVectorEnv(2, autoreset_mode=mode), TwoLinkArmVectorEnv(2, autoreset_mode=mode)
+    with pytest.raises(ResetNeeded, match="the first reset must be of every lane"):
+        env.reset(seed=3, options={"reset_mask": np.array([True, False])})
+    np.testing.assert_array_equal(env.reset(seed=0)[0], twin.reset(seed=0)[0])
+
+
+@pytest.mark.parametrize("seed", [np.array(5), "5", 1.5, {1: 2}])
+def test_what_is_no_seed_is_named(seed):
+    with pytest.raises(ValueError, match="seed must be"):
+        TwoLinkArmVectorEnv(2).reset(seed=seed)
+
+
 def test_a_finished_lane_must_be_reset_where_nothing_resets_it():
     env = TwoLinkArmVectorEnv(2, autoreset_mode="Disabled", duration=0.02)
     with pytest.raises(ResetNeeded):
