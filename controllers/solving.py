@@ -8,22 +8,19 @@ The file calls nothing that is compiled elsewhere: Numba's cache notices a chang
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
+from fbl_gym.elementary import kept
 
 LANES = 32
 """Lanes worked on at a time: few enough that all of it stays in the processor's first cache."""
 
-# NumPy's rule for division: x / 0 is infinite or nan, which no comparison below takes for a good result.
-_compiled = njit(nogil=True, cache=True, error_model="numpy")
-
-
+# Compiled with NumPy's rule for division: x / 0 is infinite or nan, which no comparison below takes for a good result.
 # Vectors [m x lanes] and matrices [k x k x lanes] of a block of lanes.
 
 
-@_compiled
+@kept
 def _dot(x: Array, y: Array, found: Array) -> None:
     """found = x'y."""
     for l in range(len(found)):
@@ -33,7 +30,7 @@ def _dot(x: Array, y: Array, found: Array) -> None:
             found[l] += x[i, l] * y[i, l]
 
 
-@_compiled
+@kept
 def _normalize(x: Array, length: Array) -> None:
     """length = |x|, x = x / |x|."""
     _dot(x, x, length)
@@ -44,7 +41,7 @@ def _normalize(x: Array, length: Array) -> None:
             x[i, l] /= length[l]
 
 
-@_compiled
+@kept
 def _factor(a: Array, good: NDArray[np.bool_]) -> None:
     """a = L U in place, without L's ones; good stays True where U's diagonal is positive: where a is positive definite.
 
@@ -64,7 +61,7 @@ def _factor(a: Array, good: NDArray[np.bool_]) -> None:
                     a[i, c, l] -= a[i, j, l] * a[j, c, l]
 
 
-@_compiled
+@kept
 def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
     """The x of least |rows x - target|, [n x k], and where rows tell its entries apart, [n]; elsewhere x is nan.
 
@@ -126,7 +123,7 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
     return found, rich
 
 
-@_compiled
+@kept
 def accumulate(
     a: Array, b: Array, rows: Array, target: Array, keep: float, weight: float, where: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
@@ -156,7 +153,7 @@ def accumulate(
     return a, b
 
 
-@_compiled
+@kept
 def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
     """Where the smallest eigenvalue exceeds `floor`: where a - floor I is positive definite, [n].  a: symmetric [n x k x k]."""
     n, k, _ = a.shape
@@ -173,7 +170,7 @@ def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
     return found
 
 
-@_compiled
+@kept
 def solve(a: Array, b: Array) -> Array:
     """The x of a x = b, [n x k].  a: symmetric, positive definite, [n x k x k]; b: [n x k]."""
     n, k = b.shape

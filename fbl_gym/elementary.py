@@ -11,6 +11,8 @@ and log plain Taylor series, long enough that truncation lies below rounding. Th
 bounded in `tests/fbl_gym/test_elementary.py`.
 """
 
+import functools
+import warnings
 from typing import Any
 
 import numpy as np
@@ -26,6 +28,21 @@ inline = njit(forceinline=True, **COMPILED)
 # is merged into the caller before anything is compiled, where that is shorter still.
 compiled = njit(**INNER)
 merged = njit(inline="always", **INNER)
+
+
+def kept(function: Any) -> Any:
+    """Compile a function that Python calls, and keep the result on disk. Where nothing can be kept, each process compiles."""
+    compile_it = functools.partial(njit, nogil=True, **COMPILED)
+    try:
+        return compile_it(cache=True)(function)
+    except RuntimeError:  # Numba's, where neither the package's folder nor the user's can be written
+        warnings.warn(
+            "compiled code cannot be kept, as neither the package's folder nor the home folder can be written: every process "
+            "compiles for some seconds. Set the environment variable NUMBA_CACHE_DIR to a folder that can be written.",
+            RuntimeWarning,
+            stacklevel=1,
+        )
+        return compile_it()(function)
 
 
 @intrinsic

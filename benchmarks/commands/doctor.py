@@ -38,7 +38,7 @@ def _cache() -> str:
     """Where Numba keeps what it compiled."""
     from fbl_gym.kernel import doors
 
-    return str(doors.step._cache.cache_path)
+    return str(doors.step._cache.cache_path or "memory alone: no folder can be written")
 
 
 def _self_check() -> int:

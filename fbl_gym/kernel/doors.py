@@ -8,10 +8,9 @@ import hashlib
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from fbl_gym import settings as at
-from fbl_gym.elementary import COMPILED, compiled, merged
+from fbl_gym.elementary import compiled, kept, merged
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.motion import refer
 from fbl_gym.kernel.physics import acceleration_and_friction, advance, carry_payload
@@ -85,7 +84,7 @@ def _conclude(b, clock, x, first, count):
 
 
 def _doors(fingerprint):
-    @njit(nogil=True, cache=True, **COMPILED)
+    @kept
     def step(x, out, part, parts):
         """One control interval of every lane, if `check` has nothing against it; or, of no parts, no time at all. Then an
         episode starts in every lane that is marked with RESTART.
@@ -123,14 +122,14 @@ def _doors(fingerprint):
         flags = x[int(x[at.FLAGS]) :].view(np.uint8)
         return -1, x[int(x[at.REWARDS])], flags[0] != 0, flags[n] != 0
 
-    @njit(nogil=True, cache=True, **COMPILED)
+    @kept
     def check(x):
         """-1 if all lanes can be stepped. Else 2 i, if lane i is the first whose action is not finite, or 2 i + 1, if all
         are, and lane i is the first whose episode is over."""
         _ = fingerprint
         return _check(x)
 
-    @njit(nogil=True, cache=True, **COMPILED)
+    @kept
     def inspect(x, out):
         """The truth of each lane, [n x TRUE_COLUMNS] in the order of `settings.TRUE`."""
         _ = fingerprint
