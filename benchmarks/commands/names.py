@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Mapping
 
 import controllers
+from benchmarks.paper import claims
 from benchmarks.suite import SUITES
 from fbl_gym import scenarios
 
@@ -15,7 +16,7 @@ from fbl_gym import scenarios
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what", nargs="?", choices=tuple(LISTS),
-        help="what to list (all three); a terminal gets a line each, a file or a pipe the whole text",
+        help="what to list (all of these); a terminal gets a line each, a file or a pipe the whole text",
     )  # fmt: skip
 
 
@@ -30,6 +31,7 @@ LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
     "policies": _policies,
     "scenarios": lambda: {name: scenarios.get(name).description for name in scenarios.names()},
     "suites": lambda: SUITES,
+    "claims": claims.listed,
 }
 
 
