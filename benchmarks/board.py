@@ -17,6 +17,9 @@ from fbl_gym.arm import Array
 ORACLE = "oracle-flm"
 """The policy whose error scores 100."""
 
+UNSCORED = f"No scores, since they need the errors of {ORACLE}, which is not on this board; ranked by the mean error."
+"""What a board without the oracle says."""
+
 CHANCE = 0
 """Seed of the bootstrap."""
 

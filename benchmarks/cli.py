@@ -56,7 +56,9 @@ COMMANDS: dict[str, Command] = {
         "reproduce", "the paper's figures and claims, measured, each with a verdict", "--only figure-2-table-1 --short"
     ),
     "speed": Command("speed", "steps per second beside other environments, in one interleaved run"),
-    "list": Command("names", "the names of policies, scenarios or suites, with a line each", "scenarios"),
+    "list": Command(
+        "names", "the names of policies, scenarios, suites or the paper's claims, with a line each", "scenarios"
+    ),
     "completion": Command(
         "completion",
         "a script that lets a shell complete commands, options and names",

@@ -137,6 +137,9 @@ SETTINGS = _size
 
 (NO_AUTORESET, NEXT_STEP, SAME_STEP) = range(3)
 
+MOST = 2**27
+"""How many numbers a single option may add to the memory of a block of lanes: 1 GiB."""
+
 
 @dataclass(frozen=True)
 class Program:
@@ -168,14 +171,25 @@ def make_program(
     _pack_disturbance(x, tables, scenario)
     x[BLOCK] = _pack_reference(x, tables, scenario, QUEUE + PAIR * (int(x[QUEUE_DEPTH]) + 1))
     x[INITIAL_ERROR : INITIAL_ERROR + 2] = scenario.initial_error
+    preview = whole("preview", preview)
+    _fits("preview", preview, "", 6 * LANES * preview)
     limits = scenario.limits
     x[MAX_POSITION], x[MAX_VELOCITY], x[MAX_ACCELERATION] = limits.position, limits.velocity, limits.acceleration
-    interface = _make_interface(scenario, action, limits, whole("preview", preview))
+    interface = _make_interface(scenario, action, limits, preview)
     x[ACTION] = ACTIONS.index(action)
     x[ACTION_LIMIT : ACTION_LIMIT + 2] = interface.action_limit
     _pack_observation(x, interface)
     _pack_reward(x, reward)
     return Program(interface, np.concatenate([x, tables]))
+
+
+def _fits(option: str, value: float, unit: str, numbers: int) -> None:
+    """An error if an option takes too much memory.  numbers: how many doubles it adds to a block, about in proportion."""
+    if numbers > MOST:
+        raise ValueError(
+            f"{option} must be at most some {MOST / (numbers / value):.3g}{unit} here, which take {MOST / 2**27:g} GiB for "
+            f"{LANES} arms, got {value!r}{unit}"
+        )
 
 
 def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: int) -> Interface:
@@ -264,6 +278,7 @@ def _pack_actuator(x: Array, scenario: Scenario) -> None:
     x[TORQUE_LIMIT : TORQUE_LIMIT + 2] = np.inf if actuator.torque_limit is None else actuator.torque_limit
     delay = round(actuator.delay / scenario.physics_dt)
     depth = -(-delay // scenario.substeps)
+    _fits("actuator.delay", actuator.delay, " s", PAIR * depth)
     # Up to physics step QUEUE_SWITCH of a control interval the command of `depth` intervals ago acts, then the next one.
     x[QUEUE_DEPTH], x[QUEUE_SWITCH] = depth, delay - (depth - 1) * scenario.substeps if depth else 0
     if actuator.lag > 0:
@@ -308,6 +323,7 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
     x[REFERENCE_ROW] = row
     if isinstance(reference, ArrayReference):
         # One row more than the episode, whose last sample is held for previews beyond it.
+        _fits("duration", scenario.duration, " s", 6 * (steps + 2))
         samples = reference.samples(scenario.control_dt * np.arange(steps + 2))
         samples[-1, 2:] = 0.0
         x[REFERENCE], x[POINT_TABLE], x[POINTS] = REFERENCE_TABLE, SETTINGS + len(tables), len(samples)
@@ -316,6 +332,7 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
     if isinstance(reference, SineReference | FourierReference):
         n = reference.harmonics if isinstance(reference, FourierReference) else 1
         phase = None if isinstance(reference, FourierReference) else reference.phase
+        _fits("reference.harmonics", n, "", PAIR * n)
         weights = 1.0 / np.arange(1, n + 1)
         amplitudes = np.outer(weights / weights.sum(), reference.amplitude)
         x[REFERENCE], x[POINTS], x[POINT_TABLE] = HARMONICS, n, SETTINGS + len(tables)
@@ -330,6 +347,7 @@ def _pack_reference(x: Array, tables: list[float], scenario: Scenario, row: int)
     x[LOW : LOW + 2], x[HIGH : HIGH + 2] = reference.low, reference.high
     if reference.points is None:
         n = int(scenario.duration / period + 1e-9) + 2  # one more than is reached, for a jump at the very end
+        _fits("duration", scenario.duration, " s", (3 if isinstance(reference, FilteredSteps) else 1) * PAIR * n)
         x[POINT_TABLE] = -1.0
     else:
         n = len(reference.points)

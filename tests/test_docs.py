@@ -115,6 +115,11 @@ def test_commands_in_the_text_exist(page):
             assert not option.startswith("--") or option in known, f"fbl-gym {text}"
 
 
+def test_the_torch_that_is_named_is_the_one_that_is_pinned():
+    (pinned,) = re.findall(r"^torch(==\S+)$", (ROOT / "constraints.txt").read_text(), flags=re.M)
+    assert {named for page in PAGES for named in re.findall(r"torch(==\S+)", PAGES[page])} == {pinned}
+
+
 # Links.
 
 

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import importlib
+import os
 import sys
+import tempfile
 from pathlib import Path
 
 from rich.console import Console
+
+from benchmarks.suite import SPLITS
 
 
 def count(text: str) -> int:
@@ -16,10 +21,37 @@ def count(text: str) -> int:
     return int(text)
 
 
+def episodes(text: str) -> int:
+    """How many of the test seeds, as an argument's type."""
+    if (found := count(text)) > len(SPLITS["test"]):
+        raise argparse.ArgumentTypeError(
+            f"must be at most {len(SPLITS['test'])}, the test seeds there are, got {text!r}"
+        )
+    return found
+
+
+def policy_name(text: str) -> str:
+    """What names a policy, as an argument's type; what can only be a path must lead somewhere."""
+    if ("/" in text or os.sep in text) and ":" not in text:
+        if not Path(text).exists():
+            raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that is there, got {text!r}")
+        if Path(text).is_dir() and not (Path(text) / "agent.json").is_file():
+            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json, got {text!r}")
+    return text
+
+
 def _file(text: str, *endings: str) -> Path:
     path = Path(text)
     if path.suffix not in endings:
         raise argparse.ArgumentTypeError(f"must end in {', '.join(endings[:-1])} or {endings[-1]}, got {text!r}")
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as problem:
+        raise argparse.ArgumentTypeError(
+            f"must be a file that can be written, got {text!r}: {folder}: {problem.strerror}"
+        ) from None
     return path
 
 
@@ -30,7 +62,9 @@ def picture(text: str) -> Path:
 
 def film(text: str) -> Path:
     """A file that a film can be written to, as an argument's type."""
-    return _file(text, ".mp4", ".gif")
+    path = _file(text, ".mp4", ".gif")
+    importlib.import_module("benchmarks.report.video")  # if its extra is missing, say so before the work
+    return path
 
 
 def console() -> Console:

@@ -7,7 +7,7 @@ import argparse
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from benchmarks.commands.common import console, count, film, picture
+from benchmarks.commands.common import console, episodes, film, picture, policy_name
 from benchmarks.metrics import measure
 from benchmarks.report.plot import plot_comparison
 from benchmarks.rollout import rollout
@@ -16,11 +16,15 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("policies", nargs="+", metavar="POLICY", help="two or more, as for `fbl-gym evaluate`")
+    parser.add_argument(
+        "policies", nargs="+", type=policy_name, metavar="POLICY", help="two or more, as for `fbl-gym evaluate`"
+    )
     parser.add_argument(
         "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
     )
-    parser.add_argument("--seeds", type=count, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)")
+    parser.add_argument(
+        "--seeds", type=episodes, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)"
+    )
     parser.add_argument(
         "--plot", type=picture, metavar="FILE", help="draw their errors on the first seed: .png, .svg or .pdf"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from benchmarks import joining
-from benchmarks.commands.common import console, count, film, picture
+from benchmarks.commands.common import console, episodes, film, picture, policy_name
 from benchmarks.metrics import measure
 from benchmarks.report import terminal
 from benchmarks.report.plot import plot_trace
@@ -15,12 +15,17 @@ from fbl_gym import scenarios
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "policy", metavar="POLICY", help="a name from `fbl-gym list policies`, module:factory, or a file"
+        "policy",
+        type=policy_name,
+        metavar="POLICY",
+        help="a name from `fbl-gym list policies`, module:factory, or a file",
     )
     parser.add_argument(
         "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
     )
-    parser.add_argument("--seeds", type=count, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)")
+    parser.add_argument(
+        "--seeds", type=episodes, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)"
+    )
     parser.add_argument("--plot", type=picture, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
     parser.add_argument(

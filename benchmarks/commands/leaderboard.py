@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks import joining
 from benchmarks.board import assemble
-from benchmarks.commands.common import add_store, command_line, console, count
+from benchmarks.commands.common import add_store, command_line, console, count, policy_name
 from benchmarks.report import terminal
 from benchmarks.runner import BACKENDS, Outcome
 from benchmarks.runner import run as run_cells
@@ -25,9 +25,16 @@ from fbl_gym import scenarios
 def add_suite(parser: argparse.ArgumentParser) -> None:
     """Which cells."""
     parser.add_argument("--suite", default="quick", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (quick)")
-    parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
     parser.add_argument(
-        "--policy", action="append", default=[], metavar="P", help="this one too: module:factory, file.py, or model.zip"
+        "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
+    )
+    parser.add_argument(
+        "--policy",
+        action="append",
+        type=policy_name,
+        default=[],
+        metavar="P",
+        help="this one too: module:factory, file.py, or model.zip",
     )
     parser.add_argument("--trust", action="store_true", help="load archives of stable-baselines3, which run their code")
     parser.add_argument(

@@ -8,14 +8,16 @@ import sys
 from collections.abc import Callable, Mapping
 
 import controllers
+from benchmarks.paper import claims
 from benchmarks.suite import SUITES
 from fbl_gym import scenarios
+from fbl_gym.scenarios import SEVERITIES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what", nargs="?", choices=tuple(LISTS),
-        help="what to list (all three); a terminal gets a line each, a file or a pipe the whole text",
+        help="what to list (all of these); a terminal gets a line each, a file or a pipe the whole text",
     )  # fmt: skip
 
 
@@ -26,10 +28,22 @@ def _policies() -> dict[str, str]:
     }
 
 
+def _scenarios() -> dict[str, str]:
+    """Each scenario, and each family once for all its severities."""
+    found, last = {}, SEVERITIES[-1]
+    for name in scenarios.names():
+        family, _, severity = name.rpartition("-")
+        whole = f"{family}-{last}" in scenarios.names()
+        if not whole or severity == "0":
+            found[f"{name} to -{last}" if whole else name] = scenarios.get(name).description
+    return found
+
+
 LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
     "policies": _policies,
-    "scenarios": lambda: {name: scenarios.get(name).description for name in scenarios.names()},
+    "scenarios": _scenarios,
     "suites": lambda: SUITES,
+    "claims": claims.listed,
 }
 
 

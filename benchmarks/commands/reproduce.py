@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from benchmarks.commands.common import console
-from benchmarks.paper.claim import FULL, SHORT, Claim
-from benchmarks.paper.claims import CLAIMS, measure_claim, save
+from benchmarks.paper.claim import FULL, SHORT
+from benchmarks.paper.claims import load, measure_claim, save, select
 from benchmarks.report import terminal
 
 
@@ -19,14 +19,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("results/paper"), metavar="DIR", help="where to write (results/paper)"
     )
     parser.add_argument(
-        "--only", nargs="+", default=(), metavar="CLAIM", help="only these, by the names in claims.json"
-    )
+        "--only", nargs="+", default=(), metavar="CLAIM",
+        help="only these, by the names of `fbl-gym list claims`; figure-4b means all figure-4b-...; others in DIR stay",
+    )  # fmt: skip
     parser.add_argument("--short", action="store_true", help="few seeds and ratios, as the tests run it (two minutes)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    names = arguments.only or tuple(CLAIMS)
-    found: dict[str, Claim] = {}
+    names = select(arguments.only)
+    found = load(arguments.out)
     with Progress(console=Console(stderr=True)) as progress:
         task = progress.add_task("measuring", total=len(names))
         for name in names:
@@ -36,6 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
                 draw(arguments.out / f"{name}.{ending}")
             save(arguments.out, found)
             progress.advance(task)
-    terminal.claims(console(), list(found.values()))
+    terminal.claims(console(), [found[name] for name in names])
     print(f"claims and plots: {arguments.out}")
     return 0

@@ -65,14 +65,17 @@ def _figure_6(effort: Effort, figure: str, name: str, mass: float) -> Measured:
 
 
 def figure_6a(effort: Effort) -> Measured:
+    """Parameters ten times their estimates are estimated."""
     return _figure_6(effort, "6a", "paper-6a", 350.0)
 
 
 def figure_6b(effort: Effort) -> Measured:
+    """Parameters a tenth of their estimates are estimated."""
     return _figure_6(effort, "6b", "paper-6b", 3.5)
 
 
 def figure_6b_slow(effort: Effort) -> Measured:
+    """The small arm at 1 kHz."""
     scenario = scenarios.get("paper-6b").replace(duration=1.0, control_dt=1e-3)
     trace, found = run("adaptive-flm", scenario)
     claim = Claim(
@@ -164,6 +167,7 @@ def _creep(friction: Friction) -> float:
 
 
 def figure_8(effort: Effort, arm: str) -> Measured:
+    """Stiction that the model misses degrades tracking."""
     scenario = scenarios.get("paper-8").replace(arm=ARMS[arm])
     trace, found = run("cascade-flm", scenario)
     smooth_trace, smooth = run("cascade-flm", scenario.replace(friction=None))
@@ -220,6 +224,7 @@ def _expected_schedule(speed: Array, sigma: float, v_s: float) -> Array:
 
 
 def figure_10(effort: Effort) -> Measured:
+    """Steady-state error with parameters ten times their estimates, stiction and disturbance."""
     scenario = scenarios.get("paper-10")
     trace, found = run("adaptive-flm", scenario, effort.seeds, alpha=ALPHA)
     assert scenario.friction is not None

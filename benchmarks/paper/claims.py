@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -48,16 +49,53 @@ CLAIMS: dict[str, Callable[[Effort], Measured]] = {
 }
 
 
+def listed() -> dict[str, str]:
+    """Every claim's name, with a line on what is measured."""
+    return {name: (inspect.getdoc(getattr(f, "func", f)) or "").partition("\n")[0] for name, f in CLAIMS.items()}
+
+
+def select(names: Sequence[str]) -> list[str]:
+    """The claims meant, in the paper's order; an error if a name means none.
+
+    Args:
+        names: of claims, or their beginnings, such as "figure-4b" for all "figure-4b-..."; empty: all claims.
+    """
+    chosen: set[str] = set()
+    for name in names:
+        meant = [name] if name in CLAIMS else [claim for claim in CLAIMS if claim.startswith(f"{name}-")]
+        if not meant:
+            raise ValueError(f"{unknown('claim', name, CLAIMS)}; all of them: fbl-gym list claims")
+        chosen.update(meant)
+    return [name for name in CLAIMS if name in chosen or not names]
+
+
 def measure_claim(name: str, effort: Effort) -> Measured:
-    """What became of the claim of that name, and what draws its figure."""
-    if name not in CLAIMS:
-        raise unknown("claim", name, CLAIMS)
+    """What became of a claim, and what draws its figure.  name: one of `CLAIMS`."""
     claim, draw = CLAIMS[name](effort)
     return dataclasses.replace(claim, command=f"fbl-gym reproduce --only {name}"), draw
 
 
+def load(folder: Path) -> dict[str, Claim]:
+    """The claims that an earlier run left in `folder`, by name; none if there is no `claims.json`."""
+    path = folder / "claims.json"
+    if not path.exists():
+        return {}
+    try:
+        found = {row.pop("name"): Claim(**row) for row in json.loads(path.read_text(encoding="utf-8"))}
+        if not found.keys() <= CLAIMS.keys():
+            raise ValueError(f"no claim is named {min(found.keys() - CLAIMS.keys())!r}")
+        if not all(isinstance(text, str) for claim in found.values() for text in vars(claim).values()):
+            raise ValueError("what is said of a claim must be text")
+    except (ValueError, KeyError, TypeError, AttributeError) as problem:
+        raise ValueError(
+            f"{path} is damaged, or not from `fbl-gym reproduce` ({problem}); move it away, or give another --out"
+        ) from None
+    return found
+
+
 def save(folder: Path, found: Mapping[str, Claim]) -> None:
-    """Write claims by name, with their verdicts, to `claims.json` and `claims.md` in `folder`."""
+    """Write claims by name, in the paper's order, with their verdicts, to `claims.json` and `claims.md` in `folder`."""
+    found = {name: found[name] for name in CLAIMS if name in found}
     rows = [{"name": name, **dataclasses.asdict(claim)} for name, claim in found.items()]
     write_text(folder / "claims.json", json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
     write_text(folder / "claims.md", markdown.claims(found.values()))

@@ -95,6 +95,7 @@ def _leakage_claim(
 
 
 def leakage_parameters(effort: Effort) -> Measured:
+    """The leakage of wrong parameters, against (5), (6) and their general form."""
     scenario = scenarios.get("paper-3b")
     perfect = with_estimate(scenario, ARMS["section-2-2"], 1.0)
     says = "LS of wrong parameters, (5), (6) and their general form"
@@ -103,6 +104,7 @@ def leakage_parameters(effort: Effort) -> Measured:
 
 
 def leakage_disturbance(effort: Effort) -> Measured:
+    """The leakage of an unknown disturbance, against (6)."""
     scenario = scenarios.get("paper-8").replace(
         friction=None, disturbance={"kind": "piecewise-constant", "amplitude": (50.0, 20.0)}, name="paper-8",
         description="figure 8's motion with a disturbance in place of friction",
@@ -121,6 +123,7 @@ def leakage_disturbance(effort: Effort) -> Measured:
 
 
 def leakage_stiction(effort: Effort) -> Measured:
+    """The leakage of stiction, against (44) and (45)."""
     scenario = scenarios.get("paper-8")
     says = "LS of stiction is M^-1 F_s, (44) and (45)"
     return _leakage_claim(
@@ -198,6 +201,7 @@ def _pulse(scenario: Scenario) -> Array:
 
 
 def figure_3a(effort: Effort, arm: str) -> Measured:
+    """PID with a perfect model tracks."""
     scenario = with_estimate(scenarios.get("paper-3a"), ARMS[arm], 1.0)
     trace, found = run("pid-flm", scenario)
     steady = max(found["steady_1_pct"], found["steady_2_pct"])
@@ -210,6 +214,7 @@ def figure_3a(effort: Effort, arm: str) -> Measured:
 
 
 def figure_3a_as_printed(effort: Effort) -> Measured:
+    """PID with the printed gains P, I, D = 10, 3, 0."""
     trace, found = run("pid-flm", scenarios.get("paper-3a"), kp=10.0, ki=3.0, kd=0.0)
     growth = float(np.roots([1.0, 0.0, 10.0, 3.0]).real.max())
     claim = Claim(
@@ -221,6 +226,7 @@ def figure_3a_as_printed(effort: Effort) -> Measured:
 
 
 def figure_3b(effort: Effort, arm: str) -> Measured:
+    """PID with errors of 50 % in the model does not track."""
     real = ARMS[arm]
     scenario = scenarios.get("paper-3b")
     _, perfect = run("pid-flm", with_estimate(scenario, real, 1.0))

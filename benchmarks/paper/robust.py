@@ -27,6 +27,7 @@ from fbl_gym.arm import Array
 
 
 def figure_4_filter(effort: Effort, arm: str) -> Measured:
+    """The Kalman filter takes the noise out."""
     real = ARMS[arm]
     _, without = run("cascade-flm", with_estimate(scenarios.get("paper-4a"), real, 0.5), effort.seeds)
     trace, found = run("robust-flm", with_estimate(scenarios.get("paper-4b"), real, 0.5), effort.seeds)
@@ -41,6 +42,7 @@ def figure_4_filter(effort: Effort, arm: str) -> Measured:
 
 
 def figure_4a(effort: Effort, arm: str) -> Measured:
+    """Noise degrades the cascade without a filter."""
     scenario = with_estimate(scenarios.get("paper-4a"), ARMS[arm], 0.5)
     trace, noisy = run("cascade-flm", scenario, effort.seeds)
     _, clean = run("cascade-flm", scenario.replace(noise=None), effort.seeds)
@@ -56,6 +58,7 @@ def figure_4a(effort: Effort, arm: str) -> Measured:
 
 
 def figure_4b_error(effort: Effort, arm: str) -> Measured:
+    """Average tracking error and overshoot of the robust design."""
     scenario, real = scenarios.get("paper-4b"), ARMS[arm]
     _, half = run("robust-flm", with_estimate(scenario, real, 0.5), effort.seeds)
     trace, double = run("robust-flm", with_estimate(scenario, real, 2.0), effort.seeds)
@@ -137,6 +140,7 @@ def _step(arm: str, factor: float, height: tuple[float, float]) -> _Step:
 
 
 def figure_4b_settling(effort: Effort, arm: str) -> Measured:
+    """Settling time of the robust design."""
     one, half = _step(arm, 2.0, (1.0, 0.0)), _step(arm, 0.5, (1.0, 0.0))
     small, both = _step(arm, 2.0, (0.01, 0.01)), _step(arm, 2.0, (1.0, 0.5))
     claim = Claim(

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 from benchmarks import joining
-from benchmarks.board import Board
+from benchmarks.board import UNSCORED, Board
 from benchmarks.paper.claim import Claim
 from benchmarks.splits import Split
 from benchmarks.statistics import Estimate
@@ -52,7 +52,7 @@ def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({})
                 *(_in_split(found, i) for found in splits.values()),
             ]
         )  # fmt: skip
-    return table(header, rows)
+    return table(header, rows) + (f"\n{UNSCORED}\n" if board.score is None else "")
 
 
 def _with_interval(estimate: Estimate, i: int, digits: int) -> str:

@@ -11,11 +11,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks import joining
-from benchmarks.board import Board
+from benchmarks.board import UNSCORED, Board
 from benchmarks.metrics import describe, summarize
 from benchmarks.paper.claim import Claim
 from benchmarks.speed import Speed
 from benchmarks.splits import RADII, TRAINED_ON, Split
+
+SCORED = "score: 0 as an arm that stays where it started, 100 as the oracle."
 
 
 def leaderboard(console: Console, board: Board) -> None:
@@ -33,10 +35,11 @@ def leaderboard(console: Console, board: Board) -> None:
         n = max([*fits, 0 if summary else 1])
         console.print(_board(board, summary, left[:n]))
         left, summary = left[n:], False
+    scored = UNSCORED if board.score is None else SCORED
     console.print(
-        "score: 0 as an arm that stays where it started, 100 as the oracle. error: interquartile mean of the mean absolute "
-        "tracking error in % of the reference's amplitude, over all scenarios and in each family. failed: share of runs that "
-        "diverged. rank: 95 % interval. us: per decision. In brackets: knows the truth, not ranked.",
+        f"{scored} error: interquartile mean of the mean absolute tracking error in % of the reference's amplitude, over all "
+        "scenarios and in each family. failed: share of runs that diverged. rank: 95 % "
+        "interval. us: per decision. In brackets: knows the truth, not ranked.",
         width=min(text_width, console.width),
     )
     for policy, reason in board.incomplete.items():

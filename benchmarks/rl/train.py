@@ -6,6 +6,7 @@ A run's folder holds `agent.json` and `weights.npz` (the best agent so far, chos
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import importlib
 import json
@@ -13,6 +14,7 @@ import os
 import platform
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import metadata, util
 from pathlib import Path
@@ -33,6 +35,11 @@ from benchmarks.suite import SPLITS
 from controllers import Policy
 from fbl_gym.arm import Array
 from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 VALIDATION = SPLITS["validation"][:16]
 LANES = 1000
@@ -55,6 +62,29 @@ def train(settings: Settings, folder: Path, command: str = "", evaluations: int 
         The folder, with the agent whose error on the validation seeds was smallest.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    with _alone(folder):
+        _train(settings, folder, command, evaluations, wandb)
+    return folder
+
+
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Refuse a folder that another live run works in. The lock goes with its process, however that ends."""
+    with (folder / ".lock").open("w") as file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ValueError(
+                    f"folder must be one that no other run works in, got {str(folder)!r}, in which one does now; "
+                    "give another --out or --seed"
+                ) from None
+            except OSError:
+                pass  # a file system that knows no locks
+        yield
+
+
+def _train(settings: Settings, folder: Path, command: str, evaluations: int, wandb: str | None) -> None:
     plain = json.loads(json.dumps(asdict(settings)))
     record = folder / "run.json"
     if record.exists() and json.loads(record.read_text()) != plain:
@@ -89,7 +119,6 @@ def train(settings: Settings, folder: Path, command: str = "", evaluations: int 
     left = (settings.steps or sys.maxsize) - model.num_timesteps
     if left > 0:
         model.learn(left, callback=progress, reset_num_timesteps=False, tb_log_name="run")
-    return folder
 
 
 class Progress(BaseCallback):

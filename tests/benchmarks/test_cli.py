@@ -2,6 +2,7 @@
 
 import io
 import shlex
+import sys
 
 import pytest
 from rich.console import Console
@@ -26,6 +27,14 @@ from benchmarks.suite import load as load_suite
         ("evaluate zero --senario=nominal", "did you mean '--scenario'"),
         ("evaluate zero --plot trace.bmp", "must end in .png, .svg or .pdf, got 'trace.bmp'"),
         ("evaluate zero --video trace.avi", "must end in .mp4 or .gif, got 'trace.avi'"),
+        (
+            "evaluate zero --plot /dev/null/x.png",
+            "must be a file that can be written, got '/dev/null/x.png': /dev/null: ",
+        ),
+        ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
+        ("compare zero pid-flm --seeds 20000", "must be at most 10000, the test seeds there are, got '20000'"),
+        ("evaluate runs/lost", "must be a name, or a file or folder that is there, got 'runs/lost'"),
+        ("leaderboard --policies zero ./", "must be a folder with an agent.json, got './'"),
         ("compare zero", "two policies or more can be compared, got zero"),
         ("leaderboard --suite quik", "unknown suite 'quik'; did you mean 'quick'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
@@ -108,6 +117,21 @@ def test_a_list_has_a_line_each(capsys, monkeypatch):
     cut = capsys.readouterr().out.splitlines()
     assert max(map(len, cut)) == 70
     assert cut[0].endswith("…")
+
+
+def test_a_family_is_listed_once(capsys):
+    assert cli.main(["list", "scenarios"]) == 0
+    shown = [line.partition("  ")[0] for line in capsys.readouterr().out.splitlines()]
+    assert {"paper-10", "nominal", "noise-0 to -3", "section-2-2/noise-0 to -3"} <= set(shown)
+    assert len(shown) == len(set(shown)) < 40
+
+
+def test_a_film_without_its_extra_is_refused_before_the_work(capsys, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    monkeypatch.delitem(sys.modules, "benchmarks.report.video", raising=False)
+    monkeypatch.setattr("benchmarks.commands.evaluate.rollout", None)
+    assert cli.main(["evaluate", "zero", "--video", str(tmp_path / "arm.mp4")]) == 2
+    assert "pip install 'fbl-gym[render]'" in capsys.readouterr().err
 
 
 def test_what_takes_no_interface_makes_no_policy(capsys):

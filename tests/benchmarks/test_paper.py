@@ -1,10 +1,14 @@
 """The paper's claims, in the short form of `fbl-gym reproduce`: fails when a verdict changes."""
 
+import dataclasses
 import json
 
 import pytest
 
 from benchmarks import cli
+from benchmarks.commands import reproduce
+from benchmarks.paper import claims
+from benchmarks.paper.claim import Claim
 from benchmarks.paper.claims import CLAIMS
 
 R, U, N = "reproduced", "under a reading", "not reproduced"
@@ -70,3 +74,34 @@ def test_reproduce(name, tmp_path, capsys):
 def test_an_unknown_claim_is_named(capsys):
     assert cli.main(["reproduce", "--only", "figure-11"]) == 2
     assert "unknown claim 'figure-11'; did you mean 'figure-10'" in capsys.readouterr().err
+    assert cli.main(["reproduce", "--only", "figure-6a", "figure-4"]) == 2
+    assert "all of them: fbl-gym list claims" in capsys.readouterr().err
+
+
+def test_the_beginning_of_a_name_stands_for_all_that_begin_so():
+    kinds = ("filter", "error", "settling")
+    assert claims.select(["figure-4b"]) == [f"figure-4b-{k}-{arm}" for k in kinds for arm in ("section-2-2", "table-1")]
+    assert claims.select(["figure-6b", "figure-2"]) == ["figure-2-section-2-2", "figure-2-table-1", "figure-6b"]
+    assert claims.select([]) == list(CLAIMS)
+
+
+CLAIM = Claim("6a", "a claim", "so", "so too", "reproduced", "none", "nominal", "0")
+
+
+def test_claims_measured_anew_replace_their_own(tmp_path, monkeypatch):
+    """The others stay, all in the paper's order."""
+    claims.save(tmp_path, {"figure-7": CLAIM, "figure-6a": dataclasses.replace(CLAIM, measured="long ago")})
+    monkeypatch.setattr(reproduce, "measure_claim", lambda name, effort: (CLAIM, lambda path: None))
+    assert cli.main(["reproduce", "--only", "figure-6a", "equation-10", "--out", str(tmp_path)]) == 0
+    found = claims.load(tmp_path)
+    assert found == dict.fromkeys(("equation-10", "figure-6a", "figure-7"), CLAIM)
+    assert list(found) == ["equation-10", "figure-6a", "figure-7"]
+    assert (tmp_path / "claims.md").read_text().count("so too") == 3
+
+
+@pytest.mark.parametrize("text", ["[{", "{}x", "[1]", '{"name": 1}', '[{"name": "figure-6a"}]', '[{"name": 1}]'])
+def test_a_file_that_is_not_of_claims_is_refused_before_anything_is_measured(text, tmp_path, capsys):
+    (tmp_path / "claims.json").write_text(text)
+    assert cli.main(["reproduce", "--out", str(tmp_path)]) == 2
+    assert f"{tmp_path / 'claims.json'} is damaged, or not from `fbl-gym reproduce` (" in capsys.readouterr().err
+    assert (tmp_path / "claims.json").read_text() == text

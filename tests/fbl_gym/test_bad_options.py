@@ -34,6 +34,18 @@ from tests.fbl_gym.episodes import ID
         ({"disturbance": {"kind": "sine"}}, "disturbance must have the fields of SineDisturbance"),
         ({"actuator": {"delay": 0.0005}}, "actuator.delay must be a multiple of physics_dt"),
         ({"reference": {"kind": "steps", "low": 1, "high": 0}}, "low must not exceed high"),
+        ({"duration": 1e12}, r"duration must be at most some 8.39e\+06 s here, .* for 16 arms, got 1000000000000.0 s"),
+        (
+            {"duration": 1e9, "reference": {"kind": "array", "position": [[0, 0], [1, 1]]}},
+            "duration must be at most some",
+        ),
+        ({"duration": 1e9, "reference": "filtered-steps"}, "duration must be at most some"),
+        ({"actuator": {"delay": 1e9}}, r"actuator.delay must be at most some 4.19e\+04 s here"),
+        ({"preview": 10**400}, r"preview must be at most some 1.4e\+06 here"),
+        (
+            {"reference": {"kind": "fourier", "harmonics": 10**9}},
+            r"reference.harmonics must be at most some 4.19e\+06 here",
+        ),
     ],
 )
 def test_bad_options_are_named(options, message):

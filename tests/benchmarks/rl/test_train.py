@@ -87,6 +87,22 @@ def test_other_settings_in_the_same_folder_are_refused(tmp_path):
         train(settings(seed=1), tmp_path)
 
 
+def test_a_folder_that_another_run_works_in_is_refused(tmp_path, monkeypatch):
+    """And is free again when that run has ended, even by an error."""
+    pytest.importorskip("fcntl")
+    validate = training.Progress._validate
+
+    def second(*_):
+        monkeypatch.setattr(training.Progress, "_validate", validate)
+        train(settings(), tmp_path, evaluations=1)
+
+    monkeypatch.setattr(training.Progress, "_validate", second)
+    with pytest.raises(ValueError, match="folder must be one that no other run works in"):
+        train(settings(), tmp_path, evaluations=1)
+    train(settings(), tmp_path, evaluations=1)
+    assert curve(tmp_path)[-1][0] == settings().steps
+
+
 def test_a_run_by_the_clock_ends(tmp_path):
     train(settings(minutes=0.01), tmp_path, evaluations=2)
     assert describe(tmp_path)["wall_s"] < 60
