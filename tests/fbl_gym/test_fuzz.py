@@ -135,6 +135,9 @@ def environments(draw):
     maybe("parameter_error", ERROR)
     maybe("friction", FRICTION)
     maybe("reference", REFERENCE)
+    for name in ("period", "move_time") if "reference" in options else ():
+        if name in options["reference"]:  # a segment lasts a control step at least
+            options["reference"] = {**options["reference"], name: max(options["reference"][name], substeps * h)}
     maybe("limits", LIMITS)
     maybe("reward", REWARD)
     maybe("initial_error", joint(-4, 4))
