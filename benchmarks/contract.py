@@ -82,7 +82,9 @@ def _made_from_the_interface(policy: str) -> str:
 
 
 def _shapes(policy: str) -> str:
-    for action in ("fraction", "torque", "acceleration"):
+    # An archive fits the one kind of action that it was trained with.
+    kinds = ("fraction",) if policy.endswith(".zip") else ("fraction", "torque", "acceleration")
+    for action in kinds:
         env = TwoLinkArmVectorEnv(LANES, "everything-2", action=action)
         box = env.interface.action_space
         for _, actions, _ in _loop(joining.make(policy, env), env):
@@ -96,7 +98,7 @@ def _shapes(policy: str) -> str:
         single = TwoLinkArmEnv("everything-2", action=action)
         for _, one, _ in _loop(joining.make(policy, single), single, 3):
             _expect(np.shape(one) == (2,), f"got shape {np.shape(one)} for one observation ({action})")
-    return "fraction, torque and acceleration, single and batched"
+    return f"{', '.join(kinds)}, single and batched"
 
 
 def _lanes(policy: str) -> str:

@@ -266,22 +266,41 @@ def find_class(algorithm: str) -> Any:
         raise ValueError(f"{algorithm} needs {module}, which is not installed: pip install 'fbl-gym[rl]'") from problem
 
 
-def load_zip(path: str | Path, interface: Interface, algorithm: str = "ppo", trust: bool = False) -> Policy:
+def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
     """A stranger's SB3 model as a policy; it was trained on the environment's own observations and actions.
 
     Args:
         path: the .zip that SB3's `save` wrote.
         interface: of the environment that it is to act in.
-        algorithm: one of `ALGORITHMS`.
         trust: a .zip of SB3 holds pickled code, which runs when it is loaded; True says that you trust where it came from.
     """
     if not trust:
         raise ValueError(
             f"loading {str(path)!r} runs the code in it: give trust=True if you trust its source, got {trust!r}"
         )
-    model = find_class(algorithm).load(path, device="cpu")
-    for what in ("observation_space", "action_space"):
+    model = find_class("ppo").load(path, device="cpu")
+    _check_spaces(model, interface)
+    return model
+
+
+def _check_spaces(model: Any, interface: Interface) -> None:
+    """An error, unless a model was trained on the observations and actions of an interface, whatever their precision."""
+    right = {
+        "observation_space": "observations as the environment gives them, without a wrapper such as ErrorCoordinates",
+        "action_space": f'action="{interface.action}"',
+    }
+    for what, trained in right.items():
         theirs, ours = getattr(model, what), getattr(interface, what)
         if theirs.shape != ours.shape:
             raise ValueError(f"the model's {what} must have the environment's shape {ours.shape}, got {theirs.shape}")
-    return model
+        if not all(np.allclose(getattr(theirs, end), getattr(ours, end), rtol=1e-5) for end in ("low", "high")):
+            raise ValueError(
+                f"the model's {what} must have the environment's bounds, {_bounds(ours)}, got {_bounds(theirs)}: "
+                f"train it with {trained}"
+            )
+
+
+def _bounds(space: Any) -> str:
+    """The bounds of a box's entries, each pair once, such as "-2000 to 2000, -800 to 800"."""
+    ends = [f"{low:.6g} to {high:.6g}" for low, high in zip(space.low.ravel(), space.high.ravel(), strict=True)]
+    return ", ".join(dict.fromkeys(ends))

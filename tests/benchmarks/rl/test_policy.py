@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from benchmarks.rl.policy import ALGORITHMS, Actor, Agent, SavedAgent, load_zip,
 from benchmarks.rl.train import export
 from benchmarks.rl.vec_env import ArmVecEnv
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.wrappers import ErrorCoordinates
 
 SMALL = {
     "ppo": {"n_steps": 16, "batch_size": 16},
@@ -240,6 +242,47 @@ def test_a_strangers_zip_is_loaded_on_trust_only(tmp_path):
     )
     with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
         load_zip(tmp_path / "model.zip", TwoLinkArmEnv(preview=1).interface, trust=True)
+
+
+def saved(folder, env, algorithm="PPO", module="stable_baselines3", **settings):
+    """A small model as it is before it learns anything, written by SB3."""
+    policy = settings.pop("policy", "MlpPolicy")
+    model = getattr(importlib.import_module(module), algorithm)(policy, env, device="cpu", seed=0, **settings)
+    model.save(folder / "model.zip")
+    return model, folder / "model.zip"
+
+
+@pytest.mark.parametrize(
+    ("env", "message"),
+    [
+        (
+            lambda: ErrorCoordinates(TwoLinkArmEnv()),
+            "observation_space .* -25.1327 to 25.1327, .* got -10 to 10: train it",
+        ),
+        (lambda: TwoLinkArmEnv(action="torque"), 'got -2000 to 2000, -800 to 800: train it with action="fraction"'),
+        (lambda: TwoLinkArmEnv(action="acceleration"), 'got -100 to 100: train it with action="fraction"'),
+    ],
+)
+def test_a_zip_of_other_observations_or_actions_is_refused(env, message, tmp_path):
+    """Their shapes are the environment's, their meaning is not."""
+    _, path = saved(tmp_path, env())
+    with pytest.raises(ValueError, match=message):
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+
+
+@pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
+def test_a_zip_of_single_precision_or_wrapped_by_sb3_is_accepted(tmp_path):
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    plain = gymnasium.make("fbl_gym/TwoLinkArm-v0")
+    for env in (
+        Monitor(plain),
+        VecNormalize(DummyVecEnv([lambda: plain])),
+        gymnasium.wrappers.DtypeObservation(plain, np.float32),
+    ):
+        _, path = saved(tmp_path, env)
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
 
 
 def test_a_lane_has_the_same_bits_alone_and_in_a_batch():
