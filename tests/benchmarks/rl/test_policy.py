@@ -2,6 +2,8 @@
 
 import dataclasses
 import importlib
+import json
+import zipfile
 
 import gymnasium
 import numpy as np
@@ -282,6 +284,48 @@ def test_a_zip_of_single_precision_or_wrapped_by_sb3_is_accepted(tmp_path):
         gymnasium.wrappers.DtypeObservation(plain, np.float32),
     ):
         _, path = saved(tmp_path, env)
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "settings"),
+    [
+        ("A2C", {}),
+        ("SAC", {"buffer_size": 10}),
+        ("TD3", {"buffer_size": 10}),
+        ("DDPG", {"buffer_size": 10}),
+        ("TQC", {"module": "sb3_contrib", "buffer_size": 10}),
+        ("CrossQ", {"module": "sb3_contrib", "buffer_size": 10}),
+        ("TRPO", {"module": "sb3_contrib"}),
+        ("ARS", {"module": "sb3_contrib"}),
+        ("RecurrentPPO", {"module": "sb3_contrib", "policy": "MlpLstmPolicy"}),
+    ],
+)
+def test_a_zip_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, tmp_path):
+    if settings.get("module"):
+        pytest.importorskip("sb3_contrib")
+    env = TwoLinkArmEnv()
+    model, path = saved(tmp_path, env, algorithm, **settings)
+    joining.trust(str(path))
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(
+        joining.make(str(path), env).predict(observation, deterministic=True)[0],
+        model.predict(observation, deterministic=True)[0],
+    )
+
+
+def test_a_zip_of_an_unknown_algorithm_is_named(tmp_path):
+    path = tmp_path / "model.zip"
+    for data, message in (
+        ({"policy_class": {"__module__": "sbx.sac.policies"}}, "A2C, .* got one whose network is of sbx.sac.policies"),
+        ({}, "must be an archive that stable-baselines3's save wrote"),
+    ):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data", json.dumps(data))
+        with pytest.raises(ValueError, match=message):
+            load_zip(path, TwoLinkArmEnv().interface, trust=True)
+    path.write_bytes(b"PK")
+    with pytest.raises(ValueError, match="must be an archive that stable-baselines3's save wrote"):
         load_zip(path, TwoLinkArmEnv().interface, trust=True)
 
 
