@@ -17,6 +17,10 @@ from fbl_gym.arm import Array
 
 LANES, STEPS = 5, 30
 
+LAST_BITS = 1e-4
+"""So much may actions of a batch and of one arm differ, as fractions of the limits: a network in single precision rounds by the
+size of its matrices."""
+
 
 @dataclass(frozen=True)
 class Check:
@@ -103,13 +107,20 @@ def _shapes(policy: str) -> str:
 
 def _lanes(policy: str) -> str:
     batch = TwoLinkArmVectorEnv(LANES, "everything-2")
-    together = np.array([actions for _, actions, _ in _loop(joining.make(policy, batch), batch, seed=10)])
+    log = _loop(joining.make(policy, batch), batch, seed=10)
     worst = 0.0
     for lane in range(LANES):
+        # The single arm does as the lane did, and the policy sees the lane's readings: no loop is closed that would
+        # amplify the last bits, in which a batch may differ.
         env = TwoLinkArmEnv("everything-2")
-        alone = np.array([action for _, action, _ in _loop(joining.make(policy, env), env, seed=10 + lane)])
-        worst = max(worst, float(np.abs(together[:, lane] - alone).max()))
-    _expect(worst < 1e-6, f"actions differ by up to {worst:.2g}")
+        env.reset(seed=10 + lane)
+        alone, state = joining.make(policy, env), None
+        for observations, actions, _ in log:
+            action, state = alone.predict(observations[lane], state=state, episode_start=None, deterministic=True)
+            worst = max(worst, float(np.abs(actions[lane] - action).max()))
+            if env.step(actions[lane])[2]:  # it diverged
+                break
+    _expect(worst < LAST_BITS, f"actions differ by up to {worst:.2g}")
     return f"actions differ by at most {worst:.1e}"
 
 

@@ -11,6 +11,7 @@ from scipy.stats import trim_mean
 import controllers
 from benchmarks import cli
 from benchmarks.board import assemble, family_of
+from benchmarks.contract import check
 from benchmarks.metrics import METRICS, measure
 from benchmarks.rollout import rollout
 from benchmarks.runner import run_cell
@@ -244,6 +245,36 @@ def test_broken_promises_are_found(tmp_path, capsys):
     shown = capsys.readouterr().out
     for promise in ("actions have the observations' shape, are finite and lie in the box", "predict is a function"):
         assert f"BROKEN  {promise}" in shown
+
+
+ROUNDED = """
+import numpy as np
+from controllers.simple import PdGravity
+
+
+class Rounded(PdGravity):
+    \"\"\"A gain that amplifies a last bit, and a sum that rounds by the size of its batch.\"\"\"
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        position = np.asarray(observation)[..., self.interface.layout["position"]]
+        action = np.tanh(-100 * position + 1e-6 * (np.ndim(observation) == 2))
+        return LANE_ACTION, None
+
+
+make_policy = Rounded
+"""
+
+
+@pytest.mark.parametrize(
+    ("action", "kept"),
+    [("action", True), ("action - action.mean(axis=0)", False)],
+)
+def test_lanes_are_compared_on_the_same_readings(action, kept, tmp_path):
+    """Rounding that a closed loop amplifies is no broken promise; a lane that knows of the others is one."""
+    file = tmp_path / "rounded.py"
+    file.write_text(ROUNDED.replace("LANE_ACTION", f"np.clip({action}, -1, 1)"))
+    (lanes,) = [found for found in check(str(file)) if found.promise == "a lane of a batch acts as a single policy"]
+    assert lanes.kept is kept, lanes.detail
 
 
 @pytest.mark.parametrize(
