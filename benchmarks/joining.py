@@ -12,23 +12,31 @@ A policy is named by text, which workers on other machines can resolve again:
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import hashlib
 import importlib
 import importlib.util
 import sys
 from collections.abc import Callable
+from functools import lru_cache
+from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import controllers
 from benchmarks.rl.policy import load_zip, saved_agent, shipped, tier_of
+from controllers.policy import ENTRY_POINTS
 from fbl_gym.interface import Interface
 from fbl_gym.records import unknown
 
 ATTRIBUTE = "make_policy"
 """What a file is asked for where no attribute is named."""
+
+
+OWN = ("benchmarks", "controllers", "fbl_gym")
+"""The packages of fbl-gym. What changes in them is told by the version of the results, which is raised by hand."""
 
 
 class Untrusted(ValueError):
@@ -185,17 +193,79 @@ def configuration(policy: str, made: Any) -> dict[str, Any]:
         found = {name: value for name, value in found.items() if name not in ("interface", "env")}
     else:
         found = {}
-    source = _source(policy)
-    if source is not None:
-        found["source"] = hashlib.sha256(source.read_bytes()).hexdigest()
+    if files := sources(policy):
+        found["source"] = hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
     return found
 
 
-def _source(policy: str) -> Path | None:
-    """The file that a stranger's policy comes from."""
+def sources(policy: str) -> list[Path]:
+    """The files that a stranger's policy comes from, its own first; of a policy that is part of fbl-gym, at most its own.
+
+    Of an entry point, and of a module in a package, that is the whole package; of a file or a single module, what it imports
+    of its own folder too; of an archive, the archive.
+
+    policy: see this file's head.
+    """
     if _is_file(policy):
-        return Path(policy.partition(":")[0])
-    if ":" not in policy:
-        return None
-    file = getattr(importlib.import_module(policy.partition(":")[0]), "__file__", None)
-    return None if file is None else Path(file)
+        path = Path(policy.partition(":")[0]).resolve()
+        return [path] if path.suffix == ".zip" else [path, *sorted(_beside(path).values())]
+    entry = "" if ":" in policy else _entry_module(policy)
+    name = entry or policy.partition(":")[0]
+    if not entry and ":" not in policy:
+        return []
+    module, top = importlib.import_module(name), importlib.import_module(name.partition(".")[0])
+    if top.__name__ not in OWN and hasattr(top, "__path__"):
+        return sorted({file for folder in top.__path__ for file in Path(folder).rglob("*.py")})
+    if getattr(module, "__file__", None) is None:
+        return []
+    path = Path(str(module.__file__))
+    installed = path.parent.name in ("site-packages", "dist-packages")
+    return [path] if entry or installed or top.__name__ in OWN else [path, *sorted(_beside(path).values())]
+
+
+def _entry_module(policy: str) -> str:
+    """The module of the entry point by which another package registers a policy; empty: there is none."""
+    for point in _entry_points():
+        if point.name == policy and point.module.partition(".")[0] not in OWN:
+            # A name of fbl-gym's own stays its own, whatever other packages call theirs.
+            return point.module if point.load() is controllers.factory(policy) else ""
+    return ""
+
+
+@lru_cache(maxsize=1)
+def _entry_points() -> tuple[metadata.EntryPoint, ...]:
+    return tuple(metadata.entry_points(group=ENTRY_POINTS))
+
+
+def _beside(path: Path) -> dict[str, Path]:
+    """The modules that a file imports, directly or through others, and that lie in its folder: their files by their names."""
+    found: dict[str, Path] = {}
+    left = [("", path)]
+    while left:
+        for wanted in _imports(*left.pop()):
+            parts = wanted.split(".")
+            for n in range(1, len(parts) + 1) if parts[0] not in OWN else ():
+                name, place = ".".join(parts[:n]), path.parent.joinpath(*parts[:n])
+                file = next((f for f in (place / "__init__.py", place.with_suffix(".py")) if f.is_file()), None)
+                if file is not None and file != path and name not in found:
+                    found[name] = file
+                    left.append((name, file))
+    return found
+
+
+def _imports(name: str, path: Path) -> list[str]:
+    """What a module may import, by full names, some of which are no modules.  name: of the module; path: of its file."""
+    try:
+        tree = ast.parse(path.read_bytes())
+    except SyntaxError:
+        return []
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            up = name.split(".")
+            up = up[: len(up) - node.level + (path.name == "__init__.py")] if node.level else []
+            base = ".".join([*up, *([node.module] if node.module else [])])
+            found += [base, *(f"{base}.{alias.name}".lstrip(".") for alias in node.names)]
+    return [full for full in found if full]
