@@ -71,6 +71,14 @@ def tier(policy: str) -> str:
     return "nominal model" if learned(policy) else getattr(_attribute(policy), "tier", "nominal model")
 
 
+def factory(policy: str) -> Callable[..., Any]:
+    """What makes a policy: a class or a function, called with the interface and gains.  policy: text that names it."""
+    check(policy)
+    if policy.endswith(".zip") or _is_run(policy):
+        raise ValueError(f"gains must be those of a law, got {policy}, which was trained and has none")
+    return _attribute(policy) if ":" in policy or _is_file(policy) else controllers.factory(_with_seed(policy)[0])
+
+
 def sensors(policy: str) -> str:
     """The sensors that a policy cannot do without, such as "position, velocity"; empty: unsaid.  policy: text that names it."""
     factory = controllers.factory(name) if (name := _registered(policy)) else None
@@ -88,6 +96,11 @@ def tuning(policy: str) -> str:
     if learned(policy):
         return "trained"
     return "tuned" if policy.endswith("@tuned") else "default gains"
+
+
+def own(policy: str) -> bool:
+    """Whether a policy is one that fbl-gym comes with.  policy: text that names it."""
+    return _registered(policy) != "" and not sources(policy)
 
 
 def _registered(policy: str) -> str:
@@ -140,6 +153,8 @@ def make(policy: str, env: Any, **gains: Any) -> Any:
     """
     check(policy)
     interface = env if isinstance(env, Interface) else env.unwrapped.interface
+    if gains:
+        factory(policy)  # says so, if it has none
     if policy.endswith(".zip"):
         return load_zip(Path(policy), interface, trust=True)
     if _is_run(policy):
@@ -193,9 +208,15 @@ def configuration(policy: str, made: Any) -> dict[str, Any]:
         found = {name: value for name, value in found.items() if name not in ("interface", "env")}
     else:
         found = {}
-    if files := sources(policy):
-        found["source"] = hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
+    if code := digest(policy):
+        found["source"] = code
     return found
+
+
+def digest(policy: str) -> str:
+    """A hash of the code of a stranger's policy; empty: it is part of fbl-gym.  policy: see this file's head."""
+    files = sources(policy)
+    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest() if files else ""
 
 
 def sources(policy: str) -> list[Path]:

@@ -33,6 +33,18 @@ def film(text: str) -> Path:
     return _file(text, ".mp4", ".gif")
 
 
+def gain(text: str) -> tuple[str, float | tuple[float, ...]]:
+    """A gain and its value, one number or one for each joint, as an argument's type."""
+    name, _, value = text.partition("=")
+    try:
+        numbers = tuple(float(part) for part in value.split(","))
+    except ValueError:
+        numbers = ()
+    if not name or len(numbers) not in (1, 2):
+        raise argparse.ArgumentTypeError(f"must be such as kp=25, or kp=25,30 for the two joints, got {text!r}")
+    return name, numbers[0] if len(numbers) == 1 else numbers
+
+
 def console() -> Console:
     """What tables are printed on; a file has no width of its own."""
     return Console(width=None if sys.stdout.isatty() else 132)
