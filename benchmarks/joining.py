@@ -13,12 +13,13 @@ A policy is named by text, which workers on other machines can resolve again:
 from __future__ import annotations
 
 import ast
+import contextlib
 import dataclasses
 import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -167,13 +168,39 @@ def make(policy: str, env: Any, **gains: Any) -> Any:
 
 def _attribute(policy: str) -> Callable[..., Any]:
     source, _, name = policy.partition(":")
-    module = _from_file(Path(source)) if source.endswith(".py") else importlib.import_module(source)
+    module = _from_file(Path(source)) if source.endswith(".py") else _named(source)
     name = name or ATTRIBUTE
     if not callable(getattr(module, name, None)):
         public = [n for n in vars(module) if callable(getattr(module, n)) and not n.startswith("_")]
         raise unknown(f"factory of {source}", name, public)
     factory: Callable[..., Any] = getattr(module, name)
     return factory
+
+
+def _named(source: str) -> ModuleType:
+    """A module by its name, installed or in the current folder."""
+    if not all(part.isidentifier() for part in source.split(".")):
+        raise ValueError(f"the module of a policy must be named as in an import, such as my_laws.pd, got {source!r}")
+    try:
+        with _importing_from(Path.cwd()):
+            return importlib.import_module(source)
+    except ModuleNotFoundError as problem:
+        if not f"{source}.".startswith(f"{problem.name}."):
+            raise
+        raise ValueError(
+            f"there is no module {source}, installed or in {Path.cwd()}, of which a policy was to be made"
+        ) from None
+
+
+@contextlib.contextmanager
+def _importing_from(folder: Path) -> Iterator[None]:
+    """Find modules in a folder, before all others, for as long as this lasts."""
+    importlib.invalidate_caches()
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
 
 
 def _from_file(path: Path) -> ModuleType:
@@ -185,12 +212,21 @@ def _from_file(path: Path) -> ModuleType:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
+        # Another file's `import helper` meant the module beside that file.
+        hidden = {n: sys.modules.pop(n) for n, file in _beside(path).items() if _is_other(sys.modules.get(n), file)}
         try:
-            spec.loader.exec_module(module)
+            with _importing_from(path.parent):
+                spec.loader.exec_module(module)
         except BaseException:
             del sys.modules[name]
             raise
+        finally:
+            sys.modules.update(hidden)
     return sys.modules[name]
+
+
+def _is_other(module: ModuleType | None, file: Path) -> bool:
+    return module is not None and getattr(module, "__file__", None) != str(file)
 
 
 def configuration(policy: str, made: Any) -> dict[str, Any]:
@@ -234,7 +270,7 @@ def sources(policy: str) -> list[Path]:
     name = entry or policy.partition(":")[0]
     if not entry and ":" not in policy:
         return []
-    module, top = importlib.import_module(name), importlib.import_module(name.partition(".")[0])
+    module, top = _named(name), _named(name.partition(".")[0])
     if top.__name__ not in OWN and hasattr(top, "__path__"):
         return sorted({file for folder in top.__path__ for file in Path(folder).rglob("*.py")})
     if getattr(module, "__file__", None) is None:

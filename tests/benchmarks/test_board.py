@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import trim_mean
 
 import controllers
-from benchmarks import cli
+from benchmarks import cli, joining
 from benchmarks.board import assemble, family_of
 from benchmarks.contract import check
 from benchmarks.metrics import METRICS, measure
@@ -283,11 +283,45 @@ def test_lanes_are_compared_on_the_same_readings(action, kept, tmp_path):
         ("nowhere.py", "there is no file nowhere.py"),
         ("controllers.simple:Zeros", "unknown factory of controllers.simple 'Zeros'; did you mean 'Zero'"),
         ("pid-fml", "did you mean 'pid-flm'"),
+        ("nomod:f", "fbl-gym: there is no module nomod, installed or in "),
+        ("controllers.nomod:f", "fbl-gym: there is no module controllers.nomod, installed or in "),
+        (".nomod:f", "must be named as in an import, such as my_laws.pd, got '.nomod'"),
     ],
 )
 def test_policies_that_cannot_be_found(policy, message, capsys):
     assert cli.main(["check-policy", policy]) == 2
     assert message in capsys.readouterr().err
+
+
+HELPED = """
+from helper import GAIN
+from controllers.simple import PdGravity
+
+
+def make_policy(interface):
+    return PdGravity(interface, GAIN)
+"""
+
+
+def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
+    """Of two laws with a `helper` each, each has its own; nothing of that stays on the path."""
+    before = list(sys.path)
+    for gain in (11.0, 12.0):
+        folder = tmp_path / f"of_{gain:g}"
+        folder.mkdir()
+        (folder / "helper.py").write_text(f"GAIN = {gain}\n")
+        (folder / "law.py").write_text(HELPED)
+        made = joining.make(str(folder / "law.py"), TwoLinkArmEnv())
+        assert made.frequency == (gain, gain)
+    monkeypatch.chdir(tmp_path / "of_11")
+    (tmp_path / "of_11/law_of_11.py").write_text(HELPED)
+    for name in ("helper", "law_of_11"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    assert joining.make("law_of_11:make_policy", TwoLinkArmEnv()).frequency == (11.0, 11.0)
+    assert joining.make("law_of_11.py", TwoLinkArmEnv()).frequency == (11.0, 11.0)
+    assert sys.path == before
+    for name in ("helper", "law_of_11"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
 
 
 def test_an_archive_is_not_loaded_without_trust(tmp_path, capsys):
