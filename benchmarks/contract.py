@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -59,7 +61,14 @@ def check(policy: str) -> Iterator[Check]:
         except Broken as broken:
             yield Check(promise, False, str(broken))
         except Exception as problem:  # a stranger's policy may raise anything
-            yield Check(promise, False, f"{type(problem).__name__}: {problem}")
+            yield Check(promise, False, f"{type(problem).__name__}: {problem}{_place(policy, problem)}")
+
+
+def _place(policy: str, problem: Exception) -> str:
+    """Where in a stranger's own files something was raised, such as " (my_law.py:12)"; empty: not there."""
+    own = {str(file) for file in joining.sources(policy)}
+    lines = [frame for frame in traceback.extract_tb(problem.__traceback__) if frame.filename in own]
+    return f" ({os.path.relpath(lines[-1].filename)}:{lines[-1].lineno})" if lines else ""
 
 
 def _expect(kept: bool, otherwise: str) -> None:

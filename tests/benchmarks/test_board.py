@@ -247,6 +247,38 @@ def test_broken_promises_are_found(tmp_path, capsys):
         assert f"BROKEN  {promise}" in shown
 
 
+FORGETFUL = """
+from controllers.simple import PdGravity
+
+
+class Forgetful(PdGravity):
+    def initial(self):
+        return ()
+
+    def torque(self, observation, state):
+        return gain * observation, state
+
+
+make_policy = Forgetful
+"""
+
+
+def test_a_mistake_is_said_once_with_its_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "forgetful.py"
+    file.write_text(FORGETFUL.replace("initial(self)", "initial(self, observation)"))
+    assert cli.main(["check-policy", "forgetful.py"]) == 1
+    shown = capsys.readouterr().out
+    assert shown.count("NameError: name 'gain' is not defined (forgetful.py:10)") == shown.count("NameError") == 1
+    assert shown.count("BROKEN") == 1
+    assert "breaks 7 of its promises" in shown
+    # A mistake that is raised elsewhere is said once, too.
+    other = tmp_path / "other.py"
+    other.write_text(FORGETFUL)
+    assert cli.main(["check-policy", "other.py"]) == 1
+    assert capsys.readouterr().out.count("Forgetful.initial() takes 1 positional argument but 2 were given") == 1
+
+
 ROUNDED = """
 import numpy as np
 from controllers.simple import PdGravity
