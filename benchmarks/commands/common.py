@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 
@@ -33,7 +35,7 @@ def film(text: str) -> Path:
     return _file(text, ".mp4", ".gif")
 
 
-def gain(text: str) -> tuple[str, float | tuple[float, ...]]:
+def gain(text: str) -> tuple[str, Any]:
     """A gain and its value, one number or one for each joint, as an argument's type."""
     name, _, value = text.partition("=")
     try:
@@ -42,7 +44,7 @@ def gain(text: str) -> tuple[str, float | tuple[float, ...]]:
         numbers = ()
     if not name or len(numbers) not in (1, 2):
         raise argparse.ArgumentTypeError(f"must be such as kp=25, or kp=25,30 for the two joints, got {text!r}")
-    return name, numbers[0] if len(numbers) == 1 else numbers
+    return name, numbers[0] if len(numbers) == 1 else np.array(numbers)
 
 
 def console() -> Console:

@@ -7,6 +7,7 @@ import optuna
 import pytest
 
 from benchmarks import cli
+from benchmarks.commands.common import gain
 from benchmarks.suite import SPLITS
 from benchmarks.tuning import JUDGED, Task, judge, seeds, ship, summary
 
@@ -116,6 +117,14 @@ def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(tmp_path, capsys, mo
     (tmp_path / "law.py").write_text(f"{LAW}# changed\n")
     assert cli.main(["tune", "law.py", *few]) == 0
     assert len(list((tmp_path / "results/tuning").iterdir())) == 3
+
+
+def test_a_pair_of_gains_is_one_for_each_joint():
+    """To a law that never thought of pairs, too: it multiplies joints by it."""
+    name, value = gain("w=20,30")
+    assert name == "w"
+    assert list(value**2) == [400, 900]
+    assert gain("w=20") == ("w", 20.0)
 
 
 def test_gains_are_the_policys(capsys):
