@@ -29,7 +29,10 @@ def run(arguments: argparse.Namespace) -> int:
             broken.setdefault(found.detail, []).append(found.promise)
     # One mistake often breaks many promises.
     for detail, promises in broken.items():
-        print("BROKEN  " + ";\n        ".join(promises) + f": {detail}")
+        if len(promises) == 1:
+            print(f"BROKEN  {promises[0]}: {detail}")
+        else:
+            print(f"BROKEN  {len(promises)} promises: {detail}", *promises, sep="\n        ")
     count = sum(map(len, broken.values()))
     print(f"breaks {count} of its promises" if count else "keeps what policies promise")
     return 1 if count else 0

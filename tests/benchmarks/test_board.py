@@ -271,6 +271,7 @@ def test_a_mistake_is_said_once_with_its_line(tmp_path, capsys, monkeypatch):
     shown = capsys.readouterr().out
     assert shown.count("NameError: name 'gain' is not defined (forgetful.py:10)") == shown.count("NameError") == 1
     assert shown.count("BROKEN") == 1
+    assert "BROKEN  7 promises: NameError" in shown
     assert "breaks 7 of its promises" in shown
     # A mistake that is raised elsewhere is said once, too.
     other = tmp_path / "other.py"
