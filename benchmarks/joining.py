@@ -12,23 +12,32 @@ A policy is named by text, which workers on other machines can resolve again:
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import dataclasses
 import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import controllers
 from benchmarks.rl.policy import load_zip, saved_agent, shipped, tier_of
+from controllers.policy import ENTRY_POINTS
 from fbl_gym.interface import Interface
 from fbl_gym.records import unknown
 
 ATTRIBUTE = "make_policy"
 """What a file is asked for where no attribute is named."""
+
+
+OWN = ("benchmarks", "controllers", "fbl_gym")
+"""The packages of fbl-gym. What changes in them is told by the version of the results, which is raised by hand."""
 
 
 class Untrusted(ValueError):
@@ -63,6 +72,14 @@ def tier(policy: str) -> str:
     return "nominal model" if learned(policy) else getattr(_attribute(policy), "tier", "nominal model")
 
 
+def factory(policy: str) -> Callable[..., Any]:
+    """What makes a policy: a class or a function, called with the interface and gains.  policy: text that names it."""
+    check(policy)
+    if policy.endswith(".zip") or _is_run(policy):
+        raise ValueError(f"gains must be those of a law, got {policy}, which was trained and has none")
+    return _attribute(policy) if ":" in policy or _is_file(policy) else controllers.factory(_with_seed(policy)[0])
+
+
 def sensors(policy: str) -> str:
     """The sensors that a policy cannot do without, such as "position, velocity"; empty: unsaid.  policy: text that names it."""
     factory = controllers.factory(name) if (name := _registered(policy)) else None
@@ -80,6 +97,11 @@ def tuning(policy: str) -> str:
     if learned(policy):
         return "trained"
     return "tuned" if policy.endswith("@tuned") else "default gains"
+
+
+def own(policy: str) -> bool:
+    """Whether a policy is one that fbl-gym comes with.  policy: text that names it."""
+    return _registered(policy) != "" and not sources(policy)
 
 
 def _registered(policy: str) -> str:
@@ -132,6 +154,8 @@ def make(policy: str, env: Any, **gains: Any) -> Any:
     """
     check(policy)
     interface = env if isinstance(env, Interface) else env.unwrapped.interface
+    if gains:
+        factory(policy)  # says so, if it has none
     if policy.endswith(".zip"):
         return load_zip(Path(policy), interface, trust=True)
     if _is_run(policy):
@@ -144,13 +168,39 @@ def make(policy: str, env: Any, **gains: Any) -> Any:
 
 def _attribute(policy: str) -> Callable[..., Any]:
     source, _, name = policy.partition(":")
-    module = _from_file(Path(source)) if source.endswith(".py") else importlib.import_module(source)
+    module = _from_file(Path(source)) if source.endswith(".py") else _named(source)
     name = name or ATTRIBUTE
     if not callable(getattr(module, name, None)):
         public = [n for n in vars(module) if callable(getattr(module, n)) and not n.startswith("_")]
         raise unknown(f"factory of {source}", name, public)
     factory: Callable[..., Any] = getattr(module, name)
     return factory
+
+
+def _named(source: str) -> ModuleType:
+    """A module by its name, installed or in the current folder."""
+    if not all(part.isidentifier() for part in source.split(".")):
+        raise ValueError(f"the module of a policy must be named as in an import, such as my_laws.pd, got {source!r}")
+    try:
+        with _importing_from(Path.cwd()):
+            return importlib.import_module(source)
+    except ModuleNotFoundError as problem:
+        if not f"{source}.".startswith(f"{problem.name}."):
+            raise
+        raise ValueError(
+            f"there is no module {source}, installed or in {Path.cwd()}, of which a policy was to be made"
+        ) from None
+
+
+@contextlib.contextmanager
+def _importing_from(folder: Path) -> Iterator[None]:
+    """Find modules in a folder, before all others, for as long as this lasts."""
+    importlib.invalidate_caches()
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
 
 
 def _from_file(path: Path) -> ModuleType:
@@ -162,12 +212,21 @@ def _from_file(path: Path) -> ModuleType:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
+        # Another file's `import helper` meant the module beside that file.
+        hidden = {n: sys.modules.pop(n) for n, file in _beside(path).items() if _is_other(sys.modules.get(n), file)}
         try:
-            spec.loader.exec_module(module)
+            with _importing_from(path.parent):
+                spec.loader.exec_module(module)
         except BaseException:
             del sys.modules[name]
             raise
+        finally:
+            sys.modules.update(hidden)
     return sys.modules[name]
+
+
+def _is_other(module: ModuleType | None, file: Path) -> bool:
+    return module is not None and getattr(module, "__file__", None) != str(file)
 
 
 def configuration(policy: str, made: Any) -> dict[str, Any]:
@@ -185,17 +244,85 @@ def configuration(policy: str, made: Any) -> dict[str, Any]:
         found = {name: value for name, value in found.items() if name not in ("interface", "env")}
     else:
         found = {}
-    source = _source(policy)
-    if source is not None:
-        found["source"] = hashlib.sha256(source.read_bytes()).hexdigest()
+    if code := digest(policy):
+        found["source"] = code
     return found
 
 
-def _source(policy: str) -> Path | None:
-    """The file that a stranger's policy comes from."""
+def digest(policy: str) -> str:
+    """A hash of the code of a stranger's policy; empty: it is part of fbl-gym.  policy: see this file's head."""
+    files = sources(policy)
+    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest() if files else ""
+
+
+def sources(policy: str) -> list[Path]:
+    """The files that a stranger's policy comes from, its own first; of a policy that is part of fbl-gym, at most its own.
+
+    Of an entry point, and of a module in a package, that is the whole package; of a file or a single module, what it imports
+    of its own folder too; of an archive, the archive.
+
+    policy: see this file's head.
+    """
     if _is_file(policy):
-        return Path(policy.partition(":")[0])
-    if ":" not in policy:
-        return None
-    file = getattr(importlib.import_module(policy.partition(":")[0]), "__file__", None)
-    return None if file is None else Path(file)
+        path = Path(policy.partition(":")[0]).resolve()
+        return [path] if path.suffix == ".zip" else [path, *sorted(_beside(path).values())]
+    entry = "" if ":" in policy else _entry_module(policy)
+    name = entry or policy.partition(":")[0]
+    if not entry and ":" not in policy:
+        return []
+    module, top = _named(name), _named(name.partition(".")[0])
+    if top.__name__ not in OWN and hasattr(top, "__path__"):
+        return sorted({file for folder in top.__path__ for file in Path(folder).rglob("*.py")})
+    if getattr(module, "__file__", None) is None:
+        return []
+    path = Path(str(module.__file__))
+    installed = path.parent.name in ("site-packages", "dist-packages")
+    return [path] if entry or installed or top.__name__ in OWN else [path, *sorted(_beside(path).values())]
+
+
+def _entry_module(policy: str) -> str:
+    """The module of the entry point by which another package registers a policy; empty: there is none."""
+    for point in _entry_points():
+        if point.name == policy and point.module.partition(".")[0] not in OWN:
+            # A name of fbl-gym's own stays its own, whatever other packages call theirs.
+            return point.module if point.load() is controllers.factory(policy) else ""
+    return ""
+
+
+@lru_cache(maxsize=1)
+def _entry_points() -> tuple[metadata.EntryPoint, ...]:
+    return tuple(metadata.entry_points(group=ENTRY_POINTS))
+
+
+def _beside(path: Path) -> dict[str, Path]:
+    """The modules that a file imports, directly or through others, and that lie in its folder: their files by their names."""
+    found: dict[str, Path] = {}
+    left = [("", path)]
+    while left:
+        for wanted in _imports(*left.pop()):
+            parts = wanted.split(".")
+            for n in range(1, len(parts) + 1) if parts[0] not in OWN else ():
+                name, place = ".".join(parts[:n]), path.parent.joinpath(*parts[:n])
+                file = next((f for f in (place / "__init__.py", place.with_suffix(".py")) if f.is_file()), None)
+                if file is not None and file != path and name not in found:
+                    found[name] = file
+                    left.append((name, file))
+    return found
+
+
+def _imports(name: str, path: Path) -> list[str]:
+    """What a module may import, by full names, some of which are no modules.  name: of the module; path: of its file."""
+    try:
+        tree = ast.parse(path.read_bytes())
+    except SyntaxError:
+        return []
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            up = name.split(".")
+            up = up[: len(up) - node.level + (path.name == "__init__.py")] if node.level else []
+            base = ".".join([*up, *([node.module] if node.module else [])])
+            found += [base, *(f"{base}.{alias.name}".lstrip(".") for alias in node.names)]
+    return [full for full in found if full]

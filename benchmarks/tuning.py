@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import optuna
 
-import controllers
+from benchmarks import joining
 from benchmarks.metrics import measure, summarize
 from benchmarks.rollout import rollout
 from benchmarks.store import provenance, write_text
@@ -54,7 +54,7 @@ class Task:
     """What is tuned, and on what.
 
     Args:
-        policy: its name.
+        policy: a name, or what else `joining.make` understands.
         names: of the scenarios.
         seeds: of each scenario.
     """
@@ -66,7 +66,7 @@ class Task:
     @property
     def ranges(self) -> Mapping[str, tuple[float, float]]:
         """Between which values each gain is looked for."""
-        found: Mapping[str, tuple[float, float]] = getattr(controllers.factory(self.policy), "ranges", {})
+        found: Mapping[str, tuple[float, float]] = getattr(joining.factory(self.policy), "ranges", {})
         if not found:
             raise ValueError(f"{self.policy} has nothing to tune: its `ranges` names no gain")
         return found

@@ -21,9 +21,18 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.trust:
         joining.trust(arguments.policy)
     joining.check(arguments.policy)
-    broken = 0
+    broken: dict[str, list[str]] = {}
     for found in check(arguments.policy):
-        broken += not found.kept
-        print(f"{'ok    ' if found.kept else 'BROKEN'}  {found.promise}: {found.detail}", flush=True)
-    print("keeps what policies promise" if not broken else f"breaks {broken} of its promises")
-    return 1 if broken else 0
+        if found.kept:
+            print(f"ok      {found.promise}: {found.detail}", flush=True)
+        else:
+            broken.setdefault(found.detail, []).append(found.promise)
+    # One mistake often breaks many promises.
+    for detail, promises in broken.items():
+        if len(promises) == 1:
+            print(f"BROKEN  {promises[0]}: {detail}")
+        else:
+            print(f"BROKEN  {len(promises)} promises: {detail}", *promises, sep="\n        ")
+    count = sum(map(len, broken.values()))
+    print(f"breaks {count} of its promises" if count else "keeps what policies promise")
+    return 1 if count else 0

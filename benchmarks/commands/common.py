@@ -8,7 +8,9 @@ import os
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from benchmarks.suite import SPLITS
@@ -65,6 +67,18 @@ def film(text: str) -> Path:
     path = _file(text, ".mp4", ".gif")
     importlib.import_module("benchmarks.report.video")  # if its extra is missing, say so before the work
     return path
+
+
+def gain(text: str) -> tuple[str, Any]:
+    """A gain and its value, one number or one for each joint, as an argument's type."""
+    name, _, value = text.partition("=")
+    try:
+        numbers = tuple(float(part) for part in value.split(","))
+    except ValueError:
+        numbers = ()
+    if not name or len(numbers) not in (1, 2):
+        raise argparse.ArgumentTypeError(f"must be such as kp=25, or kp=25,30 for the two joints, got {text!r}")
+    return name, numbers[0] if len(numbers) == 1 else np.array(numbers)
 
 
 def console() -> Console:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from benchmarks import joining
-from benchmarks.commands.common import console, episodes, film, picture, policy_name
+from benchmarks.commands.common import console, episodes, film, gain, picture, policy_name
 from benchmarks.metrics import measure
 from benchmarks.report import terminal
 from benchmarks.report.plot import plot_trace
@@ -26,6 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=episodes, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)"
     )
+    parser.add_argument(
+        "--gains", nargs="+", type=gain, default=(), metavar="GAIN=VALUE",
+        help="other gains than the policy's own, such as kp=25, or kp=25,30 for the two joints",
+    )  # fmt: skip
     parser.add_argument("--plot", type=picture, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
     parser.add_argument(
@@ -37,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.trust:
         joining.trust(arguments.policy)
     scenario = scenarios.get(arguments.scenario)
-    trace = rollout(arguments.policy, scenario, range(arguments.seeds))
+    trace = rollout(arguments.policy, scenario, range(arguments.seeds), dict(arguments.gains))
     screen = console()
     title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
     terminal.evaluation(screen, title, measure(trace), 1e6 * trace.decision_time)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from pathlib import Path
 
+from benchmarks import joining
 from benchmarks.commands.common import command_line, count
 from benchmarks.tuning import JUDGED, SCENARIOS, Task, judge, seeds, ship, summary, tune
 from controllers.policy import TUNED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("policy", metavar="POLICY", help="a name from `fbl-gym list policies`")
+    parser.add_argument(
+        "policy", metavar="POLICY", help="a name from `fbl-gym list policies`, module:factory, or a file"
+    )
     parser.add_argument("--trials", type=count, default=40, metavar="N", help="in all, earlier runs counted (40)")
     parser.add_argument("--seeds", type=count, default=16, metavar="N", help="tuning seeds of each scenario (16)")
     parser.add_argument(
@@ -32,19 +36,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",
         help="of the studies; several processes may share it, and a stopped one goes on (results/tuning)",
     )  # fmt: skip
-    parser.add_argument("--ship", action="store_true", help=f"write the gains to {TUNED.parent.name}/{TUNED.name}")
+    parser.add_argument(
+        "--ship",
+        action="store_true",
+        help=f"write the gains of a policy of fbl-gym's own to {TUNED.parent.name}/{TUNED.name}",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
+    policy = arguments.policy
+    joining.check(policy)
+    if arguments.ship and not joining.own(policy):
+        raise ValueError(
+            f"--ship is for the policies that fbl-gym comes with, got {policy!r}: "
+            "leave it out, and make the gains that are found the law's defaults"
+        )
     tried, fresh = seeds(arguments.seeds, arguments.fresh_seeds)
-    task = Task(arguments.policy, tuple(arguments.scenarios or SCENARIOS), tried)
-    judging = Task(arguments.policy, tuple(arguments.scenarios or JUDGED), fresh)
-    study = tune(task, arguments.trials, arguments.storage / f"{arguments.policy}.db", dict(arguments.also))
+    task = Task(policy, tuple(arguments.scenarios or SCENARIOS), tried)
+    judging = Task(policy, tuple(arguments.scenarios or JUDGED), fresh)
+    study = tune(task, arguments.trials, arguments.storage / f"{_study(policy)}.db", dict(arguments.also))
     found = summary(task, study, judging, judge(judging, study, arguments.candidates), command_line())
     print(json.dumps({key: found[key] for key in ("gains", "judged")}, indent=1))
     if arguments.ship:
         print(f"shipped: {ship(found)}")
+    elif found["gains"]:
+        gains = " ".join(f"{name}={value:g}" for name, value in found["gains"].items())
+        print(f"best: {gains}; try them: fbl-gym evaluate {policy} --gains {gains}; then make them the law's defaults")
+    else:
+        print("best: the gains as they are")
     return 0
+
+
+def _study(policy: str) -> str:
+    """The name of a policy's file; a law that was changed begins a study of its own."""
+    code = joining.digest(policy)
+    return re.sub(r"[^\w@.-]+", "_", policy) + (f"-{code[:12]}" if code else "")
 
 
 def _gain(text: str) -> tuple[str, float]:

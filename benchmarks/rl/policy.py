@@ -6,6 +6,7 @@ import csv
 import hashlib
 import importlib
 import json
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,6 +31,19 @@ ALGORITHMS = {
     "tqc": "sb3_contrib:TQC",
     "crossq": "sb3_contrib:CrossQ",
 }
+
+_SAVED = {
+    "stable_baselines3.sac.policies": "stable_baselines3:SAC",
+    "stable_baselines3.td3.policies": "stable_baselines3:TD3",  # DDPG's archives too: it is a TD3
+    "sb3_contrib.tqc.policies": "sb3_contrib:TQC",
+    "sb3_contrib.crossq.policies": "sb3_contrib:CrossQ",
+    "sb3_contrib.ars.policies": "sb3_contrib:ARS",
+    "sb3_contrib.common.recurrent.policies": "sb3_contrib:RecurrentPPO",
+}
+"""Which class loads an archive, by the module of its network."""
+
+_SHARED = "stable_baselines3.common.policies"
+"""The module of the network that PPO, A2C and TRPO share; their settings tell them apart."""
 
 _ACTIVATIONS: dict[str, Callable[[Array], Array]] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
 _BLOCK = 16
@@ -259,29 +273,73 @@ crossq = _factory("crossq", "CrossQ on torques; trained on everything-2")
 
 def find_class(algorithm: str) -> Any:
     """SB3's class of an algorithm."""
-    module, name = ALGORITHMS[choice("algorithm", algorithm, ALGORITHMS)].split(":")
+    return _imported(algorithm, ALGORITHMS[choice("algorithm", algorithm, ALGORITHMS)])
+
+
+def _imported(what: str, place: str) -> Any:
+    module, name = place.split(":")
     try:
         return getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as problem:
-        raise ValueError(f"{algorithm} needs {module}, which is not installed: pip install 'fbl-gym[rl]'") from problem
+        raise ValueError(f"{what} needs {module}, which is not installed: pip install 'fbl-gym[rl]'") from problem
 
 
-def load_zip(path: str | Path, interface: Interface, algorithm: str = "ppo", trust: bool = False) -> Policy:
+def _class_of(path: str | Path) -> Any:
+    """SB3's class of the algorithm that wrote an archive; nothing of it is executed."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            data = json.loads(archive.read("data"))
+        module = data["policy_class"]["__module__"]
+    except (zipfile.BadZipFile, KeyError, TypeError, ValueError) as problem:
+        raise ValueError(f"{path} must be an archive that stable-baselines3's save wrote ({problem})") from None
+    if module == _SHARED:
+        algorithms = {"clip_range": "stable_baselines3:PPO", "cg_max_steps": "sb3_contrib:TRPO"}
+        place = next((found for key, found in algorithms.items() if key in data), "stable_baselines3:A2C")
+    elif module in _SAVED:
+        place = _SAVED[module]
+    elif "clip_range" in data and not module.startswith("sb3_contrib."):
+        place = "stable_baselines3:PPO"  # with a network of somebody's own
+    else:
+        known = ", ".join(sorted({found.partition(":")[2] for found in _SAVED.values()} | {"PPO", "A2C", "TRPO"}))
+        raise ValueError(f"{path} must hold a model of one of {known}, got one whose network is of {module}")
+    return _imported(str(path), place)
+
+
+def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
     """A stranger's SB3 model as a policy; it was trained on the environment's own observations and actions.
 
     Args:
         path: the .zip that SB3's `save` wrote.
         interface: of the environment that it is to act in.
-        algorithm: one of `ALGORITHMS`.
         trust: a .zip of SB3 holds pickled code, which runs when it is loaded; True says that you trust where it came from.
     """
     if not trust:
         raise ValueError(
             f"loading {str(path)!r} runs the code in it: give trust=True if you trust its source, got {trust!r}"
         )
-    model = find_class(algorithm).load(path, device="cpu")
-    for what in ("observation_space", "action_space"):
+    model = _class_of(path).load(path, device="cpu")
+    _check_spaces(model, interface)
+    return model
+
+
+def _check_spaces(model: Any, interface: Interface) -> None:
+    """An error, unless a model was trained on the observations and actions of an interface, whatever their precision."""
+    right = {
+        "observation_space": "observations as the environment gives them, without a wrapper such as ErrorCoordinates",
+        "action_space": f'action="{interface.action}"',
+    }
+    for what, trained in right.items():
         theirs, ours = getattr(model, what), getattr(interface, what)
         if theirs.shape != ours.shape:
             raise ValueError(f"the model's {what} must have the environment's shape {ours.shape}, got {theirs.shape}")
-    return model
+        if not all(np.allclose(getattr(theirs, end), getattr(ours, end), rtol=1e-5) for end in ("low", "high")):
+            raise ValueError(
+                f"the model's {what} must have the environment's bounds, {_bounds(ours)}, got {_bounds(theirs)}: "
+                f"train it with {trained}"
+            )
+
+
+def _bounds(space: Any) -> str:
+    """The bounds of a box's entries, each pair once, such as "-2000 to 2000, -800 to 800"."""
+    ends = [f"{low:.6g} to {high:.6g}" for low, high in zip(space.low.ravel(), space.high.ravel(), strict=True)]
+    return ", ".join(dict.fromkeys(ends))

@@ -11,8 +11,9 @@ from rich.console import Console
 from scipy.stats import trim_mean
 
 import controllers
-from benchmarks import cli
+from benchmarks import cli, joining
 from benchmarks.board import UNSCORED, assemble, family_of
+from benchmarks.contract import check
 from benchmarks.metrics import METRICS, measure
 from benchmarks.report import markdown, terminal
 from benchmarks.rollout import rollout
@@ -253,17 +254,114 @@ def test_broken_promises_are_found(tmp_path, capsys):
         assert f"BROKEN  {promise}" in shown
 
 
+FORGETFUL = """
+from controllers.simple import PdGravity
+
+
+class Forgetful(PdGravity):
+    def initial(self):
+        return ()
+
+    def torque(self, observation, state):
+        return gain * observation, state
+
+
+make_policy = Forgetful
+"""
+
+
+def test_a_mistake_is_said_once_with_its_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "forgetful.py"
+    file.write_text(FORGETFUL.replace("initial(self)", "initial(self, observation)"))
+    assert cli.main(["check-policy", "forgetful.py"]) == 1
+    shown = capsys.readouterr().out
+    assert shown.count("NameError: name 'gain' is not defined (forgetful.py:10)") == shown.count("NameError") == 1
+    assert shown.count("BROKEN") == 1
+    assert "BROKEN  7 promises: NameError" in shown
+    assert "breaks 7 of its promises" in shown
+    # A mistake that is raised elsewhere is said once, too.
+    other = tmp_path / "other.py"
+    other.write_text(FORGETFUL)
+    assert cli.main(["check-policy", "other.py"]) == 1
+    assert capsys.readouterr().out.count("Forgetful.initial() takes 1 positional argument but 2 were given") == 1
+
+
+ROUNDED = """
+import numpy as np
+from controllers.simple import PdGravity
+
+
+class Rounded(PdGravity):
+    \"\"\"A gain that amplifies a last bit, and a sum that rounds by the size of its batch.\"\"\"
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        position = np.asarray(observation)[..., self.interface.layout["position"]]
+        action = np.tanh(-100 * position + 1e-6 * (np.ndim(observation) == 2))
+        return LANE_ACTION, None
+
+
+make_policy = Rounded
+"""
+
+
+@pytest.mark.parametrize(
+    ("action", "kept"),
+    [("action", True), ("action - action.mean(axis=0)", False)],
+)
+def test_lanes_are_compared_on_the_same_readings(action, kept, tmp_path):
+    """Rounding that a closed loop amplifies is no broken promise; a lane that knows of the others is one."""
+    file = tmp_path / "rounded.py"
+    file.write_text(ROUNDED.replace("LANE_ACTION", f"np.clip({action}, -1, 1)"))
+    (lanes,) = [found for found in check(str(file)) if found.promise == "a lane of a batch acts as a single policy"]
+    assert lanes.kept is kept, lanes.detail
+
+
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
         ("nowhere.py", "there is no file nowhere.py"),
         ("controllers.simple:Zeros", "unknown factory of controllers.simple 'Zeros'; did you mean 'Zero'"),
         ("pid-fml", "did you mean 'pid-flm'"),
+        ("nomod:f", "fbl-gym: there is no module nomod, installed or in "),
+        ("controllers.nomod:f", "fbl-gym: there is no module controllers.nomod, installed or in "),
+        (".nomod:f", "must be named as in an import, such as my_laws.pd, got '.nomod'"),
     ],
 )
 def test_policies_that_cannot_be_found(policy, message, capsys):
     assert cli.main(["check-policy", policy]) == 2
     assert message in capsys.readouterr().err
+
+
+HELPED = """
+from helper import GAIN
+from controllers.simple import PdGravity
+
+
+def make_policy(interface):
+    return PdGravity(interface, GAIN)
+"""
+
+
+def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
+    """Of two laws with a `helper` each, each has its own; nothing of that stays on the path."""
+    before = list(sys.path)
+    for gain in (11.0, 12.0):
+        folder = tmp_path / f"of_{gain:g}"
+        folder.mkdir()
+        (folder / "helper.py").write_text(f"GAIN = {gain}\n")
+        (folder / "law.py").write_text(HELPED)
+        made = joining.make(str(folder / "law.py"), TwoLinkArmEnv())
+        assert made.frequency == (gain, gain)
+    monkeypatch.chdir(tmp_path / "of_11")
+    (tmp_path / "of_11/law_of_11.py").write_text(HELPED)
+    for name in ("helper", "law_of_11"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    assert joining.make("law_of_11:make_policy", TwoLinkArmEnv()).frequency == (11.0, 11.0)
+    assert joining.make("law_of_11.py", TwoLinkArmEnv()).frequency == (11.0, 11.0)
+    assert sys.path == before
+    for name in ("helper", "law_of_11"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
 
 
 def test_an_archive_is_not_loaded_without_trust(tmp_path, capsys):

@@ -6,16 +6,19 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import controllers
-from benchmarks import runner, store
+from benchmarks import joining, runner, store
 from benchmarks.runner import run, run_cell
 from benchmarks.store import Damaged, Store, identity, key
 from benchmarks.suite import SPLITS, SUITES, Cell, load, named, narrow
+from controllers.policy import ENTRY_POINTS
+from fbl_gym import TwoLinkArmEnv
 
 SHORT = {"duration": 0.5}
 
@@ -89,6 +92,61 @@ def test_the_key_follows_a_strangers_code(tmp_path):
     before = key(identity(cell))
     file.write_text("from controllers.simple import Zero as make_policy  # changed\n")
     assert key(identity(cell)) != before
+
+
+def tree(folder, files):
+    """Files of Python, by their names without .py."""
+    for name, text in files.items():
+        path = folder / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+
+LAW = "from controllers.simple import Zero as make_policy\n"
+
+
+def test_the_key_follows_what_a_strangers_file_imports(tmp_path):
+    files = {
+        "mine": f"def late():\n    import helper\n{LAW}",
+        "helper": "from parts import deep\n",
+        "parts/__init__": "",
+        "parts/deep": "from .deeper import x\n",
+        "parts/deeper": "x = 1\n",
+        "other": "",
+    }
+    tree(tmp_path, files)
+    cell = Cell(str(tmp_path / "mine.py"), "nominal", (0,))
+    keys = [key(identity(cell))]
+    for name in ("helper", "parts/__init__", "parts/deep", "parts/deeper"):
+        with (tmp_path / f"{name}.py").open("a") as file:
+            file.write("# changed\n")
+        keys.append(key(identity(cell)))
+    assert len(set(keys)) == 5
+    (tmp_path / "other.py").write_text("# nobody imports it\n")
+    assert key(identity(cell)) == keys[-1]
+
+
+def test_the_key_follows_a_strangers_package(tmp_path, monkeypatch):
+    """Named by a module, or by an entry point; a name of fbl-gym's own stays its own."""
+    monkeypatch.syspath_prepend(tmp_path)
+    tree(tmp_path, {"strangers_laws/part/law": LAW, "strangers_laws/gains": ""})
+    points = [
+        metadata.EntryPoint(name, "strangers_laws.part.law:make_policy", ENTRY_POINTS) for name in ("own", "pid-flm")
+    ]
+    monkeypatch.setattr("controllers.policy._entry_points", lambda: tuple(points))
+    monkeypatch.setattr("benchmarks.joining._entry_points", lambda: tuple(points))
+    some = [Cell(name, "nominal", (0,)) for name in ("strangers_laws.part.law:make_policy", "own", "pid-flm")]
+    before = [key(identity(cell)) for cell in some]
+    tree(tmp_path, {"strangers_laws/gains": "# changed\n"})
+    after = [key(identity(cell)) for cell in some]
+    assert [old == new for old, new in zip(before, after, strict=True)] == [False, False, True]
+
+
+def test_the_keys_of_the_packages_own_policies_stay():
+    """The board's results are found by them."""
+    for policy in (*joining.names(), "ppo-memory@1"):
+        assert joining.sources(policy) == []
+    assert set(joining.configuration("pid-flm", joining.make("pid-flm", TwoLinkArmEnv()))) == {"kp", "ki", "kd"}
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -1,11 +1,13 @@
 """Trials find gains, and fresh seeds judge them."""
 
 import json
+import shlex
 
 import optuna
 import pytest
 
 from benchmarks import cli
+from benchmarks.commands.common import gain
 from benchmarks.suite import SPLITS
 from benchmarks.tuning import JUDGED, Task, judge, seeds, ship, summary
 
@@ -82,15 +84,78 @@ def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert [trial.params.get("kp") == 3756 for trial in study.trials] == [False, False, True, False, False]
 
 
+LAW = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from controllers.simple import PdGravity
+
+
+@dataclass(frozen=True)
+class Law(PdGravity):
+    frequency: float = 1.0
+    ranges: ClassVar = {"frequency": (10.0, 40.0)}
+
+
+make_policy = Law
+"""
+
+
+def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "law.py").write_text(LAW)
+    few = shlex.split("--trials 3 --seeds 1 --fresh-seeds 1 --candidates 2 --scenarios nominal --also frequency=35")
+    for policy in ("law.py", "law.py:Law"):
+        assert cli.main(["tune", policy, *few]) == 0
+        *_, last = capsys.readouterr().out.splitlines()
+        assert last.startswith("best: frequency=")
+        assert f"try them: fbl-gym evaluate {policy} --gains frequency=" in last
+        assert cli.main(shlex.split(last.partition("fbl-gym ")[2].partition(";")[0]) + ["--seeds", "1"]) == 0
+        capsys.readouterr()
+    assert len(list((tmp_path / "results/tuning").iterdir())) == 2
+    # Changed code is another law, of which nothing was tried.
+    (tmp_path / "law.py").write_text(f"{LAW}# changed\n")
+    assert cli.main(["tune", "law.py", *few]) == 0
+    assert len(list((tmp_path / "results/tuning").iterdir())) == 3
+
+
+def test_a_pair_of_gains_is_one_for_each_joint():
+    """To a law that never thought of pairs, too: it multiplies joints by it."""
+    name, value = gain("w=20,30")
+    assert name == "w"
+    assert list(value**2) == [400, 900]
+    assert gain("w=20") == ("w", 20.0)
+
+
+def test_gains_are_the_policys(capsys):
+    shown = []
+    for gains in ("kp=1", "kp=25,25", "kp=25"):
+        assert cli.main(["evaluate", "pid-flm", "--seeds", "1", "--gains", gains]) == 0
+        shown.append(next(line for line in capsys.readouterr().out.splitlines() if "error_pct" in line))
+    assert shown[0] != shown[1] == shown[2]
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         ("tune zero", "has nothing to tune"),
         ("tune pid-flm --also pk=3", "unknown gain of pid-flm 'pk'; did you mean 'kp'?"),
         ("tune pid-flm --also kp=-3", "kp must be a finite number not below"),
+        ("tune pid-fml", "did you mean 'pid-flm'?"),
+        (
+            "tune controllers.simple:PdGravity --ship",
+            "--ship is for the policies that fbl-gym comes with, got 'controllers.",
+        ),
+        ("evaluate pid-flm --gains pk=3", "unknown argument of pid-flm 'pk'; did you mean 'kp'?"),
+        ("evaluate pid-flm --gains kp=1,2,3", "got 'kp=1,2,3'"),
+        ("evaluate pid-flm --gains kp=x", "must be such as kp=25, or kp=25,30 for the two joints, got 'kp=x'"),
         ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
     ],
 )
 def test_what_cannot_be_tuned_is_said(line, message, capsys, tmp_path):
-    assert cli.main([*line.split(), "--storage", str(tmp_path)]) == 2
+    try:
+        status = cli.main([*line.split(), *(["--storage", str(tmp_path)] if line.startswith("tune") else [])])
+    except SystemExit as left:
+        status = left.code
+    assert status == 2
     assert message in capsys.readouterr().err

@@ -2,7 +2,10 @@
 
 import dataclasses
 import importlib
+import json
+import zipfile
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from benchmarks.rl.policy import ALGORITHMS, Actor, Agent, SavedAgent, load_zip,
 from benchmarks.rl.train import export
 from benchmarks.rl.vec_env import ArmVecEnv
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.wrappers import ErrorCoordinates
 
 SMALL = {
     "ppo": {"n_steps": 16, "batch_size": 16},
@@ -240,6 +244,89 @@ def test_a_strangers_zip_is_loaded_on_trust_only(tmp_path):
     )
     with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
         load_zip(tmp_path / "model.zip", TwoLinkArmEnv(preview=1).interface, trust=True)
+
+
+def saved(folder, env, algorithm="PPO", module="stable_baselines3", **settings):
+    """A small model as it is before it learns anything, written by SB3."""
+    policy = settings.pop("policy", "MlpPolicy")
+    model = getattr(importlib.import_module(module), algorithm)(policy, env, device="cpu", seed=0, **settings)
+    model.save(folder / "model.zip")
+    return model, folder / "model.zip"
+
+
+@pytest.mark.parametrize(
+    ("env", "message"),
+    [
+        (
+            lambda: ErrorCoordinates(TwoLinkArmEnv()),
+            "observation_space .* -25.1327 to 25.1327, .* got -10 to 10: train it",
+        ),
+        (lambda: TwoLinkArmEnv(action="torque"), 'got -2000 to 2000, -800 to 800: train it with action="fraction"'),
+        (lambda: TwoLinkArmEnv(action="acceleration"), 'got -100 to 100: train it with action="fraction"'),
+    ],
+)
+def test_a_zip_of_other_observations_or_actions_is_refused(env, message, tmp_path):
+    """Their shapes are the environment's, their meaning is not."""
+    _, path = saved(tmp_path, env())
+    with pytest.raises(ValueError, match=message):
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+
+
+@pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
+def test_a_zip_of_single_precision_or_wrapped_by_sb3_is_accepted(tmp_path):
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    plain = gymnasium.make("fbl_gym/TwoLinkArm-v0")
+    for env in (
+        Monitor(plain),
+        VecNormalize(DummyVecEnv([lambda: plain])),
+        gymnasium.wrappers.DtypeObservation(plain, np.float32),
+    ):
+        _, path = saved(tmp_path, env)
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "settings"),
+    [
+        ("A2C", {}),
+        ("SAC", {"buffer_size": 10}),
+        ("TD3", {"buffer_size": 10}),
+        ("DDPG", {"buffer_size": 10}),
+        ("TQC", {"module": "sb3_contrib", "buffer_size": 10}),
+        ("CrossQ", {"module": "sb3_contrib", "buffer_size": 10}),
+        ("TRPO", {"module": "sb3_contrib"}),
+        ("ARS", {"module": "sb3_contrib"}),
+        ("RecurrentPPO", {"module": "sb3_contrib", "policy": "MlpLstmPolicy"}),
+    ],
+)
+def test_a_zip_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, tmp_path):
+    if settings.get("module"):
+        pytest.importorskip("sb3_contrib")
+    env = TwoLinkArmEnv()
+    model, path = saved(tmp_path, env, algorithm, **settings)
+    joining.trust(str(path))
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(
+        joining.make(str(path), env).predict(observation, deterministic=True)[0],
+        model.predict(observation, deterministic=True)[0],
+    )
+
+
+def test_a_zip_of_an_unknown_algorithm_is_named(tmp_path):
+    path = tmp_path / "model.zip"
+    for data, message in (
+        ({"policy_class": {"__module__": "sbx.sac.policies"}}, "A2C, .* got one whose network is of sbx.sac.policies"),
+        ({}, "must be an archive that stable-baselines3's save wrote"),
+    ):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data", json.dumps(data))
+        with pytest.raises(ValueError, match=message):
+            load_zip(path, TwoLinkArmEnv().interface, trust=True)
+    path.write_bytes(b"PK")
+    with pytest.raises(ValueError, match="must be an archive that stable-baselines3's save wrote"):
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
 
 
 def test_a_lane_has_the_same_bits_alone_and_in_a_batch():
