@@ -43,8 +43,8 @@ def test_what_is_promised_is_shipped():
 def test_a_shipped_agent_has_the_error_that_it_states(name):
     """On the validation seeds, by which it was chosen; so the physics has not changed under it either.
 
-    Within 2 %: `ppo-memory` follows so closely that other last bits make joints stick elsewhere in 6 of the 16 runs. That moved
-    its mean by 1.5 % when the kernel's sine came to be rounded otherwise than in training. All other agents moved by 0.4 % at most.
+    Within 2 %: `ppo-memory` follows so closely that other last bits make joints stick elsewhere in 6 of the 16 runs. That
+    moved its mean by 1.5 % when the kernel's sine came to be rounded otherwise than in training; other agents moved by 0.4 %.
     """
     found = describe(SHIPPED / name / str(best_seed(name)))
     scenario = Scenario.from_dict(found["scenario"])
