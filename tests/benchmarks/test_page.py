@@ -224,11 +224,12 @@ def test_the_arm_moves_when_played(page, data):
     before = page.execute_script(picture)
     assert page.find_element("css selector", "#readout th").text == "t = 0.00 s"
     press(page, "#play")
-    scrub = page.find_element("id", "scrub")
-    WebDriverWait(page, 20, poll_frequency=0.05).until(lambda _: float(scrub.get_attribute("value")) > 0)
-    assert page.find_element("id", "play").text == "Pause"
-    press(page, "#play")
-    assert page.find_element("id", "play").text == "Play"
+    button, scrub = page.find_element("id", "play"), page.find_element("id", "scrub")
+    assert button.text == "Pause"
+    WebDriverWait(page, 20, poll_frequency=0.05).until(lambda _: float(scrub.get_attribute("value")) > 100)
+    if button.text == "Pause":  # a slow browser may be at the end
+        press(page, "#play")
+    assert button.text == "Play"
     assert page.execute_script(picture) != before
     page.execute_script(
         """const scrub = document.querySelector('#scrub');
