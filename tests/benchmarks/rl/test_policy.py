@@ -273,18 +273,17 @@ def test_a_zip_of_other_observations_or_actions_is_refused(env, message, tmp_pat
 
 
 @pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
-def test_a_zip_of_single_precision_or_wrapped_by_sb3_is_accepted(tmp_path):
+def test_a_zip_of_single_precision_or_monitored_by_sb3_acts_as_it_was_saved(tmp_path):
     from stable_baselines3.common.monitor import Monitor
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
     plain = gymnasium.make("fbl_gym/TwoLinkArm-v0")
-    for env in (
-        Monitor(plain),
-        VecNormalize(DummyVecEnv([lambda: plain])),
-        gymnasium.wrappers.DtypeObservation(plain, np.float32),
-    ):
-        _, path = saved(tmp_path, env)
-        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+    observation, _ = plain.reset(seed=0)
+    for env in (Monitor(plain), gymnasium.wrappers.DtypeObservation(plain, np.float32)):
+        model, path = saved(tmp_path, env)
+        np.testing.assert_array_equal(
+            load_zip(path, plain.unwrapped.interface, trust=True).predict(observation, deterministic=True)[0],
+            model.predict(observation, deterministic=True)[0],
+        )
 
 
 @pytest.mark.parametrize(
