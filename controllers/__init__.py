@@ -3,6 +3,6 @@
 `make("pid-flm", env)` builds one, `names()` lists them.
 """
 
-from controllers.policy import Policy, TorqueLaw, factory, kind, make, names, register, summary, tier, tuned
+from controllers.policy import Policy, TorqueLaw, access, factory, kind, make, names, register, summary, tuned
 
-__all__ = ["Policy", "TorqueLaw", "factory", "kind", "make", "names", "register", "summary", "tier", "tuned"]
+__all__ = ["Policy", "TorqueLaw", "access", "factory", "kind", "make", "names", "register", "summary", "tuned"]

@@ -1,4 +1,4 @@
-"""The ceiling of the board: feedback linearisation that knows everything. Marked as the truth tier, and never ranked."""
+"""The ceiling of the board: feedback linearisation that knows everything. Marked as the privileged access, and never ranked."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class OracleFlm:
     kp: Pair | float = 400.0
     kd: Pair | float = 40.0
 
-    tier: ClassVar[str] = "truth"
+    access: ClassVar[str] = "privileged"
 
     def __post_init__(self) -> None:
         settle(self, kp=pair("kp", self.kp), kd=pair("kd", self.kd))

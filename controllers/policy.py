@@ -28,7 +28,7 @@ State: TypeAlias = tuple[Array, ...]
 
 KINDS = ("classical", "learned")
 
-TIERS = ("nothing", "nominal model", "truth")
+ACCESS = ("none", "nominal", "privileged")
 """What a policy is told of the arm: nothing, the nominal model, or the truth (such rows are not ranked)."""
 
 
@@ -72,7 +72,7 @@ class TorqueLaw:
     interface: Interface
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity")
-    tier: ClassVar[str] = "nominal model"
+    access: ClassVar[str] = "nominal"
     preview: ClassVar[float] = 0.0
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
 
@@ -139,7 +139,7 @@ class TorqueLaw:
 class _Entry:
     factory: str | Callable[..., Any]
     summary: str
-    tier: str
+    access: str
     kind: str
 
 
@@ -154,7 +154,7 @@ def register(
     name: str,
     factory: str | Callable[..., Any],
     summary: str,
-    tier: str = "nominal model",
+    access: str = "nominal",
     kind: str = "classical",
 ) -> None:
     """Make a policy known by name.
@@ -162,14 +162,14 @@ def register(
     Args:
         name: lower case, words joined by hyphens.
         factory: called as `factory(interface, **gains)`, or "module:attribute" that leads to it. One whose first parameter is
-            called `env` is given the environment instead, as only the truth tier may be.
+            called `env` is given the environment instead, as only the privileged access may be.
         summary: one line.
-        tier: what it is told: "nothing", "nominal model" or "truth".
+        access: what it is told: "none", "nominal" or "privileged".
         kind: "classical" or "learned".
     """
     if name in _REGISTRY:
         raise ValueError(f"a policy named {name!r} is registered already")
-    _REGISTRY[name] = _Entry(factory, summary, choice("tier", tier, TIERS), choice("kind", kind, KINDS))
+    _REGISTRY[name] = _Entry(factory, summary, choice("access", access, ACCESS), choice("kind", kind, KINDS))
 
 
 @lru_cache(maxsize=1)
@@ -209,7 +209,7 @@ def _entry(name: str) -> _Entry:
         raise unknown("policy", name, names())
     factory = strangers[name].load()
     text = (inspect.getdoc(factory) or "").split("\n")[0]
-    return _Entry(factory, text, getattr(factory, "tier", "nominal model"), getattr(factory, "kind", "classical"))
+    return _Entry(factory, text, getattr(factory, "access", "nominal"), getattr(factory, "kind", "classical"))
 
 
 def summary(name: str) -> str:
@@ -217,9 +217,9 @@ def summary(name: str) -> str:
     return _entry(name).summary
 
 
-def tier(name: str) -> str:
-    """What a policy is told: "nothing", "nominal model" or "truth".  name: one of `names()`, or POLICY@tuned."""
-    return _entry(name).tier
+def access(name: str) -> str:
+    """What a policy is told: "none", "nominal" or "privileged".  name: one of `names()`, or POLICY@tuned."""
+    return _entry(name).access
 
 
 def kind(name: str) -> str:
@@ -268,105 +268,105 @@ def _called(name: str | Callable[..., Any]) -> str:
 
 
 for _name, _factory, _summary, _tier in (
-    ("zero", "controllers.simple:Zero", "no torque at all: the floor", "nothing"),
-    ("pd-gravity", "controllers.simple:PdGravity", "PD with the nominal gravity torque", "nominal model"),
+    ("zero", "controllers.simple:Zero", "no torque at all: the floor", "none"),
+    ("pd-gravity", "controllers.simple:PdGravity", "PD with the nominal gravity torque", "nominal"),
     (
         "pid-flm",
         "controllers.pid:PidFlm",
         "the paper's PID through nominal feedback linearisation (§2.2)",
-        "nominal model",
+        "nominal",
     ),
     (
         "cascade-flm",
         "controllers.cascade:CascadeFlm",
         "the paper's cascade: inner velocity PI, outer P with feed-forward (§3.1)",
-        "nominal model",
+        "nominal",
     ),
     (
         "robust-flm",
         "controllers.kalman:RobustFlm",
         "the paper's robust controller: the cascade behind a Kalman filter per joint (§3)",
-        "nominal model",
+        "nominal",
     ),
     (
         "adaptive-flm",
         "controllers.adaptive:AdaptiveFlm",
         "the paper's adaptive controller: three-sample parameter estimator, gain scheduling, cascade (§4)",
-        "nominal model",
+        "nominal",
     ),
     (
         "adaptive-flm-ls",
         "controllers.adaptive_ls:AdaptiveFlmLs",
         "its idea made fit for noise: least squares on filtered regressors, friction too, behind the Kalman filter",
-        "nominal model",
+        "nominal",
     ),
-    ("adrc", "controllers.adrc:Adrc", "active disturbance rejection on the position sensor alone", "nominal model"),
+    ("adrc", "controllers.adrc:Adrc", "active disturbance rejection on the position sensor alone", "nominal"),
     (
         "time-delay",
         "controllers.time_delay:TimeDelay",
         "time-delay control: what the last torque missed, by the accelerometer, is added to the next",
-        "nominal model",
+        "nominal",
     ),
     (
         "lqg",
         "controllers.lqg:Lqg",
         "optimal regulator with integral action behind the Kalman filter, on the nominally linearised arm",
-        "nominal model",
+        "nominal",
     ),
     (
         "rbf-adaptive",
         "controllers.rbf_adaptive:RbfAdaptive",
         "neural adaptive control: radial basis functions along the reference learn what the model misses",
-        "nominal model",
+        "nominal",
     ),
-    ("pid-gravity", "controllers.pid_gravity:PidGravity", "PID with the nominal gravity torque", "nominal model"),
+    ("pid-gravity", "controllers.pid_gravity:PidGravity", "PID with the nominal gravity torque", "nominal"),
     (
         "computed-torque",
         "controllers.computed_torque:ComputedTorque",
         "plain computed torque, critically damped",
-        "nominal model",
+        "nominal",
     ),
     (
         "computed-torque-dob",
         "controllers.disturbance_observer:ComputedTorqueDob",
         "computed torque with a momentum-based disturbance observer (De Luca)",
-        "nominal model",
+        "nominal",
     ),
     (
         "slotine-li",
         "controllers.slotine_li:SlotineLi",
         "adaptive passivity-based control of the lumped parameters (Slotine and Li)",
-        "nominal model",
+        "nominal",
     ),
     (
         "slotine-li-composite",
         "controllers.slotine_li:CompositeSlotineLi",
         "the same, driven by the prediction error of the torque too",
-        "nominal model",
+        "nominal",
     ),
     (
         "sliding-mode",
         "controllers.sliding_mode:SuperTwisting",
         "super-twisting on the nominal linearisation (Levant; Moreno and Osorio)",
-        "nominal model",
+        "nominal",
     ),
     (
         "nmpc",
         "controllers.nmpc:Nmpc",
         "nonlinear model predictive control with a disturbance estimate and preview (needs casadi)",
-        "nominal model",
+        "nominal",
     ),
     (
         "spong-robust",
         "controllers.spong:SpongRobust",
         "Spong's robust law with a bound for each parameter",
-        "nominal model",
+        "nominal",
     ),
     (
         "oracle-flm",
         "controllers.oracle:OracleFlm",
         "feedback linearisation with the true parameters, state, friction and disturbance: the ceiling",
-        "truth",
+        "privileged",
     ),
 ):
     register(_name, _factory, _summary, _tier)

@@ -20,7 +20,7 @@ class Zero(TorqueLaw):
     """No torque. What an arm does that nobody drives."""
 
     needs: ClassVar[tuple[str, ...]] = ()
-    tier: ClassVar[str] = "nothing"
+    access: ClassVar[str] = "none"
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         return np.zeros((len(observation), 2)), ()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
-from fbl_gym.elementary import kept
+from fbl_gym.fastmath import kept
 
 LANES = 32
 """Lanes worked on at a time: few enough that all of it stays in the processor's first cache."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fbl_gym import settings
 from fbl_gym.arm import Array
-from fbl_gym.kernel import doors
+from fbl_gym.kernel import api
 from fbl_gym.settings import LANES, Program
 
 Flags = NDArray[np.bool_]
@@ -87,7 +87,7 @@ class ArmBatch:
         self._memory[settings.COUNT : settings.STATE + 1] = lanes, *places[1:-1]
         # The last block's spare lanes get an episode too, so that their numbers stay sane.
         self._blocks[:, settings.ENDED : settings.ENDED + LANES] = settings.RESTART
-        doors.step(self._memory, np.empty(lanes * size), 0, 0)
+        api.step(self._memory, np.empty(lanes * size), 0, 0)
         # Before its first step, a lane must be reset.
         self._blocks[:, settings.ENDED : settings.ENDED + LANES] = 1.0
 
@@ -118,10 +118,10 @@ class ArmBatch:
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write every lane's observation to `out` [n * size]."""
         self._blocks[lanes // LANES, settings.ENDED + lanes % LANES] = settings.RESTART
-        doors.step(self._memory, out, 0, 0)
+        api.step(self._memory, out, 0, 0)
 
     def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
-        """One control interval of every lane, unless something is against it; see `kernel.doors.step` and `check`.
+        """One control interval of every lane, unless something is against it; see `kernel.api.step` and `check`.
 
         Args:
             actions: [2 n].
@@ -133,12 +133,12 @@ class ArmBatch:
         memory = self._memory
         memory[self._given] = actions
         if self.threads == 1:
-            return doors.step(memory, out, 0, 1)
-        found: int = doors.check(memory)
+            return api.step(memory, out, 0, 1)
+        found: int = api.check(memory)
         if found >= 0:
             return found, 0.0, False, False
         pool = _pool(self.threads)
-        work = [pool.submit(doors.step, memory, out, part, self.threads) for part in range(self.threads)]
+        work = [pool.submit(api.step, memory, out, part, self.threads) for part in range(self.threads)]
         first, *_ = [each.result() for each in work]
         return first
 
@@ -157,7 +157,7 @@ class ArmBatch:
     def truth(self) -> Truth:
         """What is really so, now; computed when asked for."""
         found = np.empty((self.lanes, settings.TRUE_COLUMNS))
-        doors.inspect(self._memory, found)
+        api.inspect(self._memory, found)
         return Truth(**{name: found[:, columns].copy() for name, columns in settings.TRUE.items()})
 
 

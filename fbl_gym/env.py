@@ -28,7 +28,7 @@ _USUAL = frozenset({np.dtype(np.float32), np.dtype(np.float64)})
 OF_BATCHES = ("num_envs", "autoreset_mode", "max_episode_steps", "threads")
 
 
-class Told:
+class TaskProperties:
     """What both environments say of themselves: the scenario, and the interface that policies are given."""
 
     scenario: Scenario
@@ -122,7 +122,7 @@ def check_render(render_mode: str | None, has_begun: bool) -> str | None:
     return render_mode
 
 
-class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
+class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     """An uncertain two-link arm that is to follow a reference.
 
     ## Description
@@ -177,7 +177,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
     * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`, `noise`, `friction`,
       `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`, `physics_dt`, `duration`, `initial_error`, `limits`.
       Each is a record or the plain data that makes one; None switches the option off.
-    * `action`: "fraction", "torque" or "acceleration".
+    * `action`: "normalized", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: how many coming samples of the reference are observed.
     * `render_mode`: "human", a window in real time, or "rgb_array", a frame for each `render()`; both need pygame
@@ -200,7 +200,7 @@ class TwoLinkArmEnv(Told, gym.Env[Any, Any]):
         self,
         scenario: Scenario | str | dict[str, Any] | None = None,
         *,
-        action: str = "fraction",
+        action: str = "normalized",
         reward: Reward | dict[str, Any] | None = None,
         preview: int = 0,
         render_mode: str | None = None,

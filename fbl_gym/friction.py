@@ -7,7 +7,7 @@ the breakaway torque f_i2 + f_s. The exact rule keeps the printed curve while a 
 take any value up to breakaway (the set-valued law; Glocker, "Set-Valued Force Laws", 2001).
 """
 
-from fbl_gym.elementary import exp, inline
+from fbl_gym.fastmath import exp, inline
 
 
 @inline

@@ -15,7 +15,7 @@ from gymnasium import spaces
 from fbl_gym.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.records import Pair, number, settle, unknown
 
-ACTIONS = ("fraction", "torque", "acceleration")
+ACTIONS = ("normalized", "torque", "acceleration")
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Interface:
         layout: what stands where in the observation.
         control_dt: time between decisions [s].
         torque_limit: largest torque of each joint [N m]; None: unlimited.
-        action: what an action means: "fraction" of the torque limit in [-1, 1], "torque" [N m] or "acceleration" [rad/s^2]
+        action: what an action means: "normalized" of the torque limit in [-1, 1], "torque" [N m] or "acceleration" [rad/s^2]
             through the nominal feedback linearisation mapping.
         action_limit: bound of each action entry, in the action's unit.
     """
@@ -165,7 +165,7 @@ class Interface:
             torque: [... x 2] N m.
             position, velocity: measured, [... x 2] rad and rad/s.
         """
-        if self.action == "fraction":
+        if self.action == "normalized":
             return self.saturate(torque) / np.array(self.torque_limit)
         if self.action == "torque":
             return np.clip(torque, -np.array(self.action_limit), self.action_limit)
@@ -179,7 +179,7 @@ class Interface:
             action: [... x 2] in the action's unit.
             position, velocity: measured, [... x 2] rad and rad/s.
         """
-        if self.action == "fraction":
+        if self.action == "normalized":
             return np.clip(action, -1.0, 1.0) * np.array(self.torque_limit)
         if self.action == "torque":
             return np.clip(action, -np.array(self.action_limit), self.action_limit)

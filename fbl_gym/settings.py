@@ -195,10 +195,10 @@ def _fits(option: str, value: float, unit: str, numbers: int) -> None:
 def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: int) -> Interface:
     choice("action", action, ACTIONS)
     limit = scenario.actuator.torque_limit
-    if action == "fraction":
+    if action == "normalized":
         if limit is None:
             raise ValueError(
-                "action='fraction' needs a torque limit, got actuator.torque_limit=None; use action='torque' or 'acceleration'"
+                "action='normalized' needs a torque limit, got actuator.torque_limit=None; use 'torque' or 'acceleration'"
             )
         bound, unit = (1.0, 1.0), "of the torque limit"
     elif action == "torque":

@@ -12,7 +12,7 @@ import hashlib
 
 import numpy as np
 
-from fbl_gym.elementary import inline, log, sincos
+from fbl_gym.fastmath import inline, log, sincos
 
 _MULTIPLIER_0 = np.uint64(0xD2E7470EE14C6C93)
 _MULTIPLIER_1 = np.uint64(0xCA5A826395121157)

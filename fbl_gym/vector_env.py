@@ -16,7 +16,7 @@ from fbl_gym.batch import ArmBatch, Flags, Truth
 from fbl_gym.env import (
     MAX_SEED,
     MIN_RENDER_SIZE,
-    Told,
+    TaskProperties,
     as_actions,
     check_render,
     check_reset_options,
@@ -39,7 +39,7 @@ _AUTORESET = {
 }
 
 
-class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
+class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     """`num_envs` independent arms of one scenario, stepped together.
 
     Lane i seeded s is bit for bit the single environment (`TwoLinkArmEnv`, which describes spaces, reward and options)
@@ -62,7 +62,7 @@ class TwoLinkArmVectorEnv(Told, VectorEnv[Array, Array, Array]):
         num_envs: int = 1,
         scenario: Scenario | str | dict[str, Any] | None = None,
         *,
-        action: str = "fraction",
+        action: str = "normalized",
         reward: Reward | dict[str, Any] | None = None,
         preview: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,

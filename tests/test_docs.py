@@ -14,7 +14,7 @@ import pytest
 import controllers
 import fbl_gym
 from benchmarks import cli
-from benchmarks.suite import load
+from benchmarks.run.suite import load
 
 ROOT = Path(__file__).parents[1]
 PAGES = {
@@ -264,4 +264,4 @@ def test_an_undocumented_parameter_is_noticed():
 def test_the_documentation_lists_what_is_public():
     """Enough of it that the test above means something."""
     assert len(PUBLIC) > 130
-    assert {"fbl_gym.env.TwoLinkArmEnv", "fbl_gym.batch.Truth", "benchmarks.statistics.iqm"} <= set(PUBLIC)
+    assert {"fbl_gym.env.TwoLinkArmEnv", "fbl_gym.batch.Truth", "benchmarks.analysis.statistics.iqm"} <= set(PUBLIC)

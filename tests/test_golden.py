@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.rollout import rollout
+from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 FOLDER = Path(__file__).parent / "golden"

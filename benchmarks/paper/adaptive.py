@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.paper.claim import ARMS, NOT, READING, REPRODUCED, Claim, Effort, Measured, percents, run, seed_range
 from benchmarks.report.plot import COLORS, Line, Panel, plot_lines, plot_trace
-from benchmarks.rollout import Trace
+from benchmarks.run.rollout import Trace
 from controllers.gain_scheduling import schedule
 from fbl_gym import Friction, Scenario, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.arm import Array

@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from benchmarks.metrics import measure
-from benchmarks.rollout import Trace, Watch, rollout
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
 
 REPRODUCED, READING, NOT = "reproduced", "under a reading", "not reproduced"

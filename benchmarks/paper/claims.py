@@ -13,7 +13,7 @@ from benchmarks.paper import adaptive, leakage, robust
 from benchmarks.paper.claim import ARMS, Claim, Effort, Measured
 from benchmarks.paper.radius import adaptive_radius, robust_radius
 from benchmarks.report import markdown
-from benchmarks.store import write_text
+from benchmarks.run.store import write_text
 from fbl_gym.records import unknown
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.paper.claim import ARMS, NOT, READING, REPRODUCED, Claim, Effort, Measured, percents, run, with_estimate
 from benchmarks.report.plot import Line, Panel, plot_lines, plot_trace
-from benchmarks.rollout import Watch
+from benchmarks.run.rollout import Watch
 from controllers.feedback_linearization import linearize
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.arm import (

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.metrics import measure
+from benchmarks.analysis.robustness import BOUND, LARGEST, SHARE, with_radius
+from benchmarks.analysis.statistics import Radius, radius
 from benchmarks.paper.claim import ARMS, NOT, READING, REPRODUCED, Claim, Draw, Effort, Measured, seed_range
-from benchmarks.reach import BOUND, LARGEST, SHARE, with_radius
 from benchmarks.report.plot import Line, Panel, plot_lines
-from benchmarks.rollout import rollout
-from benchmarks.statistics import Radius, radius
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
 from fbl_gym import Scenario, scenarios
 from fbl_gym.arm import Array
 

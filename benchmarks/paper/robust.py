@@ -21,7 +21,7 @@ from benchmarks.paper.claim import (
     with_estimate,
 )
 from benchmarks.report.plot import Line, Panel, plot_lines, plot_trace
-from benchmarks.rollout import rollout
+from benchmarks.run.rollout import rollout
 from fbl_gym import scenarios
 from fbl_gym.arm import Array
 

@@ -7,14 +7,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 import controllers
-from benchmarks import joining, statistics
-from benchmarks.board import Board
+from benchmarks.analysis import statistics
+from benchmarks.analysis.board import Board
+from benchmarks.analysis.splits import MEANING, Split
+from benchmarks.analysis.statistics import Estimate, Radius
+from benchmarks.policies import resolve
 from benchmarks.report.page import Chart, Curve, Interval, Page, Pairs, Policy, Reach, Scene, between, scene
 from benchmarks.rl.policy import curves, shipped
-from benchmarks.rollout import rollout
-from benchmarks.splits import MEANING, Split
-from benchmarks.statistics import Estimate, Radius
-from benchmarks.store import Result
+from benchmarks.run.rollout import rollout
+from benchmarks.run.store import Result
 from fbl_gym import TwoLinkArmEnv, scenarios
 from fbl_gym.arm import Array
 
@@ -75,10 +76,10 @@ def _policy(board: Board, i: int, splits: Mapping[str, Split]) -> Policy:
     return {
         "name": name,
         "summary": controllers.summary(name) if own else "",
-        "tier": joining.tier(name),
-        "sensors": joining.sensors(name),
-        "preview": f"{seconds:.2g} s" if (seconds := joining.preview(name)) else "none",
-        "tuning": joining.tuning(name),
+        "access": resolve.access(name),
+        "sensors": resolve.sensors(name),
+        "preview": f"{seconds:.2g} s" if (seconds := resolve.preview(name)) else "none",
+        "tuning": resolve.tuning(name),
         "rank": between(board.rank, ranked.index(i)) if i in ranked else None,
         "score": _nothing() if board.score is None else between(board.score, i),
         "error": between(board.error, i),
@@ -191,7 +192,7 @@ def _learning(board: Board) -> list[Chart]:
             )  # fmt: skip
         ends = [min(line["x"][0] for line in lines), max(line["x"][-1] for line in lines)]
         for i in board.order:
-            if not joining.learned(board.policies[i]):
+            if not resolve.learned(board.policies[i]):
                 lines.append(
                     {"policy": board.policies[i], "x": ends, "value": [float(rms[i])] * 2, "low": [], "high": []}
                 )

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.board import Board
-from benchmarks.metrics import METRICS
-from benchmarks.splits import Split
-from benchmarks.store import Result, write_text
+from benchmarks.analysis.board import Board
+from benchmarks.analysis.splits import Split
+from benchmarks.run.metrics import METRICS
+from benchmarks.run.store import Result, write_text
 
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 

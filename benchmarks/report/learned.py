@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.metrics import measure
+from benchmarks.analysis.statistics import Components, Estimate, components, resample, trained
 from benchmarks.report.markdown import table
 from benchmarks.rl.policy import shipped
-from benchmarks.rollout import rollout
-from benchmarks.statistics import Components, Estimate, components, resample, trained
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
 from fbl_gym import Scenario
 
 

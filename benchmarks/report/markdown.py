@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
-from benchmarks import joining
-from benchmarks.board import UNSCORED, Board
+from benchmarks.analysis.board import UNSCORED, Board
+from benchmarks.analysis.splits import Split
+from benchmarks.analysis.statistics import Estimate
 from benchmarks.paper.claim import Claim
-from benchmarks.splits import Split
-from benchmarks.statistics import Estimate
+from benchmarks.policies import resolve
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -47,7 +47,7 @@ def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({})
         score = "" if board.score is None else f"{_with_interval(board.score, i, 1)}"
         rows.append(
             [
-                f"`{board.policies[i]}`", joining.tier(board.policies[i]), rank, score, _with_interval(board.error, i, 2),
+                f"`{board.policies[i]}`", resolve.access(board.policies[i]), rank, score, _with_interval(board.error, i, 2),
                 f"{100 * board.failures.value[i]:.2g}", f"{board.decision_us[i]:.2g}", *(f"{x[i]:.3g}" for x in errors),
                 *(_in_split(found, i) for found in splits.values()),
             ]

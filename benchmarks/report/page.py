@@ -17,9 +17,9 @@ from typing import Any, TypedDict
 import numpy as np
 from plotly.offline import get_plotlyjs
 
-from benchmarks.metrics import measure
-from benchmarks.rollout import Trace
-from benchmarks.statistics import Estimate
+from benchmarks.analysis.statistics import Estimate
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import Trace
 from fbl_gym.arm import Array
 
 DIGITS = 5
@@ -47,7 +47,7 @@ class Policy(TypedDict):
     """A row of the board.
 
     name, summary: what it is called, and one line on it.
-    tier: what it is told, one of `controllers.policy.TIERS`.
+    access: what it is told, one of `controllers.policy.ACCESS`.
     sensors: that it needs, such as "position, velocity".
     preview: what it knows of the reference's future, such as "none" or "0.5 s".
     tuning: such as "default gains" or "tuned".
@@ -64,7 +64,7 @@ class Policy(TypedDict):
 
     name: str
     summary: str
-    tier: str
+    access: str
     sensors: str
     preview: str
     tuning: str

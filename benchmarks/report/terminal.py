@@ -10,12 +10,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from benchmarks import joining
-from benchmarks.board import UNSCORED, Board
-from benchmarks.metrics import describe, summarize
+from benchmarks.analysis.board import UNSCORED, Board
+from benchmarks.analysis.splits import RADII, TRAINED_ON, Split
 from benchmarks.paper.claim import Claim
-from benchmarks.speed import Speed
-from benchmarks.splits import RADII, TRAINED_ON, Split
+from benchmarks.policies import resolve
+from benchmarks.run.metrics import describe, summarize
+from benchmarks.speed.rates import Speed
 
 SCORED = "score: 0 as an arm that stays where it started, 100 as the oracle."
 
@@ -62,7 +62,7 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
         table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)
     ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
     for i in board.order:
-        told = joining.tier(board.policies[i]) == "truth"
+        told = resolve.access(board.policies[i]) == "privileged"
         cells = [f"({board.policies[i]})" if told else board.policies[i]]
         if summary:
             failed = 100 * board.failures.value[i]
@@ -88,7 +88,7 @@ def splits(console: Console, board: Board, found: Mapping[str, Split]) -> None:
     for name, radius in RADII.items():
         table.add_column(f"{name}\nradius {radius:g}", justify="right", no_wrap=True)
     for i in board.order:
-        told = joining.tier(board.policies[i]) == "truth"
+        told = resolve.access(board.policies[i]) == "privileged"
         cells = []
         for split in found.values():
             value, low, high = (_number(x[i]) for x in (split.error.value, split.error.low, split.error.high))

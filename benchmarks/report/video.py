@@ -9,8 +9,8 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 
-from benchmarks.metrics import errors
-from benchmarks.rollout import Trace
+from benchmarks.run.metrics import errors
+from benchmarks.run.rollout import Trace
 from fbl_gym.arm import ArmParameters, joint_positions
 from fbl_gym.canvas import INK, Canvas, Frame
 from fbl_gym.records import Pair

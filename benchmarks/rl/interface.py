@@ -45,7 +45,7 @@ class AgentInterface:
         base: the policy under the residual.
         gains: its gains, spelt out, so that an agent keeps the base that it was trained on.
         history: how many earlier steps are seen.
-        context: whether the true parameters are seen, see `true_parameters`; that makes it an agent of the truth tier.
+        context: whether the true parameters are seen, see `true_parameters`; that makes it an agent of the privileged access.
         scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
     """
 

@@ -187,9 +187,9 @@ def read(folder: Path) -> tuple[AgentInterface, Actor]:
     return AgentInterface(**description["interface"]), Actor(layers, network["activation"], network["output"])
 
 
-def tier_of(folder: Path) -> str:
+def access_of(folder: Path) -> str:
     """What the agent in a folder is told: the truth, if it was trained with context."""
-    return "truth" if describe(folder)["interface"].get("context") else "nominal model"
+    return "privileged" if describe(folder)["interface"].get("context") else "nominal"
 
 
 def saved_agent(env: Any, folder: str) -> SavedAgent:
@@ -201,7 +201,7 @@ def saved_agent(env: Any, folder: str) -> SavedAgent:
     """
     if isinstance(env, Interface):
         return SavedAgent(env, folder)
-    told = tier_of(Path(folder)) == "truth"
+    told = access_of(Path(folder)) == "privileged"
     return SavedAgent(env.unwrapped.interface, folder, env.unwrapped if told else None)
 
 
@@ -243,7 +243,7 @@ def shipped_agent(name: str, env: Any, seed: int | None = None) -> SavedAgent:
     return saved_agent(env, str(SHIPPED / name / str(best_seed(name) if seed is None else seed)))
 
 
-def _factory(name: str, summary: str, tier: str = "nominal model") -> Callable[..., SavedAgent]:
+def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., SavedAgent]:
     # The registry gives the environment to a factory that calls it `env`, and its interface to any other.
     def honest(interface: Interface, seed: int | None = None) -> SavedAgent:
         return shipped_agent(name, interface, seed)
@@ -251,8 +251,8 @@ def _factory(name: str, summary: str, tier: str = "nominal model") -> Callable[.
     def told(env: Any, seed: int | None = None) -> SavedAgent:
         return shipped_agent(name, env, seed)
 
-    factory: Any = told if tier == "truth" else honest
-    factory.__doc__, factory.kind, factory.tier = summary, "learned", tier
+    factory: Any = told if access == "privileged" else honest
+    factory.__doc__, factory.kind, factory.access = summary, "learned", access
     return factory
 
 
@@ -263,7 +263,7 @@ ppo_acceleration = _factory(
 ppo_residual = _factory("ppo-residual", "PPO on top of cascade-flm; trained on everything-2")
 ppo_memory = _factory("ppo-memory", "PPO on torques that sees its last steps and actions; trained on everything-2")
 ppo_context = _factory(
-    "ppo-context", "PPO on torques that is told the true parameters; trained on everything-2", "truth"
+    "ppo-context", "PPO on torques that is told the true parameters; trained on everything-2", "privileged"
 )
 sac = _factory("sac", "SAC on torques; trained on everything-2")
 td3 = _factory("td3", "TD3 on torques; trained on everything-2")

@@ -73,7 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--interface", choices=ACTIONS, default="torque", help="what the agent's actions mean (torque)")
     parser.add_argument("--history", type=int, default=0, metavar="N", help="earlier steps that the agent sees too (0)")
-    parser.add_argument("--context", action="store_true", help="the agent is told the true parameters (truth tier)")
+    parser.add_argument(
+        "--context", action="store_true", help="the agent is told the true parameters (privileged access)"
+    )
     parser.add_argument("--scenario", default="everything-2", metavar="S", help="to train on (everything-2)")
     parser.add_argument("--radius", type=float, metavar="R", help="of the parameters' error, instead of the scenario's")
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the training (0)")

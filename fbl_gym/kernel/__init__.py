@@ -9,5 +9,5 @@ batch is bit for bit the single environment. `settings.py` says where each numbe
     readings.py   acceleration, noise, quantization; the flat observation
     motion.py     the reference
     episode.py    start, reward, divergence
-    doors.py      what `batch.py` calls: all of it in order, compiled once and kept on disk
+    api.py      what `batch.py` calls: all of it in order, compiled once and kept on disk
 """

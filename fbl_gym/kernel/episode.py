@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym import settings as at
-from fbl_gym.elementary import compiled, exp, log, sincos
+from fbl_gym.fastmath import compiled, exp, log, sincos
 from fbl_gym.kernel.motion import draw_reference, reference
 from fbl_gym.kernel.physics import lump
 from fbl_gym.kernel.torque import nominal_torque, pick_disturbance

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym import settings as at
-from fbl_gym.elementary import compiled, exp, inline, sincos
+from fbl_gym.fastmath import compiled, exp, inline, sincos
 from fbl_gym.settings import LANES, PAIR, R1, R2, R3, R4, R5, R6, STEP
 from fbl_gym.streams import stream_key, uniforms
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from fbl_gym import arm as model
 from fbl_gym import settings as at
-from fbl_gym.elementary import compiled, inline, sincos
+from fbl_gym.fastmath import compiled, inline, sincos
 from fbl_gym.friction import dry_friction, resist, sign
 from fbl_gym.settings import (
     D1, D2, E1, E2, H1, H2, L1, L2, LOAD, M1, M2, P1, P2, P3, P4, P5, Q1, Q2, S1, S2, STEP, T1, T2, V1, V2,

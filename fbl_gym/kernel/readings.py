@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym import settings as at
-from fbl_gym.elementary import compiled, inline
+from fbl_gym.fastmath import compiled, inline
 from fbl_gym.kernel.motion import reference
 from fbl_gym.kernel.physics import acceleration_and_friction
 from fbl_gym.settings import (

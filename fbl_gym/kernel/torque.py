@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym import settings as at
-from fbl_gym.elementary import compiled, inline, sincos
+from fbl_gym.fastmath import compiled, inline, sincos
 from fbl_gym.kernel.physics import load_on_joints, lumped_terms, solve_terms
 from fbl_gym.settings import (
     ACTION1, ACTION2, CHATTER, D1, D2, E1, E2, EPISODE, H1, H2, LANES, PAIR, PHASE1, Q1, Q2, QUEUE, S1, S2, SEED,

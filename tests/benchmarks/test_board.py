@@ -11,15 +11,16 @@ from rich.console import Console
 from scipy.stats import trim_mean
 
 import controllers
-from benchmarks import cli, joining
-from benchmarks.board import UNSCORED, assemble, family_of
-from benchmarks.contract import check
-from benchmarks.metrics import METRICS, measure
+from benchmarks import cli
+from benchmarks.analysis.board import UNSCORED, assemble, family_of
+from benchmarks.policies import resolve
+from benchmarks.policies.contract import check
 from benchmarks.report import markdown, terminal
-from benchmarks.rollout import rollout
-from benchmarks.runner import run_cell
-from benchmarks.store import Store
-from benchmarks.suite import leaderboard_scenarios, named, narrow
+from benchmarks.run.metrics import METRICS, measure
+from benchmarks.run.rollout import rollout
+from benchmarks.run.runner import run_cell
+from benchmarks.run.store import Store
+from benchmarks.run.suite import leaderboard_scenarios, named, narrow
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 
@@ -351,14 +352,14 @@ def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
         folder.mkdir()
         (folder / "helper.py").write_text(f"GAIN = {gain}\n")
         (folder / "law.py").write_text(HELPED)
-        made = joining.make(str(folder / "law.py"), TwoLinkArmEnv())
+        made = resolve.make(str(folder / "law.py"), TwoLinkArmEnv())
         assert made.frequency == (gain, gain)
     monkeypatch.chdir(tmp_path / "of_11")
     (tmp_path / "of_11/law_of_11.py").write_text(HELPED)
     for name in ("helper", "law_of_11"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    assert joining.make("law_of_11:make_policy", TwoLinkArmEnv()).frequency == (11.0, 11.0)
-    assert joining.make("law_of_11.py", TwoLinkArmEnv()).frequency == (11.0, 11.0)
+    assert resolve.make("law_of_11:make_policy", TwoLinkArmEnv()).frequency == (11.0, 11.0)
+    assert resolve.make("law_of_11.py", TwoLinkArmEnv()).frequency == (11.0, 11.0)
     assert sys.path == before
     for name in ("helper", "law_of_11"):
         monkeypatch.delitem(sys.modules, name, raising=False)
@@ -420,7 +421,7 @@ def test_seeds_must_be_a_number(seeds, capsys):
 
 
 def test_a_missing_extra_is_named(monkeypatch, capsys):
-    monkeypatch.delitem(sys.modules, "benchmarks.commands.evaluate", raising=False)
+    monkeypatch.delitem(sys.modules, "benchmarks.cli.evaluate", raising=False)
     monkeypatch.delitem(sys.modules, "benchmarks.report.plot", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib.axes", None)
     assert cli.main(["evaluate", "zero"]) == 2

@@ -8,12 +8,12 @@ import pytest
 from rich.console import Console
 
 from benchmarks import cli
-from benchmarks.board import assemble
-from benchmarks.commands import names
+from benchmarks.analysis.board import assemble
+from benchmarks.cli import names
 from benchmarks.report import terminal
-from benchmarks.runner import run_cell
-from benchmarks.suite import leaderboard_scenarios, narrow
-from benchmarks.suite import load as load_suite
+from benchmarks.run.runner import run_cell
+from benchmarks.run.suite import leaderboard_scenarios, narrow
+from benchmarks.run.suite import load as load_suite
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_a_family_is_listed_once(capsys):
 def test_a_film_without_its_extra_is_refused_before_the_work(capsys, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.delitem(sys.modules, "benchmarks.report.video", raising=False)
-    monkeypatch.setattr("benchmarks.commands.evaluate.rollout", None)
+    monkeypatch.setattr("benchmarks.cli.evaluate.rollout", None)
     assert cli.main(["evaluate", "zero", "--video", str(tmp_path / "arm.mp4")]) == 2
     assert "pip install 'fbl-gym[render]'" in capsys.readouterr().err
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.runner import run
-from benchmarks.store import Store
-from benchmarks.suite import Cell, named, narrow
+from benchmarks.run.runner import run
+from benchmarks.run.store import Store
+from benchmarks.run.suite import Cell, named, narrow
 
 DEADLY = """
 import os, pathlib, signal

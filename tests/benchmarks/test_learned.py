@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from benchmarks.metrics import measure
 from benchmarks.report.learned import learned, learned_table
 from benchmarks.rl.policy import shipped
-from benchmarks.rollout import rollout
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
 from fbl_gym import scenarios
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.metrics import METRICS, WORST_ERROR, amplitude, errors, measure, summarize
-from benchmarks.rollout import Trace
+from benchmarks.run.metrics import METRICS, WORST_ERROR, amplitude, errors, measure, summarize
+from benchmarks.run.rollout import Trace
 from fbl_gym import Actuator, MinimumJerk, Scenario, Steps
 
 

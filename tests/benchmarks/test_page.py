@@ -10,16 +10,16 @@ from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
-from benchmarks import statistics
-from benchmarks.board import assemble
-from benchmarks.metrics import measure
-from benchmarks.reach import BOUND, DIRECTIONS, with_radius
+from benchmarks.analysis import statistics
+from benchmarks.analysis.board import assemble
+from benchmarks.analysis.robustness import BOUND, DIRECTIONS, with_radius
+from benchmarks.analysis.splits import Split
 from benchmarks.report.contents import contents
 from benchmarks.report.page import POINTS, scene, write_page
-from benchmarks.rollout import rollout
-from benchmarks.runner import run_cell
-from benchmarks.splits import Split
-from benchmarks.suite import Cell
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
+from benchmarks.run.runner import run_cell
+from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
 
 POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm-ls", "oracle-flm")
@@ -193,7 +193,7 @@ def test_the_board_filters(page):
     assert set(names(page)) == {"cascade-flm"}
     assert page.find_element("id", "count").text == "1 of 6 policies"
     page.find_element("id", "search").send_keys(Keys.CONTROL + "a", Keys.DELETE)
-    page.find_element("css selector", "#filter-tier option:nth-child(2)").click()
+    page.find_element("css selector", "#filter-access option:nth-child(2)").click()
     assert names(page) == ["zero"]
     assert not page.find_element("css selector", "label:has(#filter-preview)").is_displayed()  # all have the same
 

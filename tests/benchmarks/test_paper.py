@@ -6,7 +6,7 @@ import json
 import pytest
 
 from benchmarks import cli
-from benchmarks.commands import reproduce
+from benchmarks.cli import reproduce
 from benchmarks.paper import claims
 from benchmarks.paper.claim import Claim
 from benchmarks.paper.claims import CLAIMS

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks import reach as module
-from benchmarks.reach import BOUND, reach, task, with_radius
-from benchmarks.store import Store
+from benchmarks.analysis import robustness as module
+from benchmarks.analysis.robustness import BOUND, reach, task, with_radius
+from benchmarks.run.store import Store
 from fbl_gym import TwoLinkArmVectorEnv
 
 

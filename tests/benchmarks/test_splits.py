@@ -5,17 +5,19 @@ import csv
 import numpy as np
 import pytest
 
-from benchmarks import cli, joining, runner
-from benchmarks.board import assemble
-from benchmarks.metrics import measure
+from benchmarks import cli
+from benchmarks.analysis.board import assemble
+from benchmarks.analysis.splits import RADII, measure_splits, split_cells
+from benchmarks.analysis.statistics import iqm
+from benchmarks.policies import resolve
 from benchmarks.report import markdown
 from benchmarks.rl.policy import shipped
-from benchmarks.rollout import rollout
-from benchmarks.runner import run_cell
-from benchmarks.splits import RADII, measure_splits, split_cells
-from benchmarks.statistics import iqm
-from benchmarks.store import Store
-from benchmarks.suite import Cell
+from benchmarks.run import runner
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
+from benchmarks.run.runner import run_cell
+from benchmarks.run.store import Store
+from benchmarks.run.suite import Cell
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 
 SEEDS = (0, 1, 2)
@@ -41,13 +43,13 @@ def test_an_agent_is_named_with_its_training_seed():
         f"ppo-residual@{seed}" for seed in shipped()["ppo-residual"]
     ]
     env = TwoLinkArmEnv()
-    assert joining.make("ppo-residual@3", env).folder.endswith("ppo-residual/3")
-    assert joining.learned("ppo-residual@3")
-    assert joining.tier("ppo-residual@3") == joining.tier("ppo-residual") == "nominal model"
+    assert resolve.make("ppo-residual@3", env).folder.endswith("ppo-residual/3")
+    assert resolve.learned("ppo-residual@3")
+    assert resolve.access("ppo-residual@3") == resolve.access("ppo-residual") == "nominal"
     with pytest.raises(ValueError, match="unknown training seed 9"):
-        joining.make("ppo-residual@9", env)
+        resolve.make("ppo-residual@9", env)
     with pytest.raises(ValueError, match="unknown policy 'pid-flm@3'"):
-        joining.make("pid-flm@3", env)
+        resolve.make("pid-flm@3", env)
 
 
 def test_columns_against_their_definition_and_kept_in_the_store(tmp_path, monkeypatch):

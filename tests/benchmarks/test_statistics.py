@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.metrics import measure
-from benchmarks.rollout import rollout
-from benchmarks.statistics import (
+from benchmarks.analysis.statistics import (
     ENOUGH_EPISODES,
     ONCE,
     WORST_SCORE,
@@ -28,6 +26,8 @@ from benchmarks.statistics import (
     trained,
     wins,
 )
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
 from fbl_gym import scenarios
 
 

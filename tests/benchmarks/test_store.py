@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import controllers
-from benchmarks import joining, runner, store
-from benchmarks.runner import run, run_cell
-from benchmarks.store import Damaged, Store, identity, key
-from benchmarks.suite import SPLITS, SUITES, Cell, load, named, narrow
+from benchmarks.policies import resolve, runner, store
+from benchmarks.run.runner import run, run_cell
+from benchmarks.run.store import Damaged, Store, identity, key
+from benchmarks.run.suite import SPLITS, SUITES, Cell, load, named, narrow
 from controllers.policy import ENTRY_POINTS
 from fbl_gym import TwoLinkArmEnv
 
@@ -77,7 +77,7 @@ def test_the_key_follows_gains_and_the_results_version(monkeypatch):
     (cell,) = cells(["pid-flm"], families=["nominal"])
     before = key(identity(cell))
     real = controllers.make
-    monkeypatch.setattr("benchmarks.joining.controllers.make", lambda name, env: real(name, env, kp=11.0))
+    monkeypatch.setattr("benchmarks.policies.resolve.controllers.make", lambda name, env: real(name, env, kp=11.0))
     assert key(identity(cell)) != before
     monkeypatch.undo()
     assert key(identity(cell)) == before
@@ -134,7 +134,7 @@ def test_the_key_follows_a_strangers_package(tmp_path, monkeypatch):
         metadata.EntryPoint(name, "strangers_laws.part.law:make_policy", ENTRY_POINTS) for name in ("own", "pid-flm")
     ]
     monkeypatch.setattr("controllers.policy._entry_points", lambda: tuple(points))
-    monkeypatch.setattr("benchmarks.joining._entry_points", lambda: tuple(points))
+    monkeypatch.setattr("benchmarks.policies.resolve._entry_points", lambda: tuple(points))
     some = [Cell(name, "nominal", (0,)) for name in ("strangers_laws.part.law:make_policy", "own", "pid-flm")]
     before = [key(identity(cell)) for cell in some]
     tree(tmp_path, {"strangers_laws/gains": "# changed\n"})
@@ -144,9 +144,9 @@ def test_the_key_follows_a_strangers_package(tmp_path, monkeypatch):
 
 def test_the_keys_of_the_packages_own_policies_stay():
     """The board's results are found by them."""
-    for policy in (*joining.names(), "ppo-memory@1"):
-        assert joining.sources(policy) == []
-    assert set(joining.configuration("pid-flm", joining.make("pid-flm", TwoLinkArmEnv()))) == {"kp", "ki", "kd"}
+    for policy in (*resolve.names(), "ppo-memory@1"):
+        assert resolve.sources(policy) == []
+    assert set(resolve.configuration("pid-flm", resolve.make("pid-flm", TwoLinkArmEnv()))) == {"kp", "ki", "kd"}
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -198,7 +198,7 @@ def test_a_full_disk_is_an_error_and_leaves_the_rest(tmp_path, monkeypatch):
 
 
 COMMAND = [
-    sys.executable, "-m", "benchmarks.cli", "leaderboard", "--policies", "zero", "pd-gravity", "pid-flm", "cascade-flm",
+    sys.executable, "-m", "benchmarks.cli.parser", "leaderboard", "--policies", "zero", "pd-gravity", "pid-flm", "cascade-flm",
     "--seeds", "8", "--workers", "1", "--scenarios", "nominal", "mass-error", "noise-1",
 ]  # fmt: skip
 

@@ -7,9 +7,9 @@ import optuna
 import pytest
 
 from benchmarks import cli
-from benchmarks.commands.common import gain
-from benchmarks.suite import SPLITS
-from benchmarks.tuning import JUDGED, Task, judge, seeds, ship, summary
+from benchmarks.cli.common import gain
+from benchmarks.run.suite import SPLITS
+from benchmarks.tuning.search import JUDGED, Task, judge, seeds, ship, summary
 
 # Of the defaults (trial 0) and two others: kp, the objective of the trial, then objective and diverged runs [%] on fresh seeds.
 TRIALS = ((None, 1.0, (0.5, 0.0)), (100.0, -3.0, (-2.9, 4.0)), (50.12345, -2.0, (-1.9, 0.0)))
@@ -67,7 +67,7 @@ def test_judging_is_on_tuning_seeds_that_no_trial_saw():
 
 
 def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmarks.commands.tune.ship", lambda found: ship(found, tmp_path))
+    monkeypatch.setattr("benchmarks.cli.tune.ship", lambda found: ship(found, tmp_path))
     few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
     arguments = ["tune", "pid-flm", *few, "--storage", str(tmp_path), "--ship"]
     assert cli.main([*arguments, "--trials", "2"]) == 0

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import controllers
-from benchmarks.metrics import measure
 from benchmarks.report.video import Scene, film, write_video
-from benchmarks.rollout import rollout
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmEnv, scenarios
 from fbl_gym.render import View
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import controllers
-from benchmarks.metrics import measure, summarize
-from benchmarks.rollout import rollout
+from benchmarks.run.metrics import measure, summarize
+from benchmarks.run.rollout import rollout
 from controllers.estimator import estimate, lumped_of, plausible, point_masses
 from controllers.gain_scheduling import schedule
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, scenarios
@@ -107,7 +107,7 @@ def test_implausible_parameters_are_refused(i):
 def learn(name, steps, **gains):
     """Relative errors [steps x 4] of the estimates of m1, m2, L1, L2 over a run."""
     scenario = scenarios.get(name)
-    env = TwoLinkArmEnv(scenario, action="torque" if scenario.actuator.torque_limit is None else "fraction")
+    env = TwoLinkArmEnv(scenario, action="torque" if scenario.actuator.torque_limit is None else "normalized")
     observation, _ = env.reset(seed=0)
     policy, state, found = controllers.make("adaptive-flm", env, **gains), None, []
     for _ in range(steps):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import controllers
-from benchmarks.rollout import rollout
+from benchmarks.run.rollout import rollout
 from fbl_gym import ArmParameters, TwoLinkArmVectorEnv, scenarios
 
 STILL = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.4),)}

@@ -11,7 +11,7 @@ import fbl_gym
 from fbl_gym import Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
 
 NAMES = controllers.names()
-HONEST = [name for name in NAMES if controllers.tier(name) != "truth"]
+HONEST = [name for name in NAMES if controllers.access(name) != "privileged"]
 
 
 def run(policy, env, steps, seed=0):
@@ -26,7 +26,7 @@ def run(policy, env, steps, seed=0):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("action", ["fraction", "torque", "acceleration"])
+@pytest.mark.parametrize("action", ["normalized", "torque", "acceleration"])
 def test_actions_have_the_observations_shape_and_lie_in_the_box(name, action):
     env = TwoLinkArmVectorEnv(5, "everything-2", action=action)
     for _, actions in run(controllers.make(name, env), env, 20):
@@ -153,7 +153,7 @@ def test_a_strangers_policy_is_found_by_its_entry_point(monkeypatch):
     point = metadata.EntryPoint("mine", "controllers.simple:PdGravity", policy.ENTRY_POINTS)
     monkeypatch.setattr(policy, "_entry_points", lambda: (point,))
     assert "mine" in controllers.names()
-    assert controllers.tier("mine") == "nominal model"
+    assert controllers.access("mine") == "nominal"
     assert controllers.summary("mine").startswith("torque = Kp e")
     assert controllers.make("mine", TwoLinkArmEnv(), frequency=3.0).frequency == (3.0, 3.0)
 

@@ -7,8 +7,8 @@ from filterpy.kalman import KalmanFilter
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 import controllers
-from benchmarks.metrics import measure, summarize
-from benchmarks.rollout import rollout
+from benchmarks.run.metrics import measure, summarize
+from benchmarks.run.rollout import rollout
 from controllers.kalman import PAPER_SIGMA, JointKalman, gains
 from fbl_gym import TwoLinkArmEnv, scenarios
 

@@ -9,7 +9,7 @@ from scipy.linalg import solve_discrete_are
 from scipy.optimize import least_squares
 
 import controllers
-from benchmarks.rollout import rollout
+from benchmarks.run.rollout import rollout
 from controllers.nmpc import HORIZON, STEP, acceleration, planner, residuals, terminal
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.arm import forward_dynamics, inertia_matrix

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import controllers
-from benchmarks.rollout import rollout
+from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.arm import inertia_matrix
 

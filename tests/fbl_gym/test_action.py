@@ -12,7 +12,7 @@ from tests.fbl_gym.episodes import RECORDS, episode
 def test_three_kinds_of_action_are_one_plant():
     """The same wish as fraction, torque and acceleration moves the arm alike."""
     ends = []
-    for action in ("fraction", "torque", "acceleration"):
+    for action in ("normalized", "torque", "acceleration"):
         env = TwoLinkArmEnv(action=action, parameter_error=1.3)
         observation, _ = env.reset(seed=2)
         rng = np.random.default_rng(0)
@@ -33,7 +33,7 @@ def test_an_action_beyond_the_box_acts_as_its_edge():
     np.testing.assert_array_equal(one.step((7.0, -3.0))[0], two.step((1.0, -1.0))[0])
 
 
-MODES = ("fraction", "torque", "acceleration")
+MODES = ("normalized", "torque", "acceleration")
 
 
 def test_three_modes_with_equivalent_actions_are_one_motion():

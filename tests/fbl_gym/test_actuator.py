@@ -5,7 +5,7 @@ import pytest
 
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.arm import gravity_torque
-from tests.fbl_gym.twins import PLAIN, play, torques, watch
+from tests.fbl_gym.paired_runs import PLAIN, play, torques, watch
 
 
 def test_torque_limit():

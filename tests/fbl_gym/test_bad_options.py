@@ -16,7 +16,7 @@ from tests.fbl_gym.episodes import ID
         ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean"),
         ({"scenario": 3}, "scenario must be"),
         ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
-        ({"actuator": None}, "action='fraction' needs a torque limit"),
+        ({"actuator": None}, "action='normalized' needs a torque limit"),
         ({"sensors": ("position",), "action": "acceleration"}, "has none"),
         ({"sensors": ("velocity",)}, "sensors must include 'position'"),
         ({"preview": -1}, "preview must be a whole number not below 0, got -1"),

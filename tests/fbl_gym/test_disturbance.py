@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.twins import LANES, play, same, watch
+from tests.fbl_gym.paired_runs import LANES, play, same, watch
 
 
 def levels(**options):

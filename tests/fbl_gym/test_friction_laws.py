@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.arm import forward_dynamics
 from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL
-from tests.fbl_gym.twins import PLAIN, play, same
+from tests.fbl_gym.paired_runs import PLAIN, play, same
 
 
 @pytest.mark.parametrize("law", ["exact", "literal"])

@@ -145,7 +145,9 @@ def environments(draw):
     maybe("action", st.sampled_from(ACTIONS))
     if draw(st.booleans()):
         limit = draw(
-            st.one_of(joint(0.1, 1e5), st.none() if options.get("action", "fraction") != "fraction" else joint(1, 9))
+            st.one_of(
+                joint(0.1, 1e5), st.none() if options.get("action", "normalized") != "normalized" else joint(1, 9)
+            )
         )
         delay = draw(st.integers(0, 3 * substeps)) * h
         options["actuator"] = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import TwoLinkArmVectorEnv
-from tests.fbl_gym.twins import play, same, torques
+from tests.fbl_gym.paired_runs import play, same, torques
 
 
 def test_adding_noise_friction_and_error_shifts_no_other_number():

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from fbl_gym import SensorError, TwoLinkArmVectorEnv
-from tests.fbl_gym.twins import LANES, PLAIN, PLANT, WAYS, play, same
+from tests.fbl_gym.paired_runs import LANES, PLAIN, PLANT, WAYS, play, same
 
 
 @pytest.mark.parametrize("sensor", WAYS)

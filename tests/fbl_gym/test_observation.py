@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import TwoLinkArmEnv
-from tests.fbl_gym.twins import PLAIN, PLANT, WAYS, play, same
+from tests.fbl_gym.paired_runs import PLAIN, PLANT, WAYS, play, same
 
 
 def test_perfect_sensors_read_the_truth():

@@ -6,7 +6,7 @@ from scipy import stats
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import forward_dynamics
-from tests.fbl_gym.twins import LANES, PLAIN, play, same
+from tests.fbl_gym.paired_runs import LANES, PLAIN, play, same
 
 
 def ratios(truths, index=0):

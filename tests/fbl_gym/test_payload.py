@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym import TABLE_1
-from tests.fbl_gym.twins import PLAIN, PLANT, play, same, watch
+from tests.fbl_gym.paired_runs import PLAIN, PLANT, play, same, watch
 
 
 def test_payload_is_carried_from_pick_up_to_drop():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fbl_gym import Scenario, TwoLinkArmEnv
-from tests.fbl_gym.twins import torques
+from tests.fbl_gym.paired_runs import torques
 
 
 def test_rates():

@@ -18,7 +18,7 @@ def test_every_named_scenario_runs_and_survives_json(name):
     assert scenario.name == name
     assert scenario.description
     assert Scenario.from_dict(json.loads(json.dumps(scenario.to_dict()))) == scenario
-    action = "torque" if scenario.actuator.torque_limit is None else "fraction"
+    action = "torque" if scenario.actuator.torque_limit is None else "normalized"
     env = TwoLinkArmEnv(scenario, action=action)
     observation, _ = env.reset(seed=0)
     for _ in range(3):
@@ -169,7 +169,7 @@ def test_the_payload_family_carries_up_to_the_second_links_mass_from_3_to_7_s():
 @pytest.mark.parametrize("name", scenarios.names())
 def test_every_named_scenario_makes_a_batch_too(name):
     scenario = scenarios.get(name)
-    action = "torque" if scenario.actuator.torque_limit is None else "fraction"
+    action = "torque" if scenario.actuator.torque_limit is None else "normalized"
     env, single = TwoLinkArmVectorEnv(3, name, action=action), TwoLinkArmEnv(name, action=action)
     np.testing.assert_array_equal(env.reset(seed=5)[0][2], single.reset(seed=7)[0])
     np.testing.assert_array_equal(env.step(np.zeros((3, 2)))[0][2], single.step(np.zeros(2))[0])

@@ -6,7 +6,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.kernel import doors
+from fbl_gym.kernel import api
 
 MODES = [mode.value for mode in AutoresetMode]
 
@@ -137,4 +137,4 @@ def test_actions_of_any_layout_are_taken_without_another_compilation():
         found.append(env.step(given)[0])
     env.reset(options={"reset_mask": np.ones(16, dtype=bool)[::2]})
     assert all(np.array_equal(found[0], other) for other in found)
-    assert len(doors.step.signatures) == 1
+    assert len(api.step.signatures) == 1

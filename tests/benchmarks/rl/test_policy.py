@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from benchmarks import joining
+from benchmarks.policies import resolve
 from benchmarks.rl.interface import ACTIONS, CONTEXT, AgentInterface, Body, VectorBody
 from benchmarks.rl.policy import ALGORITHMS, Actor, Agent, SavedAgent, load_zip, read, saved_agent, write
 from benchmarks.rl.train import export
@@ -166,12 +166,12 @@ def test_a_lane_with_context_has_the_same_bits_alone_and_in_a_batch():
 def test_an_agent_with_context_is_of_the_truth_tier(tmp_path):
     """It needs the environment, and by its folder too it is no honest policy; an honest one is given no environment."""
     env = TwoLinkArmVectorEnv(3, "everything-2")
-    for context, tier in ((False, "nominal model"), (True, "truth")):
+    for context, access in ((False, "nominal"), (True, "privileged")):
         agent = AgentInterface(context=context)
         folder = tmp_path / str(context)
         write(folder, actor(agent, env.interface), {"interface": dataclasses.asdict(agent)})
-        assert joining.tier(str(folder)) == tier
-        made = joining.make(str(folder), env)
+        assert resolve.access(str(folder)) == access
+        made = resolve.make(str(folder), env)
         assert made.env is (env if context else None)
         assert made.configuration.keys() == {"agent"}
     observations, _ = env.reset(seed=0)
@@ -179,7 +179,7 @@ def test_an_agent_with_context_is_of_the_truth_tier(tmp_path):
         made.predict(observations[:1])
     for make in (
         lambda: saved_agent(env.interface, str(folder)),
-        lambda: joining.make(str(folder), env.interface),
+        lambda: resolve.make(str(folder), env.interface),
         lambda: SavedAgent(env.interface, str(folder)),
         lambda: Agent(env.interface, agent, actor(agent, env.interface)),
     ):
@@ -189,7 +189,7 @@ def test_an_agent_with_context_is_of_the_truth_tier(tmp_path):
         AgentInterface(context="no")
 
 
-@pytest.mark.parametrize("kind", ["fraction", "torque", "acceleration"])
+@pytest.mark.parametrize("kind", ["normalized", "torque", "acceleration"])
 def test_any_kind_of_action_gives_the_same_torque(kind):
     agent = AgentInterface(action="residual")
     env = TwoLinkArmEnv("mixed-error-2", action=kind)
@@ -261,8 +261,8 @@ def saved(folder, env, algorithm="PPO", module="stable_baselines3", **settings):
             lambda: ErrorCoordinates(TwoLinkArmEnv()),
             "observation_space .* -25.1327 to 25.1327, .* got -10 to 10: train it",
         ),
-        (lambda: TwoLinkArmEnv(action="torque"), 'got -2000 to 2000, -800 to 800: train it with action="fraction"'),
-        (lambda: TwoLinkArmEnv(action="acceleration"), 'got -100 to 100: train it with action="fraction"'),
+        (lambda: TwoLinkArmEnv(action="torque"), 'got -2000 to 2000, -800 to 800: train it with action="normalized"'),
+        (lambda: TwoLinkArmEnv(action="acceleration"), 'got -100 to 100: train it with action="normalized"'),
     ],
 )
 def test_a_zip_of_other_observations_or_actions_is_refused(env, message, tmp_path):
@@ -305,10 +305,10 @@ def test_a_zip_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, tmp_pa
         pytest.importorskip("sb3_contrib")
     env = TwoLinkArmEnv()
     model, path = saved(tmp_path, env, algorithm, **settings)
-    joining.trust(str(path))
+    resolve.trust(str(path))
     observation, _ = env.reset(seed=0)
     np.testing.assert_array_equal(
-        joining.make(str(path), env).predict(observation, deterministic=True)[0],
+        resolve.make(str(path), env).predict(observation, deterministic=True)[0],
         model.predict(observation, deterministic=True)[0],
     )
 

@@ -1,0 +1,1 @@
+"""Analysis of stored results: statistics, the board, robustness and generalization."""

@@ -1,0 +1,10 @@
+"""The command line `fbl-gym`: `parser.py` lists the commands, and each command has a file.
+
+A command file has `add_arguments(parser)` and `run(arguments)`, which returns the exit status.
+
+A command's file is imported only when that command runs, so each file imports what it needs at its head.
+"""
+
+from benchmarks.cli.parser import COMMANDS, EXTRAS, Parser, main, prepare
+
+__all__ = ["COMMANDS", "EXTRAS", "Parser", "main", "prepare"]

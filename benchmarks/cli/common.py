@@ -1,0 +1,98 @@
+"""What several commands share."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from benchmarks.run.suite import SPLITS
+
+
+def count(text: str) -> int:
+    """A whole number, 1 or more, as an argument's type."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more, got {text!r}")
+    return int(text)
+
+
+def episodes(text: str) -> int:
+    """How many of the test seeds, as an argument's type."""
+    if (found := count(text)) > len(SPLITS["test"]):
+        raise argparse.ArgumentTypeError(
+            f"must be at most {len(SPLITS['test'])}, the test seeds there are, got {text!r}"
+        )
+    return found
+
+
+def policy_name(text: str) -> str:
+    """What names a policy, as an argument's type; what can only be a path must lead somewhere."""
+    if ("/" in text or os.sep in text) and ":" not in text:
+        if not Path(text).exists():
+            raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that is there, got {text!r}")
+        if Path(text).is_dir() and not (Path(text) / "agent.json").is_file():
+            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json, got {text!r}")
+    return text
+
+
+def _file(text: str, *endings: str) -> Path:
+    path = Path(text)
+    if path.suffix not in endings:
+        raise argparse.ArgumentTypeError(f"must end in {', '.join(endings[:-1])} or {endings[-1]}, got {text!r}")
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as problem:
+        raise argparse.ArgumentTypeError(
+            f"must be a file that can be written, got {text!r}: {folder}: {problem.strerror}"
+        ) from None
+    return path
+
+
+def picture(text: str) -> Path:
+    """A file that a plot can be written to, as an argument's type."""
+    return _file(text, ".png", ".svg", ".pdf")
+
+
+def film(text: str) -> Path:
+    """A file that a film can be written to, as an argument's type."""
+    path = _file(text, ".mp4", ".gif")
+    importlib.import_module("benchmarks.report.video")  # if its extra is missing, say so before the work
+    return path
+
+
+def gain(text: str) -> tuple[str, Any]:
+    """A gain and its value, one number or one for each joint, as an argument's type."""
+    name, _, value = text.partition("=")
+    try:
+        numbers = tuple(float(part) for part in value.split(","))
+    except ValueError:
+        numbers = ()
+    if not name or len(numbers) not in (1, 2):
+        raise argparse.ArgumentTypeError(f"must be such as kp=25, or kp=25,30 for the two joints, got {text!r}")
+    return name, numbers[0] if len(numbers) == 1 else np.array(numbers)
+
+
+def console() -> Console:
+    """What tables are printed on; a file has no width of its own."""
+    return Console(width=None if sys.stdout.isatty() else 132)
+
+
+def command_line() -> str:
+    """The command that this process was started with, as one could type it."""
+    return " ".join(["fbl-gym", *sys.argv[1:]])
+
+
+def add_store(parser: argparse.ArgumentParser) -> None:
+    """The folder of results."""
+    parser.add_argument(
+        "--store", type=Path, default=Path("results/board"), metavar="DIR", help="the folder of results (results/board)"
+    )

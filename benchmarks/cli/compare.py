@@ -1,0 +1,69 @@
+"""`fbl-gym compare`."""
+
+from __future__ import annotations
+
+import argparse
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from benchmarks.analysis.statistics import resample, wins
+from benchmarks.cli.common import console, episodes, film, picture, policy_name
+from benchmarks.report.plot import plot_comparison
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
+from fbl_gym import scenarios
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "policies", nargs="+", type=policy_name, metavar="POLICY", help="two or more, as for `fbl-gym evaluate`"
+    )
+    parser.add_argument(
+        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
+    )
+    parser.add_argument(
+        "--seeds", type=episodes, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)"
+    )
+    parser.add_argument(
+        "--plot", type=picture, metavar="FILE", help="draw their errors on the first seed: .png, .svg or .pdf"
+    )
+    parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed side by side: .mp4 or .gif")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if len(set(arguments.policies)) < 2:
+        raise ValueError(f"two policies or more can be compared, got {' '.join(arguments.policies)}")
+    scenario = scenarios.get(arguments.scenario)
+    traces = {policy: rollout(policy, scenario, range(arguments.seeds)) for policy in arguments.policies}
+    rows = {policy: measure(trace) for policy, trace in traces.items()}
+    errors = {policy: [[row["error_pct"] for row in found]] for policy, found in rows.items()}
+    first, counts = arguments.policies[0], resample(arguments.seeds, 0)
+    table = Table(title=f"{scenario.name}, {arguments.seeds} seeds", title_style="bold", box=SIMPLE_HEAD)
+    for name in ("policy", "error %", "worst seed", "failed %", "torque variation", f"errs less than {first}"):
+        table.add_column(name, justify="left" if name == "policy" else "right")
+    for policy, found in rows.items():
+        better = wins(errors[policy], errors[first], counts)
+        table.add_row(
+            policy,
+            f"{_mean(found, 'error_pct'):.3g}",
+            f"{max(row['error_pct'] for row in found):.3g}",
+            f"{100 * _mean(found, 'diverged'):.2g}",
+            f"{_mean(found, 'variation'):.3g}",
+            "" if policy == first else f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})",
+        )  # fmt: skip
+    screen = console()
+    screen.print(table)
+    if arguments.plot is not None:
+        plot_comparison(traces, f"Tracking errors on {scenario.name}", arguments.plot)
+        screen.print(f"plot: {arguments.plot}")
+    if arguments.video is not None:
+        from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
+
+        write_video(traces, arguments.video)
+        screen.print(f"video: {arguments.video}")
+    return 0
+
+
+def _mean(rows: list[dict[str, float]], name: str) -> float:
+    return sum(row[name] for row in rows) / len(rows)

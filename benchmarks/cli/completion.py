@@ -1,0 +1,76 @@
+"""`fbl-gym completion`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import shtab
+
+from benchmarks.cli.parser import COMMANDS, prepare
+from benchmarks.paper.claims import CLAIMS
+from benchmarks.policies import resolve
+from benchmarks.run.suite import SUITES
+from fbl_gym import scenarios
+
+SHELLS = ("bash", "zsh", "fish")
+
+KNOWN: Mapping[str, tuple[Callable[[], Iterable[str]], bool]] = {
+    "policy": (resolve.names, True),
+    "policies": (resolve.names, True),
+    "scenario": (scenarios.names, False),
+    "scenarios": (lambda: {**scenarios.families(), **dict.fromkeys(scenarios.names())}, False),
+    "suite": (lambda: SUITES, True),
+    "only": (lambda: CLAIMS, False),
+}
+"""What an argument expects, by its name: which names, and whether a file will do too."""
+
+_BREAKS = "# So that POLICY@tuned is one word.\nCOMP_WORDBREAKS=${COMP_WORDBREAKS//@}"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("shell", choices=SHELLS, help="whose script to print; docs/tutorials.md says where it belongs")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    shell = arguments.shell
+    print(shtab.complete(_everything(), shell, preamble=_BREAKS if shell == "bash" else ""))
+    return 0
+
+
+def _everything() -> argparse.ArgumentParser:
+    """All commands in one parser, with what the shell is to offer for each argument."""
+    whole = argparse.ArgumentParser(prog="fbl-gym")
+    commands = whole.add_subparsers()
+    for name, command in COMMANDS.items():
+        try:
+            parser, _ = prepare(name)
+        except ModuleNotFoundError:  # of an extra that is not installed: then its options are not known
+            commands.add_parser(name, help=command.help)
+            continue
+        for action in parser._actions:
+            names, files = KNOWN.get(action.dest, (None, False))
+            if files and names is not None:
+                action.complete = _or_files(action.dest, names())  # type: ignore[attr-defined]
+            elif names is not None:
+                action.choices = tuple(names())
+            elif action.metavar in ("DIR", "FILE"):
+                action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
+        commands.add_parser(name, help=command.help, parents=[parser], add_help=False)
+    return whole
+
+
+def _or_files(what: str, names: Iterable[str]) -> dict[str, Any]:
+    """Names, or files where none fits, as shtab's `complete` takes it."""
+    function, text = f"_fbl_gym_{what}_or_file", " ".join(names)
+    return {
+        "bash": function,
+        "zsh": function,
+        "fish": f"({function})",
+        "preamble": {
+            "bash": f'{function}() {{\n  compgen -W "{text}" -- $1 || compgen -f -- $1\n}}',
+            "zsh": f"{function}() {{\n  compadd -- {text} || _files\n}}",
+            "fish": f"function {function}\n  string split ' ' '{text}'\n  __fish_complete_path (commandline -ct)\nend",
+        },
+    }

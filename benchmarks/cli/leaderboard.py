@@ -1,0 +1,122 @@
+"""`fbl-gym leaderboard`."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from benchmarks.analysis.board import assemble
+from benchmarks.cli.common import add_store, command_line, console, count, policy_name
+from benchmarks.policies import resolve
+from benchmarks.report import terminal
+from benchmarks.run.runner import BACKENDS, Outcome
+from benchmarks.run.runner import run as run_cells
+from benchmarks.run.store import Result, Store
+from benchmarks.run.suite import SUITES, Cell, Suite, load, narrow
+from fbl_gym import scenarios
+
+
+def add_suite(parser: argparse.ArgumentParser) -> None:
+    """Which cells."""
+    parser.add_argument("--suite", default="quick", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (quick)")
+    parser.add_argument(
+        "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
+    )
+    parser.add_argument(
+        "--policy",
+        action="append",
+        type=policy_name,
+        default=[],
+        metavar="P",
+        help="this one too: module:factory, file.py, or model.zip",
+    )
+    parser.add_argument("--trust", action="store_true", help="load archives of stable-baselines3, which run their code")
+    parser.add_argument(
+        "--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)"
+    )
+    parser.add_argument("--arm", choices=scenarios.arms(), help="only scenarios of this arm")
+    parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
+    add_store(parser)
+
+
+def suite_of(arguments: argparse.Namespace) -> Suite:
+    """The suite that the arguments of `add_suite` mean."""
+    suite = narrow(load(arguments.suite), arguments.policies, arguments.scenarios, arguments.seeds)
+    suite = narrow(suite, (*suite.policies, *arguments.policy))
+    if arguments.arm is None:
+        return suite
+    arm = scenarios.get(scenarios.family("nominal", 0, arguments.arm).name).arm
+    return dataclasses.replace(suite, scenarios=tuple(s for s in suite.scenarios if s.arm == arm))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_suite(parser)
+    parser.add_argument(
+        "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
+    )
+    parser.add_argument("--backend", choices=BACKENDS, default="loky", help="this machine, or a cluster (loky)")
+    parser.add_argument("--address", metavar="A", help="of the Ray or Dask cluster (one of its own)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    trusted = [p for p in (*arguments.policies, *arguments.policy) if p.endswith(".zip")] if arguments.trust else []
+    for path in trusted:
+        resolve.trust(path)
+    cells, store = suite_of(arguments).cells, Store(arguments.store)
+    outcomes: list[Outcome] = []
+    stopped = False
+    columns = (
+        TextColumn("{task.description:<44}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
+        TimeRemainingColumn(), TextColumn("{task.fields[rate]} [red]{task.fields[failures]}"),
+    )  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("starting", total=len(cells), rate="", failures="")
+        try:
+            for outcome in run_cells(
+                cells, store, workers=arguments.workers, backend=arguments.backend, address=arguments.address,
+                command=command_line(), trusted=trusted,
+            ):  # fmt: skip
+                outcomes.append(outcome)
+                progress.update(task, advance=1, description=outcome.id)
+                rate, failures = _news(outcomes, progress.tasks[0].elapsed)
+                progress.update(task, rate=rate, failures=failures)
+        except KeyboardInterrupt:
+            stopped = True
+    done = results_of(cells, store, outcomes)
+    if any(result.rows for result in done):
+        terminal.leaderboard(console(), assemble(done))
+        print(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
+    if stopped:
+        print(
+            f"fbl-gym: stopped with {len(done)} of {len(cells)} cells; the same command goes on from there",
+            file=sys.stderr,
+        )
+        return 130
+    # A policy whose extra is not installed is named above; that is no failure.
+    return 1 if any(o.error and not o.error.startswith("DependencyNotInstalled") for o in outcomes) else 0
+
+
+def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]:
+    """How fast cells are computed, and how many failed, as text."""
+    computed = sum(outcome.done == "computed" for outcome in outcomes)
+    failures = sum(outcome.done == "failed" for outcome in outcomes)
+    rate = f"{computed / elapsed:.1f} cells/s" if computed and elapsed else ""
+    return rate, f"{failures} failed" if failures else ""
+
+
+def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] = ()) -> list[Result]:
+    """What the store has of the cells, in their order, and a result with its error for those that failed."""
+    errors = {outcome.id: outcome.error for outcome in outcomes if outcome.error}
+    found = []
+    for cell in cells:
+        if cell.id in errors:
+            found.append(Result(cell, (), float("nan"), 0.0, errors[cell.id]))
+        elif (result := store.find(cell)) is not None:
+            found.append(result)
+    return found

@@ -1,0 +1,25 @@
+"""`fbl-gym query`."""
+
+from __future__ import annotations
+
+import argparse
+
+from benchmarks.cli.common import add_store
+from benchmarks.report.export import query
+from benchmarks.run.store import Store
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "sql", metavar="SQL",
+        help="about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
+        "or \"COPY results TO 'board.parquet'\"",
+    )  # fmt: skip
+    add_store(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    answer = query(Store(arguments.store).results(), arguments.sql)
+    if answer is not None:
+        print(answer)
+    return 0

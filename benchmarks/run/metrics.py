@@ -1,0 +1,152 @@
+"""From a trace to numbers: one row per seed. Pure functions.
+
+A diverged run counts: from the sample at which it ended on, the error of both joints is half a turn, the largest that counts
+anywhere. So no policy gains by falling out of the average.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.run.rollout import Trace
+from fbl_gym.arm import Array
+from fbl_gym.references import FilteredSteps, Steps
+
+WORST_ERROR = np.pi
+"""A joint that is further off [rad], or whose run has diverged, counts as half a turn off."""
+
+REST = 0.2
+"""A reference that stands still for at least so long [s] rests; steady-state error is that of a rest's last quarter."""
+
+BAND = 0.02
+"""A step has settled when the joint stays within this share of it."""
+
+METRICS: dict[str, str] = {
+    "error_pct": "mean absolute tracking error, both joints, in % of the reference's amplitude",
+    "error_mrad": "mean absolute tracking error, both joints [mrad]",
+    "rms_mrad": "root mean square tracking error, both joints [mrad]",
+    "max_mrad": "largest absolute tracking error of either joint [mrad]",
+    "steady_1_pct": "mean absolute error of link 1 while the reference rests, in % of its amplitude",
+    "steady_2_pct": "mean absolute error of link 2 while the reference rests, in % of its amplitude",
+    "overshoot_pct": "largest overshoot beyond a step of the reference, in % of the step (step references only)",
+    "settling_s": "mean 2 % settling time of the steps [s] (step references only); the whole period if it never settles",
+    "torque_rms": "root mean square torque, both joints [N m]",
+    "variation": "total variation of the torque per second, both joints [N m/s]",
+    "saturated_pct": "share of samples in which a joint's torque is at its limit [%]",
+    "diverged": "1 where the run diverged, else 0",
+    "stay_pct": "error_pct of an arm that stays where it started: what the score counts as 0",
+}
+"""Every metric's name and meaning, in the order of the columns."""
+
+
+def errors(trace: Trace) -> Array:
+    """Absolute tracking error [T + 1 x n x 2] rad.  trace: of n seeds; diverged runs have the worst error."""
+    error = np.abs(trace.reference - trace.position)
+    return np.where(trace.alive[..., None], np.minimum(error, WORST_ERROR), WORST_ERROR)
+
+
+def amplitude(trace: Trace) -> Array:
+    """The reference's largest departure from where the arm started [n x 2] rad; 1 for a joint that is to stand still.
+
+    trace: of n seeds.
+    """
+    size = np.abs(trace.reference - trace.position[0]).max(axis=0)
+    return np.where(size > 1e-9, size, 1.0)
+
+
+def measure(trace: Trace) -> list[dict[str, float]]:
+    """The metrics of each seed, in the seeds' order.  trace: NaN where a metric does not apply to it."""
+    error, size = errors(trace), amplitude(trace)
+    alive = trace.alive[..., None]
+    count = np.maximum(trace.alive.sum(axis=0), 1)
+    torque = np.where(alive, trace.torque, 0.0)
+    change = np.abs(np.diff(trace.torque, axis=0)) * (trace.alive[1:] & trace.alive[:-1])[..., None]
+    duration = count * trace.scenario.control_dt
+    steady = _steady(trace, error) / size
+    overshoot, settling = _steps(trace)
+    limit = trace.scenario.actuator.torque_limit
+    at_limit = np.zeros_like(torque) if limit is None else np.abs(torque) >= np.array(limit) * (1 - 1e-9)
+    columns = {
+        "error_pct": 100 * (error.mean(axis=0) / size).mean(axis=-1),
+        "error_mrad": 1e3 * error.mean(axis=(0, 2)),
+        "rms_mrad": 1e3 * np.sqrt((error**2).mean(axis=(0, 2))),
+        "max_mrad": 1e3 * error.max(axis=(0, 2)),
+        "steady_1_pct": 100 * steady[:, 0],
+        "steady_2_pct": 100 * steady[:, 1],
+        "overshoot_pct": overshoot,
+        "settling_s": settling,
+        "torque_rms": np.sqrt((torque**2).sum(axis=(0, 2)) / (2 * count)),
+        "variation": change.sum(axis=(0, 2)) / duration,
+        "saturated_pct": 100 * at_limit.any(axis=-1).sum(axis=0) / count,
+        "diverged": (~trace.alive[-1]).astype(float),
+        "stay_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
+    }
+    return [{name: float(columns[name][i]) for name in METRICS} for i in range(len(trace.seeds))]
+
+
+def _steady(trace: Trace, error: Array) -> Array:
+    """Mean error [n x 2] over the last quarter of each rest of the reference; NaN where it never rests."""
+    dt = trace.scenario.control_dt
+    still = np.abs(np.diff(trace.reference, axis=0)) < 1e-4 * dt
+    found = np.full(error.shape[1:], np.nan)
+    for lane in range(error.shape[1]):
+        for joint in (0, 1):
+            padded = np.concatenate([[False], still[:, lane, joint], [False]]).astype(int)
+            begins, ends = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1)
+            rests = [(i, j) for i, j in zip(begins, ends, strict=True) if (j - i) * dt > REST - 1e-9]
+            last = [error[j - (j - i) // 4 + 1 : j + 1, lane, joint] for i, j in rests]
+            if last:
+                found[lane, joint] = np.concatenate(last).mean()
+    return found
+
+
+def _steps(trace: Trace) -> tuple[Array, Array]:
+    """Largest overshoot [n] in % of its step, and mean settling time [n] s; NaN for references without steps."""
+    reference = trace.scenario.reference
+    n = len(trace.seeds)
+    if not isinstance(reference, Steps | FilteredSteps):
+        return np.full(n, np.nan), np.full(n, np.nan)
+    period = round(reference.period / trace.scenario.control_dt)
+    overshoot, settling = np.full(n, np.nan), []
+    begin = trace.position[0]
+    for first in range(0, len(trace.time) - period, period):
+        window = slice(first, first + period)
+        target = trace.reference[first + period - 1]
+        height = target - begin
+        moved = np.abs(height) > 1e-3
+        scale = np.where(moved, height, 1.0)
+        gone = np.where(trace.alive[window, :, None], (trace.position[window] - begin) / scale, np.inf)
+        beyond = np.where(moved, np.maximum(gone.max(axis=0) - 1.0, 0.0), np.nan)
+        outside = np.abs(gone - 1.0) > BAND
+        last = period - np.argmax(outside[::-1], axis=0)
+        times = np.where(outside.any(axis=0), last, 0) * trace.scenario.control_dt
+        settling.append(np.where(moved, times, np.nan))
+        overshoot = np.fmax(overshoot, np.fmax(beyond[:, 0], beyond[:, 1]))
+        begin = target
+    worst = np.minimum(100 * overshoot, 1e3)
+    if not settling:
+        return worst, np.full(n, np.nan)
+    stacked = np.stack(settling)
+    counts = np.isfinite(stacked).sum(axis=(0, 2))
+    return worst, np.where(counts > 0, np.nansum(stacked, axis=(0, 2)) / np.maximum(counts, 1), np.nan)
+
+
+def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
+    """The mean of each metric over the seeds (NaN where it applies to none).  rows: of all seeds, diverged ones too."""
+    return {name: _mean([row[name] for row in rows]) for name in METRICS}
+
+
+def _mean(values: list[float]) -> float:
+    known = [x for x in values if not np.isnan(x)]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def describe(summary: dict[str, float]) -> list[tuple[str, str, str]]:
+    """Name, value and meaning of each metric, for a table.  summary: a number for each metric."""
+    return [(name, _format(summary[name]), meaning) for name, meaning in METRICS.items()]
+
+
+def _format(value: Any) -> str:
+    return "-" if np.isnan(value) else f"{value:.4g}"

@@ -1,0 +1,142 @@
+"""A policy in closed loop with a batch of arms, in lockstep; every lane is one seed."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.policies import resolve
+from fbl_gym.arm import Array
+from fbl_gym.scenarios import Scenario
+from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What happened, sample by sample, of the true arm.
+
+    T is the number of control steps and n that of seeds. Sample 0 is the start.
+
+    Args:
+        scenario: in which it happened.
+        seeds: [n].
+        time: [T + 1] s.
+        position, velocity, reference: [T + 1 x n x 2] rad, rad/s, rad.
+        torque: applied torque [T + 1 x n x 2] N m.
+        disturbance: [T + 1 x n x 2] N m.
+        alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the reference is of its episode.
+        decision_time: wall time of the policy for one decision of one lane [s], the median over the steps.
+        watched: what `rollout` was asked to watch besides, by name; [T x n x ...], from sample 1 on.
+    """
+
+    scenario: Scenario
+    seeds: tuple[int, ...]
+    time: Array
+    position: Array
+    velocity: Array
+    reference: Array
+    torque: Array
+    disturbance: Array
+    alive: NDArray[np.bool_]
+    decision_time: float
+    watched: dict[str, Array] = field(default_factory=dict)
+
+
+def make_env(policy: str, scenario: Scenario, lanes: int) -> TwoLinkArmVectorEnv:
+    """The environment in which a policy is evaluated: with as much preview of the reference as it declares.
+
+    Args:
+        policy: a name, or what else `resolve.make` understands.
+        scenario: the task.
+        lanes: how many arms.
+    """
+    preview = math.ceil(resolve.preview(policy) / scenario.control_dt - 1e-9)
+    return TwoLinkArmVectorEnv(lanes, scenario, action=action_of(scenario), preview=preview)
+
+
+Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
+"""What to look at after each step: a function of the environment, the policy and its state."""
+
+_SIGNALS = ("position", "velocity", "reference", "torque", "disturbance")
+
+
+def action_of(scenario: Scenario) -> str:
+    """The kind of action of an evaluation.  scenario: with a torque limit it is "normalized", without "torque"."""
+    return "torque" if scenario.actuator.torque_limit is None else "normalized"
+
+
+def rollout(
+    policy: str,
+    scenario: Scenario,
+    seeds: Sequence[int],
+    gains: Mapping[str, Any] | None = None,
+    watch: Mapping[str, Watch] | None = None,
+) -> Trace:
+    """One episode for each seed.
+
+    Args:
+        policy: a name, or what else `resolve.make` understands.
+        scenario: the task.
+        seeds: one lane each.
+        gains: arguments of the policy.
+        watch: what else to record after each step, by name.
+    """
+    n, steps = len(seeds), scenario.steps
+    env = make_env(policy, scenario, n)
+    actor = resolve.make(policy, env, **(gains or {}))
+    signals = {name: np.empty((steps + 1, n, 2)) for name in _SIGNALS}
+    alive = np.ones((steps + 1, n), dtype=bool)
+    waits = np.empty(steps)
+    watched: dict[str, list[Array]] = {name: [] for name in watch or {}}
+    state: Any = None
+    starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
+    observation, _ = env.reset(seed=list(seeds))
+    _record(signals, 0, env)
+    for k in range(steps):
+        begin = time.perf_counter()
+        action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
+        waits[k] = time.perf_counter() - begin
+        # A lane that diverged begins its next episode one step later, which nobody looks at.
+        observation, _, terminated, truncated, _ = env.step(action)
+        starts, ended = ended, terminated | truncated
+        alive[k + 1] = alive[k] & ~terminated
+        _record(signals, k + 1, env)
+        for name, look in (watch or {}).items():
+            watched[name].append(look(env, actor, state))
+    env.close()
+    if not alive.all():
+        signals["reference"] = _asked(scenario, seeds)
+    return Trace(
+        scenario=scenario,
+        seeds=tuple(seeds),
+        time=scenario.control_dt * np.arange(steps + 1.0),
+        alive=alive,
+        decision_time=float(np.median(waits)) / n,
+        watched={name: np.array(rows) for name, rows in watched.items()},
+        **signals,
+    )
+
+
+def _asked(scenario: Scenario, seeds: Sequence[int]) -> Array:
+    """The reference of each seed over the whole episode, [T + 1 x n x 2], whatever the arm does."""
+    calm = scenario.replace(parameter_error=None, friction=None, disturbance=None, actuator=None, initial_error=0.0)
+    env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
+    env.reset(seed=list(seeds))
+    rows = [env.truth.reference]
+    for _ in range(scenario.steps):
+        env.step(np.zeros((len(seeds), 2)))
+        rows.append(env.truth.reference)
+    return np.array(rows)
+
+
+def _record(signals: dict[str, Array], k: int, env: TwoLinkArmVectorEnv) -> None:
+    truth = env.truth
+    signals["position"][k], signals["velocity"][k] = truth.position, truth.velocity
+    signals["reference"][k], signals["torque"][k] = truth.reference, truth.applied_torque
+    signals["disturbance"][k] = truth.disturbance

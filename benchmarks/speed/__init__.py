@@ -1,0 +1,1 @@
+"""Speed: steps per second beside other environments."""
