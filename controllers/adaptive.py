@@ -13,7 +13,8 @@ from controllers.estimator import estimate, lumped_of, point_masses
 from controllers.gain_scheduling import schedule
 from controllers.policy import State
 from fbl_gym.arm import Array, regressor
-from fbl_gym.records import number, settle
+from fbl_gym.checks import check_number
+from fbl_gym.records import set_fields
 
 SAMPLES = 3
 """How many samples an estimate takes: the paper's three."""
@@ -48,14 +49,14 @@ class AdaptiveFlm(CascadeFlm):
         alpha = np.asarray(self.alpha, dtype=float)
         if alpha.shape != (2, 2) or not np.isfinite(alpha).all() or (alpha < 0).any():
             raise ValueError(f"alpha must be four numbers [2 x 2], zero or more, got {self.alpha!r}")
-        settle(
+        set_fields(
             self,
             alpha=tuple(tuple(float(x) for x in row) for row in alpha),
-            v_s=number("v_s", self.v_s, above=0),
-            weakest=number("weakest", self.weakest, low=1e-12),
+            v_s=check_number("v_s", self.v_s, above=0),
+            weakest=check_number("weakest", self.weakest, low=1e-12),
         )
         if self.total_mass is not None:
-            settle(self, total_mass=number("total_mass", self.total_mass, above=0))
+            set_fields(self, total_mass=check_number("total_mass", self.total_mass, above=0))
 
     def initial(self, observation: Array) -> State:
         n = len(observation)

@@ -21,7 +21,8 @@ from controllers.kalman import RobustFlm
 from controllers.policy import State
 from controllers.solving import accumulate, exceeds, solve
 from fbl_gym.arm import Array, inertia_matrix, regressor
-from fbl_gym.records import number, settle
+from fbl_gym.checks import check_number
+from fbl_gym.records import set_fields
 
 TERMS = 9
 """Unknowns: the five lumped parameters, viscous friction of both joints, Coulomb friction of both joints."""
@@ -67,7 +68,7 @@ class AdaptiveFlmLs(RobustFlm):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("memory", "bandwidth", "prior", "excitation", "moving", "turn"):
-            settle(self, **{name: number(name, getattr(self, name), above=0)})
+            set_fields(self, **{name: check_number(name, getattr(self, name), above=0)})
 
     @cached_property
     def scale(self) -> Array:

@@ -13,7 +13,8 @@ from controllers.feedback_linearization import linearize
 from controllers.observer import ExtendedStateObserver
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array, forward_dynamics
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,13 @@ class Adrc(TorqueLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("controller_bandwidth", "observer_bandwidth"):
-            settle(self, **{name: pair(name, getattr(self, name), above=0)})
+            set_fields(self, **{name: check_pair(name, getattr(self, name), above=0)})
 
     @property
     def observer(self) -> ExtendedStateObserver:
-        return ExtendedStateObserver(self.interface.control_dt, pair("observer_bandwidth", self.observer_bandwidth))
+        return ExtendedStateObserver(
+            self.interface.control_dt, check_pair("observer_bandwidth", self.observer_bandwidth)
+        )
 
     def initial(self, observation: Array) -> State:
         return (self.observer.initial(*self.read(observation, "position", "reference_velocity")),)

@@ -12,7 +12,8 @@ import numpy as np
 from controllers.feedback_linearization import linearize, winds_up
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import ArmParameters, Array
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ class CascadeFlm(TorqueLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        gains = {name: pair(name, getattr(self, name)) for name in ("kp", "velocity_p", "velocity_i")}
-        settle(self, **gains)
+        gains = {name: check_pair(name, getattr(self, name)) for name in ("kp", "velocity_p", "velocity_i")}
+        set_fields(self, **gains)
 
     def initial(self, observation: Array) -> State:
         return (np.zeros((len(observation), 2)),)

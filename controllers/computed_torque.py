@@ -12,7 +12,8 @@ import numpy as np
 from controllers.feedback_linearization import linearize
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class ComputedTorque(TorqueLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(self, frequency=pair("frequency", self.frequency, above=0))
+        set_fields(self, frequency=check_pair("frequency", self.frequency, above=0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         q, v = self.read(observation, "position", "velocity")

@@ -13,7 +13,8 @@ from controllers.computed_torque import ComputedTorque
 from controllers.feedback_linearization import linearize
 from controllers.policy import State
 from fbl_gym.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
-from fbl_gym.records import number, settle
+from fbl_gym.checks import check_number
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class ComputedTorqueDob(ComputedTorque):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(self, bandwidth=number("bandwidth", self.bandwidth, above=0))
+        set_fields(self, bandwidth=check_number("bandwidth", self.bandwidth, above=0))
 
     def initial(self, observation: Array) -> State:
         zeros = np.zeros((len(observation), 2))

@@ -15,7 +15,8 @@ from filterpy.kalman import KalmanFilter
 from controllers.cascade import CascadeFlm
 from controllers.policy import State
 from fbl_gym.arm import Array
-from fbl_gym.records import number, settle
+from fbl_gym.checks import check_number
+from fbl_gym.records import set_fields
 
 PAPER_SIGMA = float(np.sqrt(0.1))
 """Square root of the paper's 0.1, the variance of acceleration and position noise in (17) and (18), taken per sample."""
@@ -119,7 +120,7 @@ class RobustFlm(CascadeFlm):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("acceleration_sigma", "position_sigma"):
-            settle(self, **{name: number(name, getattr(self, name), above=0)})
+            set_fields(self, **{name: check_number(name, getattr(self, name), above=0)})
 
     @property
     def filter(self) -> JointKalman:

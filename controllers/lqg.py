@@ -15,7 +15,8 @@ from controllers.feedback_linearization import linearize, winds_up
 from controllers.kalman import JointKalman
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array
-from fbl_gym.records import Pair, number, pair, settle
+from fbl_gym.checks import Pair, check_number, check_pair
+from fbl_gym.records import set_fields
 
 
 def plant(dt: float) -> tuple[Array, Array]:
@@ -71,14 +72,14 @@ class Lqg(TorqueLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("integral", "position", "velocity"):
-            settle(self, **{name: pair(name, getattr(self, name), above=0)})
+            set_fields(self, **{name: check_pair(name, getattr(self, name), above=0)})
         for name in ("acceleration_sigma", "position_sigma"):
-            settle(self, **{name: number(name, getattr(self, name), above=0)})
+            set_fields(self, **{name: check_number(name, getattr(self, name), above=0)})
 
     @property
     def gain(self) -> Array:
         """K [2 x 3], per joint."""
-        weights = zip(*(pair("", x) for x in (self.integral, self.position, self.velocity)), strict=True)
+        weights = zip(*(check_pair("", x) for x in (self.integral, self.position, self.velocity)), strict=True)
         return np.array([regulator(self.interface.control_dt, *joint) for joint in weights])
 
     @property

@@ -31,7 +31,8 @@ from fbl_gym.arm import (
     inertia_terms,
     solve_terms,
 )
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 try:
     import casadi as ca
@@ -157,7 +158,7 @@ class Nmpc(TorqueLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("position", "velocity", "observer_bandwidth"):
-            settle(self, **{name: pair(name, getattr(self, name), above=0)})
+            set_fields(self, **{name: check_pair(name, getattr(self, name), above=0)})
 
     @property
     def stride(self) -> int:
@@ -166,7 +167,9 @@ class Nmpc(TorqueLaw):
 
     @property
     def observer(self) -> ExtendedStateObserver:
-        return ExtendedStateObserver(self.interface.control_dt, pair("observer_bandwidth", self.observer_bandwidth))
+        return ExtendedStateObserver(
+            self.interface.control_dt, check_pair("observer_bandwidth", self.observer_bandwidth)
+        )
 
     def initial(self, observation: Array) -> State:
         q, r_dot = self.read(observation, "position", "reference_velocity")
@@ -188,7 +191,7 @@ class Nmpc(TorqueLaw):
     def plan(self, observation: Array, estimate: Array, plan: Array) -> Array:
         """The torques [n x HORIZON x 2] from now on, from the plan made a step ago."""
         n = len(plan)
-        weights = pair("position", self.position), pair("velocity", self.velocity)
+        weights = check_pair("position", self.position), check_pair("velocity", self.velocity)
         step = self.stride * self.interface.control_dt
         improve = planner(self.interface.nominal, step, weights, self.interface.torque_limit, n)
         start = estimate.transpose(2, 1, 0).reshape(6, n)

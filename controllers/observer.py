@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbl_gym.arm import Array
-from fbl_gym.records import Pair
+from fbl_gym.checks import Pair
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import numpy as np
 from controllers.policy import State
 from fbl_gym.arm import Array, inverse_dynamics
 from fbl_gym.batch import Truth
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class OracleFlm:
     access: ClassVar[str] = "privileged"
 
     def __post_init__(self) -> None:
-        settle(self, kp=pair("kp", self.kp), kd=pair("kd", self.kd))
+        set_fields(self, kp=check_pair("kp", self.kp), kd=check_pair("kd", self.kd))
 
     def predict(
         self,

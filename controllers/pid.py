@@ -12,7 +12,8 @@ import numpy as np
 from controllers.feedback_linearization import linearize, winds_up
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class PidFlm(TorqueLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(self, kp=pair("kp", self.kp), ki=pair("ki", self.ki), kd=pair("kd", self.kd))
+        set_fields(self, kp=check_pair("kp", self.kp), ki=check_pair("ki", self.ki), kd=check_pair("kd", self.kd))
 
     def initial(self, observation: Array) -> State:
         return (np.zeros((len(observation), 2)),)

@@ -12,7 +12,8 @@ import numpy as np
 from controllers.policy import State
 from controllers.simple import PdGravity
 from fbl_gym.arm import Array
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class PidGravity(PdGravity):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(self, integral=pair("integral", self.integral, low=0))
+        set_fields(self, integral=check_pair("integral", self.integral, low=0))
 
     def initial(self, observation: Array) -> State:
         return (np.zeros((len(observation), 2)),)

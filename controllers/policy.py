@@ -21,8 +21,8 @@ from typing import Any, ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from fbl_gym.arm import Array
+from fbl_gym.checks import check_choice, unknown
 from fbl_gym.interface import Interface
-from fbl_gym.records import choice, unknown
 
 State: TypeAlias = tuple[Array, ...]
 
@@ -169,7 +169,9 @@ def register(
     """
     if name in _REGISTRY:
         raise ValueError(f"a policy named {name!r} is registered already")
-    _REGISTRY[name] = _Entry(factory, summary, choice("access", access, ACCESS), choice("kind", kind, KINDS))
+    _REGISTRY[name] = _Entry(
+        factory, summary, check_choice("access", access, ACCESS), check_choice("kind", kind, KINDS)
+    )
 
 
 @lru_cache(maxsize=1)

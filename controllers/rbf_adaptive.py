@@ -11,7 +11,8 @@ import numpy as np
 
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
-from fbl_gym.records import Pair, number, pair, settle
+from fbl_gym.checks import Pair, check_number, check_pair
+from fbl_gym.records import set_fields
 
 NODES = 6
 """Basis functions around the circle of one joint angle."""
@@ -83,8 +84,8 @@ class RbfAdaptive(TorqueLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("error_rate", "gain", "rate"):
-            settle(self, **{name: pair(name, getattr(self, name), above=0)})
-        settle(self, forget=number("forget", self.forget, low=0))
+            set_fields(self, **{name: check_pair(name, getattr(self, name), above=0)})
+        set_fields(self, forget=check_number("forget", self.forget, low=0))
 
     def initial(self, observation: Array) -> State:
         return (np.zeros((len(observation), 2, FEATURES)),)

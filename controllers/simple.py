@@ -12,7 +12,8 @@ import numpy as np
 
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array, gravity_torque, inertia_matrix
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class PdGravity(TorqueLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(self, frequency=pair("frequency", self.frequency), damping=pair("damping", self.damping))
+        set_fields(self, frequency=check_pair("frequency", self.frequency), damping=check_pair("damping", self.damping))
 
     @cached_property
     def inertia(self) -> Array:

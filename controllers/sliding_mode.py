@@ -12,7 +12,8 @@ import numpy as np
 from controllers.feedback_linearization import linearize, winds_up
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array
-from fbl_gym.records import Pair, number, pair, settle
+from fbl_gym.checks import Pair, check_number, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,11 @@ class SuperTwisting(TorqueLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(
+        set_fields(
             self,
-            slope=pair("slope", self.slope, above=0),
-            bound=pair("bound", self.bound, above=0),
-            layer=number("layer", self.layer, low=0),
+            slope=check_pair("slope", self.slope, above=0),
+            bound=check_pair("bound", self.bound, above=0),
+            layer=check_number("layer", self.layer, low=0),
         )
 
     def initial(self, observation: Array) -> State:

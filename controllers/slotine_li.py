@@ -12,7 +12,8 @@ import numpy as np
 from controllers.passivity import drift_regressor, momentum_regressor, slotine_li_regressor
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array, inertia_matrix
-from fbl_gym.records import Pair, number, pair, settle
+from fbl_gym.checks import Pair, check_number, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -50,14 +51,14 @@ class SlotineLi(TorqueLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(
+        set_fields(
             self,
-            slope=pair("slope", self.slope, above=0),
-            damping=number("damping", self.damping, above=0),
-            adaptation=number("adaptation", self.adaptation, low=0),
-            composite=number("composite", self.composite, low=0),
-            filtering=number("filtering", self.filtering, above=0),
-            reach=number("reach", self.reach, above=1),
+            slope=check_pair("slope", self.slope, above=0),
+            damping=check_number("damping", self.damping, above=0),
+            adaptation=check_number("adaptation", self.adaptation, low=0),
+            composite=check_number("composite", self.composite, low=0),
+            filtering=check_number("filtering", self.filtering, above=0),
+            reach=check_number("reach", self.reach, above=1),
         )
 
     @property

@@ -12,7 +12,8 @@ import numpy as np
 from controllers.passivity import slotine_li_regressor
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array, inertia_matrix
-from fbl_gym.records import Pair, number, pair, settle
+from fbl_gym.checks import Pair, check_number, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,12 @@ class SpongRobust(TorqueLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        settle(
+        set_fields(
             self,
-            slope=pair("slope", self.slope, above=0),
-            damping=number("damping", self.damping, above=0),
-            bound=number("bound", self.bound, low=0),
-            epsilon=number("epsilon", self.epsilon, above=0),
+            slope=check_pair("slope", self.slope, above=0),
+            damping=check_number("damping", self.damping, above=0),
+            bound=check_number("bound", self.bound, low=0),
+            epsilon=check_number("epsilon", self.epsilon, above=0),
         )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:

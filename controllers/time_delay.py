@@ -17,7 +17,8 @@ import numpy as np
 
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array, gravity_torque, inverse_dynamics
-from fbl_gym.records import Pair, pair, settle
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class TimeDelay(TorqueLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("frequency", "bandwidth"):
-            settle(self, **{name: pair(name, getattr(self, name), above=0)})
+            set_fields(self, **{name: check_pair(name, getattr(self, name), above=0)})
 
     def initial(self, observation: Array) -> State:
         # An arm starts under the torque that would hold the nominal one still.

@@ -11,8 +11,9 @@ from gymnasium import error, logger
 
 from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.batch import ArmBatch, Truth, single
+from fbl_gym.checks import Pair, check_whole, unknown
 from fbl_gym.interface import Interface, Layout
-from fbl_gym.records import Pair, build, unknown, whole
+from fbl_gym.records import build
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario, as_scenario
 from fbl_gym.settings import NO_AUTORESET, Program, make_program
@@ -90,7 +91,7 @@ def configure(
 
 def check_seed(seed: Any) -> int:
     """`seed` as an int that a stream's key can hold."""
-    value = whole("seed", seed)
+    value = check_whole("seed", seed)
     if value > MAX_SEED:
         raise ValueError(f"seed must be below 2**64, got {value}")
     return value
@@ -211,7 +212,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        self.render_size = whole("render_size", render_size, low=MIN_RENDER_SIZE)
+        self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
         self.metadata = {**self.metadata, "render_fps": frame_rate(self.scenario)}
         self.interface = program.interface
         self.observation_space = program.interface.observation_space

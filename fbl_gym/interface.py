@@ -13,7 +13,8 @@ import numpy as np
 from gymnasium import spaces
 
 from fbl_gym.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
-from fbl_gym.records import Pair, number, settle, unknown
+from fbl_gym.checks import Pair, check_number, unknown
+from fbl_gym.records import set_fields
 
 ACTIONS = ("normalized", "torque", "acceleration")
 
@@ -36,7 +37,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name in ("position", "velocity", "acceleration", "command"):
-            settle(self, **{name: number(name, getattr(self, name), above=0)})
+            set_fields(self, **{name: check_number(name, getattr(self, name), above=0)})
 
 
 @dataclass(frozen=True)

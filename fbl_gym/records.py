@@ -1,106 +1,215 @@
-"""Options as plain data: frozen records, built from themselves or from the dict, number or name that makes one.
+"""Records: frozen dataclasses whose fields declare type, default, unit and bounds once.
 
-Every error names the argument, the value and the right form, with the nearest known name where one was mistyped.
+Options of the environment and gains of the laws are records. A declaration such as
+
+    @dataclass(frozen=True)
+    class Payload(Record):
+        mass: float = number(unit="kg", low=0)
+
+gives the checks and their errors, the conversion from plain data (a dict, a number, a list), the tuning range of a gain
+and the entry in the documentation. A rule that involves several fields goes into `validate`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import difflib
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import numpy as np
+from fbl_gym.checks import (
+    bounds_text,
+    check_choice,
+    check_number,
+    check_pair,
+    check_table,
+    check_whole,
+    unknown,
+)
 
-Record = TypeVar("Record")
-Pair = tuple[float, float]
+Built = TypeVar("Built")
 
-
-_MANY = 20
-"""So many names an error lists; of more, the nearest."""
-
-
-def hint(name: object, known: Iterable[str]) -> str:
-    """What may have been meant, as the end of an error: the nearest known name, or those that have it in them."""
-    names = sorted(known)
-    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5) or [n for n in names if str(name) in n][:3]
-    return f"; did you mean {' or '.join(map(repr, near))}?" if near and str(name) else ""
+_KEY = "declaration"
 
 
-def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
-    """The error for a name that is not known: the nearest that is, and a list of all, or of those near it."""
-    names = sorted(known)
-    meant = hint(name, names)
-    shown, more = names, ""
-    if meant and len(names) > _MANY:
-        shown = difflib.get_close_matches(str(name), names, n=_MANY // 2, cutoff=0.0)
-        more = f" and {len(names) - len(shown)} more"
-    return ValueError(f"unknown {what} {name!r}{meant or '.'} Known: {', '.join(shown) or 'none'}{more}")
+@dataclass(frozen=True)
+class Declaration:
+    """The declaration of one field.
+
+    Args:
+        convert: a function (name, value) -> value that checks a value and converts plain data.
+        form: the valid values in words.
+        unit: of the value; empty: none.
+        tune: range in which `fbl-gym tune` searches a gain; None: it is not tuned.
+    """
+
+    convert: Callable[[str, Any], Any]
+    form: str
+    unit: str = ""
+    tune: tuple[float, float] | None = None
 
 
-def choice(name: str, value: object, known: Iterable[str]) -> str:
-    """`value`, if it is one of the known names."""
-    known = tuple(known)
-    if not isinstance(value, str) or value not in known:
-        raise unknown(name, value, known)
-    return value
+class Record:
+    """Base of frozen dataclasses with declared fields."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            declaration: Declaration | None = field.metadata.get(_KEY)
+            value = getattr(self, field.name)
+            if declaration is not None and not (value is None and field.default is None):
+                object.__setattr__(self, field.name, declaration.convert(field.name, value))
+        self.validate()
+
+    def validate(self) -> None:
+        """Refuse values that do not fit together. Called when every field has been checked on its own."""
+
+
+def _declare(default: Any, declaration: Declaration) -> Any:
+    return dataclasses.field(default=default, metadata={_KEY: declaration})
 
 
 def number(
-    name: str, value: object, *, low: float = -math.inf, high: float = math.inf, above: float | None = None
-) -> float:
-    """`value` as a float within [low, high] and greater than `above`."""
-    right = "a finite number"
-    if above is not None:
-        right += f" greater than {above:g}"
-    elif low > -math.inf:
-        right += f" not below {low:g}"
-    if high < math.inf:
-        right += f" and not above {high:g}"
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
-        raise ValueError(f"{name} must be {right}, got {value!r}")
-    x = float(value)
-    if not math.isfinite(x) or x < low or x > high or (above is not None and x <= above):
-        raise ValueError(f"{name} must be {right}, got {value!r}")
-    return x
+    default: Any = dataclasses.MISSING,
+    *,
+    unit: str = "",
+    tune: tuple[float, float] | None = None,
+    **bounds: Any,
+) -> Any:
+    """Declare a finite number.
+
+    Args:
+        default: None makes the field optional; left out, the field must be given.
+        unit: of the number.
+        tune: range in which `fbl-gym tune` searches; None: it is not tuned.
+        **bounds: `low`, `high`, `above`, as in `check_number`.
+    """
+    convert = lambda name, value: check_number(name, value, **bounds)  # noqa: E731
+    return _declare(default, Declaration(convert, "a number" + bounds_text(**bounds), unit, tune))
 
 
-def whole(name: str, value: object, *, low: int = 0) -> int:
-    """`value` as an int not below `low`."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or value < low:
-        raise ValueError(f"{name} must be a whole number not below {low}, got {value!r}")
-    return int(value)
+def pair(
+    default: Any = dataclasses.MISSING,
+    *,
+    unit: str = "",
+    tune: tuple[float, float] | None = None,
+    **bounds: Any,
+) -> Any:
+    """Declare one number per joint; a single number stands for both joints.
+
+    Args:
+        default: None makes the field optional; left out, the field must be given.
+        unit: of the numbers.
+        tune: range in which `fbl-gym tune` searches one number for both joints; None: it is not tuned.
+        **bounds: `low`, `high`, `above`, as in `check_number`.
+    """
+    convert = lambda name, value: check_pair(name, value, **bounds)  # noqa: E731
+    return _declare(default, Declaration(convert, "one or two numbers" + bounds_text(**bounds), unit, tune))
 
 
-def pair(name: str, value: object, **limits: Any) -> Pair:
-    """One number per joint; a single number stands for both."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        if len(value) != 2:
-            raise ValueError(f"{name} must be one number, or one for each of the two joints, got {value!r}")
-        return number(f"{name}[0]", value[0], **limits), number(f"{name}[1]", value[1], **limits)
-    x = number(name, value, **limits)
-    return x, x
+def whole(default: Any = dataclasses.MISSING, *, low: int = 0) -> Any:
+    """Declare a whole number.
+
+    Args:
+        default: None makes the field optional; left out, the field must be given.
+        low: smallest valid number.
+    """
+    convert = lambda name, value: check_whole(name, value, low=low)  # noqa: E731
+    return _declare(default, Declaration(convert, f"a whole number not below {low}"))
 
 
-def table(name: str, value: object) -> tuple[Pair, ...]:
-    """Rows of one number per joint, [n x 2], as nested tuples (which survive JSON, hash and compare)."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be an array of shape [n x 2], got {value!r}") from None
-    if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
-        raise ValueError(f"{name} must be an array of shape [n x 2] with n > 0, got shape {array.shape}")
-    if not np.isfinite(array).all():
-        row = int(np.argwhere(~np.isfinite(array).all(axis=1))[0, 0])
-        raise ValueError(f"{name} must be finite, got {array[row]} in row {row}")
-    return tuple((float(x), float(y)) for x, y in array)
+def choice(default: Any, known: Iterable[str]) -> Any:
+    """Declare one of several names.
+
+    Args:
+        default: one of them, or None, which makes the field optional.
+        known: the valid names.
+    """
+    known = tuple(known)
+    convert = lambda name, value: check_choice(name, value, known)  # noqa: E731
+    return _declare(default, Declaration(convert, " or ".join(f'"{name}"' for name in known)))
 
 
-def build(name: str, value: object, cls: type[Record], *, scalar: str | None = None) -> Record:
-    """A `cls` from a `cls`, from a mapping of its fields, or, where `scalar` names a field, from that field's value."""
+def table(default: Any = dataclasses.MISSING, *, unit: str = "") -> Any:
+    """Declare rows of one number per joint, [n x 2].
+
+    Args:
+        default: None makes the field optional; left out, the field must be given.
+        unit: of the numbers.
+    """
+    return _declare(default, Declaration(check_table, "an array [n x 2]", unit))
+
+
+def record(cls: type, default: Any = dataclasses.MISSING, *, scalar: str | None = None) -> Any:
+    """Declare a record, which may be given as a dict of its fields.
+
+    Args:
+        cls: class of the record.
+        default: None makes the field optional; left out, the field must be given.
+        scalar: name of the field that a bare value stands for; None: a bare value is refused.
+    """
+    form = f"a {cls.__name__}, a dict of its fields" + (f" or its {scalar}" if scalar else "")
+    return _declare(default, Declaration(lambda name, value: build(name, value, cls, scalar=scalar), form))
+
+
+def one_of(classes: tuple[type, ...], default: Any = dataclasses.MISSING) -> Any:
+    """Declare one of several records, which may be given as a dict with the record's `kind`, or as the kind alone.
+
+    Args:
+        classes: of the records; each has a field `kind`.
+        default: None makes the field optional; left out, the field must be given.
+    """
+    form = " or ".join(f'"{cls.kind}"' for cls in classes)  # type: ignore[attr-defined]
+    return _declare(default, Declaration(lambda name, value: build_kind(name, value, classes), f"kind {form}"))
+
+
+def kind(name: str) -> Any:
+    """Declare the field that tells a record from others in plain data.
+
+    Args:
+        name: its only valid value.
+    """
+    return choice(name, (name,))
+
+
+def declared(default: Any, convert: Callable[[str, Any], Any], form: str, unit: str = "") -> Any:
+    """Declare a field with a conversion of its own.
+
+    Args:
+        default: None makes the field optional; `dataclasses.MISSING`: the field must be given.
+        convert: a function (name, value) -> value that checks a value and converts plain data.
+        form: the valid values in words.
+        unit: of the value.
+    """
+    return _declare(default, Declaration(convert, form, unit))
+
+
+def declarations(cls: type) -> dict[str, Declaration]:
+    """Return the declared fields of a record's class, by name.
+
+    Args:
+        cls: a dataclass.
+    """
+    return {f.name: f.metadata[_KEY] for f in dataclasses.fields(cls) if _KEY in f.metadata}
+
+
+def tuning_ranges(cls: type) -> dict[str, tuple[float, float]]:
+    """Return the tuning range of each gain that has one, by name.
+
+    Args:
+        cls: class of a law.
+    """
+    return {name: d.tune for name, d in declarations(cls).items() if d.tune is not None}
+
+
+def build(name: str, value: object, cls: type[Built], *, scalar: str | None = None) -> Built:
+    """Return a record from a record, from a mapping of its fields, or from the value of one field.
+
+    Args:
+        name: of the argument, for the error.
+        value: what was given.
+        cls: class of the record.
+        scalar: name of the field that a bare value stands for; None: a bare value is refused.
+    """
     if isinstance(value, cls):
         return value
     fields = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
@@ -126,11 +235,17 @@ def build(name: str, value: object, cls: type[Record], *, scalar: str | None = N
     raise ValueError(f"{name} must be {form}, got {value!r}")
 
 
-def build_kind(name: str, value: object, kinds: tuple[type, ...]) -> Any:
-    """One of several records, told apart by their field `kind`: from itself, or from a mapping with a `kind`."""
-    if isinstance(value, kinds):
+def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
+    """Return one of several records, from itself, from a mapping with its `kind`, or from the kind alone.
+
+    Args:
+        name: of the argument, for the error.
+        value: what was given.
+        classes: of the records; each has a field `kind`.
+    """
+    if isinstance(value, classes):
         return value
-    by_kind = {cls.kind: cls for cls in kinds}  # type: ignore[attr-defined]
+    by_kind = {cls.kind: cls for cls in classes}  # type: ignore[attr-defined]
     if isinstance(value, str):
         value = {"kind": value}
     if not isinstance(value, Mapping) or "kind" not in value:
@@ -141,7 +256,12 @@ def build_kind(name: str, value: object, kinds: tuple[type, ...]) -> Any:
     return build(name, value, by_kind[value["kind"]])
 
 
-def settle(record: object, **values: object) -> None:
-    """Store checked values on a frozen record, from its `__post_init__`."""
+def set_fields(record: object, **values: object) -> None:
+    """Set fields of a frozen record, from its `validate` or `__post_init__`.
+
+    Args:
+        record: whose fields are set.
+        **values: by name.
+    """
     for name, value in values.items():
         object.__setattr__(record, name, value)

@@ -13,7 +13,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fbl_gym.records import Pair, build_kind, choice, number, pair, settle, table, whole
+from fbl_gym.checks import Pair, check_choice, check_number, check_pair, check_table, check_whole
+from fbl_gym.records import build_kind, set_fields
 
 # Joint angles that the default references stay within: one radian about hanging, so that the moves of `MinimumJerk` ask
 # at most 1,683 and 749 N m of any arm whose masses and lengths lie between half and double Table 1's, with or without
@@ -23,15 +24,17 @@ HIGH: Pair = (-math.pi / 2 + 1.0, 1.0)
 
 
 def _check_kind(record: object) -> None:
-    settle(record, kind=choice("kind", record.kind, (type(record).kind,)))  # type: ignore[attr-defined]
+    set_fields(record, kind=check_choice("kind", record.kind, (type(record).kind,)))  # type: ignore[attr-defined]
 
 
 def _check_levels(record: MinimumJerk | Steps | FilteredSteps) -> None:
-    low, high = pair("low", record.low), pair("high", record.high)
+    low, high = check_pair("low", record.low), check_pair("high", record.high)
     for joint in (0, 1):
         if low[joint] > high[joint]:
             raise ValueError(f"low must not exceed high, got low={low} and high={high}")
-    settle(record, low=low, high=high, points=None if record.points is None else table("points", record.points))
+    set_fields(
+        record, low=low, high=high, points=None if record.points is None else check_table("points", record.points)
+    )
     _check_kind(record)
 
 
@@ -56,10 +59,10 @@ class MinimumJerk:
 
     def __post_init__(self) -> None:
         _check_levels(self)
-        settle(
+        set_fields(
             self,
-            move_time=number("move_time", self.move_time, above=0),
-            hold_time=number("hold_time", self.hold_time, low=0),
+            move_time=check_number("move_time", self.move_time, above=0),
+            hold_time=check_number("hold_time", self.hold_time, low=0),
         )
 
 
@@ -82,7 +85,7 @@ class Steps:
 
     def __post_init__(self) -> None:
         _check_levels(self)
-        settle(self, period=number("period", self.period, above=0))
+        set_fields(self, period=check_number("period", self.period, above=0))
 
 
 @dataclass(frozen=True)
@@ -104,10 +107,10 @@ class FilteredSteps:
 
     def __post_init__(self) -> None:
         _check_levels(self)
-        settle(
+        set_fields(
             self,
-            period=number("period", self.period, above=0),
-            bandwidth=number("bandwidth", self.bandwidth, above=0),
+            period=check_number("period", self.period, above=0),
+            bandwidth=check_number("bandwidth", self.bandwidth, above=0),
         )
 
 
@@ -129,12 +132,12 @@ class SineReference:
     kind: str = "sine"
 
     def __post_init__(self) -> None:
-        settle(
+        set_fields(
             self,
-            centre=pair("centre", self.centre),
-            amplitude=pair("amplitude", self.amplitude, low=0),
-            frequency=number("frequency", self.frequency, above=0),
-            phase=None if self.phase is None else pair("phase", self.phase),
+            centre=check_pair("centre", self.centre),
+            amplitude=check_pair("amplitude", self.amplitude, low=0),
+            frequency=check_number("frequency", self.frequency, above=0),
+            phase=None if self.phase is None else check_pair("phase", self.phase),
         )
         _check_kind(self)
 
@@ -158,12 +161,12 @@ class FourierReference:
     kind: str = "fourier"
 
     def __post_init__(self) -> None:
-        settle(
+        set_fields(
             self,
-            centre=pair("centre", self.centre),
-            amplitude=pair("amplitude", self.amplitude, low=0),
-            frequency=number("frequency", self.frequency, above=0),
-            harmonics=whole("harmonics", self.harmonics, low=1),
+            centre=check_pair("centre", self.centre),
+            amplitude=check_pair("amplitude", self.amplitude, low=0),
+            frequency=check_number("frequency", self.frequency, above=0),
+            harmonics=check_whole("harmonics", self.harmonics, low=1),
         )
         _check_kind(self)
 
@@ -186,14 +189,14 @@ class ArrayReference:
     kind: str = "array"
 
     def __post_init__(self) -> None:
-        settle(self, position=table("position", self.position), dt=number("dt", self.dt, above=0))
+        set_fields(self, position=check_table("position", self.position), dt=check_number("dt", self.dt, above=0))
         for name in ("velocity", "acceleration"):
             value = getattr(self, name)
             if value is not None:
-                value = table(name, value)
+                value = check_table(name, value)
                 if len(value) != len(self.position):
                     raise ValueError(f"{name} must have the {len(self.position)} rows of position, got {len(value)}")
-                settle(self, **{name: value})
+                set_fields(self, **{name: value})
         _check_kind(self)
 
     def samples(self, times: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from fbl_gym.arm import STANDARD_GRAVITY, ArmParameters, Array, joint_positions
 from fbl_gym.batch import Truth
 from fbl_gym.canvas import BLUE, GHOST, INK, ORANGE, PAPER, PURPLE, RULE, SKY, VERMILLION, Canvas, Frame, Point, pygame
-from fbl_gym.records import Pair
+from fbl_gym.checks import Pair
 from fbl_gym.scenarios import Scenario
 
 FULL_TURN = 1.5 * math.pi

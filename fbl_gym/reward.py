@@ -15,7 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from fbl_gym.records import choice, number, settle
+from fbl_gym.checks import check_choice, check_number
+from fbl_gym.records import set_fields
 
 
 @dataclass(frozen=True)
@@ -37,14 +38,14 @@ class Reward:
     weight_chatter: float = 0.1
 
     def __post_init__(self) -> None:
-        weights = {name: number(name, getattr(self, name), low=0) for name in _WEIGHTS}
+        weights = {name: check_number(name, getattr(self, name), low=0) for name in _WEIGHTS}
         if sum(weights.values()) == 0:
             raise ValueError(f"at least one of {', '.join(_WEIGHTS)} must be positive, got {weights}")
-        settle(
+        set_fields(
             self,
-            tracking=choice("tracking", self.tracking, ("log", "l1")),
-            worst=number("worst", self.worst, above=0),
-            resolution=number("resolution", self.resolution, above=0),
+            tracking=check_choice("tracking", self.tracking, ("log", "l1")),
+            worst=check_number("worst", self.worst, above=0),
+            resolution=check_number("resolution", self.resolution, above=0),
             **weights,
         )
 

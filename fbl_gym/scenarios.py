@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fbl_gym.arm import SECTION_2_2, TABLE_1, ArmParameters
+from fbl_gym.checks import Pair, check_choice, check_number, check_pair, unknown
 from fbl_gym.interface import Limits
-from fbl_gym.records import Pair, build, choice, number, pair, settle, unknown
+from fbl_gym.records import build, set_fields
 from fbl_gym.references import (
     FilteredSteps,
     MinimumJerk,
@@ -90,7 +91,7 @@ class Scenario:
             if arm not in _ARMS:
                 raise unknown("arm", arm, _ARMS)
             arm = _ARMS[arm]
-        settle(
+        set_fields(
             self,
             arm=build("arm", arm, ArmParameters),
             parameter_error=_optional("parameter_error", self.parameter_error, ParameterError, "ratio"),
@@ -102,10 +103,10 @@ class Scenario:
             else build("actuator", self.actuator, Actuator, scalar="torque_limit"),
             sensors=_sensors(self.sensors),
             reference=as_reference("reference", self.reference),
-            control_dt=number("control_dt", self.control_dt, above=0),
-            physics_dt=number("physics_dt", self.physics_dt, above=0),
-            duration=number("duration", self.duration, above=0),
-            initial_error=pair("initial_error", self.initial_error),
+            control_dt=check_number("control_dt", self.control_dt, above=0),
+            physics_dt=check_number("physics_dt", self.physics_dt, above=0),
+            duration=check_number("duration", self.duration, above=0),
+            initial_error=check_pair("initial_error", self.initial_error),
             limits=build("limits", self.limits, Limits),
         )
         if self.noise is not None:
@@ -183,7 +184,7 @@ def _sensors(value: Any) -> tuple[str, ...]:
         raise ValueError(f"sensors must be names out of {SENSORS}, got {value!r}")
     names = (value,) if isinstance(value, str) else tuple(value)
     for name in names:
-        choice("sensor", name, SENSORS)
+        check_choice("sensor", name, SENSORS)
     if "position" not in names:
         raise ValueError(f"sensors must include 'position', got {names}")
     return tuple(sensor for sensor in SENSORS if sensor in names)

@@ -13,8 +13,8 @@ from decimal import Context, Decimal
 import numpy as np
 
 from fbl_gym.arm import Array
+from fbl_gym.checks import check_choice, check_whole
 from fbl_gym.interface import ACTIONS, Interface, Limits, make_layout
-from fbl_gym.records import choice, whole
 from fbl_gym.references import (
     ArrayReference,
     FilteredSteps,
@@ -171,7 +171,7 @@ def make_program(
     _pack_disturbance(x, tables, scenario)
     x[BLOCK] = _pack_reference(x, tables, scenario, QUEUE + PAIR * (int(x[QUEUE_DEPTH]) + 1))
     x[INITIAL_ERROR : INITIAL_ERROR + 2] = scenario.initial_error
-    preview = whole("preview", preview)
+    preview = check_whole("preview", preview)
     _fits("preview", preview, "", 6 * LANES * preview)
     limits = scenario.limits
     x[MAX_POSITION], x[MAX_VELOCITY], x[MAX_ACCELERATION] = limits.position, limits.velocity, limits.acceleration
@@ -193,7 +193,7 @@ def _fits(option: str, value: float, unit: str, numbers: int) -> None:
 
 
 def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: int) -> Interface:
-    choice("action", action, ACTIONS)
+    check_choice("action", action, ACTIONS)
     limit = scenario.actuator.torque_limit
     if action == "normalized":
         if limit is None:

@@ -13,7 +13,8 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from fbl_gym.records import Pair, build, build_kind, choice, number, pair, settle, table
+from fbl_gym.checks import Pair, check_choice, check_number, check_pair, check_table
+from fbl_gym.records import build, build_kind, set_fields
 
 PARAMETERS = ("m1", "m2", "L1", "L2")
 SENSORS = ("position", "velocity", "acceleration")
@@ -34,9 +35,11 @@ class Payload:
     drop: float | None = None
 
     def __post_init__(self) -> None:
-        settle(self, mass=number("mass", self.mass, low=0), pick_up=number("pick_up", self.pick_up, low=0))
+        set_fields(
+            self, mass=check_number("mass", self.mass, low=0), pick_up=check_number("pick_up", self.pick_up, low=0)
+        )
         if self.drop is not None:
-            settle(self, drop=number("drop", self.drop, above=self.pick_up))
+            set_fields(self, drop=check_number("drop", self.drop, above=self.pick_up))
 
 
 @dataclass(frozen=True)
@@ -63,15 +66,15 @@ class ParameterError:
         if not isinstance(self.parameters, str | list | tuple):
             raise ValueError(f"parameters must be names out of {PARAMETERS}, got {self.parameters!r}")
         names = (self.parameters,) if isinstance(self.parameters, str) else tuple(self.parameters)
-        settle(
+        set_fields(
             self,
             ratio=_ratios(self.ratio),
-            radius=number("radius", self.radius, low=0),
-            parameters=tuple(choice("parameter", name, PARAMETERS) for name in names),
-            sampling=choice("sampling", self.sampling, ("each", "together")),
+            radius=check_number("radius", self.radius, low=0),
+            parameters=tuple(check_choice("parameter", name, PARAMETERS) for name in names),
+            sampling=check_choice("sampling", self.sampling, ("each", "together")),
         )
         if self.payload is not None:
-            settle(self, payload=build("payload", self.payload, Payload, scalar="mass"))
+            set_fields(self, payload=build("payload", self.payload, Payload, scalar="mass"))
 
     @property
     def ratios(self) -> tuple[float, float, float, float]:
@@ -82,15 +85,15 @@ class ParameterError:
 def _ratios(value: object) -> tuple[float, ...]:
     if isinstance(value, Mapping):
         for name in value:
-            choice("parameter of ratio", name, PARAMETERS)
+            check_choice("parameter of ratio", name, PARAMETERS)
         value = [value.get(name, 1.0) for name in PARAMETERS]
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):
         if len(value) != 4:
             raise ValueError(f"ratio must be one number, four (m1, m2, L1, L2) or a dict of them, got {value!r}")
-        return tuple(number(f"ratio of {p}", x, above=0) for p, x in zip(PARAMETERS, value, strict=True))
-    return (number("ratio", value, above=0),) * 4
+        return tuple(check_number(f"ratio of {p}", x, above=0) for p, x in zip(PARAMETERS, value, strict=True))
+    return (check_number("ratio", value, above=0),) * 4
 
 
 @dataclass(frozen=True)
@@ -111,14 +114,14 @@ class SensorError:
     snr_db: float | None = None
 
     def __post_init__(self) -> None:
-        settle(
+        set_fields(
             self,
-            sigma=pair("sigma", self.sigma, low=0),
-            bias=pair("bias", self.bias),
-            quantization=pair("quantization", self.quantization, low=0),
+            sigma=check_pair("sigma", self.sigma, low=0),
+            bias=check_pair("bias", self.bias),
+            quantization=check_pair("quantization", self.quantization, low=0),
         )
         if self.snr_db is not None:
-            settle(self, snr_db=number("snr_db", self.snr_db))
+            set_fields(self, snr_db=check_number("snr_db", self.snr_db))
             if self.sigma != (0.0, 0.0):
                 raise ValueError(f"give sigma or snr_db, not both; got sigma={self.sigma} and snr_db={self.snr_db}")
 
@@ -147,7 +150,7 @@ class Noise:
         for name in SENSORS:
             value = getattr(self, name)
             if value is not None:
-                settle(self, **{name: build(name, value, SensorError, scalar="sigma")})
+                set_fields(self, **{name: build(name, value, SensorError, scalar="sigma")})
 
 
 @dataclass(frozen=True)
@@ -170,13 +173,13 @@ class Friction:
     law: Literal["exact", "literal"] = "exact"
 
     def __post_init__(self) -> None:
-        settle(
+        set_fields(
             self,
-            viscous=pair("viscous", self.viscous, low=0),
-            coulomb=pair("coulomb", self.coulomb, low=0),
-            stiction=pair("stiction", self.stiction, low=0),
-            v_s=pair("v_s", self.v_s, above=0),
-            law=choice("law", self.law, ("exact", "literal")),
+            viscous=check_pair("viscous", self.viscous, low=0),
+            coulomb=check_pair("coulomb", self.coulomb, low=0),
+            stiction=check_pair("stiction", self.stiction, low=0),
+            v_s=check_pair("v_s", self.v_s, above=0),
+            law=check_choice("law", self.law, ("exact", "literal")),
         )
 
 
@@ -195,11 +198,11 @@ class PiecewiseConstantDisturbance:
     kind: str = "piecewise-constant"
 
     def __post_init__(self) -> None:
-        settle(
+        set_fields(
             self,
-            amplitude=pair("amplitude", self.amplitude, low=0),
-            period=number("period", self.period, above=0),
-            kind=choice("kind", self.kind, (type(self).kind,)),
+            amplitude=check_pair("amplitude", self.amplitude, low=0),
+            period=check_number("period", self.period, above=0),
+            kind=check_choice("kind", self.kind, (type(self).kind,)),
         )
 
 
@@ -220,12 +223,12 @@ class SineDisturbance:
     kind: str = "sine"
 
     def __post_init__(self) -> None:
-        settle(
+        set_fields(
             self,
-            amplitude=pair("amplitude", self.amplitude, low=0),
-            frequency=pair("frequency", self.frequency, low=0),
-            phase=None if self.phase is None else pair("phase", self.phase),
-            kind=choice("kind", self.kind, (type(self).kind,)),
+            amplitude=check_pair("amplitude", self.amplitude, low=0),
+            frequency=check_pair("frequency", self.frequency, low=0),
+            phase=None if self.phase is None else check_pair("phase", self.phase),
+            kind=check_choice("kind", self.kind, (type(self).kind,)),
         )
 
 
@@ -246,14 +249,14 @@ class PulseDisturbance:
     kind: str = "pulses"
 
     def __post_init__(self) -> None:
-        period = number("period", self.period, above=0)
-        settle(
+        period = check_number("period", self.period, above=0)
+        set_fields(
             self,
-            amplitude=pair("amplitude", self.amplitude),
+            amplitude=check_pair("amplitude", self.amplitude),
             period=period,
-            width=number("width", self.width, above=0, high=period),
-            start=number("start", self.start, low=0),
-            kind=choice("kind", self.kind, (type(self).kind,)),
+            width=check_number("width", self.width, above=0, high=period),
+            start=check_number("start", self.start, low=0),
+            kind=check_choice("kind", self.kind, (type(self).kind,)),
         )
 
 
@@ -272,11 +275,11 @@ class ArrayDisturbance:
     kind: str = "array"
 
     def __post_init__(self) -> None:
-        settle(
+        set_fields(
             self,
-            torque=table("torque", self.torque),
-            dt=number("dt", self.dt, above=0),
-            kind=choice("kind", self.kind, (type(self).kind,)),
+            torque=check_table("torque", self.torque),
+            dt=check_number("dt", self.dt, above=0),
+            kind=check_choice("kind", self.kind, (type(self).kind,)),
         )
 
 
@@ -304,11 +307,11 @@ class Actuator:
 
     def __post_init__(self) -> None:
         limit = self.torque_limit
-        settle(
+        set_fields(
             self,
-            torque_limit=None if limit is None else pair("torque_limit", limit, above=0),
-            delay=number("delay", self.delay, low=0),
-            lag=number("lag", self.lag, low=0),
+            torque_limit=None if limit is None else check_pair("torque_limit", limit, above=0),
+            delay=check_number("delay", self.delay, low=0),
+            lag=check_number("lag", self.lag, low=0),
         )
 
 

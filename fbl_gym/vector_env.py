@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
 from fbl_gym.batch import ArmBatch, Flags, Truth
+from fbl_gym.checks import check_choice, check_whole, unknown
 from fbl_gym.env import (
     MAX_SEED,
     MIN_RENDER_SIZE,
@@ -24,7 +25,6 @@ from fbl_gym.env import (
     configure,
     frame_rate,
 )
-from fbl_gym.records import choice, unknown, whole
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
 from fbl_gym.settings import NEXT_STEP, NO_AUTORESET, SAME_STEP
@@ -72,17 +72,17 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         render_size: int = 480,
         **options: Any,
     ) -> None:
-        self.num_envs = whole("num_envs", num_envs, low=1)
+        self.num_envs = check_whole("num_envs", num_envs, low=1)
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
         if render_mode is not None:
-            choice("render_mode", render_mode, self.metadata["render_modes"])
+            check_choice("render_mode", render_mode, self.metadata["render_modes"])
         if max_episode_steps is not None:
-            whole("max_episode_steps", max_episode_steps, low=1)
-        whole("threads", threads, low=1)
+            check_whole("max_episode_steps", max_episode_steps, low=1)
+        check_whole("threads", threads, low=1)
         autoreset = _AUTORESET[self.autoreset_mode]
         self.scenario, program = configure(scenario, action, reward, preview, options, max_episode_steps, autoreset)
         self.render_mode = render_mode
-        self.render_size = whole("render_size", render_size, low=MIN_RENDER_SIZE)
+        self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
         self.metadata = {
             **self.metadata,
             "render_fps": frame_rate(self.scenario),

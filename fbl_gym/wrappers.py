@@ -15,8 +15,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from fbl_gym.arm import Array
+from fbl_gym.checks import check_number
 from fbl_gym.interface import Interface
-from fbl_gym.records import number
 
 _CLIP = 10.0
 
@@ -38,7 +38,7 @@ class ErrorScales:
         self.layout = interface.layout
         self.action_limit = np.array(interface.action_limit)
         scales = {"position": position, "velocity": velocity, "acceleration": acceleration}
-        self.scales = {name: number(f"{name} scale", value, above=0) for name, value in scales.items()}
+        self.scales = {name: check_number(f"{name} scale", value, above=0) for name, value in scales.items()}
         self.size = len(self(np.zeros((1, self.layout.size)))[0])
 
     def __call__(self, observations: Array) -> Array:
@@ -144,7 +144,7 @@ class _Base:
     """The policy under a residual: its state, its last observation and which lanes begin an episode."""
 
     def __init__(self, policy: BasePolicy, scale: float, low: Array, high: Array) -> None:
-        self.policy, self.scale = policy, number("scale", scale, above=0)
+        self.policy, self.scale = policy, check_number("scale", scale, above=0)
         self.low, self.high = low.astype(float), high.astype(float)
         self.state: Any = None
 

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from fbl_gym.arm import Array
-from fbl_gym.records import number, whole
+from fbl_gym.checks import check_number, check_whole
 
 LEVEL = 0.95
 """Confidence of every interval, unless told otherwise."""
@@ -76,7 +76,11 @@ def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -
         strata: 1: all scenarios share the resampled seeds; their number: each scenario resamples its own.
         resamples: b.
     """
-    n, strata, b = whole("n", n, low=1), whole("strata", strata, low=1), whole("resamples", resamples, low=1)
+    n, strata, b = (
+        check_whole("n", n, low=1),
+        check_whole("strata", strata, low=1),
+        check_whole("resamples", resamples, low=1),
+    )
     return np.random.default_rng(rng).multinomial(n, np.full(n, 1 / n), size=(b, strata)).astype(float)
 
 
@@ -131,7 +135,7 @@ def _runs(runs: ArrayLike, counts: Array) -> Array:
 
 def interval(value: ArrayLike, draws: Array, level: float = LEVEL) -> Estimate:
     """A value with the percentile interval of its bootstrap draws.  value: [...]; draws: [b x ...]; level: confidence."""
-    tail = (1 - number("level", level, above=0, high=1)) / 2
+    tail = (1 - check_number("level", level, above=0, high=1)) / 2
     low, high = np.quantile(draws, (tail, 1 - tail), axis=0)
     return Estimate(np.asarray(value)[()], low, high)
 
@@ -218,7 +222,7 @@ def ranks(draws: Array, level: float = LEVEL) -> Estimate:
         draws: [b x p], such as `iqm(x, counts)` of runs [p x s x n].
         level: confidence. Bounds and median are ranks that occurred.
     """
-    tail = (1 - number("level", level, above=0, high=1)) / 2
+    tail = (1 - check_number("level", level, above=0, high=1)) / 2
     rank = stats.rankdata(draws, axis=-1)
     low, median, high = np.quantile(rank, (tail, 0.5, 1 - tail), axis=0, method="inverted_cdf")
     return Estimate(median, low, high)
@@ -254,7 +258,7 @@ def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estima
     k, n = np.asarray(failed, dtype=float), np.asarray(runs, dtype=float)
     if np.any((k < 0) | (k > n) | (n < 1)):
         raise ValueError(f"failed must lie between 0 and runs, and runs be positive, got {failed!r} of {runs!r}")
-    tail = (1 - number("level", level, above=0, high=1)) / 2
+    tail = (1 - check_number("level", level, above=0, high=1)) / 2
     with np.errstate(invalid="ignore"):
         low = np.where(k > 0, stats.beta.ppf(tail, k, n - k + 1), 0.0)
         high = np.where(k < n, stats.beta.ppf(1 - tail, k + 1, n - k), 1.0)
@@ -263,7 +267,7 @@ def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estima
 
 def enough(episodes: int) -> bool:
     """Whether there are enough runs for a claim about a failure rate.  episodes: independent ones."""
-    return whole("episodes", episodes) >= ENOUGH_EPISODES
+    return check_whole("episodes", episodes) >= ENOUGH_EPISODES
 
 
 @dataclass(frozen=True)
@@ -312,8 +316,8 @@ def radius(
         scan: steps of the scan; 1: bisection alone.
         tolerance: of log(1 + r), so about that of the ratio real / nominal.
     """
-    low, high = number("bracket[0]", bracket[0], low=0), number("bracket[1]", bracket[1], above=bracket[0])
-    steps, tolerance = whole("scan", scan, low=1), number("tolerance", tolerance, above=0)
+    low, high = check_number("bracket[0]", bracket[0], low=0), check_number("bracket[1]", bracket[1], above=bracket[0])
+    steps, tolerance = check_whole("scan", scan, low=1), check_number("tolerance", tolerance, above=0)
     tried: dict[float, float] = {}
 
     def works(z: float) -> bool:

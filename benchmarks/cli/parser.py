@@ -14,7 +14,7 @@ from typing import NoReturn
 import gymnasium
 
 from fbl_gym import __version__
-from fbl_gym.records import hint, unknown
+from fbl_gym.checks import nearest, unknown
 
 
 @dataclass(frozen=True)
@@ -117,10 +117,10 @@ class Parser(argparse.ArgumentParser):
         option = re.search(r"unrecognized arguments: (-\S+)", message)
         choice = re.search(r"argument (\S+): invalid choice: '([^']*)'", message)
         if option:
-            message += hint(option[1].partition("=")[0], self._option_string_actions)
+            message += nearest(option[1].partition("=")[0], self._option_string_actions)
         elif choice:
             action = next(a for a in self._actions if choice[1] in ("/".join(a.option_strings), a.metavar, a.dest))
-            message += hint(choice[2], action.choices or ())
+            message += nearest(choice[2], action.choices or ())
         super().error(message)
 
 

@@ -12,7 +12,7 @@ from benchmarks.policies import resolve
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run_cell
 from benchmarks.run.store import Result, Store, provenance
-from fbl_gym.records import unknown
+from fbl_gym.checks import unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

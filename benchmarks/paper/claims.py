@@ -14,7 +14,7 @@ from benchmarks.paper.claim import ARMS, Claim, Effort, Measured
 from benchmarks.paper.radius import adaptive_radius, robust_radius
 from benchmarks.report import markdown
 from benchmarks.run.store import write_text
-from fbl_gym.records import unknown
+from fbl_gym.checks import unknown
 
 
 def _on_both_arms(name: str, function: Callable[..., Measured]) -> dict[str, Callable[[Effort], Measured]]:

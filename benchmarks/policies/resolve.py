@@ -29,8 +29,8 @@ from typing import Any
 import controllers
 from benchmarks.rl.policy import access_of, load_zip, saved_agent, shipped
 from controllers.policy import ENTRY_POINTS
+from fbl_gym.checks import unknown
 from fbl_gym.interface import Interface
-from fbl_gym.records import unknown
 
 ATTRIBUTE = "make_policy"
 """What a file is asked for where no attribute is named."""

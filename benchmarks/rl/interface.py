@@ -17,8 +17,9 @@ from controllers.feedback_linearization import linearize
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array
 from fbl_gym.batch import Truth
+from fbl_gym.checks import check_choice, check_number, check_pair, check_whole
 from fbl_gym.interface import Interface, Layout
-from fbl_gym.records import choice, number, pair, settle, whole
+from fbl_gym.records import set_fields
 from fbl_gym.wrappers import ErrorScales
 
 ACTIONS = ("torque", "acceleration", "residual")
@@ -64,16 +65,16 @@ class AgentInterface:
     def __post_init__(self) -> None:
         if not isinstance(self.context, bool):
             raise ValueError(f"context must be True or False, got {self.context!r}")
-        settle(
+        set_fields(
             self,
-            action=choice("action", self.action, ACTIONS),
-            torque=pair("torque", self.torque, above=0),
-            acceleration=number("acceleration", self.acceleration, above=0),
-            residual=number("residual", self.residual, above=0),
-            base=choice("base", self.base, controllers.names()),
+            action=check_choice("action", self.action, ACTIONS),
+            torque=check_pair("torque", self.torque, above=0),
+            acceleration=check_number("acceleration", self.acceleration, above=0),
+            residual=check_number("residual", self.residual, above=0),
+            base=check_choice("base", self.base, controllers.names()),
             gains={name: tuple(gain) if isinstance(gain, list) else gain for name, gain in self.gains.items()},
-            history=whole("history", self.history),
-            scales=tuple(number("scale", scale, above=0) for scale in self.scales),
+            history=check_whole("history", self.history),
+            scales=tuple(check_number("scale", scale, above=0) for scale in self.scales),
         )
 
 

@@ -18,8 +18,8 @@ import numpy as np
 from benchmarks.rl.interface import SENSORS, AgentInterface, Body
 from controllers.policy import Policy, State, TorqueLaw
 from fbl_gym.arm import Array
+from fbl_gym.checks import check_choice, unknown
 from fbl_gym.interface import Interface
-from fbl_gym.records import choice, unknown
 
 SHIPPED = Path(__file__).parent / "agents"
 """The agents that the package ships: a folder for each, and in it one for each training seed."""
@@ -65,8 +65,8 @@ class Actor:
     output: str
 
     def __post_init__(self) -> None:
-        choice("activation", self.activation, _ACTIVATIONS)
-        choice("output", self.output, _OUTPUTS)
+        check_choice("activation", self.activation, _ACTIVATIONS)
+        check_choice("output", self.output, _OUTPUTS)
 
     def __call__(self, x: Array) -> Array:
         """[n x in] -> [n x 2], in double precision; a lane has the same bits alone and in a batch."""
@@ -273,7 +273,7 @@ crossq = _factory("crossq", "CrossQ on torques; trained on everything-2")
 
 def find_class(algorithm: str) -> Any:
     """SB3's class of an algorithm."""
-    return _imported(algorithm, ALGORITHMS[choice("algorithm", algorithm, ALGORITHMS)])
+    return _imported(algorithm, ALGORITHMS[check_choice("algorithm", algorithm, ALGORITHMS)])
 
 
 def _imported(what: str, place: str) -> Any:

@@ -12,7 +12,8 @@ from typing import Any
 from benchmarks.rl.interface import ACTIONS, AgentInterface
 from benchmarks.rl.policy import ALGORITHMS
 from fbl_gym import scenarios
-from fbl_gym.records import choice, number, settle, whole
+from fbl_gym.checks import check_choice, check_number, check_whole
+from fbl_gym.records import set_fields
 from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import ParameterError
 
@@ -40,16 +41,16 @@ class Settings:
     hyperparameters: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        choice("algorithm", self.algorithm, ALGORITHMS)
-        whole("seed", self.seed)
+        check_choice("algorithm", self.algorithm, ALGORITHMS)
+        check_whole("seed", self.seed)
         if not self.hyperparameters:
-            settle(self, hyperparameters=shipped_hyperparameters(self.algorithm))
+            set_fields(self, hyperparameters=shipped_hyperparameters(self.algorithm))
         if self.minutes is not None:
-            number("minutes", self.minutes, above=0)
+            check_number("minutes", self.minutes, above=0)
         elif self.steps is None:
-            settle(self, steps=self.hyperparameters["steps"])
+            set_fields(self, steps=self.hyperparameters["steps"])
         if self.steps is not None:
-            whole("steps", self.steps, low=1)
+            check_whole("steps", self.steps, low=1)
 
 
 def shipped_hyperparameters(algorithm: str) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import Result, Store, identity, provenance
 from benchmarks.run.suite import Cell
-from fbl_gym.records import choice
+from fbl_gym.checks import check_choice
 
 BACKENDS = ("loky", "ray", "dask")
 
@@ -120,7 +120,7 @@ def run(
         command: that this run was started with, for the record.
         trusted: archives that may be loaded; see `resolve.trust`.
     """
-    choice("backend", backend, BACKENDS)
+    check_choice("backend", backend, BACKENDS)
     store = Store(store.folder.resolve())
     left = missing(cells, store)
     waiting = {id(cell) for cell in left}

@@ -11,7 +11,8 @@ from typing import Any
 
 from benchmarks.policies import resolve
 from fbl_gym import Scenario, scenarios
-from fbl_gym.records import number, settle, unknown, whole
+from fbl_gym.checks import check_number, check_whole, unknown
+from fbl_gym.records import set_fields
 from fbl_gym.scenarios import as_scenario
 
 if sys.version_info >= (3, 11):
@@ -43,7 +44,7 @@ class Cell:
     seeds: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        settle(self, scenario=as_scenario(self.scenario), seeds=tuple(self.seeds))
+        set_fields(self, scenario=as_scenario(self.scenario), seeds=tuple(self.seeds))
 
     @property
     def id(self) -> str:
@@ -68,7 +69,7 @@ class Suite:
     seeds: int
 
     def __post_init__(self) -> None:
-        settle(self, seeds=whole("seeds", self.seeds, low=1))
+        set_fields(self, seeds=check_whole("seeds", self.seeds, low=1))
         if self.seeds > len(SPLITS["test"]):
             raise ValueError(f"seeds must be at most {len(SPLITS['test'])}, the test seeds there are, got {self.seeds}")
 
@@ -149,7 +150,7 @@ def load(name: str) -> Suite:
     suite = Suite(path.stem, resolve.names(), (), data.get("seeds", 64))
     suite = narrow(suite, data.get("policies", ()), data.get("scenarios", leaderboard_scenarios()))
     if "control_dt" in data:
-        dt = number("control_dt", data["control_dt"], above=0)
+        dt = check_number("control_dt", data["control_dt"], above=0)
         suite = dataclasses.replace(suite, scenarios=tuple(at_rate(scenario, dt) for scenario in suite.scenarios))
     return suite
 

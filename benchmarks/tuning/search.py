@@ -29,7 +29,7 @@ from benchmarks.run.store import provenance, write_text
 from benchmarks.run.suite import SPLITS, leaderboard_scenarios
 from controllers.policy import TUNED
 from fbl_gym import Scenario, scenarios
-from fbl_gym.records import number, unknown
+from fbl_gym.checks import check_number, unknown
 
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
@@ -129,7 +129,7 @@ def tune(
         if name not in ranges:
             raise unknown(f"gain of {task.policy}", name, ranges)
         low, high = ranges[name]
-        number(name, value, low=low, high=high)
+        check_number(name, value, low=low, high=high)
     storage.parent.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(

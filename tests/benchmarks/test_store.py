@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import controllers
-from benchmarks.policies import resolve, runner, store
+from benchmarks.policies import resolve
+from benchmarks.run import runner, store
 from benchmarks.run.runner import run, run_cell
 from benchmarks.run.store import Damaged, Store, identity, key
 from benchmarks.run.suite import SPLITS, SUITES, Cell, load, named, narrow

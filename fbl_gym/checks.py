@@ -1,0 +1,147 @@
+"""Checks of single values. Every error names the argument, the value and what would be right."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+Pair = tuple[float, float]
+
+MAX_NAMES = 20
+"""An error lists at most this many names; of more, the nearest."""
+
+
+def nearest(name: object, known: Iterable[str]) -> str:
+    """Return the end of an error that suggests the nearest known name, or an empty text.
+
+    Args:
+        name: what was given.
+        known: the valid names.
+    """
+    names = sorted(known)
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5) or [n for n in names if str(name) in n][:3]
+    return f"; did you mean {' or '.join(map(repr, near))}?" if near and str(name) else ""
+
+
+def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
+    """Return the error for a name that is not known, with the nearest valid names.
+
+    Args:
+        what: the kind of thing that was named, such as "policy".
+        name: what was given.
+        known: the valid names.
+    """
+    names = sorted(known)
+    suggestion = nearest(name, names)
+    listed, rest = names, ""
+    if suggestion and len(names) > MAX_NAMES:
+        listed = difflib.get_close_matches(str(name), names, n=MAX_NAMES // 2, cutoff=0.0)
+        rest = f" and {len(names) - len(listed)} more"
+    return ValueError(f"unknown {what} {name!r}{suggestion or '.'} Known: {', '.join(listed) or 'none'}{rest}")
+
+
+def check_choice(name: str, value: object, known: Iterable[str]) -> str:
+    """Return `value` if it is one of the known names.
+
+    Args:
+        name: of the argument, for the error.
+        value: what was given.
+        known: the valid names.
+    """
+    known = tuple(known)
+    if not isinstance(value, str) or value not in known:
+        raise unknown(name, value, known)
+    return value
+
+
+def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | None = None) -> str:
+    """Return bounds in words, such as " greater than 0"; an empty text if there are none.
+
+    Args:
+        low: smallest valid number.
+        high: largest valid number.
+        above: every valid number is greater than this; None: no such bound.
+    """
+    text = ""
+    if above is not None:
+        text += f" greater than {above:g}"
+    elif low > -math.inf:
+        text += f" not below {low:g}"
+    if high < math.inf:
+        text += f" and not above {high:g}" if text else f" not above {high:g}"
+    return text
+
+
+def check_number(
+    name: str, value: object, *, low: float = -math.inf, high: float = math.inf, above: float | None = None
+) -> float:
+    """Return `value` as a finite float within its bounds.
+
+    Args:
+        name: of the argument, for the error.
+        value: what was given.
+        low: smallest valid number.
+        high: largest valid number.
+        above: every valid number is greater than this; None: no such bound.
+    """
+    right = "a finite number" + bounds_text(low, high, above)
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        raise ValueError(f"{name} must be {right}, got {value!r}")
+    x = float(value)
+    if not math.isfinite(x) or x < low or x > high or (above is not None and x <= above):
+        raise ValueError(f"{name} must be {right}, got {value!r}")
+    return x
+
+
+def check_whole(name: str, value: object, *, low: int = 0) -> int:
+    """Return `value` as an int that is not below `low`.
+
+    Args:
+        name: of the argument, for the error.
+        value: what was given.
+        low: smallest valid number.
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or value < low:
+        raise ValueError(f"{name} must be a whole number not below {low}, got {value!r}")
+    return int(value)
+
+
+def check_pair(name: str, value: object, **bounds: Any) -> Pair:
+    """Return one number per joint; a single number stands for both joints.
+
+    Args:
+        name: of the argument, for the error.
+        value: what was given.
+        **bounds: as in `check_number`.
+    """
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        if len(value) != 2:
+            raise ValueError(f"{name} must be one number, or one for each of the two joints, got {value!r}")
+        return check_number(f"{name}[0]", value[0], **bounds), check_number(f"{name}[1]", value[1], **bounds)
+    x = check_number(name, value, **bounds)
+    return x, x
+
+
+def check_table(name: str, value: object) -> tuple[Pair, ...]:
+    """Return rows of one number per joint, [n x 2], as nested tuples, which survive JSON, hash and compare.
+
+    Args:
+        name: of the argument, for the error.
+        value: what was given.
+    """
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be an array of shape [n x 2], got {value!r}") from None
+    if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
+        raise ValueError(f"{name} must be an array of shape [n x 2] with n > 0, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        row = int(np.argwhere(~np.isfinite(array).all(axis=1))[0, 0])
+        raise ValueError(f"{name} must be finite, got {array[row]} in row {row}")
+    return tuple((float(x), float(y)) for x, y in array)
