@@ -48,6 +48,7 @@ COMMANDS: dict[str, Command] = {
         "ask stored results in SQL, or write them as CSV or Parquet",
         '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"',
     ),
+    "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
     "verify": Command("verify", "run a published row again and say whether it holds", "cascade-flm/mass-error-2"),
     "check-policy": Command("check_policy", "whether a policy keeps what policies promise", "my_law.py"),
     "tune": Command("tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20"),
@@ -69,7 +70,18 @@ COMMANDS: dict[str, Command] = {
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl"),
+    "bench": (
+        "control",
+        "duckdb",
+        "joblib",
+        "matplotlib",
+        "optuna",
+        "pandas",
+        "plotly",
+        "rich",
+        "shtab",
+        "threadpoolctl",
+    ),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
