@@ -257,11 +257,11 @@ def linearize(
         gains: arguments of the policy.
 
     Raises:
-        NotLinear: if the arm diverges or does not come to rest, or the law has no derivative.
+        NotLinear: if the arm diverges or does not come to rest, or the law is not linear even for small deviations.
     """
     scenario = _calm(as_scenario(scenario))
     dt, longest = scenario.control_dt, scenario.duration
-    steps = [round(check_number("times", time, above=0, high=longest) / dt) for time in times]
+    steps = [round(check_number("times", time, low=dt, high=longest) / dt) for time in times]
     if not steps:
         point, zero = check_pair("at", at), (0.0, 0.0)
         reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
@@ -277,11 +277,12 @@ def linearize(
     loops = {}
     for k in range(max(looks) + 1):
         action, after = actor.predict(observation, state=state, deterministic=True)
-        truth = env.truth
-        at_rest = np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max()
-        if k in looks and (steps or at_rest):
-            loops[k] = _loop(scenario, env.interface, truth, actor, observation[0], state)
-            if not steps:
+        if k in looks:
+            truth = env.truth
+            at_rest = np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max()
+            if steps or at_rest:
+                loops[k] = _loop(scenario, env.interface, truth, actor, observation[0], state)
+            if not steps and at_rest:
                 return [loops[k]]
         observation, _, terminated, _, _ = env.step(action)
         if terminated[0]:
@@ -312,30 +313,41 @@ def _loop(
 
     layout, drive = interface.layout, scenario.actuator
     entries = np.concatenate([np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout])
-    return LinearLoop(
+    step, point = _law(actor, interface, observation, entries, state)
+    m, slope = len(entries), _derivative(step, point)
+    if _differ(_derivative(lambda points: step(points, later=1), point), slope):
+        raise NotLinear("the law changes from sample to sample")
+    loop = LinearLoop(
         control_dt=scenario.control_dt,
         delay=drive.delay,
         lag=drive.lag,
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
         inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]),
-        matrices=_law(actor, interface, observation, entries, state),
+        matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
         readings=tuple(layout.names[i] for i in entries),
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
     )
+    _check_motion(loop, step, point, slope)
+    return loop
 
 
 def _law(
     actor: Any, interface: Interface, observation: Array, entries: Array, state: Any
-) -> tuple[Array, Array, Array, Array]:
-    """Return A, B, C, D of a policy, from some entries of its observation. Flags and counts in its state are held."""
+) -> tuple[Callable[..., Array], Array]:
+    """Return a policy as a function of lanes, and the point at which it is linearised.
+
+    The function maps some entries of the observation and the state to the torque and the next state. Flags and counts of the
+    state are held.
+    """
     layout, m = interface.layout, len(entries)
     parts = [np.asarray(part) for part in state or ()]
+    if any(part.shape[:1] != (1,) for part in parts):
+        raise NotLinear("the policy's state has no row for each lane")
     real = [i for i, part in enumerate(parts) if part.dtype.kind == "f"]
-    point = np.concatenate([observation[entries], *(parts[i].ravel() for i in real)])
     cuts = np.cumsum([m, *(parts[i].size for i in real)])
 
     def step(points: Array, later: int = 0) -> Array:
-        """Return torque and next state of each lane, by counts that are `later` samples later."""
+        """Return torque and next state [n x ...], by counts that are `later` samples later."""
         n = len(points)
         observations = np.tile(observation, (n, 1))
         observations[:, entries] = points[:, :m]
@@ -345,15 +357,31 @@ def _law(
         action, after = actor.predict(observations, state=None if state is None else tuple(lanes), deterministic=True)
         q = observations[:, layout["position"]]
         v = observations[:, layout["velocity"]] if "velocity" in layout else np.zeros_like(q)
-        return np.hstack(
-            [interface.torque_from_action(np.asarray(action), q, v), *(after[i].reshape(n, -1) for i in real)]
-        )
+        torque = interface.torque_from_action(np.asarray(action), q, v)
+        return np.hstack([torque, *(after[i].reshape(n, -1) for i in real)])
 
-    slope = _derivative(step, point)
-    counts = any(part.dtype.kind in "iu" for part in parts)
-    if counts and _differ(_derivative(lambda points: step(points, later=1), point), slope):
-        raise NotLinear("the law changes from sample to sample")
-    return *_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]
+    return step, np.concatenate([observation[entries], *(parts[i].ravel() for i in real)])
+
+
+def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, slope: Array) -> None:
+    """Raise `NotLinear` if the law departs from its linearisation in closed loop with a delayed, linear plant.
+
+    Estimators may switch at any amplitude, but only for signals that belong together.
+    """
+    a, b, c = loop._plant(1.5 * loop.control_dt)
+    m, centre = len(c), step(point[None])[0]
+    x, states = np.zeros(len(a)), np.zeros(len(point) - m)
+    x[:4] = 1e-6, -1e-6, 1e-5, 2e-5
+    largest = 0.0
+    for _ in range(100):
+        inputs = np.concatenate([c @ x, states])
+        change, expected = step((point + inputs)[None])[0] - centre, slope @ inputs
+        largest = max(largest, np.abs(expected[:2]).max())
+        if np.abs(change - expected)[:2].max() > 0.02 * largest:
+            raise NotLinear("the law does not follow its linearisation")
+        if np.abs(c @ x).max() > 1e-3:
+            break
+        x, states = a @ x + b @ change[:2], change[2:]
 
 
 def _derivative(function: Callable[[Array], Array], point: Array) -> Array:

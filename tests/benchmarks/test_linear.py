@@ -114,6 +114,7 @@ def test_a_pause_of_the_motion_is_a_point_of_rest():
     ("policy", "options", "reason"),
     [
         ("sliding-mode", {}, "no derivative"),
+        ("adaptive-flm", {}, "does not follow"),
         ("oracle-flm", {}, "reads the true state"),
         ("zero", {}, "does not come to rest"),
         ("time-delay", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
