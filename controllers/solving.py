@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
-from fbl_gym.fastmath import kept
+from fbl_gym.fastmath import cached_njit
 
 LANES = 32
 """Lanes worked on at a time: few enough that all of it stays in the processor's first cache."""
@@ -20,7 +20,7 @@ LANES = 32
 # Vectors [m x lanes] and matrices [k x k x lanes] of a block of lanes.
 
 
-@kept
+@cached_njit
 def _dot(x: Array, y: Array, found: Array) -> None:
     """found = x'y."""
     for l in range(len(found)):
@@ -30,7 +30,7 @@ def _dot(x: Array, y: Array, found: Array) -> None:
             found[l] += x[i, l] * y[i, l]
 
 
-@kept
+@cached_njit
 def _normalize(x: Array, length: Array) -> None:
     """length = |x|, x = x / |x|."""
     _dot(x, x, length)
@@ -41,7 +41,7 @@ def _normalize(x: Array, length: Array) -> None:
             x[i, l] /= length[l]
 
 
-@kept
+@cached_njit
 def _factor(a: Array, good: NDArray[np.bool_]) -> None:
     """a = L U in place, without L's ones; good stays True where U's diagonal is positive: where a is positive definite.
 
@@ -61,7 +61,7 @@ def _factor(a: Array, good: NDArray[np.bool_]) -> None:
                     a[i, c, l] -= a[i, j, l] * a[j, c, l]
 
 
-@kept
+@cached_njit
 def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
     """The x of least |rows x - target|, [n x k], and where rows tell its entries apart, [n]; elsewhere x is nan.
 
@@ -123,7 +123,7 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
     return found, rich
 
 
-@kept
+@cached_njit
 def accumulate(
     a: Array, b: Array, rows: Array, target: Array, keep: float, weight: float, where: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
@@ -153,7 +153,7 @@ def accumulate(
     return a, b
 
 
-@kept
+@cached_njit
 def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
     """Where the smallest eigenvalue exceeds `floor`: where a - floor I is positive definite, [n].  a: symmetric [n x k x k]."""
     n, k, _ = a.shape
@@ -170,7 +170,7 @@ def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
     return found
 
 
-@kept
+@cached_njit
 def solve(a: Array, b: Array) -> Array:
     """The x of a x = b, [n x k].  a: symmetric, positive definite, [n x k x k]; b: [n x k]."""
     n, k = b.shape

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym import settings
 from fbl_gym.arm import Array
 from fbl_gym.kernel import api
-from fbl_gym.settings import LANES, Program
+from fbl_gym.memory import BLOCK, BLOCK_SIZE, ENDED, LANES, RESTART, SAME_STEP, SETTINGS, SETTINGS_SIZE
+from fbl_gym.program import Program
 
 Flags = NDArray[np.bool_]
 
@@ -62,81 +62,94 @@ class Truth:
 
 
 class ArmBatch:
-    """`lanes` arms of one scenario, each with its own seed and episode.
+    """A batch of arms of one scenario, each lane with its own seed and episode.
 
     Args:
         program: the scenario in numbers.
-        lanes: how many, one or more.
-        threads: between how many threads the lanes are divided.
+        lanes: number of arms, one or more.
+        threads: number of threads between which the lanes are divided.
     """
 
     def __init__(self, program: Program, lanes: int, threads: int = 1) -> None:
-        blocks, block = -(-lanes // LANES), int(program.settings[settings.BLOCK])
-        size = program.interface.layout.size
-        lasts = lanes * size if program.settings[settings.AUTORESET] == settings.SAME_STEP else 0
-        sizes = len(program.settings), 2 * lanes, lanes, -(-lanes // 4), lasts, blocks * block
-        places = np.cumsum([0, *sizes])
+        settings = program.settings
+        blocks, size = -(-lanes // LANES), program.interface.layout.size
+        finals = lanes * size if settings["autoreset"] == SAME_STEP else 0
+        sizes = {
+            "settings": SETTINGS_SIZE,
+            "tables": len(program.tables),
+            "actions": 2 * lanes,
+            "rewards": lanes,
+            "flags": -(-2 * lanes // 8),
+            "final_observations": finals,
+            "blocks": blocks * int(settings["block_size"]),
+        }
+        ends = np.cumsum(list(sizes.values())).tolist()
+        self._parts = {
+            name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
+        }
         self.lanes = lanes
         self.threads = min(threads, blocks)
-        self._block = block
-        self._given, self._rewards, self._flags, self._lasts, self._state = (
-            slice(int(place), int(place) + size) for place, size in zip(places[1:-1], sizes[1:], strict=True)
-        )
-        self._memory = np.zeros(places[-1])
-        self._memory[: sizes[0]] = program.settings
-        self._memory[settings.COUNT : settings.STATE + 1] = lanes, *places[1:-1]
-        # The last block's spare lanes get an episode too, so that their numbers stay sane.
-        self._blocks[:, settings.ENDED : settings.ENDED + LANES] = settings.RESTART
+        self._memory = np.zeros(ends[-1])
+        self._memory[self._parts["tables"]] = program.tables
+        self._settings[...] = settings
+        self._settings["lanes"] = lanes
+        for name in ("actions", "rewards", "flags", "final_observations", "blocks"):
+            self._settings[name] = self._parts[name].start
+        # The last block's spare lanes get an episode too, which keeps their numbers finite.
+        self._blocks["status"] = RESTART
         api.step(self._memory, np.empty(lanes * size), 0, 0)
         # Before its first step, a lane must be reset.
-        self._blocks[:, settings.ENDED : settings.ENDED + LANES] = 1.0
+        self._blocks["status"] = ENDED
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         if not self._memory.flags.writeable:  # as out of a memory map
             self._memory = self._memory.copy()
 
-    @property
-    def _blocks(self) -> Array:
-        """The state as [blocks x numbers of a block], a new view each time: one that is kept would not follow a copy."""
-        return self._memory[self._state].reshape(-1, self._block)
+    # The views below are made anew each time, because a stored view would not follow a copy of the batch.
 
     @property
-    def _counters(self) -> NDArray[np.uint64]:
-        """The same, for the rows that hold whole numbers."""
-        return self._blocks.view(np.uint64)
+    def _settings(self) -> NDArray[np.void]:
+        """The settings, one record of shape ()."""
+        return self._memory[self._parts["settings"]].view(SETTINGS).reshape(())
+
+    @property
+    def _blocks(self) -> NDArray[np.void]:
+        """The fields of the blocks, records of shape [blocks]."""
+        numbers = self._memory[self._parts["blocks"]].reshape(-(-self.lanes // LANES), -1)
+        return numbers[:, :BLOCK_SIZE].view(BLOCK)[:, 0]
 
     def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
-        """Give lanes their seeds; the episode that starts next in each is the first of its seed."""
-        self._counters[lanes // LANES, settings.SEED + lanes % LANES] = seeds
-        self._counters[lanes // LANES, settings.EPISODE + lanes % LANES] = 0
+        """Give lanes their seeds; the next episode of each lane is the first one of its seed."""
+        self._blocks["seed"][lanes // LANES, lanes % LANES] = seeds
+        self._blocks["episode"][lanes // LANES, lanes % LANES] = 0
 
     def next_episode(self, lanes: NDArray[np.int64]) -> None:
-        """Let the episode that starts next in these lanes be another one of the same seed."""
-        self._counters[lanes // LANES, settings.EPISODE + lanes % LANES] += np.uint64(1)
+        """Let the next episode of these lanes be another one of the same seed."""
+        self._blocks["episode"][lanes // LANES, lanes % LANES] += np.uint64(1)
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
-        """Start an episode in some lanes; write every lane's observation to `out` [n * size]."""
-        self._blocks[lanes // LANES, settings.ENDED + lanes % LANES] = settings.RESTART
+        """Start an episode in some lanes; write every lane's observation to `out` [lanes * size]."""
+        self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
         api.step(self._memory, out, 0, 0)
 
     def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
-        """One control interval of every lane, unless something is against it; see `kernel.api.step` and `check`.
+        """Advance every lane by one control step, unless `kernel.api.check` finds a problem.
 
         Args:
-            actions: [2 n].
-            out: takes the observations [n * size].
+            actions: [2 * lanes].
+            out: takes the observations [lanes * size].
 
         Returns:
-            What `check` found, and of the first lane the reward, and whether it is terminated, and truncated.
+            The result of `check`; then reward, terminated and truncated of the first lane.
         """
         memory = self._memory
-        memory[self._given] = actions
+        memory[self._parts["actions"]] = actions
         if self.threads == 1:
             return api.step(memory, out, 0, 1)
-        found: int = api.check(memory)
-        if found >= 0:
-            return found, 0.0, False, False
+        problem: int = api.check(memory)
+        if problem >= 0:
+            return problem, 0.0, False, False
         pool = _pool(self.threads)
         work = [pool.submit(api.step, memory, out, part, self.threads) for part in range(self.threads)]
         first, *_ = [each.result() for each in work]
@@ -144,21 +157,45 @@ class ArmBatch:
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:
-        """Of the last step: rewards, and whether it ended an episode by divergence, or because time was up; [n] each."""
+        """Rewards, terminated and truncated of the last step, [lanes] each."""
         n = self.lanes
-        flags = self._memory[self._flags].view(np.bool_)
-        return self._memory[self._rewards].copy(), flags[:n].copy(), flags[n : 2 * n].copy()
+        flags = self._memory[self._parts["flags"]].view(np.bool_)
+        return self._memory[self._parts["rewards"]].copy(), flags[:n].copy(), flags[n : 2 * n].copy()
 
     @property
-    def lasts(self) -> Array:
-        """With SAME_STEP, the last observations of the episodes that the last step ended [n x size]; of no use elsewhere."""
-        return self._memory[self._lasts].reshape(self.lanes, -1)
+    def final_observations(self) -> Array:
+        """With SAME_STEP, the last observations of the episodes that the last step ended [lanes x size]."""
+        return self._memory[self._parts["final_observations"]].reshape(self.lanes, -1)
 
     def truth(self) -> Truth:
-        """What is really so, now; computed when asked for."""
-        found = np.empty((self.lanes, settings.TRUE_COLUMNS))
-        api.inspect(self._memory, found)
-        return Truth(**{name: found[:, columns].copy() for name, columns in settings.TRUE.items()})
+        """Return the truth at this instant."""
+        blocks, computed = self._blocks, np.empty((self.lanes, 3, 2))
+        api.inspect(self._memory, computed)
+
+        def field(name: str) -> Array:
+            values = blocks[name]
+            if values.ndim == 2:
+                return values.reshape(-1)[: self.lanes].copy()
+            return values.swapaxes(1, 2).reshape(-1, values.shape[1])[: self.lanes].copy()
+
+        parameters = field("parameters")
+        return Truth(
+            time=field("step").astype(np.float64) * self._settings["control_dt"],
+            position=field("position"),
+            velocity=field("velocity"),
+            acceleration=computed[:, 0].copy(),
+            reference=field("reference_position"),
+            reference_velocity=field("reference_velocity"),
+            reference_acceleration=field("reference_acceleration"),
+            applied_torque=field("torque"),
+            friction_torque=computed[:, 1].copy(),
+            disturbance=field("disturbance"),
+            leakage=computed[:, 2].copy(),
+            masses=parameters[:, :2].copy(),
+            lengths=parameters[:, 2:].copy(),
+            lumped=field("lumped"),
+            payload=field("payload"),
+        )
 
 
 @lru_cache

@@ -13,10 +13,11 @@ from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.batch import ArmBatch, Truth, single
 from fbl_gym.checks import Pair, check_whole, unknown
 from fbl_gym.interface import Interface, Layout
+from fbl_gym.memory import NO_AUTORESET
+from fbl_gym.program import Program, make_program
 from fbl_gym.records import build
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario, as_scenario
-from fbl_gym.settings import NO_AUTORESET, Program, make_program
 
 if TYPE_CHECKING:
     from fbl_gym.render import View

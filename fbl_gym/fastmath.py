@@ -19,30 +19,36 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
-# How everything compiled in this package is compiled. Inlined helpers leave the loops over lanes free of calls, and NumPy's
-# rule for division (x / 0 is infinite) leaves them free of exits: either would keep a loop from being vectorised.
-COMPILED: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
-INNER: dict[str, Any] = {**COMPILED, "no_cpython_wrapper": True}
-inline = njit(forceinline=True, **COMPILED)
-# The kernel's inner functions cannot be called from Python, which shortens their compilation. What is called in one place only
-# is merged into the caller before anything is compiled, where that is shorter still.
-compiled = njit(**INNER)
-merged = njit(inline="always", **INNER)
+# Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) keeps exits out of
+# the loops over lanes: an exit would keep a loop from being vectorised.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+
+inline_njit = njit(forceinline=True, **_OPTIONS)
+"""Compile a function that becomes part of its callers, which leaves their loops free of calls."""
+
+kernel_njit = njit(no_cpython_wrapper=True, **_OPTIONS)
+"""Compile a function that compiled code alone calls. Without a wrapper for Python, it compiles faster."""
+
+merged_njit = njit(inline="always", no_cpython_wrapper=True, **_OPTIONS)
+"""Copy a function's source into its only caller before compilation, where that compiles faster."""
 
 
-def kept(function: Any) -> Any:
-    """Compile a function that Python calls, and keep the result on disk. Where nothing can be kept, each process compiles."""
-    compile_it = functools.partial(njit, nogil=True, **COMPILED)
+def cached_njit(function: Any) -> Any:
+    """Compile a function that Python calls, and cache the result on disk.
+
+    Where no folder can be written, warn; then each process compiles.
+    """
+    compile_function = functools.partial(njit, nogil=True, **_OPTIONS)
     try:
-        return compile_it(cache=True)(function)
-    except RuntimeError:  # Numba's, where neither the package's folder nor the user's can be written
+        return compile_function(cache=True)(function)
+    except RuntimeError:  # Numba's, if neither the package's folder nor the home folder is writable
         warnings.warn(
             "compiled code cannot be kept, as neither the package's folder nor the home folder can be written: every process "
             "compiles for some seconds. Set the environment variable NUMBA_CACHE_DIR to a folder that can be written.",
             RuntimeWarning,
             stacklevel=1,
         )
-        return compile_it()(function)
+        return compile_function()(function)
 
 
 @intrinsic
@@ -75,7 +81,7 @@ _E8, _E9, _E10, _E11, _E12, _E13 = 1 / 40320, 1 / 362880, 1 / 3628800, 1 / 39916
 _SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # sqrt(1/2) as a double
 
 
-@inline
+@inline_njit
 def sincos(x):
     """Sine and cosine of x [rad]; within 2e-16 of the truth for |x| < 1e14, and meaningless beyond 3e15."""
     shifted = fma(x, _TWO_OVER_PI, _ROUND)
@@ -96,7 +102,7 @@ def sincos(x):
     return sine, cosine
 
 
-@inline
+@inline_njit
 def exp(x):
     """e**x within 3e-16 relative for -700 < x < 700; arguments beyond are taken at the edge."""
     x = max(min(x, 700.0), -700.0)
@@ -111,7 +117,7 @@ def exp(x):
     return p * power_of_two
 
 
-@inline
+@inline_njit
 def log(x):
     """Natural logarithm of a positive, normal x, within 4e-16 relative."""
     bits = np.float64(x).view(np.int64)

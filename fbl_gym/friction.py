@@ -7,28 +7,28 @@ the breakaway torque f_i2 + f_s. The exact rule keeps the printed curve while a 
 take any value up to breakaway (the set-valued law; Glocker, "Set-Valued Force Laws", 2001).
 """
 
-from fbl_gym.fastmath import exp, inline
+from fbl_gym.fastmath import exp, inline_njit
 
 
-@inline
+@inline_njit
 def dry_friction(v, coulomb, stiction, v_s):
     """Size of the friction torque without its viscous part, f_i2 + f_s exp(-v^2/v_s) [N m]."""
     return coulomb + stiction * exp(-v * v / v_s)
 
 
-@inline
+@inline_njit
 def sign(v):
     """-1, 0 or 1."""
     return (1.0 if v > 0.0 else 0.0) - (1.0 if v < 0.0 else 0.0)
 
 
-@inline
+@inline_njit
 def _shrink(x, bound):
     """x moved towards zero by `bound`, and exactly zero within it."""
     return max(x - bound, 0.0) + min(x + bound, 0.0)
 
 
-@inline
+@inline_njit
 def resist(m11, m12, m22, g1, g2, b1, b2):
     """What two coupled joints do under dry friction: the minimum of (w - f)' M (w - f) / 2 + b1 |w1| + b2 |w2|.
 

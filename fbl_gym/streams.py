@@ -12,7 +12,7 @@ import hashlib
 
 import numpy as np
 
-from fbl_gym.fastmath import inline, log, sincos
+from fbl_gym.fastmath import inline_njit, log, sincos
 
 _MULTIPLIER_0 = np.uint64(0xD2E7470EE14C6C93)
 _MULTIPLIER_1 = np.uint64(0xCA5A826395121157)
@@ -31,7 +31,7 @@ def stream_key(name: str) -> np.uint64:
     return np.uint64(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big"))
 
 
-@inline
+@inline_njit
 def _multiply(a, b):
     """High and low word of the 128-bit product of two 64-bit words."""
     a_low, a_high = a & _LOW_32, a >> _32
@@ -42,7 +42,7 @@ def _multiply(a, b):
     return a_high * b_high + (middle >> _32) + (middle_2 >> _32), a * b
 
 
-@inline
+@inline_njit
 def philox(key_0, key_1, c_0, c_1, c_2):
     """Philox4x64-10: four random 64-bit words from a key of two words and a counter (c_0, c_1, c_2, 0)."""
     c_3 = _ZERO
@@ -55,20 +55,20 @@ def philox(key_0, key_1, c_0, c_1, c_2):
     return c_0, c_1, c_2, c_3
 
 
-@inline
+@inline_njit
 def _unit(word):
     """A double in [0, 1) with 52 random bits, from a word's upper bits."""
     return np.uint64((word >> _12) | _ONE_BITS).view(np.float64) - 1.0
 
 
-@inline
+@inline_njit
 def uniforms(seed, stream, episode, step, slot):
     """Four independent numbers, uniform in [0, 1)."""
     a, b, c, d = philox(seed, stream, step, slot, episode)
     return _unit(a), _unit(b), _unit(c), _unit(d)
 
 
-@inline
+@inline_njit
 def normals(seed, stream, episode, step, slot):
     """Two independent standard normal numbers (Box and Muller 1958)."""
     a, b, _, _ = philox(seed, stream, step, slot, episode)
