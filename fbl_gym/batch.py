@@ -87,6 +87,7 @@ class ArmBatch:
         self._parts = {
             name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
         }
+        self._actions = self._parts["actions"]
         self.lanes = lanes
         self.threads = min(threads, blocks)
         self._memory = np.zeros(ends[-1])
@@ -144,7 +145,7 @@ class ArmBatch:
             The result of `check`; then reward, terminated and truncated of the first lane.
         """
         memory = self._memory
-        memory[self._parts["actions"]] = actions
+        memory[self._actions] = actions
         if self.threads == 1:
             return api.step(memory, out, 0, 1)
         problem: int = api.check(memory)

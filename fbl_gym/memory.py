@@ -113,7 +113,8 @@ SETTINGS = np.dtype(
         # Batch: its size, and the index of each part's first number
         ("autoreset", np.int64),
         ("lanes", np.int64),
-        ("block_size", np.int64),
+        ("block_size", np.int64),  # numbers
+        ("waypoints", np.int64),  # pairs of rows of a block's way-points
         ("actions", np.int64),  # [lanes x 2]
         ("rewards", np.int64),  # [lanes]
         ("flags", np.int64),  # a byte each: terminated [lanes], truncated [lanes]
@@ -167,6 +168,7 @@ BLOCK = np.dtype(
 
 SETTINGS_SIZE = SETTINGS.itemsize // 8
 BLOCK_SIZE = BLOCK.itemsize // 8
+ROWS = BLOCK_SIZE // LANES
 
 
 def first_row(field: str) -> int:

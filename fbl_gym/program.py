@@ -101,6 +101,7 @@ def make_program(
     _pack_actuator(settings, scenario)
     _pack_disturbance(settings, tables, scenario)
     waypoints = _pack_reference(settings, tables, scenario)
+    settings["waypoints"] = waypoints
     settings["block_size"] = memory.BLOCK_SIZE + _PAIR * (int(settings["delay_steps"]) + 1 + waypoints)
     settings["initial_error"] = scenario.initial_error
     preview = check_whole("preview", preview)

@@ -16,8 +16,9 @@ from fbl_gym.kernel.motion import refer
 from fbl_gym.kernel.physics import acceleration_and_friction, advance, carry_payload
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
+from fbl_gym.kernel.views import array_at, record_at
 from fbl_gym.memory import (
-    BLOCK, BLOCK_SIZE, ENDED, LANES, NEXT_STEP, RESTART, RUNNING, SAME_STEP, SETTINGS, SETTINGS_SIZE,
+    BLOCK, BLOCK_SIZE, ENDED, LANES, NEXT_STEP, RESTART, ROWS, RUNNING, SAME_STEP, SETTINGS, SETTINGS_SIZE,
 )  # fmt: skip
 
 _SOURCES = ("arm.py", "fastmath.py", "friction.py", "memory.py", "streams.py", "kernel/*.py")
@@ -35,15 +36,14 @@ def _fingerprint() -> int:
 
 @kernel_njit
 def _check(memory):
-    settings = memory[:SETTINGS_SIZE].view(SETTINGS)[0]
-    actions = memory[settings.actions :]
+    settings = record_at(memory, 0, SETTINGS)
     for lane in range(settings.lanes):
-        if not (np.isfinite(actions[2 * lane]) and np.isfinite(actions[2 * lane + 1])):
+        place = settings.actions + 2 * lane
+        if not (np.isfinite(memory[place]) and np.isfinite(memory[place + 1])):
             return 2 * lane
     if settings.autoreset != NEXT_STEP:
         for lane in range(settings.lanes):
-            first = settings.blocks + lane // LANES * settings.block_size
-            block = memory[first : first + BLOCK_SIZE].view(BLOCK)[0]
+            block = record_at(memory, settings.blocks + lane // LANES * settings.block_size, BLOCK)
             if block.status[lane % LANES] != RUNNING:
                 return 2 * lane + 1
     return -1
@@ -69,13 +69,14 @@ def _move(block, queue, waypoints, settings, tables, actions, count, width):
 @merged_njit
 def _report(block, rows, waypoints, settings, tables, memory, first, count):
     """Write rewards and flags of a block, and mark the lanes that start another episode now."""
-    flags = memory[settings.flags :].view(np.uint8)
+    flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
     for lane in range(count):
         over = block.terminated[lane] + block.truncated[lane] != 0.0
         restarts = over and settings.autoreset == SAME_STEP
         if restarts:
-            place = settings.final_observations + first * settings.observation_size
-            observe(block, rows, waypoints, settings, tables, memory[place:], lane, lane + 1)
+            size = settings.observation_size
+            final = array_at(memory, settings.final_observations + first * size, (count, size), np.float64)
+            observe(block, rows, waypoints, settings, tables, final, lane, lane + 1)
         elif settings.autoreset == NEXT_STEP and block.status[lane] != RUNNING:
             block.reward[lane], block.terminated[lane], block.truncated[lane] = 0.0, 0.0, 0.0
             restarts = True
@@ -84,8 +85,8 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
             block.episode[lane] += _ONE
             block.status[lane] = RESTART
         memory[settings.rewards + first + lane] = block.reward[lane]
-        flags[first + lane] = block.terminated[lane] != 0.0
-        flags[settings.lanes + first + lane] = block.truncated[lane] != 0.0
+        flags[0, first + lane] = block.terminated[lane] != 0.0
+        flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
 def _compile(fingerprint):
@@ -110,21 +111,23 @@ def _compile(fingerprint):
             if problem >= 0:
                 return problem, 0.0, False, False
         moves, parts = parts > 0, max(parts, 1)
-        settings, tables = memory[:SETTINGS_SIZE].view(SETTINGS)[0], memory[SETTINGS_SIZE:]
-        lanes, size, depth = settings.lanes, settings.block_size, settings.delay_steps + 1
+        settings = record_at(memory, 0, SETTINGS)
+        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        lanes, size = settings.lanes, settings.observation_size
+        depth, points = settings.delay_steps + 1, settings.waypoints
         blocks = (lanes + LANES - 1) // LANES
         for number in range(blocks * part // parts, blocks * (part + 1) // parts):
-            place = settings.blocks + number * size
-            fields = memory[place : place + BLOCK_SIZE]
-            block, rows = fields.view(BLOCK)[0], fields.reshape((-1, LANES))
-            pairs = memory[place + BLOCK_SIZE : place + size].reshape((-1, 2, LANES))
-            queue, waypoints = pairs[:depth], pairs[depth:]
+            place = settings.blocks + number * settings.block_size
+            block = record_at(memory, place, BLOCK)
+            rows = array_at(memory, place, (ROWS, LANES), np.float64)
+            queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
+            waypoints = array_at(memory, place + BLOCK_SIZE + queue.size, (points, 2, LANES), np.float64)
             first = number * LANES
             count = min(LANES, lanes - first)
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
-                actions = memory[settings.actions + 2 * first :]
+                actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
                 _move(block, queue, waypoints, settings, tables, actions, count, width)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             started = False
@@ -134,10 +137,10 @@ def _compile(fingerprint):
                     started = True
             if started:
                 sense(block, settings, width)
-            observations = out[first * settings.observation_size :]
+            observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
-        flags = memory[settings.flags :].view(np.uint8)
-        return -1, memory[settings.rewards], flags[0] != 0, flags[lanes] != 0
+        flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
+        return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
 
     @cached_njit
     def check(memory):
@@ -153,10 +156,9 @@ def _compile(fingerprint):
     def inspect(memory, out):
         """Write acceleration, friction torque and leakage of each lane to `out` [lanes x 3 x 2]."""
         _ = fingerprint
-        settings = memory[:SETTINGS_SIZE].view(SETTINGS)[0]
+        settings = record_at(memory, 0, SETTINGS)
         for i in range(len(out)):
-            first, lane = settings.blocks + i // LANES * settings.block_size, i % LANES
-            block = memory[first : first + BLOCK_SIZE].view(BLOCK)[0]
+            block, lane = record_at(memory, settings.blocks + i // LANES * settings.block_size, BLOCK), i % LANES
             a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, settings.friction_law)
             expected1, expected2 = nominal_acceleration(block, settings, lane)
             out[i, 0, 0], out[i, 0, 1] = a1, a2

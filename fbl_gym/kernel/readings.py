@@ -90,21 +90,20 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
     Args:
         block, rows: the fields of the block, and the same memory as [rows x LANES].
         waypoints, settings, tables: see `memory.py`.
-        out: begins with the observation of the block's first lane.
+        out: of the block's lanes [lanes x size].
         first, last: lanes.
     """
-    size, observed = settings.observation_size, settings.observed
-    for column in range(observed):
+    for column in range(settings.observed):
         row, bound = settings.observed_row[column], settings.observed_bound[column]
         for lane in range(first, last):
-            out[lane * size + column] = _within(rows[row, lane], bound)
+            out[lane, column] = _within(rows[row, lane], bound)
     position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
     for ahead in range(settings.preview):
         for lane in range(first, last):
             step = np.int64(block.step[lane]) + ahead + 1
             q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, step)
-            place = lane * size + observed + 6 * ahead
-            out[place], out[place + 1] = _within(q1, position), _within(q2, position)
-            out[place + 2], out[place + 3] = _within(v1, velocity), _within(v2, velocity)
-            out[place + 4], out[place + 5] = _within(a1, acceleration), _within(a2, acceleration)
+            column = settings.observed + 6 * ahead
+            out[lane, column], out[lane, column + 1] = _within(q1, position), _within(q2, position)
+            out[lane, column + 2], out[lane, column + 3] = _within(v1, velocity), _within(v2, velocity)
+            out[lane, column + 4], out[lane, column + 5] = _within(a1, acceleration), _within(a2, acceleration)

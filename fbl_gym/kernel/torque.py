@@ -20,8 +20,8 @@ def command(block, queue, settings, actions, count):
     bound1, bound2 = settings.action_limit[0], settings.action_limit[1]
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
     for lane in range(count):
-        block.action[0, lane] = max(min(actions[2 * lane], bound1), -bound1)
-        block.action[1, lane] = max(min(actions[2 * lane + 1], bound2), -bound2)
+        block.action[0, lane] = max(min(actions[lane, 0], bound1), -bound1)
+        block.action[1, lane] = max(min(actions[lane, 1], bound2), -bound2)
     kind = settings.action_kind
     for lane in range(count):
         tau1, tau2 = block.action[0, lane], block.action[1, lane]
