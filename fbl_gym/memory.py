@@ -17,8 +17,9 @@ import numpy as np
 LANES = 16
 """Number of lanes in a block."""
 
-# Kinds, as numbers in the settings.
-NO_FRICTION, EXACT_FRICTION, LITERAL_FRICTION = range(3)
+# Kinds, as numbers in the settings. The friction laws are arguments of compiled functions, which
+# Numba would compile again for each plain int.
+NO_FRICTION, EXACT_FRICTION, LITERAL_FRICTION = np.arange(3)
 NO_DISTURBANCE, PIECEWISE_CONSTANT, SINE, PULSES, ARRAY = range(5)
 SAMPLES, MINIMUM_JERK, STEPS, FILTERED_STEPS, HARMONICS = range(5)
 NORMALIZED, TORQUE, ACCELERATION = range(3)

@@ -11,6 +11,7 @@ from fbl_gym.streams import normals, stream_key
 _POSITION_NOISE = stream_key("position noise")
 _VELOCITY_NOISE = stream_key("velocity noise")
 _ACCELERATION_NOISE = stream_key("acceleration noise")
+_POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # rows of the settings' `noise_std`
 _ZERO = np.uint64(0)
 
 
@@ -32,9 +33,9 @@ def sense(block, settings, width):
             block.measured_velocity[joint, lane] = block.velocity[joint, lane]
             block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
     if settings.noisy:
-        _disturb_reading(block, block.measured_position, settings, width, 0, _POSITION_NOISE)
-        _disturb_reading(block, block.measured_velocity, settings, width, 1, _VELOCITY_NOISE)
-        _disturb_reading(block, block.measured_acceleration, settings, width, 2, _ACCELERATION_NOISE)
+        _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
+        _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
+        _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
     # A sensor reads no further than its range.
     position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
