@@ -1,6 +1,6 @@
-"""A batch of arms: the memory that the kernel works on, and what can be done to it.
+"""A batch of arms: the memory that the kernel works on, and the operations on it.
 
-Both environments are a thin layer over this: the single one is a batch of one lane.
+Both environments are a thin layer over this module; the single one is a batch of one lane.
 """
 
 from __future__ import annotations
@@ -24,24 +24,28 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Truth:
-    """What no policy may know: the real arm at this instant. For plots, checks and the oracle.
+    """The real arm at this instant, which no policy may know. For plots, checks and the oracle.
 
-    Every field is [2] for a single environment and [n x 2] for a batch, unless said otherwise. Where a disturbance's level or
-    the payload changes at this very instant, what is told after a step is still what was in force until now.
+    Fields are [2] for a single environment and [lanes x 2] for a batch, unless stated otherwise. If a
+    disturbance's level or the payload changes at this instant, they still have their old value.
 
-    Args:
-        time: since the episode's start [s]; a number, or [n].
-        position, velocity, acceleration: [rad], [rad/s], [rad/s^2].
-        reference, reference_velocity, reference_acceleration: the motion asked for now.
-        applied_torque: what the drives deliver [N m], after limit, delay and lag.
+    Attributes:
+        time: since the episode's start [s]; a number, or [lanes].
+        position: [rad].
+        velocity: [rad/s].
+        acceleration: [rad/s^2].
+        reference: reference position now [rad].
+        reference_velocity: [rad/s].
+        reference_acceleration: [rad/s^2].
+        applied_torque: torque of the drives [N m], after limit, delay and lag.
         friction_torque: F of equation (1) [N m]; of a joint that sticks, the torque that holds it.
         disturbance: tau_d of equation (1) [N m].
-        leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of the applied torque, less
-            the real one.
+        leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of the
+            applied torque, less the real one.
         masses: of the links [kg], without the payload.
         lengths: of the links [m].
-        lumped: the five lumped parameters with the payload carried now, [5] or [n x 5]; see `arm.py`.
-        payload: mass carried at the tip [kg]; a number, or [n].
+        lumped: the five lumped parameters with the payload carried now, [5] or [lanes x 5]; see `arm.py`.
+        payload: mass carried at the tip [kg]; a number, or [lanes].
     """
 
     time: Array
@@ -84,9 +88,7 @@ class ArmBatch:
             "blocks": blocks * int(settings["block_size"]),
         }
         ends = np.cumsum(list(sizes.values())).tolist()
-        self._parts = {
-            name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
-        }
+        self._parts = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
         self._actions = self._parts["actions"]
         self.lanes = lanes
         self.threads = min(threads, blocks)
@@ -201,7 +203,7 @@ class ArmBatch:
 
 @lru_cache
 def _pool(threads: int) -> ThreadPoolExecutor:
-    """The threads that batches share. They work on different lanes, and the kernel runs without the interpreter's lock."""
+    """Return the threads that all batches share. The kernel runs without the interpreter's lock."""
     return ThreadPoolExecutor(threads, thread_name_prefix="fbl-gym")
 
 
@@ -210,5 +212,5 @@ if hasattr(os, "register_at_fork"):
 
 
 def single(truth: Truth) -> Truth:
-    """The truth of the one lane of a batch, without the batch axis."""
+    """Return the truth of a batch of one lane, without the batch axis."""
     return Truth(**{name: value[0] for name, value in vars(truth).items()})

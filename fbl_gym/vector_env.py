@@ -25,9 +25,9 @@ from fbl_gym.env import (
     configure,
     frame_rate,
 )
+from fbl_gym.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
-from fbl_gym.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
 
 if TYPE_CHECKING:
     from fbl_gym.render import Frame, View

@@ -18,8 +18,18 @@ from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
 from fbl_gym.kernel.views import array_at, record_at
 from fbl_gym.memory import (
-    BLOCK, BLOCK_SIZE, ENDED, LANES, NEXT_STEP, RESTART, ROWS, RUNNING, SAME_STEP, SETTINGS, SETTINGS_SIZE,
-)  # fmt: skip
+    BLOCK,
+    BLOCK_SIZE,
+    ENDED,
+    LANES,
+    NEXT_STEP,
+    RESTART,
+    ROWS,
+    RUNNING,
+    SAME_STEP,
+    SETTINGS,
+    SETTINGS_SIZE,
+)
 
 _SOURCES = ("arm.py", "fastmath.py", "friction.py", "memory.py", "streams.py", "kernel/*.py")
 _ZERO, _ONE = np.int64(0), np.uint64(1)
@@ -99,8 +109,9 @@ def _compile(fingerprint):
         Args:
             memory: of the batch, see `memory.py`.
             out: takes the observations [lanes * size].
-            part, parts: work on this part of the lanes only, without a check, as several threads do.
-                One part: all lanes, checked. No parts: no lane moves, but episodes start.
+            part: the part of the lanes to work on, from 0.
+            parts: number of parts, one for each thread. One: all lanes, after a check. More: no check.
+                Zero: no lane moves, but episodes start.
 
         Returns:
             The result of `check`; then reward, terminated and truncated of the first lane.

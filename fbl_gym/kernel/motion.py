@@ -16,7 +16,8 @@ def reference(waypoints, settings, tables, lane, step):
 
     Args:
         waypoints: way-points, levels or phases of a block [points x joint x lane].
-        settings, tables: see `memory.py`.
+        settings: record of the type `SETTINGS`.
+        tables: arrays of the scenario, one after the other.
         lane: of the block.
         step: control step, from 0.
 

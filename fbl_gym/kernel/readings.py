@@ -89,10 +89,14 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
     """Write the observations of a block's lanes from `first` up to `last` to `out`.
 
     Args:
-        block, rows: the fields of the block, and the same memory as [rows x LANES].
-        waypoints, settings, tables: see `memory.py`.
-        out: of the block's lanes [lanes x size].
-        first, last: lanes.
+        block: record of the type `BLOCK`.
+        rows: the same memory as an array [ROWS x LANES].
+        waypoints: of the block [points x joint x lane].
+        settings: record of the type `SETTINGS`.
+        tables: arrays of the scenario, one after the other.
+        out: observations of the block's lanes [lanes x size].
+        first: lane of the block.
+        last: lane of the block, the first one left out.
     """
     for column in range(settings.observed):
         row, bound = settings.observed_row[column], settings.observed_bound[column]

@@ -7,8 +7,8 @@ from numba.np.arrayobj import populate_array
 
 
 @intrinsic
-def record_at(_context, memory, place, dtype):
-    """Return the record of a structured type that begins at memory[place]."""
+def record_at(_context, memory, _place, dtype):
+    """Return the record of a structured type that begins at memory[_place]."""
     record = dtype.dtype
 
     def emit(context, builder, signature, arguments):
@@ -20,8 +20,8 @@ def record_at(_context, memory, place, dtype):
 
 
 @intrinsic
-def array_at(_context, memory, place, shape, dtype):
-    """Return the array of a shape (a tuple) and type that begins at memory[place]."""
+def array_at(_context, memory, _place, shape, dtype):
+    """Return the array of a shape (a tuple) and type that begins at memory[_place]."""
     array_type = types.Array(dtype.dtype, len(shape), "C")
 
     def emit(context, builder, signature, arguments):
