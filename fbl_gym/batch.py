@@ -26,8 +26,8 @@ Flags = NDArray[np.bool_]
 class Truth:
     """The real arm at this instant, which no policy may know. For plots, checks and the oracle.
 
-    Fields are [2] for a single environment and [lanes x 2] for a batch, unless stated otherwise. If a
-    disturbance's level or the payload changes at this instant, they still have their old value.
+    Fields are [2] for a single environment and [lanes x 2] for a batch, unless stated otherwise. If
+    a disturbance's level or the payload changes at this instant, they still have their old value.
 
     Attributes:
         time: since the episode's start [s]; a number, or [lanes].
@@ -40,11 +40,12 @@ class Truth:
         applied_torque: torque of the drives [N m], after limit, delay and lag.
         friction_torque: F of equation (1) [N m]; of a joint that sticks, the torque that holds it.
         disturbance: tau_d of equation (1) [N m].
-        leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of the
-            applied torque, less the real one.
+        leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of
+            the applied torque, less the real one.
         masses: of the links [kg], without the payload.
         lengths: of the links [m].
-        lumped: the five lumped parameters with the payload carried now, [5] or [lanes x 5]; see `arm.py`.
+        lumped: the five lumped parameters with the payload carried now, [5] or [lanes x 5];
+            see `arm.py`.
         payload: mass carried at the tip [kg]; a number, or [lanes].
     """
 
@@ -109,7 +110,7 @@ class ArmBatch:
         if not self._memory.flags.writeable:  # as out of a memory map
             self._memory = self._memory.copy()
 
-    # The views below are made anew each time, because a stored view would not follow a copy of the batch.
+    # The views below are new each time: a stored view would not follow a copy of the batch.
 
     @property
     def _settings(self) -> NDArray[np.void]:
@@ -132,7 +133,7 @@ class ArmBatch:
         self._blocks["episode"][lanes // LANES, lanes % LANES] += np.uint64(1)
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
-        """Start an episode in some lanes; write every lane's observation to `out` [lanes * size]."""
+        """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
         api.step(self._memory, out, 0, 0)
 
@@ -167,7 +168,7 @@ class ArmBatch:
 
     @property
     def final_observations(self) -> Array:
-        """With SAME_STEP, the last observations of the episodes that the last step ended [lanes x size]."""
+        """With SAME_STEP, final observations of the last step [lanes x size]."""
         return self._memory[self._parts["final_observations"]].reshape(self.lanes, -1)
 
     def truth(self) -> Truth:

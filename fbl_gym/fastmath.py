@@ -1,15 +1,15 @@
 """Elementary functions that vectorise and give the same bits on every machine.
 
 A call to the C library's `sin` inside a loop keeps the compiler from running that loop on several
-lanes at once, and its last bit differs from one C library to the next. Each function here is a fixed
-sequence of additions, multiplications and fused multiply-adds without a branch. LLVM may not reorder
-or fuse them (no fast-math flag is set anywhere in this package). Therefore a lane of a batch and a
-single environment compute the same bits, on any machine. From the C library comes only its exact
-`fma`, where the processor has none.
+lanes at once, and its last bit differs from one C library to the next. Each function here is a
+fixed sequence of additions, multiplications and fused multiply-adds without a branch. LLVM may not
+reorder or fuse them (no fast-math flag is set anywhere in this package). Therefore a lane of a
+batch and a single environment compute the same bits, on any machine. From the C library comes only
+its exact `fma`, where the processor has none.
 
-The polynomials of sine and cosine are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`; Sun Microsystems
-1993). Those of exp and log are plain Taylor series, long enough that truncation lies below rounding.
-`tests/fbl_gym/test_fastmath.py` bounds their distance from the C library.
+The polynomials of sine and cosine are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`; Sun
+Microsystems 1993). Those of exp and log are plain Taylor series, long enough that truncation lies
+below rounding. `tests/fbl_gym/test_fastmath.py` bounds their distance from the C library.
 """
 
 import functools
@@ -29,7 +29,7 @@ inline_njit = njit(forceinline=True, **_OPTIONS)
 """Compile a function that becomes part of its callers, which leaves their loops free of calls."""
 
 kernel_njit = njit(**_INNER)
-"""Compile a function that compiled code alone calls. Without a wrapper for Python, it compiles faster."""
+"""Compile a function that Python does not call; without a wrapper it compiles faster."""
 
 merged_njit = njit(inline="always", **_INNER)
 """Copy a function's source into its only caller before compilation, where that compiles faster."""
@@ -64,7 +64,8 @@ def fma(_context, _a, _b, _c):
     return types.float64(types.float64, types.float64, types.float64), emit
 
 
-# Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer; the sum's low bits hold that integer.
+# Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer, which the sum's low bits
+# hold.
 _ROUND = 6755399441055744.0
 
 # pi/2 and log(2) as the sum of two doubles. A fused multiply-add subtracts k times the first from x

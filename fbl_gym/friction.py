@@ -2,10 +2,10 @@
 
     F_i(v) = f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v)        v_s in (rad/s)^2
 
-As printed, sign(0) = 0: a joint at rest has no friction and never sticks. A real joint at rest holds
-any load up to the breakaway torque f_i2 + f_s. The exact rule keeps the printed curve while a joint
-moves. At rest, friction takes any value up to breakaway (the set-valued law; Glocker, "Set-Valued
-Force Laws", 2001).
+As printed, sign(0) = 0: a joint at rest has no friction and never sticks. A real joint at rest
+holds any load up to the breakaway torque f_i2 + f_s. The exact rule keeps the printed curve while a
+joint moves. At rest, friction takes any value up to breakaway (the set-valued law; Glocker,
+"Set-Valued Force Laws", 2001).
 """
 
 from fbl_gym.fastmath import exp, inline_njit
@@ -13,7 +13,7 @@ from fbl_gym.fastmath import exp, inline_njit
 
 @inline_njit
 def dry_friction(v, coulomb, stiction, v_s):
-    """Return the size of the friction torque without its viscous part, f_i2 + f_s exp(-v^2/v_s) [N m]."""
+    """Return the size of the friction torque without the viscous part [N m]."""
     return coulomb + stiction * exp(-v * v / v_s)
 
 
@@ -37,10 +37,10 @@ def resist(m11, m12, m22, g1, g2, b1, b2):
     (or load) g = M f that the joints would have without friction, and the bounds b1, b2 of each
     joint's friction impulse (or torque).
 
-    Each joint rests or slides either way: nine cases, decided one joint at a time. Minimised over w1,
-    the problem stays convex in w2. Its slope at w2 = 0 is the load that the first joint alone leaves on
-    a resting second joint: within b2 that joint rests, beyond b2 it slides the way of the load.
-    Likewise for w1. Therefore exactly one case is taken, however close to a border.
+    Each joint rests or slides either way: nine cases, decided one joint at a time. Minimised over
+    w1, the problem stays convex in w2. Its slope at w2 = 0 is the load that the first joint alone
+    leaves on a resting second joint: within b2 that joint rests, beyond b2 it slides the way of the
+    load. Likewise for w1. Therefore exactly one case is taken, however close to a border.
 
     Args:
         m11: entry of M, as m12 and m22.
@@ -52,7 +52,7 @@ def resist(m11, m12, m22, g1, g2, b1, b2):
         b2: likewise of joint 2.
 
     Returns:
-        The velocity (or acceleration) w1, w2, exactly zero for a joint that sticks, and the friction
+        The velocity (or acceleration) w1, w2, zero for a joint that sticks, and the friction
         g - M w of both joints.
     """
     alone1, alone2 = _shrink(g1, b1) / m11, _shrink(g2, b2) / m22

@@ -140,7 +140,7 @@ BLOCK = np.dtype(
         # Torque
         ("action", np.float64, _PAIR),  # the last one, within its limits
         ("command", np.float64, _PAIR),  # torque command [N m]
-        ("chatter", np.float64, _ONE),  # change of the command as a fraction of the limit, both joints
+        ("chatter", np.float64, _ONE),  # change of the command / torque limit, sum of both joints
         ("torque", np.float64, _PAIR),  # applied torque [N m]
         ("disturbance", np.float64, _PAIR),  # [N m]
         ("disturbance_phase", np.float64, _PAIR),  # of a sine [rad]

@@ -1,4 +1,4 @@
-"""A scenario in numbers: packs its options into the kernel's settings and tables (see `memory.py`)."""
+"""A scenario in numbers: its options packed into the settings and tables of `memory.py`."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def make_program(
 
 
 def _check_size(option: str, value: float, unit: str, numbers: int) -> None:
-    """Raise an error if an option adds too many numbers to a block; the count grows with the value."""
+    """Raise an error if an option adds too many numbers to a block."""
     if numbers > MAX_NUMBERS:
         raise ValueError(
             f"{option} must be at most some {MAX_NUMBERS / (numbers / value):.3g}{unit} here, which take "
@@ -213,7 +213,7 @@ def _pack_actuator(settings: Settings, scenario: Scenario) -> None:
     delay = round(actuator.delay / scenario.physics_dt)
     steps = -(-delay // n)
     _check_size("actuator.delay", actuator.delay, " s", _PAIR * steps)
-    # Before physics step `delay_switch` of a control step, the command of `steps` ago acts, then the next.
+    # Up to physics step `delay_switch`, the command of `steps` ago acts, then the next one.
     settings["delay_steps"] = steps
     settings["delay_switch"] = delay - (steps - 1) * n if steps else 0
     if actuator.lag > 0:

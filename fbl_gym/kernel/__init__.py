@@ -1,9 +1,9 @@
 """One control step of an arm or a batch: the only place where time advances.
 
-The kernel works on a batch in blocks of `LANES` lanes. Within a block each phase is a loop over lanes
-without branches, which the compiler turns into vector instructions. A lane's arithmetic is the same
-in every batch: lane i of any batch is bit for bit the single environment. `memory.py` names the
-numbers that the kernel reads and writes.
+The kernel works on a batch in blocks of `LANES` lanes. Within a block each phase is a loop over
+lanes without branches, which the compiler turns into vector instructions. A lane's arithmetic is
+the same in every batch: lane i of any batch is bit for bit the single environment. `memory.py`
+names the numbers that the kernel reads and writes.
 
     torque.py     action -> torque command, within the limit; actuator and disturbance
     physics.py    `substeps` times: payload, friction, Runge-Kutta

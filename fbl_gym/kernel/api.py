@@ -102,7 +102,7 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
 def _compile(fingerprint):
     @cached_njit
     def step(memory, out, part, parts):
-        """Advance every lane by one control step, then start an episode in every lane marked RESTART.
+        """Advance every lane by one control step; start an episode in lanes marked RESTART.
 
         Nothing moves if `check` finds a problem.
 
@@ -110,8 +110,8 @@ def _compile(fingerprint):
             memory: of the batch, see `memory.py`.
             out: takes the observations [lanes * size].
             part: the part of the lanes to work on, from 0.
-            parts: number of parts, one for each thread. One: all lanes, after a check. More: no check.
-                Zero: no lane moves, but episodes start.
+            parts: number of parts, one for each thread. One: all lanes, after a check. More: no
+                check. Zero: no lane moves, but episodes start.
 
         Returns:
             The result of `check`; then reward, terminated and truncated of the first lane.

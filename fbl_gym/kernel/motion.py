@@ -52,7 +52,7 @@ def reference(waypoints, settings, tables, lane, step):
 
 @inline_njit
 def _segment(settings, time):
-    """Return the way-points i and j around a time, and the time since i; the last segment never ends."""
+    """Return the way-points i, j around a time, and the time since i."""
     points = settings.reference_points
     i = int(min(np.floor(time / settings.point_time + 1e-9), max(points - 2, 0)))
     return i, min(i + 1, points - 1), time - i * settings.point_time

@@ -49,10 +49,11 @@ def _runge_kutta(block, lane, h, friction, law):
     Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
     v+ = v + h M^-1 (load - f), |f_i| <= F_i(v), at the step's start. A joint at rest under a load
     below breakaway has no acceleration at all, at any step size. A joint that the problem brings to
-    rest ends the step at rest. Sliding under Coulomb friction keeps the fourth order; where stiction
-    fades, or a joint stops, the step is of first order.
+    rest ends the step at rest. Sliding under Coulomb friction keeps the fourth order; where
+    stiction fades, or a joint stops, the step is of first order.
 
-    A name's first number is the joint, its second the stage: a1_3 is joint 1's acceleration at stage 3.
+    A name's first number is the joint, its second the stage: a1_3 is joint 1's acceleration at
+    stage 3.
     """
     q1, q2 = block.position[0, lane], block.position[1, lane]
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
@@ -134,7 +135,7 @@ def acceleration_and_friction(block, settings, lane, law):
     if law != NO_FRICTION:
         bound1 = dry_friction(v1, settings.coulomb[0], settings.stiction[0], settings.v_s[0])
         bound2 = dry_friction(v2, settings.coulomb[1], settings.stiction[1], settings.v_s[1])
-    # A joint that moves has its friction; one at rest takes the torque that holds it, up to breakaway.
+    # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
     friction1 = settings.viscous[0] * v1 + bound1 * sign(v1)
     friction2 = settings.viscous[1] * v2 + bound2 * sign(v2)
     load1, load2 = load1 - friction1, load2 - friction2

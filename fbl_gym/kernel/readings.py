@@ -24,7 +24,7 @@ def _within(value, bound):
 
 @kernel_njit
 def sense(block, settings, width):
-    """Take the readings of a block. They depend on its state alone: taken twice, they are the same."""
+    """Take the readings of a block; they depend on its state alone."""
     if settings.senses_acceleration:
         _accelerate(block, settings, width)
     for joint in range(2):

@@ -47,7 +47,7 @@ def _nominal_parameters(settings):
 
 @inline_njit
 def nominal_torque(block, settings, lane, a1, a2):
-    """Return the nominal feedback linearisation mapping of an acceleration at the measured state."""
+    """Return the nominal feedback linearisation mapping at the measured state (figure 2)."""
     p1, p2, p3, p4, p5 = _nominal_parameters(settings)
     q1, q2 = block.measured_position[0, lane], block.measured_position[1, lane]
     v1, v2 = block.measured_velocity[0, lane], block.measured_velocity[1, lane]
@@ -57,7 +57,7 @@ def nominal_torque(block, settings, lane, a1, a2):
 
 @inline_njit
 def nominal_acceleration(block, settings, lane):
-    """Return the acceleration that the nominal model expects of the applied torque at the true state."""
+    """Return the nominal model's acceleration under the applied torque at the true state."""
     p1, p2, p3, p4, p5 = _nominal_parameters(settings)
     q1, q2 = block.position[0, lane], block.position[1, lane]
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
