@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
 from fbl_gym.kernel import api
-from fbl_gym.memory import BLOCK, BLOCK_SIZE, ENDED, LANES, RESTART, SAME_STEP, SETTINGS, SETTINGS_SIZE
+from fbl_gym.memory import BLOCK, BLOCK_SIZE, ENDED, LANES, RESTART, SAME_STEP, SETTINGS, SETTINGS_SIZE, rows
 from fbl_gym.program import Program
 
 Flags = NDArray[np.bool_]
@@ -173,33 +173,37 @@ class ArmBatch:
 
     def truth(self) -> Truth:
         """Return the truth at this instant."""
-        blocks, computed = self._blocks, np.empty((self.lanes, 3, 2))
-        api.inspect(self._memory, computed)
+        table = np.empty((self.lanes, _TRUE_COLUMNS))
+        api.inspect(self._memory, _TRUE_ROWS, table)
+        return Truth(**{name: table[:, columns].copy() for name, columns in _TRUE.items()})
 
-        def field(name: str) -> Array:
-            values = blocks[name]
-            if values.ndim == 2:
-                return values.reshape(-1)[: self.lanes].copy()
-            return values.swapaxes(1, 2).reshape(-1, values.shape[1])[: self.lanes].copy()
 
-        parameters = field("parameters")
-        return Truth(
-            time=field("step").astype(np.float64) * self._settings["control_dt"],
-            position=field("position"),
-            velocity=field("velocity"),
-            acceleration=computed[:, 0].copy(),
-            reference=field("reference_position"),
-            reference_velocity=field("reference_velocity"),
-            reference_acceleration=field("reference_acceleration"),
-            applied_torque=field("torque"),
-            friction_torque=computed[:, 1].copy(),
-            disturbance=field("disturbance"),
-            leakage=computed[:, 2].copy(),
-            masses=parameters[:, :2].copy(),
-            lengths=parameters[:, 2:].copy(),
-            lumped=field("lumped"),
-            payload=field("payload"),
-        )
+def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
+    """Return the rows of a block that are part of the truth, the columns of its fields, and their number."""
+    stored = {
+        "position": rows("position"),
+        "velocity": rows("velocity"),
+        "lumped": rows("lumped"),
+        "masses": rows("parameters")[:2],
+        "lengths": rows("parameters")[2:],
+        "payload": rows("payload"),
+        "applied_torque": rows("torque"),
+        "disturbance": rows("disturbance"),
+        "reference": rows("reference_position"),
+        "reference_velocity": rows("reference_velocity"),
+        "reference_acceleration": rows("reference_acceleration"),
+    }
+    sizes = {name: len(field) for name, field in stored.items()}
+    sizes |= {"time": 1, "acceleration": 2, "friction_torque": 2, "leakage": 2}  # as `kernel.api.inspect` appends them
+    columns: dict[str, slice | int] = {}
+    count = 0
+    for name, size in sizes.items():
+        columns[name] = count if size == 1 else slice(count, count + size)
+        count += size
+    return np.concatenate([list(field) for field in stored.values()]), columns, count
+
+
+_TRUE_ROWS, _TRUE, _TRUE_COLUMNS = _true_columns()
 
 
 @lru_cache

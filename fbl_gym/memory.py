@@ -172,6 +172,7 @@ BLOCK_SIZE = BLOCK.itemsize // 8
 ROWS = BLOCK_SIZE // LANES
 
 
-def first_row(field: str) -> int:
-    """Return the row of a block, counted in rows of `LANES` numbers, at which a field begins."""
-    return int(BLOCK.fields[field][1]) // (8 * LANES)  # type: ignore[index]
+def rows(field: str) -> range:
+    """Return the rows of a block that a field takes; a row is `LANES` numbers."""
+    dtype, place = BLOCK.fields[field][:2]  # type: ignore[index]
+    return range(place // (8 * LANES), (place + dtype.itemsize) // (8 * LANES))

@@ -307,8 +307,7 @@ def _pack_observation(settings: Settings, interface: Interface) -> None:
         if slot.name == "preview":
             settings["preview"] = slot.size // 6
         else:
-            row = memory.first_row(_FIELDS[slot.name])
-            rows += [row, row + 1]
+            rows += memory.rows(_FIELDS[slot.name])
     settings["observed"] = len(rows)
     settings["observed_row"][: len(rows)] = rows
     settings["observed_bound"][: len(rows)] = bounds[: len(rows)]

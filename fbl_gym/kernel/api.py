@@ -164,17 +164,27 @@ def _compile(fingerprint):
         return _check(memory)
 
     @cached_njit
-    def inspect(memory, out):
-        """Write acceleration, friction torque and leakage of each lane to `out` [lanes x 3 x 2]."""
+    def inspect(memory, shown, out):
+        """Write the truth of each lane to `out` [lanes x (rows + 7)].
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            shown: rows of a block that come first.
+            out: takes them, then time, acceleration, friction torque and leakage.
+        """
         _ = fingerprint
-        settings = record_at(memory, 0, SETTINGS)
+        settings, column = record_at(memory, 0, SETTINGS), len(shown)
         for i in range(len(out)):
-            block, lane = record_at(memory, settings.blocks + i // LANES * settings.block_size, BLOCK), i % LANES
+            place, lane = settings.blocks + i // LANES * settings.block_size, i % LANES
+            block, rows = record_at(memory, place, BLOCK), array_at(memory, place, (ROWS, LANES), np.float64)
+            for k in range(column):
+                out[i, k] = rows[shown[k], lane]
             a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, settings.friction_law)
             expected1, expected2 = nominal_acceleration(block, settings, lane)
-            out[i, 0, 0], out[i, 0, 1] = a1, a2
-            out[i, 1, 0], out[i, 1, 1] = friction1, friction2
-            out[i, 2, 0], out[i, 2, 1] = expected1 - a1, expected2 - a2
+            out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
+            out[i, column + 1], out[i, column + 2] = a1, a2
+            out[i, column + 3], out[i, column + 4] = friction1, friction2
+            out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
 
     return step, check, inspect
 
