@@ -1,4 +1,4 @@
-"""The error of agents over all their training seeds, and its parts: training, world, and the rest."""
+"""The error of agents over all training seeds, and its parts: training, world, and the rest."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def measure_learned(
 ) -> list[Learned]:
     """Measure each shipped agent with two training seeds or more on each scenario.
 
-    Each training seed is a cell, such as "ppo-memory@3". Cells that the store has are not run again.
+    Each training seed is a cell, such as "ppo-memory@3". Cells of the store are not run again.
 
     Args:
         scenarios: Tasks.

@@ -39,7 +39,7 @@ FEW = 8
 
 
 def style(place: int) -> tuple[str, str, str]:
-    """Return colour, mark and dash of the policy at a place on the board; together they differ for 28 policies."""
+    """Return colour, mark and dash of a place on the board, different for 28 places."""
     return COLORS[place % 7], list(MARKS)[place % 7], list(DASHES)[place // 7 % 4]
 
 
@@ -108,7 +108,7 @@ def profiles(board: Board) -> list[Figure]:
 
 
 def radius(board: Board, radii: Mapping[tuple[str, str], Radius]) -> list[Figure]:
-    """Return the uncertainty radius of each policy as bars, and the radii that were tried; both for each direction."""
+    """Return radii as bars, and the shares of seeds at the radii that were tried."""
     figures = []
     for direction in DIRECTIONS:
         bars, lines = [], []
@@ -169,7 +169,7 @@ def pairs(board: Board) -> list[Figure]:
 
 
 def learning(board: Board) -> list[Figure]:
-    """Return the agents' validation error while they learned, beside the classical policies on the same scenario."""
+    """Return the agents' validation error during training, beside the classical policies."""
     scenario = "everything-2"
     agents = [policy for policy in board.policies if policy in shipped()]
     if not agents or scenario not in board.scenarios:

@@ -1,4 +1,4 @@
-"""The leaderboard as one HTML file that needs no network: `page.html` with a table, figures and Plotly put in.
+"""The leaderboard as one HTML file that needs no network: `page.html` with its data and Plotly.
 
 `contents` says what the page shows, as plain data; `write_page` writes it. `columns.py` declares
 the table's columns, `figures.py` the figures, `scenes.py` the moving arms.
@@ -163,7 +163,7 @@ def write_page(path: Path, page: Page) -> None:
 
 
 def _table(page: Page) -> str:
-    """Return the board as the content of a table element; cells carry the value that they are sorted by."""
+    """Return the content of the board's table element; cells carry their values for sorting."""
     heads = "".join(
         f'<th scope="col" class="{column.key}" aria-sort="none"><button type="button" data-sort="{html.escape(column.key)}" '
         f'data-first="{-column.best or 1}" title="{html.escape(column.meaning)}">{html.escape(column.title)}</button></th>'

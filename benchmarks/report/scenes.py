@@ -19,7 +19,7 @@ SCENES = 12
 
 
 def selected(scenarios: Sequence[str]) -> list[str]:
-    """Return the scenarios that the page shows: all, or those of severity 2 where there are many."""
+    """Return the scenarios of the page: all, or those of severity 2 where there are many."""
     if len(scenarios) <= SCENES:
         return list(scenarios)
     return [name for name in scenarios if name.endswith(("nominal", "-2"))][:SCENES]

@@ -21,7 +21,7 @@ SCORED = "score: 0 for an arm that stays at its start, 100 for the oracle."
 
 
 def leaderboard(console: Console, board: Board) -> None:
-    """Print one row per policy, the best first: score, errors, diverged share, and the error in each family.
+    """Print one row per policy, the best first: score, errors, diverged share, families.
 
     No text is cut. A file gets lines of any length. On a narrow terminal, the families that do not
     fit follow in further tables.
@@ -56,7 +56,7 @@ def _width(console: Console, table: Table) -> int:
 
 
 def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
-    """Return a table with the columns of some families, and with those over all scenarios if `summary`."""
+    """Return a table with the columns of some families; `summary` adds those over all scenarios."""
     title = f"{len(board.scenarios)} scenarios, {len(board.seeds)} seeds each" if summary else None
     table = Table(title=title, title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
     table.add_column("policy", no_wrap=True)
@@ -86,7 +86,7 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
 
 
 def splits(console: Console, board: Board, measured: Mapping[str, Split]) -> None:
-    """Print each policy's error within and beyond the radius that agents are trained on, the best policy first."""
+    """Print each policy's error within and beyond the radius that agents are trained on."""
     table = Table(title="Error % over the uncertainty radius", title_style="bold", box=SIMPLE_HEAD)
     table.add_column("policy", no_wrap=True)
     for name, radius in RADII.items():
@@ -118,7 +118,7 @@ def _number(value: float) -> str:
 
 
 def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:
-    """Print the metrics of one policy on one scenario: the mean over the seeds and the worst seed."""
+    """Print the metrics of one policy on one scenario: mean over the seeds, and worst seed."""
     table = Table(title=title, title_style="bold")
     for name, justify in (("metric", "left"), ("mean", "right"), ("worst seed", "right"), ("meaning", "left")):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Traces of cells, kept in the store beside the results: the report's moving arms are drawn from them."""
+"""Traces of cells, stored beside the results: the source of the report's moving arms."""
 
 from __future__ import annotations
 
