@@ -5,6 +5,7 @@ To add a column, add an entry to the list in `columns`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -60,12 +61,12 @@ class Column:
 
 
 def number(x: float) -> str:
-    """Return a number with three significant digits, without an exponent above 0.001."""
+    """Return a number with three significant digits, without an exponent down to 1e-6."""
     if np.isnan(x):
         return "–"
-    size = abs(x)
-    digits = 0 if size >= 100 else 1 if size >= 10 else 2 if size >= 1 else 3 if size >= 0.1 else 4
-    return "0" if x == 0 else f"{x:.1e}" if size < 0.001 else f"{x:.{digits}f}"
+    if x == 0 or abs(x) < 1e-6:
+        return f"{x:.2g}"
+    return f"{x:.{max(0, 2 - math.floor(math.log10(abs(x))))}f}"
 
 
 def fixed(digits: int) -> Callable[[float], str]:

@@ -105,6 +105,7 @@ def board_page(board: Board, command: str) -> str:
         command: Command that makes the results.
     """
     return (
-        f"# All rows of the board\n\n`{command}`: {len(board.scenarios)} scenarios, {len(board.seeds)} seeds each.\n\n"
-        "The columns are explained in [The leaderboard](leaderboard.md#columns).\n\n" + leaderboard(board)
+        f"# All rows of the board\n\nHow do all policies do? `{command}`: {len(board.scenarios)} scenarios, "
+        f"{len(board.seeds)} seeds each.\n[The leaderboard](leaderboard.md#columns) explains the columns.\n\n"
+        + leaderboard(board)
     )
