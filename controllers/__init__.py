@@ -1,4 +1,4 @@
-"""Policies that know the nominal model, the layout of the observation and the rates, and nothing of the real arm.
+"""Policies that know the nominal model, and nothing of the real arm.
 
 `make("pid-flm", env)` builds one, and `names()` lists them. `TorqueLaw` is the base for a new law.
 """

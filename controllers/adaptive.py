@@ -1,4 +1,4 @@
-"""The paper's adaptive controller: a parameter estimator, soft gain scheduling, and the cascade (§4)."""
+"""The paper's adaptive controller: parameter estimator, gain scheduling and cascade (§4)."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ def _check_alpha(name: str, value: object) -> tuple[tuple[float, ...], ...]:
 
 @dataclass(frozen=True)
 class AdaptiveFlm(CascadeFlm):
-    """The paper's adaptive controller: the cascade on an estimated model, with gain scheduling (§4).
+    """The paper's adaptive controller: the cascade on an estimated model, gains scheduled (§4).
 
-        Y p = torque over three samples  ->  p^,    torque = cascade(M^, C^, G^),    factor (46) on the inner loops
+        p^ = argmin |Y p - torque| over three samples
+        torque = cascade(p^), with the factor (46) on the inner loops
 
     A sample is the motion measured at the end of a control interval and the torque applied in it.
     The estimate replaces the nominal model as soon as three samples tell the five lumped parameters
@@ -74,7 +75,7 @@ class AdaptiveFlm(CascadeFlm):
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
         y = np.concatenate([y[:, 1:], regressor(q, v, a)[:, None]], axis=1)
         torques = np.concatenate([torques[:, 1:], applied[:, None]], axis=1)
-        # The first observation of an episode ends no interval: the three samples after it are the first to count.
+        # The first observation of an episode ends no interval, so estimates start three samples later.
         fitted, accepted = self.fit(y, torques)
         lumped = np.where((accepted & (count >= SAMPLES))[:, None], fitted, lumped)
         torque, integral = self.drive(observation, q, v, integral, lumped, schedule(v, self.alpha, self.v_s))
@@ -92,7 +93,7 @@ class AdaptiveFlm(CascadeFlm):
             return lumped, accepted
         with np.errstate(divide="ignore", invalid="ignore"):
             masses = point_masses(lumped, self.total_mass)
-            # (39) gives L1, L2 and m2, and the total mass gives m1; the lumped parameters follow from those four.
+            # (39) gives L1, L2 and m2, the total mass gives m1. The lumped parameters follow.
             return lumped_of(masses), accepted & np.all(masses > 0.0, axis=-1)
 
     def parameters(self, state: State) -> Array:

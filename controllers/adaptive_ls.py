@@ -1,4 +1,4 @@
-"""The idea of §4 with real sensors: the robust controller on a model that least squares keeps fitting.
+"""The adaptive controller for noisy sensors: the paper's idea of §4 with recursive least squares.
 
 The paper's three samples amplify every error of the accelerometer. Here all samples count, and
 recent ones count most.
@@ -20,14 +20,15 @@ from fbl_gym.arm import Array, inertia_matrix, regressor
 from fbl_gym.records import number
 
 TERMS = 9
-"""Unknowns: the five lumped parameters, viscous friction of both joints, Coulomb friction of both joints."""
+"""Unknowns: five lumped parameters, viscous and Coulomb friction of both joints."""
 
 
 @dataclass(frozen=True)
 class AdaptiveFlmLs(RobustFlm):
-    """The robust controller with a model and friction fitted by exponentially weighted least squares.
+    """The robust controller on a model and friction fitted by weighted least squares.
 
-        A' = z'z - A / memory,    b' = z' LP(torque) - b / memory,    p^ = (A + prior I)^-1 (b + prior p_nominal)
+        dA/dt = z'z - A / memory,    db/dt = z' LP(torque) - b / memory
+        p^ = (A + prior I)^-1 (b + prior p_nominal)
 
     z = LP(Y(q, v, a)) is the regressor of the five lumped parameters and of viscous and Coulomb
     friction, through the same low-pass filter LP as the torque. q and v come from the Kalman
@@ -68,7 +69,7 @@ class AdaptiveFlmLs(RobustFlm):
 
     @cached_property
     def weight(self) -> Array:
-        """Weight of each joint's torque [2]: one over its nominal inertia, so that residuals are accelerations."""
+        """Weight of each joint's torque [2]: one over its nominal inertia."""
         return 1.0 / np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
 
     def initial(self, observation: Array) -> State:
@@ -134,7 +135,7 @@ class AdaptiveFlmLs(RobustFlm):
         return accumulate(a, b, rows, torque * self.weight, np.exp(-dt / self.memory), dt, moves)
 
     def fit(self, a: Array, b: Array, before: Array) -> Array:
-        """Return the estimate of the unknowns [n x 9], or the one before where the new one is not physical.
+        """Return the new estimate of the unknowns [n x 9], or the last one if it is not physical.
 
         Args:
             a: A [n x 9 x 9].

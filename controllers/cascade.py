@@ -1,4 +1,4 @@
-"""The paper's cascade: an inner velocity loop against model errors, and an outer position loop (§3.1)."""
+"""The paper's cascade: an inner velocity loop and an outer position loop (§3.1)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fbl_gym.records import pair
 
 @dataclass(frozen=True)
 class CascadeFlm(TorqueLaw):
-    """The paper's cascade: velocity PI inside, proportional loop with velocity feed-forward outside (§3.1, equation (8)).
+    """The paper's cascade: an inner velocity PI and an outer P loop (§3.1, equation (8)).
 
         a = P e_v + I int(e_v) dt,    e_v = r' + Kp (r - q) - v,    torque = M a + C v + G
 

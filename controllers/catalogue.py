@@ -1,4 +1,4 @@
-"""The built-in laws, in the order of every list. A law's module is imported when the law is first used."""
+"""The built-in laws, in the order of every list. Their modules are imported on first use."""
 
 LAWS = (
     # name, module:class, summary

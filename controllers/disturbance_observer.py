@@ -15,7 +15,7 @@ from fbl_gym.records import number
 
 @dataclass(frozen=True)
 class ComputedTorqueDob(ComputedTorque):
-    """Computed torque plus an estimate of the disturbance d, from the generalised momentum p = M(q) v.
+    """Computed torque with a disturbance observer on the momentum p = M(q) v.
 
         torque = M(q) a + C v + G + d^,    d^' = bandwidth (torque + C'v - G - p' - d^)
 
@@ -33,7 +33,7 @@ class ComputedTorqueDob(ComputedTorque):
     bandwidth: float = number(30.0, unit="rad/s", above=0, tune=(2.0, 200.0))
 
     def initial(self, observation: Array) -> State:
-        """Return the state: d^, momentum and C'v - G of the last sample, applied torque, and a flag, False before a sample."""
+        """Return the state: d^, last momentum, last C'v - G, applied torque, False before a sample."""
         zeros = np.zeros((len(observation), 2))
         return zeros, zeros, zeros, zeros, np.zeros(len(observation), dtype=bool)
 

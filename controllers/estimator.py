@@ -28,13 +28,13 @@ def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np
             the samples tell all five apart. At rest the rank is 2, and (39) would return nonsense.
     """
     n = len(y)
-    # Where all five can be told apart, the pseudo-inverse is (Y'Y)^-1 Y': the solution of least squares.
+    # At full rank the pseudo-inverse (Y'Y)^-1 Y' gives the solution of least squares.
     lumped, rich = least_squares(y.reshape(n, -1, 5), torque.reshape(n, -1), weakest)
     return lumped, rich & plausible(lumped)
 
 
 def plausible(lumped: Array) -> NDArray[np.bool_]:
-    """Return where lumped parameters are physical [n]: finite, positive, and with a positive definite inertia.
+    """Return where lumped parameters are physical [n]: positive, with positive definite inertia.
 
     Args:
         lumped: [n x 5].

@@ -33,10 +33,11 @@ def winds_up(
     torque: Array,
     error: Array,
 ) -> NDArray[np.bool_]:
-    """Return where an integrator must pause [n x 2]: the torque saturates, and the error asks for more of what is cut off.
+    """Return where an integrator must pause [n x 2].
 
-    The acceleration under the saturated torque comes from the model. A joint therefore also pauses
-    when the other joint's saturation takes its acceleration away through the coupling.
+    It pauses where the torque saturates and the error asks for more of what is cut off. The
+    acceleration under the saturated torque comes from the model. A joint therefore also pauses when
+    the other joint's saturation takes its acceleration away through the coupling.
 
     Args:
         interface: for the torque limits.

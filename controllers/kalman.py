@@ -1,4 +1,4 @@
-"""The paper's Kalman filter (§3.2) for each joint, and the robust controller: the cascade on its estimates."""
+"""The paper's Kalman filter for each joint (§3.2), and the robust controller on its estimates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fbl_gym.arm import Array
 from fbl_gym.records import number
 
 PAPER_SIGMA = float(np.sqrt(0.1))
-"""Square root of the paper's 0.1, the variance of acceleration and position noise in (17) and (18), taken per sample."""
+"""Root of the paper's 0.1: the noise variance of (17) and (18), taken per sample."""
 
 
 @lru_cache(maxsize=64)
@@ -56,7 +56,7 @@ def gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
 
 @dataclass(frozen=True)
 class JointKalman:
-    """The Kalman filter of both joints: driven by the measured acceleration, corrected by the measured position.
+    """The Kalman filter of both joints, driven by acceleration and corrected by position.
 
     Its state is the estimate [n x 2 x 2] (for each joint position and velocity) and the number of
     samples [n].
@@ -81,7 +81,7 @@ class JointKalman:
         return np.stack([position, velocity], axis=-1), np.zeros(len(position), dtype=int)
 
     def update(self, estimate: Array, count: Array, position: Array, acceleration: Array) -> tuple[Array, Array, Array]:
-        """Return estimate [n x 2 x 2], number of samples [n] and innovation [n x 2] after a sample, equation (19).
+        """Return estimate [n x 2 x 2], number of samples [n] and innovation [n x 2], by (19).
 
         Args:
             estimate: position and velocity of each joint [n x 2 x 2].
@@ -120,7 +120,7 @@ class JointKalman:
 
 @dataclass(frozen=True)
 class RobustFlm(CascadeFlm):
-    """The paper's robust controller: the cascade on positions and velocities from a Kalman filter (§3).
+    """The paper's robust controller: the cascade on the estimates of a Kalman filter (§3).
 
         q, v = Kalman filter(position, acceleration),    torque = cascade(q, v)
 
@@ -146,7 +146,7 @@ class RobustFlm(CascadeFlm):
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the cascade's integral, estimate, number of samples, and a flag, False before a sample."""
+        """Return the state: integral, estimate, number of samples, False before a sample."""
         position, velocity = self.read(observation, "position", "reference_velocity")
         return (np.zeros_like(position), *self.filter.initial(position, velocity), np.zeros(len(position), dtype=bool))
 

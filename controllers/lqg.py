@@ -1,4 +1,4 @@
-"""LQG with integral action: the optimal regulator of the nominally linearised arm, on the Kalman filter's estimates."""
+"""LQG with integral action, on the nominally linearised arm."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from fbl_gym.records import number, pair
 
 
 def plant(dt: float) -> tuple[Array, Array]:
-    """Return F [3 x 3] and G [3 x 1] of x = (z, e, e'), with e'' = u held over a sample and z the sum of e dt.
+    """Return F [3 x 3] and G [3 x 1] of x = (z, e, e').
+
+    e'' = u is held over a sample, and z is the sum of e dt.
 
     Args:
         dt: sample time [s].
@@ -28,11 +30,12 @@ def plant(dt: float) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def regulator(dt: float, integral: float, position: float, velocity: float) -> Array:
-    """Return the gain K [3] of u = -K x that minimises the sum of (integral z)^2 + (position e)^2 + (velocity e')^2 + u^2.
+    """Return the gain K [3] of the optimal regulator u = -K x.
 
-    P = Q + F' P (F - G K), K = (1 + G' P G)^-1 G' P F (Anderson and Moore, "Optimal Control", 1990,
-    §2.4). As dt goes to zero, the gain on z goes to `integral`. With integral = 0, those on e and
-    e' go to `position` and sqrt(velocity^2 + 2 position).
+    It minimises the sum of (integral z)^2 + (position e)^2 + (velocity e')^2 + u^2. P = Q + F' P (F
+    - G K), K = (1 + G' P G)^-1 G' P F (Anderson and Moore, "Optimal Control", 1990, §2.4). As dt
+    goes to zero, the gain on z goes to `integral`. With integral = 0, those on e and e' go to
+    `position` and sqrt(velocity^2 + 2 position).
 
     Args:
         dt: sample time [s].
@@ -88,7 +91,7 @@ class Lqg(TorqueLaw):
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: z, estimate, number of samples, and a flag, False before a sample."""
+        """Return the state: z, estimate, number of samples, False before a sample."""
         position, velocity = self.read(observation, "position", "reference_velocity")
         return (np.zeros_like(position), *self.filter.initial(position, velocity), np.zeros(len(position), dtype=bool))
 

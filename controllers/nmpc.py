@@ -62,7 +62,7 @@ def acceleration(arm: ArmParameters, x: Any, torque: Any) -> Any:
 
 
 def terminal(step: float, position: float, velocity: float) -> Array:
-    """Return R [2 x 2]: |R (e, e')|^2 is the cost after the horizon of the linearised arm without limits.
+    """Return R [2 x 2]: |R (e, e')|^2 is the cost after the horizon, without limits.
 
     Args:
         step: [s].
@@ -74,10 +74,10 @@ def terminal(step: float, position: float, velocity: float) -> Array:
 
 
 def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> Any:
-    """Return the function (start [6], reference [6 x (HORIZON + 1)], plan [2 HORIZON]) -> residuals, whose squares sum to the cost.
+    """Return the function (start, reference, plan) -> residuals, whose squares sum to the cost.
 
-    start is position, velocity and f, the acceleration that the model does not explain, held over
-    the horizon. The plan is in units of the stretched arm's inertia, so its entries are
+    start [6] is position, velocity and f, the acceleration that the model does not explain, held
+    over the horizon. The plan is in units of the stretched arm's inertia, so its entries are
     accelerations.
 
     Args:
@@ -113,10 +113,11 @@ def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> An
 
 @lru_cache(maxsize=16)
 def planner(arm: ArmParameters, step: float, weights: tuple[Pair, Pair], limit: Pair | None, lanes: int) -> Any:
-    """Return the function (start [6 x n], reference [6 x n (HORIZON + 1)], plan [2 HORIZON x n] N m) -> better plans.
+    """Return the function (start, reference, plan) -> better plan, mapped over the lanes.
 
-    It makes one Gauss-Newton step: it linearises `residuals` about the plan, and minimises the sum
-    of their squares within the limits.
+    start is [6 x n], reference [6 x n (HORIZON + 1)], plan [2 HORIZON x n] N m. It makes one
+    Gauss-Newton step: it linearises `residuals` about the plan, and minimises the sum of their
+    squares within the limits.
 
     Args:
         arm: the nominal model.
@@ -144,10 +145,10 @@ def planner(arm: ArmParameters, step: float, weights: tuple[Pair, Pair], limit: 
 
 @dataclass(frozen=True)
 class Nmpc(TorqueLaw):
-    """Nonlinear model predictive control with preview and a disturbance estimate, on the position sensor alone.
+    """Nonlinear model predictive control with preview and a disturbance estimate.
 
-        minimise  sum over 15 steps of 20 ms of (position e)^2 + (velocity e')^2 + (e'')^2  +  terminal cost,    e = r - q
-        subject to  M(q) (q'' - f) + C v + G = torque  and the torque limits
+        minimise    sum of (position e)^2 + (velocity e')^2 + (e'')^2  +  terminal cost,    e = r - q
+        subject to  M(q) (q'' - f) + C v + G = torque, torque limits
 
     The first torque of the plan is applied. f comes from the extended state observer
     (`observer.py`) and is held over the horizon, so no constant load leaves an error. The terminal
@@ -184,7 +185,7 @@ class Nmpc(TorqueLaw):
         )
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the observer's prediction, a plan that holds still [n x HORIZON x 2], and a count of steps [n]."""
+        """Return the state: the observer's prediction, a plan that holds still, a count of steps."""
         q, r_dot = self.read(observation, "position", "reference_velocity")
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
         return self.observer.initial(q, r_dot), np.repeat(hold[:, None], HORIZON, axis=1), np.zeros(len(q), dtype=int)
@@ -222,7 +223,7 @@ class Nmpc(TorqueLaw):
         return self.interface.saturate(np.where(np.isfinite(better).all(axis=(1, 2), keepdims=True), better, shifted))
 
     def reference(self, observation: Array) -> Array:
-        """Return the reference's position, velocity and acceleration at each step of the plan [n x (HORIZON + 1) x 6].
+        """Return the reference at each step of the plan [n x (HORIZON + 1) x 6].
 
         Args:
             observation: [n x size].

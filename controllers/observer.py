@@ -1,4 +1,4 @@
-"""The extended state observer: position, velocity, and the acceleration that the nominal model does not explain."""
+"""The extended state observer: position, velocity, and the unexplained acceleration."""
 
 from __future__ import annotations
 

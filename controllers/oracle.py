@@ -1,4 +1,4 @@
-"""The oracle: feedback linearisation with the true arm, state, friction and disturbance. It defines a score of 100."""
+"""The oracle: feedback linearisation with the true arm. Its score is 100."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fbl_gym.records import Record, pair
 
 @dataclass(frozen=True)
 class OracleFlm(Record):
-    """The oracle: feedback linearisation that knows everything. It has privileged access and is not ranked.
+    """The oracle: feedback linearisation that knows everything. It is not ranked.
 
         torque = M a + C v + G + friction + d,    a = r'' + kp (r - q) + kd (r' - v)
 
@@ -66,7 +66,7 @@ class OracleFlm(Record):
         return action.reshape(*np.shape(observation)[:-1], 2), state
 
     def _friction(self, truth: Truth) -> Array:
-        """Return the friction to compensate, its dry part along the reference's velocity, whose sign is steady."""
+        """Return the friction, its dry part along the reference, whose sign is steady."""
         friction = self.env.scenario.friction
         if friction is None:
             return np.zeros_like(truth.velocity)

@@ -8,10 +8,10 @@ from fbl_gym.arm import Array
 
 
 def slotine_li_regressor(q: Array, v: Array, v_r: Array, a_r: Array) -> Array:
-    """Return Y(q, v, v_r, a_r) [n x 2 x 5] with Y p = M(q) a_r + C(q, v) v_r + G(q), for the C of the Christoffel symbols.
+    """Return Y [n x 2 x 5] with Y p = M(q) a_r + C(q, v) v_r + G(q).
 
-    Slotine and Li, "Applied Nonlinear Control", 1991, §9.2. With v_r = v and a_r = a it is
-    `arm.regressor`.
+    C is that of the Christoffel symbols. Slotine and Li, "Applied Nonlinear Control", 1991, §9.2.
+    With v_r = v and a_r = a it is `arm.regressor`.
 
     Args:
         q: position [n x 2] rad.
@@ -42,7 +42,7 @@ def momentum_regressor(q: Array, v: Array) -> Array:
 
 
 def drift_regressor(q: Array, v: Array) -> Array:
-    """Return Y [n x 2 x 5] with Y p = G(q) - C'(q, v) v, so that without disturbance torque = d/dt (M v) + Y p.
+    """Return Y [n x 2 x 5] with Y p = G(q) - C'(q, v) v, so torque = d/dt (M v) + Y p.
 
     Args:
         q: position [n x 2] rad.

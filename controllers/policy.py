@@ -1,4 +1,4 @@
-"""A policy is anything with stable-baselines3's `predict`; `TorqueLaw` is the base of those that compute a torque.
+"""A policy is anything with stable-baselines3's `predict`; `TorqueLaw` is the base of laws.
 
 A controller therefore goes wherever an SB3 model goes. Laws are frozen records of their gains.
 Values that change during a run travel in `state`.
@@ -19,7 +19,7 @@ from fbl_gym.records import Record
 State: TypeAlias = tuple[Array, ...]
 
 ACCESS = ("none", "nominal", "privileged")
-"""What a policy may know of the arm: nothing, the nominal model, or the truth (shown on the board, but not ranked)."""
+"""A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked)."""
 
 
 class Policy(Protocol):
@@ -32,7 +32,7 @@ class Policy(Protocol):
         episode_start: Array | None = None,
         deterministic: bool = False,
     ) -> tuple[Array, State | None]:
-        """Return the action for an observation [size], or the actions for a batch of them [n x size].
+        """Return the action for an observation [size], or actions for a batch [n x size].
 
         Args:
             observation: in the environment's layout.

@@ -1,4 +1,4 @@
-"""Neural adaptive control: radial basis functions learn the torque that the nominal model misses."""
+"""Neural adaptive control: radial basis functions learn the model's torque error."""
 
 from __future__ import annotations
 
@@ -61,12 +61,13 @@ def features(q: Array, v: Array, a: Array) -> Array:
 class RbfAdaptive(TorqueLaw):
     """Neural adaptive control with radial basis functions.
 
-        torque = M (a_r + k s) + C v_r + G + D W' phi,    W' = rate (phi s' - forget |s| W),    s = e' + l e
+        torque = M (a_r + k s) + C v_r + G + D W' phi
+        dW/dt = rate (phi s' - forget |s| W)
+        s = e' + l e,    v_r = r' + l e,    a_r = r'' + l e'
 
-    with v_r = r' + l e and a_r = v_r'. The features phi are taken along the reference, so they are
-    free of noise. D is the nominal inertia of the bent arm (q2 = 90 degrees), so that the network's
-    outputs are accelerations. For a real arm M_r with ideal weights W* and no forgetting, whatever
-    the nominal model,
+    The features phi are taken along the reference, so they are free of noise. D is the nominal
+    inertia of the bent arm (q2 = 90 degrees), so that the network's outputs are accelerations. For
+    a real arm M_r with ideal weights W* and no forgetting, whatever the nominal model,
 
         V = s' M_r s / 2 + tr(D E' E) / (2 rate), E = W* - W,    has    V' = -k s' M s.
 
@@ -105,7 +106,7 @@ class RbfAdaptive(TorqueLaw):
         model = model + np.einsum("nij,nj->ni", coriolis, v_r) + gravity_torque(nominal, q)
         torque = model + self.learned(weights, phi)
         learns = (torque - self.interface.saturate(torque)) * s <= 0.0
-        # W' = rate (phi s' - forget |s| W); the forgetting term is implicit, which is stable at every size of s.
+        # Forgetting is implicit, which is stable at every size of s.
         step = (self.interface.control_dt * np.array(self.rate) * learns)[..., None]
         size = np.linalg.norm(s, axis=-1)[:, None, None]
         weights = (weights + step * s[..., None] * phi[:, None, :]) / (1.0 + step * self.forget * size)

@@ -135,7 +135,7 @@ def access(policy: str | Callable[..., Any]) -> str:
 
 
 def factory(name: str) -> Callable[..., Any]:
-    """Return the class or function that builds a policy from an interface (privileged: an environment) and gains.
+    """Return the class or function that builds a policy, called as `register` describes.
 
     Args:
         name: one of `names()`, or POLICY@tuned.

@@ -17,7 +17,8 @@ from fbl_gym.records import number, pair
 class SuperTwisting(TorqueLaw):
     """Super-twisting sliding mode.
 
-        a = r'' + slope e' + k1 |s|^(1/2) sign(s) + z,    z' = k2 sign(s),    s = e' + slope e,    torque = M a + C v + G
+        a = r'' + slope e' + k1 |s|^(1/2) sign(s) + z,    z' = k2 sign(s),    s = e' + slope e
+        torque = M a + C v + G
 
     k1 = 1.5 L^(1/2) and k2 = 1.1 L. Without boundary layer and in continuous time s reaches zero in
     finite time while the perturbation's derivative stays below 0.96 L; a strict Lyapunov function

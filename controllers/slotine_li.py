@@ -60,8 +60,8 @@ class SlotineLi(TorqueLaw):
         q, v = self.read(observation, "position", "velocity")
         return (
             np.broadcast_to(self.interface.nominal.lumped, (n, 5)).copy(),  # estimate
-            momentum_regressor(q, v),  # momentum regressor of the last sample
-            drift_regressor(q, v),  # drift regressor of the last sample
+            momentum_regressor(q, v),  # at the last sample
+            drift_regressor(q, v),  # at the last sample
             np.zeros((n, 2, 5)),  # filtered regressor
             np.zeros((n, 2)),  # filtered torque
             np.zeros((n, 2)),  # torque applied since the last sample
@@ -80,7 +80,7 @@ class SlotineLi(TorqueLaw):
         gain = self.damping * inertia_matrix(self.interface.nominal, q)
         torque = np.einsum("nij,nj->ni", y, estimate) + np.einsum("nij,nj->ni", gain, s)
 
-        # Over the interval that ends now, the torque was d/dt (M v) + (G - C'v); both sides pass the same filter.
+        # Over the interval that ends now, torque = d/dt (M v) + (G - C'v); both sides are filtered.
         new_momentum, new_drift = momentum_regressor(q, v), drift_regressor(q, v)
         mean = (new_momentum - momentum) / dt + 0.5 * (new_drift + drift)
         keep = np.where(started, np.exp(-self.filtering * dt), 1.0)[:, None]
@@ -99,7 +99,7 @@ class SlotineLi(TorqueLaw):
         return torque, (estimate, new_momentum, new_drift, w, filtered, applied, np.ones_like(started))
 
     def project(self, estimate: Array) -> Array:
-        """Return the nearest parameters, one by one, that are within reach and physical: p1 p2 > p3^2, [n x 5].
+        """Return the estimate [n x 5], clipped to be within reach and physical: p1 p2 > p3^2.
 
         Args:
             estimate: [n x 5].

@@ -17,7 +17,7 @@ from fbl_gym.fastmath import kept
 LANES = 32
 """Lanes of a block: few enough that their data stay in the processor's first cache."""
 
-# Compiled with NumPy's rule for division: x / 0 is infinite or nan, and no comparison below accepts those.
+# Division follows NumPy's rule: x / 0 is infinite or nan, and no comparison below accepts those.
 # Vectors [m x lanes] and matrices [k x k x lanes] of a block of lanes.
 
 
@@ -65,11 +65,12 @@ def _factor(a: Array, good: NDArray[np.bool_]) -> None:
 
 @kept
 def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the x of least |rows x - target| [n x k], and where `rows` determine it [n]; elsewhere x is nan.
+    """Return the x of least |rows x - target| [n x k], and where `rows` determine it [n].
 
-    The rows determine x where their smallest singular value, the columns scaled to length one,
-    exceeds `weakest`. The modified Gram-Schmidt process on the columns and then on target is as
-    stable as Householder's (Björck, "Numerical Methods for Least Squares Problems", 1996, §2.4).
+    Elsewhere x is nan. The rows determine x where their smallest singular value, the columns scaled
+    to length one, exceeds `weakest`. The modified Gram-Schmidt process on the columns and then on
+    target is as stable as Householder's (Björck, "Numerical Methods for Least Squares Problems",
+    1996, §2.4).
 
     Args:
         rows: [n x m x k], m >= k.
@@ -88,7 +89,7 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
                     a[j, i, lane] = rows[first + lane, i, j]
                 a[k, i, lane] = target[first + lane, i]
 
-        # a = Q R: scale each column to length one, and remove its direction from the later ones; target is the last.
+        # a = Q R: scale each column to length one and remove its direction from the later ones.
         for j in range(k):
             _normalize(a[j], size[j])
         for j in range(k):
@@ -111,7 +112,7 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
             _dot(t[i, i:], r[i:, k], x[i])
             for lane in range(lanes):
                 solution[first + lane, i] = x[i, lane] / size[i, lane]
-        # The smallest singular value is 1 / |T|: it exceeds `weakest` where I - weakest^2 T T' is positive definite.
+        # The smallest singular value 1 / |T| exceeds `weakest` where I - weakest^2 T T' > 0.
         for i in range(k):
             for j in range(i + 1):
                 _dot(t[i, i:], t[j, i:], s[i, j])
@@ -129,7 +130,9 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
 def accumulate(
     a: Array, b: Array, rows: Array, target: Array, keep: float, weight: float, where: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return the sums of weighted least squares: keep a + weight rows'rows [n x k x k], keep b + weight rows'target [n x k].
+    """Return the next sums of weighted least squares.
+
+    They are keep a + weight rows'rows [n x k x k] and keep b + weight rows'target [n x k].
 
     Args:
         a: sum so far [n x k x k].
@@ -159,7 +162,7 @@ def accumulate(
 
 @kept
 def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
-    """Return where the smallest eigenvalue exceeds `floor` [n]: where a - floor I is positive definite.
+    """Return where the smallest eigenvalue exceeds `floor` [n].
 
     Args:
         a: symmetric [n x k x k].

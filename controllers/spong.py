@@ -1,4 +1,4 @@
-"""Spong's robust law: parameters within a bound, and a torque that holds against the worst of them."""
+"""Spong's robust law: a torque that holds against all parameters within a bound."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from fbl_gym.records import number, pair
 class SpongRobust(TorqueLaw):
     """Spong's robust law, with a bound for each lumped parameter.
 
-        torque = Y (p^ + u) + K s,    s = e' + slope e,    u_i = bound p^_i sat((Y's)_i p^_i / (epsilon p1))
+        torque = Y (p^ + u) + K s,    s = e' + slope e
+        u_i = bound p^_i sat((Y's)_i p^_i / (epsilon p1))
 
     Y is the regressor along the reference motion v_r = r' + slope e, p^ the nominal lumped
     parameters, and sat clips to [-1, 1]. Where every parameter is within its bound, V = s'Ms/2 has

@@ -17,7 +17,8 @@ from fbl_gym.records import pair
 class TimeDelay(TorqueLaw):
     """Time-delay control.
 
-        torque = M a + C v + G + d,    a = r'' + w^2 (r - q) + 2 w (r' - v),    d = LP(torque_0 - (M a_0 + C v + G))
+        torque = M a + C v + G + d,    a = r'' + w^2 (r - q) + 2 w (r' - v)
+        d = LP(torque_0 - (M a_0 + C v + G))
 
     a_0 is the measured acceleration and torque_0 the torque applied up to it, so d is the torque
     that the nominal model missed. Both pass the same low-pass filter LP. Without the filter the law
@@ -44,7 +45,7 @@ class TimeDelay(TorqueLaw):
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
 
     def initial(self, observation: Array) -> State:
-        """Return the state: d, zero, and the applied torque, which holds the nominal arm still, [n x 2] each."""
+        """Return the state: d, zero, and the torque that holds the nominal arm still."""
         (q,) = self.read(observation, "position")
         return np.zeros_like(q), self.interface.saturate(gravity_torque(self.interface.nominal, q))
 

@@ -31,7 +31,7 @@ def error_dynamics(observer):
     for e in np.eye(3):
         # Truth 0, foreseen e: the plant stays at 0, and what is foreseen next is the error.
         foreseen = np.stack([e, e])[None]
-        columns.append(observer.foresee(observer.correct(foreseen, np.zeros((1, 2))), np.zeros((1, 2)))[0, 0])
+        columns.append(observer.predict(observer.correct(foreseen, np.zeros((1, 2))), np.zeros((1, 2)))[0, 0])
     return np.array(columns).T
 
 
@@ -51,7 +51,7 @@ def test_a_constant_disturbance_is_found_with_the_known_time_constant():
     t = dt * np.arange(600)
     for q in 0.5 * f * t**2:
         estimate = observer.correct(foreseen, np.full((1, 2), q))
-        foreseen = observer.foresee(estimate, np.zeros((1, 2)))
+        foreseen = observer.predict(estimate, np.zeros((1, 2)))
         log.append(estimate[0, 0, 2])
     wt = w * t
     np.testing.assert_allclose(log, f * (1.0 - (1.0 + wt + wt**2 / 2) * np.exp(-wt)), atol=0.02 * f)
