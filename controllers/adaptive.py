@@ -35,9 +35,12 @@ class AdaptiveFlm(CascadeFlm):
 
     A sample is the motion measured at the end of a control interval and the torque applied in it.
     The estimate replaces the nominal model as soon as three samples tell the five lumped parameters
-    apart and the result is physical. It needs sensors of position, velocity and acceleration, and
-    an accelerometer without noise: with sigma = 0.01 rad/s^2, three samples a millisecond apart are
-    useless. `AdaptiveFlmLs` works with noise.
+    apart and the result is physical. The accelerometer must be free of noise: with sigma = 0.01
+    rad/s^2, three samples a millisecond apart are useless. `AdaptiveFlmLs` works with noise.
+
+    Sensors: position, velocity and acceleration.
+
+    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §4.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.
@@ -75,7 +78,7 @@ class AdaptiveFlm(CascadeFlm):
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
         y = np.concatenate([y[:, 1:], regressor(q, v, a)[:, None]], axis=1)
         torques = np.concatenate([torques[:, 1:], applied[:, None]], axis=1)
-        # The first observation of an episode ends no interval, so estimates start three samples later.
+        # An episode's first observation ends no interval, so estimates start three samples later.
         fitted, accepted = self.fit(y, torques)
         lumped = np.where((accepted & (count >= SAMPLES))[:, None], fitted, lumped)
         torque, integral = self.drive(observation, q, v, integral, lumped, schedule(v, self.alpha, self.v_s))

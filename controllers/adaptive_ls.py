@@ -34,9 +34,13 @@ class AdaptiveFlmLs(RobustFlm):
     friction, through the same low-pass filter LP as the torque. q and v come from the Kalman
     filter, a from the accelerometer. While the arm stands still, A and b are held. An estimate that
     is not physical is refused, and negative friction is set to zero. The estimated friction is fed
-    forward. It needs sensors of position and acceleration. All that the model cannot explain biases
-    the estimate: under a large disturbance torque the law is worse than no adaptation. Slotine and
-    Li, "Applied Nonlinear Control", 1991, §8.7; Ljung, "System Identification", 1999, §11.2.
+    forward. All that the model cannot explain biases the estimate: under a large disturbance torque
+    the law is worse than no adaptation.
+
+    Sensors: position and acceleration.
+
+    Source: Slotine and Li, "Applied Nonlinear Control", 1991, §8.7; Ljung, "System Identification",
+    1999, §11.2.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.

@@ -17,7 +17,7 @@ from fbl_gym.records import pair
 
 @dataclass(frozen=True)
 class Adrc(TorqueLaw):
-    """Active disturbance rejection on the position sensor alone.
+    """Active disturbance rejection, on the position sensor alone.
 
         a = r'' + wc^2 (r - q) + 2 wc (r' - v) - f,    torque = M a + C v + G
 
@@ -25,9 +25,12 @@ class Adrc(TorqueLaw):
     nominal model does not explain. With an exact model f is zero and e'' + 2 wc e' + wc^2 e = 0. A
     constant load leaves no error. The b0 of the literature is here the inverse of the full nominal
     inertia; a diagonal b0 would leave the coupling of the joints to the observer. The observer gets
-    the torque within its limits, so saturation is no disturbance to it. Han, "From PID to active
-    disturbance rejection control", IEEE TIE 56(3), 2009, in the linear form of Gao, "Scaling and
-    bandwidth-parameterization based controller tuning", ACC 2003.
+    the torque within its limits, so saturation is no disturbance to it.
+
+    Sensors: position.
+
+    Source: Han, "From PID to active disturbance rejection control", IEEE TIE 56(3), 2009, in the
+    linear form of Gao, "Scaling and bandwidth-parameterization based controller tuning", ACC 2003.
 
     Args:
         controller_bandwidth: wc [rad/s], per joint: both poles of the tracking error are -wc.

@@ -21,7 +21,11 @@ class CascadeFlm(TorqueLaw):
 
     With an exact model and a constant reference the inner loop has the poles of s^2 + P s + I, and
     the outer one the pole -Kp. As in the paper, r'' is not fed forward. The integral pauses where
-    the torque saturates. The law needs sensors of position and velocity.
+    the torque saturates.
+
+    Sensors: position and velocity.
+
+    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3.1, equation (8).
 
     Args:
         kp: Kp of the outer loop [1/s], per joint. The paper leaves it open.

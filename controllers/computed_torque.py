@@ -20,9 +20,12 @@ class ComputedTorque(TorqueLaw):
         torque = M(q) a + C v + G,    a = r'' + w^2 (r - q) + 2 w (r' - v)
 
     With an exact model the error obeys e'' + 2 w e' + w^2 e = 0. An inertia k times smaller than
-    the model's is stable for k w dt < 1, dt the control interval. The law needs sensors of position
-    and velocity. Siciliano, Sciavicco, Villani and Oriolo, "Robotics: Modelling, Planning and
-    Control", 2009, §8.5.2.
+    the model's is stable for k w dt < 1, dt the control interval.
+
+    Sensors: position and velocity.
+
+    Source: Siciliano, Sciavicco, Villani and Oriolo, "Robotics: Modelling, Planning and Control",
+    2009, §8.5.2.
 
     Args:
         frequency: w [rad/s], per joint.

@@ -21,9 +21,12 @@ class ComputedTorqueDob(ComputedTorque):
 
     The momentum obeys p' = torque + C'v - G - d with the skew form of C, so no acceleration is
     needed. Model errors count as disturbance. At rest no constant load leaves an error. The
-    observer gets the applied torque, so it does not wind up. The law needs sensors of position and
-    velocity. De Luca, Albu-Schaeffer, Haddadin and Hirzinger, "Collision detection and safe
-    reaction with the DLR-III lightweight robot arm", IROS 2006.
+    observer gets the applied torque, so it does not wind up.
+
+    Sensors: position and velocity.
+
+    Source: De Luca, Albu-Schaeffer, Haddadin and Hirzinger, "Collision detection and safe reaction
+    with the DLR-III lightweight robot arm", IROS 2006.
 
     Args:
         frequency: w of `ComputedTorque` [rad/s], per joint.
@@ -33,7 +36,7 @@ class ComputedTorqueDob(ComputedTorque):
     bandwidth: float = number(30.0, unit="rad/s", above=0, tune=(2.0, 200.0))
 
     def initial(self, observation: Array) -> State:
-        """Return the state: d^, last momentum, last C'v - G, applied torque, False before a sample."""
+        """Return the state: d^, last p, last C'v - G, applied torque, False before a sample."""
         zeros = np.zeros((len(observation), 2))
         return zeros, zeros, zeros, zeros, np.zeros(len(observation), dtype=bool)
 

@@ -59,8 +59,11 @@ class Lqg(TorqueLaw):
     K is the optimal gain (`regulator`). q and v come from the Kalman filter of the paper
     (`JointKalman`). y is the measured position, so an accelerometer bias leaves no lasting error.
     The poles are those of the regulator and of the filter, each designed alone. The integral pauses
-    where the torque saturates. The law needs sensors of position and acceleration. Anderson and
-    Moore, "Optimal Control", 1990, §2.4.
+    where the torque saturates.
+
+    Sensors: position and acceleration.
+
+    Source: Anderson and Moore, "Optimal Control", 1990, §2.4.
 
     Args:
         integral: weight of z [1/s^3], per joint, against 1 for acceleration.

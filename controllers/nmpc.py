@@ -147,7 +147,7 @@ def planner(arm: ArmParameters, step: float, weights: tuple[Pair, Pair], limit: 
 class Nmpc(TorqueLaw):
     """Nonlinear model predictive control with preview and a disturbance estimate.
 
-        minimise    sum of (position e)^2 + (velocity e')^2 + (e'')^2  +  terminal cost,    e = r - q
+        minimise    sum of (position e)^2 + (velocity e')^2 + (e'')^2 + terminal cost,    e = r - q
         subject to  M(q) (q'' - f) + C v + G = torque, torque limits
 
     The first torque of the plan is applied. f comes from the extended state observer
@@ -156,8 +156,11 @@ class Nmpc(TorqueLaw):
     A plan is made every 20 ms, or at each step of a slower control rate, and its torque is held in
     between. With a `preview` in the observation, the reference comes from it as far as it reaches;
     beyond (or without preview), the reference's acceleration is held. The real-time iteration makes
-    one Gauss-Newton step for each plan, so it is a local method. The law needs a position sensor
-    and CasADi. Sources: see the module.
+    one Gauss-Newton step for each plan, so it is a local method.
+
+    Sensors: position. CasADi must be installed.
+
+    Source: Diehl et al. 2002; see the module.
 
     Args:
         position: weight of the error [1/s^2], per joint, against 1 for its acceleration.
@@ -185,7 +188,7 @@ class Nmpc(TorqueLaw):
         )
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the observer's prediction, a plan that holds still, a count of steps."""
+        """Return the state: the observer's prediction, a plan at rest, and a count of steps."""
         q, r_dot = self.read(observation, "position", "reference_velocity")
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
         return self.observer.initial(q, r_dot), np.repeat(hold[:, None], HORIZON, axis=1), np.zeros(len(q), dtype=int)

@@ -22,7 +22,11 @@ class PidFlm(TorqueLaw):
     With an exact model the error obeys e''' + kd e'' + kp e' + ki e = 0, which is stable for ki <
     kp kd. The paper prints "P, I, D = 10, 3, 0", which is unstable: s^3 + 10 s + 3 has the roots
     0.149 +- 3.17j. The defaults read it as P = 10, D = 3, I = 0. The integral pauses where the
-    torque saturates. The law needs sensors of position and velocity.
+    torque saturates.
+
+    Sensors: position and velocity.
+
+    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §2.2.
 
     Args:
         kp: proportional gain [1/s^2], per joint.

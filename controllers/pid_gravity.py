@@ -22,9 +22,12 @@ class PidGravity(PdGravity):
     Kp and Kd are those of `PdGravity`. Each joint alone has the characteristic polynomial s^3 + 2
     damping w s^2 + w^2 s + integral w^3, which is stable for integral < 2 damping. At rest no
     constant load leaves an error. The integral pauses where the torque saturates and the error asks
-    for more. The law needs sensors of position and velocity. Arimoto, "Control Theory of Non-linear
-    Mechanical Systems", 1996, §3.3; Kelly, Santibanez and Loria, "Control of Robot Manipulators in
-    Joint Space", 2005, ch. 9.
+    for more.
+
+    Sensors: position and velocity.
+
+    Source: Arimoto, "Control Theory of Non-linear Mechanical Systems", 1996, §3.3; Kelly,
+    Santibanez and Loria, "Control of Robot Manipulators in Joint Space", 2005, ch. 9.
 
     Args:
         frequency: w [rad/s], per joint.

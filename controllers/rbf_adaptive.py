@@ -72,9 +72,12 @@ class RbfAdaptive(TorqueLaw):
         V = s' M_r s / 2 + tr(D E' E) / (2 rate), E = W* - W,    has    V' = -k s' M s.
 
     Forgetting (e-modification) keeps |W_i| below max |phi| / forget without excitation. A joint's
-    weights are held while its torque is cut off and s asks for more. The law needs sensors of
-    position and velocity. Lewis, Jagannathan and Yesildirek, "Neural Network Control of Robot
-    Manipulators and Nonlinear Systems", 1999, ch. 4.
+    weights are held while its torque is cut off and s asks for more.
+
+    Sensors: position and velocity.
+
+    Source: Lewis, Jagannathan and Yesildirek, "Neural Network Control of Robot Manipulators and
+    Nonlinear Systems", 1999, ch. 4.
 
     Args:
         error_rate: l [1/s], per joint: the error's pole where s = 0 is -l.

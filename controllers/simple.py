@@ -34,9 +34,14 @@ class PdGravity(TorqueLaw):
 
     M_ii is the diagonal of the nominal inertia of the stretched arm, so that each joint alone is a
     second-order system of frequency w. With exact gravity the rest at a constant reference is
-    globally asymptotically stable for all positive gains (Takegaki and Arimoto, "A new feedback
-    method for dynamic control of manipulators", J. Dyn. Sys. Meas. Control 103(2), 1981). A
-    constant load d leaves the error d / Kp. The law needs sensors of position and velocity.
+    globally asymptotically stable for all positive gains. A constant load d leaves the error d /
+    Kp.
+
+
+    Sensors: position and velocity.
+
+    Source: Takegaki and Arimoto, "A new feedback method for dynamic control of manipulators", J.
+    Dyn. Sys. Meas. Control 103(2), 1981.
 
     Args:
         frequency: w [rad/s], per joint.

@@ -25,8 +25,12 @@ class SuperTwisting(TorqueLaw):
     proves it (Moreno and Osorio, "Strict Lyapunov functions for the super-twisting algorithm", IEEE
     TAC 57(4), 2012). A sampled sign chatters. Within the boundary layer it is replaced by s /
     layer, which is calmer and gives up the finite-time convergence. z pauses where the torque
-    saturates. The law needs sensors of position and velocity. Levant, "Sliding order and sliding
-    accuracy in sliding mode control", Int. J. Control 58(6), 1993.
+    saturates.
+
+    Sensors: position and velocity.
+
+    Source: Levant, "Sliding order and sliding accuracy in sliding mode control", Int. J. Control
+    58(6), 1993.
 
     Args:
         slope: of the sliding surface [1/s], per joint.

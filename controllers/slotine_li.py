@@ -24,13 +24,16 @@ class SlotineLi(TorqueLaw):
     - p)'Gamma^-1 (p^ - p)/2 has V' = -s'Ks, so the error goes to zero for every constant arm
     without friction and disturbance; the estimates need an exciting motion to converge. Estimates
     stay physical and within a factor `reach` of the nominal ones. Where the torque saturates, they
-    are held. The law needs sensors of position and velocity. Slotine and Li, "On the adaptive
-    control of robot manipulators", Int. J. Robotics Research 6(3), 1987; "Applied Nonlinear
-    Control", 1991, §9.2.
+    are held.
 
     With `composite` > 0 the error of predicting the filtered torque drives the estimates too,
     normalised by the regressor's size (Slotine and Li, "Composite adaptive control of robot
     manipulators", Automatica 25(4), 1989). The prediction uses momentum in place of acceleration.
+
+    Sensors: position and velocity.
+
+    Source: Slotine and Li, "On the adaptive control of robot manipulators", Int. J. Robotics
+    Research 6(3), 1987; "Applied Nonlinear Control", 1991, §9.2.
 
     Args:
         slope: of the sliding surface [1/s], per joint.
