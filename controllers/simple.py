@@ -37,7 +37,6 @@ class PdGravity(TorqueLaw):
     globally asymptotically stable for all positive gains. A constant load d leaves the error d /
     Kp.
 
-
     Sensors: position and velocity.
 
     Source: Takegaki and Arimoto, "A new feedback method for dynamic control of manipulators", J.

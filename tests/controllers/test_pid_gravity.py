@@ -1,12 +1,10 @@
 """PID with gravity compensation against the linear system that it makes of the arm."""
 
 import numpy as np
-import pytest
 from scipy.linalg import expm
 
-import controllers
 from benchmarks.run.rollout import rollout
-from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
+from fbl_gym import TABLE_1, scenarios
 from fbl_gym.arm import inertia_matrix
 
 REST = np.array([-np.pi / 2, 0.4])
@@ -49,8 +47,3 @@ def test_saturation_does_not_wind_it_up():
     )
     trace = rollout("pid-gravity", scenario, [0])
     assert np.abs((trace.reference - trace.position)[-1, 0]).max() < 1e-2
-
-
-def test_bad_gains_are_named():
-    with pytest.raises(ValueError, match="integral must be"):
-        controllers.make("pid-gravity", TwoLinkArmEnv(), integral=-1)

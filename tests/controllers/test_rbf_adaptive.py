@@ -6,6 +6,7 @@ import controllers
 from controllers.rbf_adaptive import FEATURES, NODES, bumps, features
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import gravity_torque, inertia_matrix
+from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 
@@ -72,14 +73,8 @@ def test_an_arm_that_learns_gets_better():
 
     def error(**gains):
         env = TwoLinkArmVectorEnv(4, "payload-3")
-        policy = controllers.make("rbf-adaptive", env, **gains)
-        observation, _ = env.reset(seed=0)
-        state, log = None, []
-        for _ in range(900):
-            action, state = policy.predict(observation, state)
-            observation = env.step(action)[0]
-            log.append(np.abs(env.truth.reference - env.truth.position).mean())
-        return np.mean(log)
+        errors, _ = tracking(controllers.make("rbf-adaptive", env, **gains), env, 900)
+        return np.abs(errors[1:]).mean()
 
     assert error() < error(rate=1e-9) / 8
 

@@ -73,9 +73,3 @@ def test_the_boundary_layer_calms_the_torque():
         trace = rollout("sliding-mode", scenario, range(4), {"layer": layer})
         variation[layer] = np.abs(np.diff(trace.torque, axis=0)).sum()
     assert variation[0.1] < 0.5 * variation[0.0]
-
-
-@pytest.mark.parametrize(("gain", "value"), [("slope", 0.0), ("bound", -1.0), ("layer", -0.1)])
-def test_bad_gains_are_named(gain, value):
-    with pytest.raises(ValueError, match=f"{gain} must be"):
-        controllers.make("sliding-mode", TwoLinkArmEnv(), **{gain: value})
