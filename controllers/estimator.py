@@ -46,8 +46,8 @@ def plausible(lumped: Array) -> NDArray[np.bool_]:
 def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity: float = STANDARD_GRAVITY) -> Array:
     """Return m1, m2, L1 and L2 [n x 4] of point masses with these lumped parameters.
 
-    With the total mass known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and m1 =
-    mass - m2, for Y1 = p2, Y2 = p3 and Y3 = p5 / g. Without it, from the rest of the same
+    With the total mass known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and
+    m1 = mass - m2, for Y1 = p2, Y2 = p3 and Y3 = p5 / g. Without it, from the rest of the same
     regression: L1 = g p1 / p4 and m1 + m2 = (p4 / g)^2 / p1.
 
     Args:

@@ -32,10 +32,13 @@ def plant(dt: float) -> tuple[Array, Array]:
 def regulator(dt: float, integral: float, position: float, velocity: float) -> Array:
     """Return the gain K [3] of the optimal regulator u = -K x.
 
-    It minimises the sum of (integral z)^2 + (position e)^2 + (velocity e')^2 + u^2. P = Q + F' P (F
-    - G K), K = (1 + G' P G)^-1 G' P F (Anderson and Moore, "Optimal Control", 1990, §2.4). As dt
-    goes to zero, the gain on z goes to `integral`. With integral = 0, those on e and e' go to
-    `position` and sqrt(velocity^2 + 2 position).
+    It minimises the sum of (integral z)^2 + (position e)^2 + (velocity e')^2 + u^2:
+
+        P = Q + F' P (F - G K),    K = (1 + G' P G)^-1 G' P F
+
+    (Anderson and Moore, "Optimal Control", 1990, §2.4). As dt goes to zero, the gain on z goes to
+    `integral`. With integral = 0, those on e and e' go to `position` and
+    sqrt(velocity^2 + 2 position).
 
     Args:
         dt: sample time [s].

@@ -77,8 +77,8 @@ def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> An
     """Return the function (start, reference, plan) -> residuals, whose squares sum to the cost.
 
     start [6] is position, velocity and f, the acceleration that the model does not explain, held
-    over the horizon. The plan is in units of the stretched arm's inertia, so its entries are
-    accelerations.
+    over the horizon. reference is [6 x (HORIZON + 1)]. plan [2 HORIZON] is in units of the
+    stretched arm's inertia, so its entries are accelerations.
 
     Args:
         arm: the nominal model.
@@ -106,8 +106,8 @@ def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> An
         error = x - reference[:4, k + 1]
         if k < HORIZON - 1:
             terms.append(ca.vertcat(w1, w2, c1, c2) * error)
-    for joint, pair_of_weights in enumerate(((w1, c1), (w2, c2))):
-        terms.append(ca.DM(terminal(step, *pair_of_weights)) @ ca.vertcat(error[joint], error[2 + joint]))
+    for joint, joint_weights in enumerate(((w1, c1), (w2, c2))):
+        terms.append(ca.DM(terminal(step, *joint_weights)) @ ca.vertcat(error[joint], error[2 + joint]))
     return ca.Function("residuals", [start, reference, plan], [ca.vertcat(*terms)])
 
 

@@ -19,10 +19,10 @@ class PidFlm(TorqueLaw):
 
         a = r'' + kp e + kd e' + ki int(e) dt,    e = r - q,    torque = M a + C v + G
 
-    With an exact model the error obeys e''' + kd e'' + kp e' + ki e = 0, which is stable for ki <
-    kp kd. The paper prints "P, I, D = 10, 3, 0", which is unstable: s^3 + 10 s + 3 has the roots
-    0.149 +- 3.17j. The defaults read it as P = 10, D = 3, I = 0. The integral pauses where the
-    torque saturates.
+    With an exact model the error obeys e''' + kd e'' + kp e' + ki e = 0, which is stable for
+    ki < kp kd. The paper prints "P, I, D = 10, 3, 0", which is unstable: s^3 + 10 s + 3 has the
+    roots 0.149 +- 3.17j. The defaults read it as P = 10, D = 3, I = 0. The integral pauses where
+    the torque saturates.
 
     Sensors: position and velocity.
 

@@ -52,8 +52,8 @@ class TorqueLaw(Record):
     """Base of the laws: a subclass computes a torque, and is a policy.
 
     A subclass is a frozen dataclass, and its fields are its gains. It defines `torque`, and
-    `initial` if it has a state. Both work on batches: an observation is [n x size], a torque [n x
-    2] N m, and a state a tuple of arrays with n rows each.
+    `initial` if it has a state. Both work on batches: an observation is [n x size], a torque
+    [n x 2] N m, and a state a tuple of arrays with n rows each.
 
     A gain may be declared with its unit, bounds and tuning range, and is then checked:
 
@@ -61,6 +61,11 @@ class TorqueLaw(Record):
 
     A subclass of a law changes a default by a plain value, `frequency: Pair | float = 20.0`, and
     keeps the declaration. A new declaration replaces it.
+
+    Notation of the laws' equations: r is the reference, q the position, v the velocity and
+    e = r - q. M, C and G are the nominal inertia, Coriolis and gravity terms. A prime is the time
+    derivative of a signal, and the transpose of a vector or matrix. int is the integral over time,
+    and p^ an estimate of p.
 
     Args:
         interface: all that the law may know: `env.unwrapped.interface`.

@@ -66,8 +66,8 @@ class RbfAdaptive(TorqueLaw):
         s = e' + l e,    v_r = r' + l e,    a_r = r'' + l e'
 
     The features phi are taken along the reference, so they are free of noise. D is the nominal
-    inertia of the bent arm (q2 = 90 degrees), so that the network's outputs are accelerations. For
-    a real arm M_r with ideal weights W* and no forgetting, whatever the nominal model,
+    inertia of the bent arm (q2 = 90 degrees), so the network's outputs are accelerations. For a
+    real arm M_r with ideal weights W* and no forgetting, whatever the nominal model,
 
         V = s' M_r s / 2 + tr(D E' E) / (2 rate), E = W* - W,    has    V' = -k s' M s.
 

@@ -34,8 +34,8 @@ class PdGravity(TorqueLaw):
 
     M_ii is the diagonal of the nominal inertia of the stretched arm, so that each joint alone is a
     second-order system of frequency w. With exact gravity the rest at a constant reference is
-    globally asymptotically stable for all positive gains. A constant load d leaves the error d /
-    Kp.
+    globally asymptotically stable for all positive gains. A constant load d leaves the error
+    d / Kp.
 
     Sensors: position and velocity.
 

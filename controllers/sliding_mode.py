@@ -23,8 +23,8 @@ class SuperTwisting(TorqueLaw):
     k1 = 1.5 L^(1/2) and k2 = 1.1 L. Without boundary layer and in continuous time s reaches zero in
     finite time while the perturbation's derivative stays below 0.96 L; a strict Lyapunov function
     proves it (Moreno and Osorio, "Strict Lyapunov functions for the super-twisting algorithm", IEEE
-    TAC 57(4), 2012). A sampled sign chatters. Within the boundary layer it is replaced by s /
-    layer, which is calmer and gives up the finite-time convergence. z pauses where the torque
+    TAC 57(4), 2012). A sampled sign chatters. Within the boundary layer it is replaced by
+    s / layer, which is calmer and gives up the finite-time convergence. z pauses where the torque
     saturates.
 
     Sensors: position and velocity.

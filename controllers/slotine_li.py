@@ -20,11 +20,11 @@ class SlotineLi(TorqueLaw):
         torque = Y p^ + K s,    p^' = Gamma Y' s,    s = e' + slope e
 
     Y is the regressor along the reference motion v_r = r' + slope e, a_r = r'' + slope e'. Gains
-    scale with the nominal arm: K = damping M(q), Gamma_i = adaptation p_i^2 / p_1. V = s'Ms/2 + (p^
-    - p)'Gamma^-1 (p^ - p)/2 has V' = -s'Ks, so the error goes to zero for every constant arm
-    without friction and disturbance; the estimates need an exciting motion to converge. Estimates
-    stay physical and within a factor `reach` of the nominal ones. Where the torque saturates, they
-    are held.
+    scale with the nominal arm: K = damping M(q), Gamma_i = adaptation p_i^2 / p_1.
+    V = s'Ms/2 + (p^ - p)'Gamma^-1 (p^ - p)/2 has V' = -s'Ks, so the error goes to zero for every
+    constant arm without friction and disturbance; the estimates need an exciting motion to
+    converge. Estimates stay physical and within a factor `reach` of the nominal ones. Where the
+    torque saturates, they are held.
 
     With `composite` > 0 the error of predicting the filtered torque drives the estimates too,
     normalised by the regressor's size (Slotine and Li, "Composite adaptive control of robot
