@@ -12,8 +12,8 @@ LAWS = (
     ("adaptive-flm-ls", "adaptive_ls:AdaptiveFlmLs", "the robust controller with a model fitted by least squares"),
     # comparators
     ("adrc", "adrc:Adrc", "active disturbance rejection on the position sensor alone"),
-    ("time-delay", "time_delay:TimeDelay", "time-delay control: the last torque error, by the accelerometer, is added"),
-    ("lqg", "lqg:Lqg", "optimal regulator with integral action behind the Kalman filter"),
+    ("time-delay", "time_delay:TimeDelay", "time-delay control: the last torque error is added to the next torque"),
+    ("lqg", "lqg:Lqg", "optimal regulator with integral action on a Kalman filter"),
     ("rbf-adaptive", "rbf_adaptive:RbfAdaptive", "neural adaptive control with radial basis functions (Lewis)"),
     ("pid-gravity", "pid_gravity:PidGravity", "PID with the nominal gravity torque"),
     ("computed-torque", "computed_torque:ComputedTorque", "plain computed torque, critically damped"),

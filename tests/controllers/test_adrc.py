@@ -32,13 +32,13 @@ def error_dynamics(observer):
 
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 1e-1])
 @pytest.mark.parametrize("w", [5.0, 80.0, 300.0])
-def test_the_observers_poles_are_where_they_were_put(dt, w):
+def test_the_observer_has_its_three_poles(dt, w):
     """det(z - F + F L H) = (z - exp(-w dt))^3: three equal poles, inside the circle at every rate."""
     polynomial = np.poly(error_dynamics(ExtendedStateObserver(dt, (w, w))))
     np.testing.assert_allclose(polynomial, np.poly([np.exp(-w * dt)] * 3), rtol=1e-7, atol=1e-7)
 
 
-def test_a_constant_disturbance_is_found_with_the_known_time_constant():
+def test_the_estimate_of_a_constant_disturbance_follows_its_step_response():
     """From rest, f' = f (1 - (1 + w t + (w t)^2 / 2) exp(-w t)): the step response of three poles at -w."""
     dt, w, f = 1e-3, 20.0, 3.0
     observer = ExtendedStateObserver(dt, (w, w))
@@ -64,7 +64,7 @@ def test_the_error_obeys_its_linear_equation():
     assert np.abs(errors - np.transpose([expected, np.zeros(2001)])).max() < 5e-3 * 0.2
 
 
-def test_it_finds_a_load_and_rejects_it_on_position_alone():
+def test_a_load_is_rejected_with_a_position_sensor_alone():
     """f settles at -M^-1 d, and no error is left."""
     load = np.array([60.0, 20.0])
     env = TwoLinkArmEnv(
@@ -76,7 +76,7 @@ def test_it_finds_a_load_and_rejects_it_on_position_alone():
     assert np.abs(error).max() > 1e-3
 
 
-def test_saturation_is_no_disturbance():
+def test_saturation_is_not_taken_for_a_disturbance():
     """Driven by the torque within its limits, the observer of an exact model sees nothing while the torque is cut off."""
     options = {"reference": STILL, "initial_error": (-1.0, 0.0)}
     tight = TwoLinkArmEnv(**options, actuator={"torque_limit": (330.0, 120.0)})

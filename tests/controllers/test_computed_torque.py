@@ -9,7 +9,7 @@ from fbl_gym import ArmParameters, scenarios
 STILL = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.4),)}
 
 
-def test_the_error_equation():
+def test_the_error_obeys_its_linear_equation():
     """e'' + 2 w e' + w^2 e = 0 with an exact model: e = E (1 + w t) exp(-w t) from rest."""
     w = 8.0
     scenario = scenarios.get("nominal").replace(
@@ -22,7 +22,7 @@ def test_the_error_equation():
 
 
 @pytest.mark.parametrize(("share", "grows"), [(0.95, False), (1.05, True)])
-def test_where_the_sampled_loop_is_stable(share, grows):
+def test_the_sampled_loop_has_its_stability_limit(share, grows):
     """q+ = q + v dt + u dt^2 / 2, v+ = v + u dt with u = -k (w^2 q + 2 w v), k the model's inertia over the real one: the
     characteristic polynomial at z = -1 is 4 (1 - k w dt), so k < 1 / (w dt)."""
     w, dt = 20.0, 0.01

@@ -1,4 +1,4 @@
-"""Every registered policy keeps the contract that `fbl-gym check-policy` checks, and what only built-in ones promise."""
+"""Every registered policy keeps the contract of `fbl-gym check-policy`, is frozen, and holds plain data."""
 
 import dataclasses
 

@@ -29,7 +29,7 @@ def test_the_observer_has_its_time_constant(control_dt, bandwidth):
     assert np.abs(estimate - expected).max() < 0.02 * np.abs(load).max()
 
 
-def test_the_observer_takes_a_load_away():
+def test_the_observer_rejects_a_constant_load():
     """At rest nothing is left of a constant load, of which computed torque alone leaves M^-1 d / w^2."""
     scenario = scenarios.get("nominal").replace(
         reference=STILL, disturbance={"kind": "array", "torque": ((60.0, -25.0),)}, duration=4.0

@@ -41,14 +41,14 @@ def printed_estimate(q, v, a, desired, nominal):
     return k, np.array([m2 * L2**2 - x[2], m2 * L1 * L2 - x[3], m2 * L2 - x[6]])
 
 
-def test_three_samples_are_enough():
+def test_three_samples_determine_the_lumped_parameters():
     q, v, a, torque = samples(REAL)
     lumped, accepted = estimate(regressor(q, v, a), torque, 1e-7)
     assert accepted.all()
     np.testing.assert_allclose(lumped, np.broadcast_to(REAL.lumped, lumped.shape), rtol=1e-6)
 
 
-def test_it_is_the_papers_estimate():
+def test_the_estimate_is_the_papers():
     """(32)-(39) as printed, where the torque is the nominal mapping's: the same Y1, Y2, Y3, and rank five as (38) says."""
     q, v, a, torque = samples(REAL, 20)
     lumped, _ = estimate(regressor(q, v, a), torque, 1e-7)
@@ -59,7 +59,7 @@ def test_it_is_the_papers_estimate():
         np.testing.assert_allclose(printed, lumped[i, [1, 2, 4]] / [1, 1, 9.81], rtol=1e-6)
 
 
-def test_saturation_biases_the_printed_form_and_not_this_one():
+def test_saturation_biases_the_printed_form_only():
     """The printed e compares with a desired acceleration that a saturated torque cannot give."""
     q, v, _, desired_torque = samples(REAL, 20)
     torque = np.clip(desired_torque, -150, 150)
@@ -75,7 +75,7 @@ def test_saturation_biases_the_printed_form_and_not_this_one():
     assert np.median(wrong) > 0.1
 
 
-def test_both_forms_of_39():
+def test_both_forms_of_equation_39_agree():
     lumped = REAL.lumped[None]
     exact = [[31.0, 9.0, 1.1, 0.4]]
     np.testing.assert_allclose(point_masses(lumped), exact, rtol=1e-12)

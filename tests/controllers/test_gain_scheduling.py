@@ -8,7 +8,7 @@ from controllers.gain_scheduling import schedule
 from fbl_gym import scenarios
 
 
-def test_gain_schedule_is_equation_46():
+def test_the_schedule_is_equation_46():
     v = np.array([[0.0, 0.0], [0.1, -0.02], [5.0, 5.0]])
     alpha = np.array([[3.0, 0.5], [0.25, 4.0]])
     factors = schedule(v, alpha, 1e-3)

@@ -36,7 +36,7 @@ def test_value_iteration_finds_the_same_gain(weights, dt):
 
 
 @pytest.mark.parametrize("weights", WEIGHTS)
-def test_no_gain_costs_less(weights):
+def test_the_gain_has_the_least_cost(weights):
     best = regulator(0.01, *weights)
     least = np.linalg.eigvalsh(cost(best, 0.01, weights))
     rng = np.random.default_rng(0)
@@ -59,7 +59,7 @@ def test_the_poles_are_the_stable_ones_of_the_symplectic_pencil(weights):
     np.testing.assert_allclose(poles, expected, rtol=1e-4)
 
 
-def test_gains_for_a_fast_rate():
+def test_gains_at_a_fast_rate_are_the_continuous_ones():
     """As dt goes to zero: K = (integral, position, sqrt(velocity^2 + 2 position)), the last two without integral action."""
     k = regulator(1e-5, 700.0, 1e-9, 1e-9)
     assert k[0] == pytest.approx(700.0, rel=1e-3)
@@ -82,7 +82,7 @@ def test_the_loop_is_regulator_and_filter():
     assert np.abs(errors - np.transpose([expected, np.zeros(2000)])).max() < 0.02 * 0.2
 
 
-def test_separation():
+def test_regulator_and_filter_keep_their_poles_together():
     """Regulator and filter together have the poles of each: those of F - G K and of (1 - L H) F."""
     dt = 0.01
     f, g = plant(dt)

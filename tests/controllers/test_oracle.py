@@ -7,7 +7,7 @@ from fbl_gym import TwoLinkArmVectorEnv
 from tests.controllers.closed_loop import tracking
 
 
-def test_the_oracle_is_a_ceiling():
+def test_the_oracle_tracks_best():
     """Where parameters, load and friction are wrong, the oracle tracks far better than any law without privileged access."""
     mean = {}
     for name in ("oracle-flm", "cascade-flm", "pid-flm", "pd-gravity"):

@@ -10,7 +10,7 @@ def random(n=100, k=4, seed=0):
     return np.random.default_rng(seed).uniform(-3, 3, (k, n, 2))
 
 
-def test_the_regressor_is_the_skew_forms():
+def test_the_regressor_agrees_with_the_skew_form():
     """Y p = M a_r + C v_r + G with the C for which dM/dt - 2 C is skew, at random states."""
     q, v, v_r, a_r = random()
     p = np.array([17.0, 3.5, 4.0, 240.0, 70.0])

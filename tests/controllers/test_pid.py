@@ -30,7 +30,7 @@ def test_pid_error_obeys_its_linear_equation(arm):
     assert pid_deviation(arm, (0.0, 0.0), (-0.2, 0.2), 1e-3).max() < 1e-3
 
 
-def test_pid_deviation_is_the_sampling():
+def test_pid_deviation_halves_with_the_sampling_interval():
     """Hanging, Table 1's gravity changes while the torque is held, and the deviation is 2.4e-3; it halves with the interval."""
     coarse = pid_deviation(TABLE_1, (-1.0, 0.5), (-0.2, 0.2), 1e-3)
     fine = pid_deviation(TABLE_1, (-1.0, 0.5), (-0.2, 0.2), 5e-4)

@@ -28,7 +28,7 @@ def test_small_motions_obey_the_linearised_loop():
     assert np.abs(error - expected).max() < 0.03 * np.abs(start).max()
 
 
-def test_the_integral_takes_a_load_away_and_pd_leaves_its_share():
+def test_the_integral_rejects_a_load_that_pd_leaves():
     """At rest PD leaves e = d / Kp of a constant load, to the gravity compensation's own stiffness; PID leaves nothing."""
     load = np.array([40.0, 10.0])
     scenario = scenarios.get("nominal").replace(
@@ -41,7 +41,7 @@ def test_the_integral_takes_a_load_away_and_pd_leaves_its_share():
     assert np.abs((pid.reference - pid.position)[-1, 0]).max() < 1e-6
 
 
-def test_saturation_does_not_wind_it_up():
+def test_the_integral_does_not_wind_up():
     scenario = scenarios.get("nominal").replace(
         reference=STILL, actuator={"torque_limit": (250, 100)}, initial_error=(1.2, 0.0), duration=10.0
     )

@@ -1,4 +1,4 @@
-"""The registry: names, arguments, entry points, and who gets the environment."""
+"""The registry: names, arguments, entry points, and access to the environment."""
 
 from importlib import metadata
 

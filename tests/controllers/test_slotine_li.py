@@ -8,7 +8,7 @@ from fbl_gym.arm import inertia_matrix
 from tests.controllers.passive_loop import EXCITING, closed_loop, wrong
 
 
-def test_slotine_lis_lyapunov_function_falls():
+def test_slotine_lis_lyapunov_function_decreases():
     """V = s'Ms/2 + (p^ - p)'Gamma^-1 (p^ - p)/2 never rises along the loop, and falls by the integral of s'Ks."""
     policy, p, (estimate, s, q, _) = closed_loop("slotine-li", wrong())
     kinetic = 0.5 * np.einsum("tni,tnij,tnj->tn", s, inertia_matrix(p, q), s)
@@ -30,7 +30,7 @@ def test_composite_estimates_converge_under_excitation():
     assert ends["slotine-li-composite"] < 0.5 * ends["slotine-li"]
 
 
-def test_estimates_stay_an_arms():
+def test_estimates_stay_physical():
     policy = controllers.make("slotine-li", TwoLinkArmVectorEnv(1))
     nominal = policy.interface.nominal.lumped
     wild = policy.project(np.array([[-1.0, 1e9, 1e9, np.inf, 0.0]]))
@@ -38,7 +38,7 @@ def test_estimates_stay_an_arms():
     assert wild[0, 0] * wild[0, 1] > wild[0, 2] ** 2
 
 
-def test_nothing_is_learned_where_the_torque_saturates():
+def test_estimates_are_held_while_the_torque_saturates():
     scenario = scenarios.get("nominal").replace(
         actuator={"torque_limit": (1.0, 1.0)}, parameter_error=1.5, duration=0.2, reference=EXCITING
     )

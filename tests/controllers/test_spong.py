@@ -6,7 +6,7 @@ from fbl_gym.arm import inertia_matrix
 from tests.controllers.passive_loop import closed_loop, wrong
 
 
-def test_spongs_lyapunov_function_falls_outside_the_layer():
+def test_spongs_lyapunov_function_decreases_outside_the_layer():
     """V = s'Ms/2 falls by more than its damping where every parameter is within its bound, down to a set that shrinks with
     epsilon."""
     left = {}

@@ -14,7 +14,7 @@ AT_ONCE = 1e6
 """A bandwidth at which nothing is filtered [rad/s]."""
 
 
-def test_without_the_filter_it_is_the_incremental_law():
+def test_without_the_filter_the_law_is_incremental():
     """tau = tau_0 + M(q) (a - a_0): nominal Coriolis and gravity torques cancel (Sieberling, Chu and Mulder 2010, eq. 9)."""
     env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
     policy = controllers.make("time-delay", env, bandwidth=AT_ONCE, frequency=8.0)
@@ -32,7 +32,7 @@ def test_without_the_filter_it_is_the_incremental_law():
 
 
 @pytest.mark.parametrize("k", [0.2, 1.0, 4.0])
-def test_the_estimates_pole(k):
+def test_the_estimate_has_its_pole(k):
     """Masses 1 / k of the nominal ones, held in place: what is left to find shrinks by 1 - k (1 - exp(-g dt)) per sample."""
     g, q = 15.0, np.array([-1.0, 0.5])
     env = TwoLinkArmEnv(reference=STILL, actuator=None, action="torque")
@@ -73,7 +73,7 @@ def test_the_error_equation_under_a_constant_load():
 
 
 @pytest.mark.parametrize(("bandwidth", "frequency"), [(AT_ONCE, 5.0), (12.0, 5.0), (12.0, 15.0)])
-def test_how_light_an_arm_may_be(bandwidth, frequency):
+def test_the_loop_is_stable_up_to_its_limit_of_inertia(bandwidth, frequency):
     """Masses 1 / k of the nominal ones: stable for k < 2 / (h + 2 w dt - h w dt), h = 1 - exp(-g dt), and not beyond.
 
     h = 1 and w dt -> 0 is Hsia's condition, k < 2.

@@ -1,4 +1,4 @@
-"""`TorqueLaw`: a subclass is a policy, with or without declared gains, and errors name what is wrong."""
+"""`TorqueLaw`: a subclass is a policy, with or without declared gains, and its errors name the mistake."""
 
 import dataclasses
 from dataclasses import dataclass
