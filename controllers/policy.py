@@ -60,7 +60,8 @@ class TorqueLaw(Record):
         frequency: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 100.0))
 
     A subclass of a law changes a default by a plain value, `frequency: Pair | float = 20.0`, and
-    keeps the declaration. A new declaration replaces it.
+    keeps the declaration. A new declaration replaces it. A rule for several gains goes into
+    `validate`, after `super().validate()`.
 
     Notation of the laws' equations: r is the reference, q the position, v the velocity and
     e = r - q. M, C and G are the nominal inertia, Coriolis and gravity terms. A prime is the time
