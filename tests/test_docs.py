@@ -1,8 +1,11 @@
 """The documentation is true: its code and commands run, and its links lead somewhere.
 
-Ruff's rule D417 checks that every parameter of a public function is documented.
+Ruff's rule D417 checks that every parameter of a public function is documented. The fields of records
+and laws are checked here.
 """
 
+import dataclasses
+import inspect
 import re
 import shlex
 import subprocess
@@ -11,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+import controllers
+import fbl_gym
 from benchmarks import cli
 from benchmarks.run.suite import load
 
@@ -152,3 +157,21 @@ def test_the_documentation_builds_without_a_warning(tmp_path):
     assert not re.findall(r"(?:src|href)=\"(?:https?:)?//[^\"]*\.(?:js|css)", page)
     (mathjax,) = re.findall(r"src=\"([^\"?]*mathjax[^\"?]*)", page, flags=re.I)
     assert (built / "controllers" / mathjax).exists()
+
+
+# Fields.
+
+
+RECORDS = [
+    thing
+    for name in fbl_gym.__all__
+    if isinstance(thing := getattr(fbl_gym, name), type) and dataclasses.is_dataclass(thing)
+]
+LAWS = [controllers.factory(name) for name in controllers.names() if controllers.kind(name) == "classical"]
+
+
+@pytest.mark.parametrize("record", [*RECORDS, *LAWS], ids=lambda record: record.__name__)
+def test_every_option_of_a_record_and_gain_of_a_law_is_documented(record):
+    text = "\n".join(inspect.getdoc(base) or "" for base in record.__mro__[:-1])
+    for field in dataclasses.fields(record):
+        assert re.search(rf"^ *(\w+, )*{field.name}(, \w+)*:", text, flags=re.M), field.name
