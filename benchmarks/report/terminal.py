@@ -15,7 +15,7 @@ from benchmarks.analysis.splits import RADII, TRAINED_ON, Split
 from benchmarks.paper.claim import Claim
 from benchmarks.policies import resolve
 from benchmarks.run.metrics import describe, summarize
-from benchmarks.speed.rates import Speed
+from benchmarks.speed.environments import Speed
 
 SCORED = "score: 0 as an arm that stays where it started, 100 as the oracle."
 

@@ -1,1 +1,4 @@
-"""Speed: steps per second beside other environments."""
+"""Speed of environment, policies and training, measured beside other environments.
+
+Machines drift, so contestants take turns in rounds of one run, and results are ratios of medians over the rounds.
+"""
