@@ -20,8 +20,8 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def claims(found: Iterable[Claim]) -> str:
     """The paper's claims: what it says, what was measured under which choices, and the verdict."""
-    header = ("figure", "claim", "paper", "measured", "verdict", "under which choices", "seeds")
-    rows = ((c.figure, c.claim, c.paper, c.measured, c.verdict, c.reading, c.seed) for c in found)
+    header = ("figure", "claim", "paper", "measured", "verdict", "assumptions", "seeds")
+    rows = ((c.figure, c.claim, c.paper, c.measured, c.verdict, c.assumptions, c.seed) for c in found)
     return table(header, rows)
 
 

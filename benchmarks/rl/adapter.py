@@ -1,4 +1,4 @@
-"""The adapter between an environment and an agent: the agent's observation, and the torque of its action."""
+"""The adapter between environment and agent: the agent's observation, and its action's torque."""
 
 from __future__ import annotations
 
@@ -53,21 +53,22 @@ def _check_scales(name: str, value: Any) -> tuple[float, ...]:
 class AdapterSettings(Record):
     """The settings of an agent's adapter, as plain data.
 
-    The agent observes tracking errors at a fixed scale, see `fbl_gym.wrappers.ErrorScales`. With `history`, it also
-    observes the errors and its own actions of earlier steps, the latest first; steps before the episode are zeros.
-    With `context`, it also observes the true parameters, see `true_parameters`.
-
-    Its action lies in [-1, 1] per joint.
+    The agent observes tracking errors at a fixed scale, see `fbl_gym.wrappers.ErrorScales`. With
+    `history`, it also observes the errors and its own actions of earlier steps, the latest first;
+    steps before the episode are zeros. With `context`, it also observes the true parameters, see
+    `true_parameters`.
 
     Args:
-        action: meaning of the action. "torque": the torque is `torque` times the action. "acceleration": `acceleration`
-            times the action goes through the nominal feedback linearization mapping. "residual": `residual` times
-            `torque` times the action is added to the torque of the law `base`.
+        action: meaning of the action, which lies in [-1, 1] per joint.
+            "torque": the torque is `torque` times the action.
+            "acceleration": `acceleration` times the action is mapped to a torque by nominal feedback
+            linearisation.
+            "residual": `residual` times `torque` times the action is added to the torque of `base`.
         torque: largest torque per joint.
         acceleration: largest acceleration of both joints.
         residual: largest residual, relative to `torque`.
         base: name of the law under the residual.
-        gains: of the law `base`. They are written out, so that an agent keeps the law that it was trained with.
+        gains: of the law `base`, written out, so that an agent keeps the law of its training.
         history: number of earlier steps that the agent observes.
         context: True lets the agent observe the true parameters. Its access is then "privileged".
         scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
@@ -104,7 +105,8 @@ def true_parameters(truth: Truth, interface: Interface) -> Array:
 class AgentAdapter:
     """An adapter between one environment and an agent.
 
-    Its state is a tuple of arrays with one row per lane: the history, then the state of the law under the residual.
+    Its state is a tuple of arrays with one row per lane: the history, then the state of the law under
+    the residual.
 
     Args:
         settings: of the adapter.

@@ -1,6 +1,7 @@
-"""The folder of a trained agent: `agent.json` describes it, `weights.npz` holds its network in single precision.
+"""The folder of a trained agent.
 
-Both are plain data: reading them runs no code.
+`agent.json` describes the agent, `weights.npz` holds its network in single precision. Both are plain
+data: reading them runs no code.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def read(folder: Path) -> tuple[AdapterSettings, Actor]:
 
 
 def access_of(folder: Path) -> str:
-    """Return the access of the agent in a folder: "privileged" if it was trained with context, else "nominal"."""
+    """Return the access of a folder's agent: "privileged" with context, else "nominal"."""
     return "privileged" if describe(folder)["interface"].get("context") else "nominal"
 
 
@@ -112,7 +113,9 @@ class SavedAgent(TorqueLaw):
 
 
 def saved_agent(env: Any, folder: str) -> SavedAgent:
-    """Return the agent of a folder; only an agent with context gets the environment, all others its interface.
+    """Return the agent of a folder.
+
+    Only an agent with context gets the environment; all others get its interface.
 
     Args:
         env: the environment, single or batched, wrapped or not; or its interface.

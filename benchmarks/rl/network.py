@@ -36,12 +36,14 @@ class Actor:
         check_choice("output", self.output, _OUTPUTS)
 
     def __call__(self, observation: Array) -> Array:
-        """Return the action [n x 2] in double precision; a lane has the same bits alone and in a batch.
+        """Return the action [n x 2] in double precision.
+
+        A lane has the same bits alone and in a batch.
 
         Args:
             observation: of the agent, [n x inputs].
         """
-        # The rounding of a matrix product depends on the size of the matrix, so all products have one size.
+        # The rounding of a product depends on the size of its matrices, so all have one size.
         count, inputs = observation.shape
         blocks = np.zeros((-(-count // _BLOCK), _BLOCK, inputs))
         blocks.reshape(-1, inputs)[:count] = observation

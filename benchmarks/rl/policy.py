@@ -1,4 +1,4 @@
-"""The shipped agents: their training seeds, their learning curves, and one factory per agent for the registry."""
+"""The shipped agents: training seeds, learning curves, and a factory of each for the registry."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def curves(name: str) -> dict[int, Array]:
 
 
 def best_seed(name: str) -> int:
-    """Return the training seed of a shipped agent with the smallest error on the validation seeds."""
+    """Return the training seed of a shipped agent with the smallest validation error."""
     return min(shipped()[name], key=lambda seed: describe(SHIPPED / name / str(seed))["validation_mrad"])
 
 

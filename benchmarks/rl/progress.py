@@ -1,4 +1,4 @@
-"""The progress of a training run: validation, the best agent, checkpoints and the remaining time."""
+"""The progress of a training run: validation, the best agent, checkpoints, remaining time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PACKAGES = ("fbl-gym", "gymnasium", "numpy", "torch", "stable-baselines3", "sb3-
 
 
 class Progress(BaseCallback):
-    """A callback that validates the agent, saves the best one, writes checkpoints and prints the remaining time.
+    """A callback that validates the agent, saves the best one and writes checkpoints.
 
     Args:
         settings: of the run.
@@ -38,7 +38,7 @@ class Progress(BaseCallback):
         evaluations: number of validations and checkpoints.
 
     Attributes:
-        curve: the learning curve so far: steps, wall time [s] and validation error [mrad] of each validation.
+        curve: steps, wall time [s] and error [mrad] of each validation so far.
     """
 
     def __init__(self, settings: TrainingSettings, folder: Path, command: str, evaluations: int) -> None:
@@ -136,7 +136,7 @@ class LinearDecay:
         self.begin, self.progress = begin, progress
 
     def __call__(self, _: float) -> float:
-        """Return the learning rate now. SB3's own measure of progress is ignored, since it does not know `minutes`."""
+        """Return the learning rate now; SB3's measure of progress does not know `minutes`."""
         return self.begin * (1.0 - self.progress.fraction(self.progress.num_timesteps))
 
     def __reduce__(self) -> tuple[Any, ...]:

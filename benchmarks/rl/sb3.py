@@ -1,4 +1,4 @@
-"""Classes of stable-baselines3 and sb3-contrib, found by algorithm or by archive; imported when they are needed."""
+"""Classes of stable-baselines3 and sb3-contrib, by algorithm or by archive; imported on use."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _SHARED_NETWORK = "stable_baselines3.common.policies"
 """Module of the network that PPO, A2C and TRPO share."""
 
 _BY_SETTING = {"clip_range": "stable_baselines3:PPO", "cg_max_steps": "sb3_contrib:TRPO"}
-"""The class that loads an archive with the shared network, by a setting that only this algorithm has; else A2C."""
+"""The class that loads an archive with the shared network, by a setting that no other has; else A2C."""
 
 
 def find_class(algorithm: str) -> Any:
@@ -58,12 +58,14 @@ def _import(user: str, place: str) -> Any:
 
 
 def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
-    """Return an SB3 model as a policy. It must be trained on the environment's own observations and actions.
+    """Return an SB3 model as a policy.
+
+    It must be trained on the environment's observations and actions, without a wrapper.
 
     Args:
         path: of the .zip that SB3's `save` wrote.
         interface: of the environment in which the policy acts.
-        trust: an archive of SB3 holds pickled code, which runs when it is loaded. True says that you trust its source.
+        trust: loading an archive of SB3 runs the pickled code in it. True: you trust its source.
     """
     if not trust:
         raise ValueError(
@@ -95,7 +97,7 @@ def _class_of(path: str | Path) -> Any:
 
 
 def _check_spaces(model: Any, interface: Interface) -> None:
-    """Refuse a model with other observations or actions than the environment's; their precision may differ."""
+    """Refuse a model with other observations or actions; their precision may differ."""
     advice = {
         "observation_space": "observations as the environment gives them, without a wrapper such as ErrorCoordinates",
         "action_space": f'action="{interface.action}"',

@@ -4,7 +4,8 @@ A run writes to its folder:
 
     agent.json, weights.npz    the agent with the smallest validation error so far
     curve.csv                  the learning curve
-    run.json, checkpoint.zip   settings and state, with which a killed run resumes (off-policy: buffer.pkl too)
+    run.json, checkpoint.zip   settings and state, from which a killed run resumes; off-policy
+                               algorithms have buffer.pkl too
     tensorboard/               logs, if TensorBoard is installed
 """
 
@@ -64,7 +65,7 @@ def train(
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Refuse a folder in which another process works. The lock ends with its process, even if that is killed."""
+    """Refuse a folder in which another process works; a killed process releases its lock."""
     with (folder / ".lock").open("w") as file:
         if fcntl is not None:
             try:

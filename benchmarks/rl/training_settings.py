@@ -1,4 +1,4 @@
-"""The settings of a training run, as plain data; neither torch nor stable-baselines3 is imported."""
+"""The settings of a training run, as plain data; imports neither torch nor stable-baselines3."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class TrainingSettings(Record):
         adapter: observations and actions of the agent.
         scenario: for training, and for validation with other seeds.
         seed: of the training.
-        steps: of all lanes together; None: as many as fit into `minutes`, or as the hyperparameters say.
+        steps: of all lanes together; None: those of the hyperparameters, if `minutes` is None too.
         minutes: wall time; such a run does not repeat exactly. None: the run ends after `steps`.
-        hyperparameters: `lanes`, `steps` and the `arguments` of SB3's class; empty: the shipped ones.
+        hyperparameters: `lanes`, `steps` and `arguments` of SB3's class; empty: the shipped ones.
     """
 
     algorithm: str = choice(dataclasses.MISSING, ALGORITHMS)
@@ -52,7 +52,7 @@ def shipped_hyperparameters(algorithm: str) -> dict[str, Any]:
 
 
 def at_radius(scenario: Scenario, radius: float) -> Scenario:
-    """Return the scenario with another radius of the parameter error; an equal radius returns it unchanged."""
+    """Return the scenario with another radius of the parameter error; unchanged if it is equal."""
     before = scenario.parameter_error or ParameterError()
     error = dataclasses.replace(before, radius=radius)
     if error == before:

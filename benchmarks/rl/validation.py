@@ -1,4 +1,4 @@
-"""The tracking error of an agent on the validation seeds, by which training chooses the best agent."""
+"""The tracking error on the validation seeds, by which training chooses the best agent."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VALIDATION = SPLITS["validation"][:16]
 
 
 def tracking_error(policy: Policy, env: TwoLinkArmVectorEnv, seeds: Iterable[int]) -> Array:
-    """Return the root mean square tracking error of both joints over one episode of each seed, [n] mrad.
+    """Return the root mean square tracking error over one episode of each seed, [n] mrad.
 
     From the step at which a run diverges, its error counts as pi.
 

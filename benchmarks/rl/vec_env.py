@@ -1,4 +1,4 @@
-"""The batched environment as a `VecEnv` of stable-baselines3, which does not take Gymnasium's vector environments."""
+"""The batched environment as a `VecEnv` of stable-baselines3."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from fbl_gym.env import check_reset_options
 
 
 class ArmVecEnv(VecEnv):
-    """A `VecEnv` of SB3 over a `TwoLinkArmVectorEnv`, bit for bit equal to a `DummyVecEnv` of single environments.
+    """A `VecEnv` of SB3 over a `TwoLinkArmVectorEnv`.
+
+    It equals a `DummyVecEnv` of single environments, bit for bit.
 
     Args:
-        env: wrapped or not, in SAME_STEP mode: the step that ends an episode returns the first observation of the next.
+        env: wrapped or not, in SAME_STEP mode: the last step of an episode returns the first
+            observation of the next.
     """
 
     def __init__(self, env: VectorEnv) -> None:
@@ -29,7 +32,7 @@ class ArmVecEnv(VecEnv):
         self.metadata = dict(env.metadata)
 
     def reset(self) -> Array:
-        """Start an episode in every lane, with the seeds of `seed()` if that was called since the last reset."""
+        """Start an episode in every lane, with the seeds of `seed()` if it was called since."""
         for options in self._options:
             check_reset_options(options, ())
         observations, _ = self.env.reset(seed=self._seeds)  # type: ignore[arg-type]
@@ -61,7 +64,7 @@ class ArmVecEnv(VecEnv):
         return list(self.env.render() or ())
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute for each lane: of `truth` the part of the lane, of others the one value of all lanes."""
+        """Return an attribute for each lane: its part of `truth`, else the common value."""
         lanes = self._get_indices(indices)
         value = getattr(self.env, attr_name) if hasattr(self.env, attr_name) else getattr(self.env.unwrapped, attr_name)
         if attr_name == "truth":

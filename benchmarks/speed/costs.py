@@ -1,4 +1,4 @@
-"""Time of a step by batch size and physics steps, of each policy's decision, and of a complete evaluation."""
+"""Time of a step by batch size and physics steps, of policies' decisions, and of an evaluation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SETTLED = 60
 
 
 def measure_growth(rounds: int = 3) -> tuple[dict[int, float], dict[int, float]]:
-    """Return the time of a lane's step [ns] by batch size, and for 256 lanes by physics steps per step.
+    """Return the time of a lane's step [ns] by batch size, and by physics steps for 256 lanes.
 
     Args:
         rounds: turns of each size.

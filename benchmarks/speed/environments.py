@@ -1,4 +1,4 @@
-"""Steps per second of the environment beside other environments, on one thread if not stated otherwise.
+"""Steps per second of this and other environments, on one thread if not stated otherwise.
 
 One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of its dynamics.
 """

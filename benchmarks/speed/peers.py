@@ -11,7 +11,7 @@ from fbl_gym.arm import ArmParameters
 
 
 def mujoco_arm(arm: ArmParameters) -> Contestant:
-    """Return the contestant that steps the same arm in MuJoCo: ten Runge-Kutta steps of 1 ms, without an environment."""
+    """Return a contestant: the same arm in MuJoCo, ten Runge-Kutta steps of 1 ms at once."""
     import mujoco
 
     model = _model(arm)
@@ -25,7 +25,7 @@ def mujoco_arm(arm: ArmParameters) -> Contestant:
 
 
 def mujoco_arms(arm: ArmParameters, lanes: int) -> Contestant:
-    """Return the contestant that steps many arms by `mujoco.rollout`, which returns the state of every physics step."""
+    """Return a contestant: the same for many arms by `mujoco.rollout`, with all physics states."""
     import mujoco
     from mujoco import rollout
 
@@ -57,7 +57,7 @@ def _model(arm: ArmParameters) -> Any:
 
 
 def gymnax_acrobots(lanes: int) -> Contestant:
-    """Return the contestant that steps gymnax's Acrobots on the CPU: one Runge-Kutta step, on threads that XLA chooses."""
+    """Return a contestant: gymnax's Acrobots on the CPU, one Runge-Kutta step on XLA's threads."""
     import gymnax
     import jax
 

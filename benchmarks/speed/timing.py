@@ -17,7 +17,7 @@ ROUND_S = 0.1
 
 
 def single(env: gym.Env, action: object) -> Contestant:
-    """Return the contestant that steps a single environment with one action, and resets it at an episode's end."""
+    """Return a contestant: a single environment with one action, reset at an episode's end."""
     env.reset(seed=0)
 
     def step() -> int:
@@ -30,7 +30,7 @@ def single(env: gym.Env, action: object) -> Contestant:
 
 
 def batch(env: gym.vector.VectorEnv, actions: np.ndarray) -> Contestant:
-    """Return the contestant that steps a batched environment with the same actions every time."""
+    """Return a contestant: a batched environment with the same actions at every step."""
     env.reset(seed=0)
 
     def step() -> int:
@@ -61,5 +61,5 @@ def measure_rates(contestants: Mapping[str, Contestant], rounds: int) -> dict[st
 
 
 def median_rates(contestants: Mapping[str, Contestant], rounds: int) -> dict[str, float]:
-    """Return the median steps per second of each contestant over the rounds; see `measure_rates`."""
+    """Return the median steps per second of each contestant; see `measure_rates`."""
     return {name: float(np.median(rates)) for name, rates in measure_rates(contestants, rounds).items()}

@@ -1,4 +1,4 @@
-"""Training steps per second of processor time: PPO on the batched environment beside PPO on a single one.
+"""Training steps per CPU second: PPO on the batched environment beside PPO on a single one.
 
 `python -m benchmarks.speed.training` prints both and their ratio.
 """
@@ -19,7 +19,7 @@ from fbl_gym.wrappers import ErrorCoordinates, VectorErrorCoordinates
 
 
 def measure_training(rounds: int = 3) -> tuple[float, float]:
-    """Return the steps per CPU second of the batch and of the single environment, medians over the rounds.
+    """Return the steps per CPU second of the batch and of the single environment, as medians.
 
     Both learn with the shipped hyperparameters, and take equally many steps between two updates.
 
