@@ -7,16 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import (
-    ARMS,
-    Claim,
-    Effort,
-    Measured,
-    percents,
-    run,
-    seed_range,
-    verdict,
-)
+from benchmarks.paper.claim import ARMS, Claim, Effort, Measured, percents, run, seed_range, verdict
 from benchmarks.report.plot import COLORS, Line, Panel, plot_lines, plot_trace
 from benchmarks.run.rollout import Trace
 from controllers.gain_scheduling import schedule
@@ -43,10 +34,10 @@ def _estimation(policy: str, scenario: Scenario, seeds: int = 1, **gains: Any) -
     return trace, trace.watched["estimates"] / trace.watched["parameters"]
 
 
-def _estimation_panels(time: Array, share: Array, title: str) -> tuple[Panel, ...]:
+def _estimation_panels(time: Array, estimates: Array, title: str) -> tuple[Panel, ...]:
     """Return a panel of estimate / real over logarithmic time, with the paper's band of 10 %."""
     lines = tuple(
-        Line(time, share[:, i], name, COLORS[i], ("-", "--", "-.", ":")[i])
+        Line(time, estimates[:, i], name, COLORS[i], ("-", "--", "-.", ":")[i])
         for i, name in enumerate(("m1", "m2", "L1", "L2"))
     )
     marks = ((0.9, "−10 %"), (1.1, "+10 %"))
@@ -57,26 +48,25 @@ def _figure_6(effort: Effort, figure: str, factor: str, mass: float) -> Measured
     name = f"paper-{figure}"
     scenario = scenarios.get(name).replace(duration=2.0 if effort.seeds > 2 else 1.2)
     second = round(1.0 / scenario.control_dt)
-    trace, share = _estimation("adaptive-flm", scenario)
-    _, known = _estimation("adaptive-flm", scenario, total_mass=mass)
-    _, rough = _estimation("adaptive-flm", scenario.replace(friction=scenarios.get("paper-8").friction))
-    error, given, biased = (np.abs(x[:, 0] - 1.0) for x in (share, known, rough))
-    late = max(error[second:].max(), given[second:].max())
+    trace, estimates = _estimation("adaptive-flm", scenario)
+    _, known_mass = _estimation("adaptive-flm", scenario, total_mass=mass)
+    _, with_friction = _estimation("adaptive-flm", scenario.replace(friction=scenarios.get("paper-8").friction))
+    error, error_known_mass, error_with_friction = (
+        np.abs(x[:, 0] - 1.0) for x in (estimates, known_mass, with_friction)
+    )
+    late = max(error[second:].max(), error_known_mass[second:].max())
     claim = Claim(
         figure=figure, claim=f"parameters {factor} the nominal ones are estimated", paper="within about 10 %",
-        measured=(
-            f"error within 10 % from sample {np.flatnonzero((error < 0.1).all(axis=1))[0]} on; after the first "
+        measured=f"error within 10 % from sample {np.flatnonzero((error < 0.1).all(axis=1))[0]} on; after the first "
             f"second at most {100 * late:.1e} %, median {100 * np.median(error):.1e} %; with the friction of figure "
-            f"8 median {100 * np.median(biased[second:]):.2g} %, at most {100 * biased[second:].max():.2g} %"
-        ),
+            f"8 median {100 * np.median(error_with_friction[second:]):.2g} %, at most "
+            f"{100 * error_with_friction[second:].max():.2g} %",
         verdict=verdict(late < 0.1 and np.median(error) < 0.01),
-        assumptions=(
-            "no noise, no friction; both forms of (39), with the total mass known and unknown; "
-            f"{scenario.description}"
-        ),
+        assumptions="no noise, no friction; both forms of (39), with the total mass known and unknown; "
+            f"{scenario.description}",
         scenario=name, seed="0",
     )  # fmt: skip
-    panels = _estimation_panels(trace.time[1:], share[:, 0], f"figure {figure}")
+    panels = _estimation_panels(trace.time[1:], estimates[:, 0], f"figure {figure}")
     return claim, lambda path: plot_lines("Estimates of three samples and the pseudo-inverse", panels, path)
 
 
@@ -116,24 +106,20 @@ def estimation_under_noise(effort: Effort) -> Measured:
         noise={"position": PAPER_SIGMA, "acceleration": PAPER_SIGMA}, control_dt=1e-3,
     )  # fmt: skip
     sigmas = {"acceleration_sigma": PAPER_SIGMA, "position_sigma": PAPER_SIGMA}
-    trace, share = _estimation("adaptive-flm-ls", scenario, effort.seeds, **sigmas)
-    _, three = _estimation("adaptive-flm", scenario.replace(duration=6.0), effort.seeds)
-    error = 100 * np.median(np.abs(share[5000:] - 1.0), axis=(0, 1))
-    paper = 100 * np.median(np.abs(three[5000:] - 1.0), axis=(0, 1))
+    trace, estimates = _estimation("adaptive-flm-ls", scenario, effort.seeds, **sigmas)
+    _, three_samples = _estimation("adaptive-flm", scenario.replace(duration=6.0), effort.seeds)
+    error = 100 * np.median(np.abs(estimates[5000:] - 1.0), axis=(0, 1))
+    paper = 100 * np.median(np.abs(three_samples[5000:] - 1.0), axis=(0, 1))
     claim = Claim(
         figure="§4.1", claim="estimates under acceleration noise of 0.316 rad/s^2", paper="not tried",
-        measured=(
-            f"median errors of m1, m2, L1, L2: {percents(error)} (least squares), {percents(paper)} (three samples)"
-        ),
+        measured=f"median errors of m1, m2, L1, L2: {percents(error)} (least squares), {percents(paper)} (three samples)",
         verdict=verdict(error.max() < 5.0),
-        assumptions=(
-            "adaptive-flm-ls goes beyond the paper; sigma = 0.316 on position too, 1 kHz, exciting motion, ratios "
-            "1/2 to 2, after 5 s; reproduced: below 5 %"
-        ),
+        assumptions="adaptive-flm-ls goes beyond the paper; sigma = 0.316 on position too, 1 kHz, exciting motion, ratios "
+            "1/2 to 2, after 5 s; reproduced: below 5 %",
         scenario="mixed-error-3", seed=seed_range(effort.seeds),
     )  # fmt: skip
     thin = slice(None, None, 10)
-    panels = _estimation_panels(trace.time[1:][thin], share[thin, 0], "filtered least squares under noise")
+    panels = _estimation_panels(trace.time[1:][thin], estimates[thin, 0], "filtered least squares under noise")
     return claim, lambda path: plot_lines("Estimates of adaptive-flm-ls", panels, path)
 
 
@@ -145,29 +131,27 @@ def figure_7(effort: Effort) -> Measured:
     watch = {"v": lambda env, *_: env.truth.velocity, "f": lambda env, *_: env.truth.friction_torque}
     trace, _ = run("cascade-flm", scenario.replace(friction=_literal(friction)), watch=watch)
     v, f = trace.watched["v"][:, 0], trace.watched["f"][:, 0]
-    apart = np.abs(f - _equation_43(friction, v)).max()
-    crept = {law: _creep(dataclasses.replace(friction, law=law)) for law in ("literal", "exact")}
+    difference = np.abs(f - _equation_43(friction, v)).max()
+    creep = {law: _creep(dataclasses.replace(friction, law=law)) for law in ("literal", "exact")}
     claim = Claim(
         figure="7, (43)", claim="the stiction torque decays with exp(-v^2 / v_s)", paper="the curve of figure 7",
-        measured=(
-            f"simulated friction equals (43) within {apart:.1e} N m; under 90 % of the breakaway torque a joint "
-            f"moves {crept['literal']:.2g} rad in 1 s with the printed law, {crept['exact']:.2g} rad with friction "
-            "that sticks"
-        ),
-        verdict=verdict(under_assumptions=apart < 1e-9 and crept["exact"] == 0.0 < crept["literal"]),
+        measured=f"simulated friction equals (43) within {difference:.1e} N m; under 90 % of the breakaway torque a joint "
+            f"moves {creep['literal']:.2g} rad in 1 s with the printed law, {creep['exact']:.2g} rad with friction "
+            "that sticks",
+        verdict=verdict(under_assumptions=difference < 1e-9 and creep["exact"] == 0.0 < creep["literal"]),
         assumptions="in the printed law sign(0) = 0, so joints do not stick; v_s has the unit (rad/s)^2",
         scenario="paper-8", seed="0",
     )  # fmt: skip
     speed = np.linspace(-0.3, 0.3, 601)
     curve = _equation_43(friction, np.stack([speed, speed], axis=-1))
-    some = slice(None, None, 7)
+    thin = slice(None, None, 7)
 
     def lines(j: int) -> tuple[Line, ...]:
-        near = np.abs(v[some, j]) < 0.3
-        order = np.argsort(v[some, j][near])
+        near = np.abs(v[thin, j]) < 0.3
+        order = np.argsort(v[thin, j][near])
         return (
             Line(speed, curve[:, j], "equation (43)"),
-            Line(v[some, j][near][order], f[some, j][near][order], "simulated", "#D55E00", ":"),
+            Line(v[thin, j][near][order], f[thin, j][near][order], "simulated", "#D55E00", ":"),
         )
 
     panels = tuple(Panel(f"joint {j + 1}", "velocity [rad/s]", "friction torque [N m]", lines(j)) for j in (0, 1))
@@ -207,11 +191,9 @@ def figure_8(effort: Effort, arm: str) -> Measured:
     claim = Claim(
         figure="8", claim=f"unmodelled stiction degrades tracking ({arm})",
         paper="impact on integral-controlled tracking",
-        measured=(
-            f"mean error {percents([metrics['error_pct']])} with stiction, {percents([smooth['error_pct']])} "
+        measured=f"mean error {percents([metrics['error_pct']])} with stiction, {percents([smooth['error_pct']])} "
             f"without: {factor:.2f} times; at rest {percents([metrics['steady_1_pct'], metrics['steady_2_pct']])} "
-            f"with, {percents([smooth['steady_1_pct'], smooth['steady_2_pct']])} without (links 1, 2)"
-        ),
+            f"with, {percents([smooth['steady_1_pct'], smooth['steady_2_pct']])} without (links 1, 2)",
         verdict=verdict(factor > 1.2, under_assumptions=worse > 2.0),
         assumptions=scenario.description + ". Under assumptions: at rest only",
         scenario="paper-8", seed="0",
@@ -234,14 +216,12 @@ def figure_9(effort: Effort) -> Measured:
     v_s, sigma = 1e-3, 0.05
     rest = schedule(np.zeros((1, 2)), ALPHA, v_s)[0, 0]
     away = schedule(np.full((1, 2), 0.2), ALPHA, v_s)[0, 0]
-    drawn = np.random.default_rng(0).normal(scale=sigma, size=(200_000, 2))
-    noisy = float(schedule(drawn, ALPHA, v_s)[:, 0].mean())
+    velocities = np.random.default_rng(0).normal(scale=sigma, size=(200_000, 2))
+    noisy = float(schedule(velocities, ALPHA, v_s)[:, 0].mean())
     claim = Claim(
         figure="9, (46)", claim="gains rise when joints hardly move", paper="soft gain scheduling",
-        measured=(
-            f"GS = {rest:.1f} at rest and {away:.3f} at 0.2 rad/s; with velocity noise of {sigma} rad/s its mean at "
-            f"rest is {noisy:.1f}"
-        ),
+        measured=f"GS = {rest:.1f} at rest and {away:.3f} at 0.2 rad/s; with velocity noise of {sigma} rad/s its mean at "
+            f"rest is {noisy:.1f}",
         verdict=verdict(under_assumptions=rest > 20 and away < 1.01),
         assumptions="alpha_ii = 20, alpha_ij = 0, v_s = 1e-3; the factor multiplies P and the integrand",
         scenario="paper-10", seed="0",
@@ -278,10 +258,8 @@ def figure_10(effort: Effort) -> Measured:
     claim = Claim(
         figure="10", claim="steady-state error with parameters ten times the nominal ones, stiction and disturbance",
         paper="link 1 < 0.01 %, link 2 < 0.03 %",
-        measured=(
-            f"{steady(scheduled)} (printed friction), {steady(exact)} (friction that sticks); {steady(unscheduled)} "
-            f"without gain scheduling; {steady(robust)} for the cascade without adaptation"
-        ),
+        measured=f"{steady(scheduled)} (printed friction), {steady(exact)} (friction that sticks); {steady(unscheduled)} "
+            f"without gain scheduling; {steady(robust)} for the cascade without adaptation",
         verdict=verdict(under_assumptions=holds),
         assumptions="alpha_ii = 20, Kp = 10, v_s = 1e-3; " + scenario.description,
         scenario="paper-10", seed=seed_range(effort.seeds),
@@ -308,11 +286,9 @@ def figure_10_with_noise(effort: Effort) -> Measured:
         figure="10", claim="steady-state error of figure 10 with sensor noise", paper="not tried",
         measured=f"steady-state error of links 1, 2: {text}",
         verdict=verdict(all(holds), under_assumptions=any(holds)),
-        assumptions=(
-            "as figure 10, sigma of a sample of position [rad], velocity [rad/s] and acceleration [rad/s^2]; under "
+        assumptions="as figure 10, sigma of a sample of position [rad], velocity [rad/s] and acceleration [rad/s^2]; under "
             "assumptions: the bounds of figure 10 hold only at sigma 0.001; the real inertia is a thousand times "
-            "the nominal one, so the arm falls fast and the signals are large"
-        ),
+            "the nominal one, so the arm falls fast and the signals are large",
         scenario="paper-10", seed=seed_range(effort.seeds),
     )  # fmt: skip
     return claim, lambda path: plot_trace(traces["adaptive-flm", 1e-2], "Figure 10 with sensor noise of 0.01", path)

@@ -50,8 +50,9 @@ CLAIMS: dict[str, Callable[[Effort], Measured]] = {
 
 
 def listed() -> dict[str, str]:
-    """Return the summary of each claim's function, by the claim's name."""
-    return {name: (inspect.getdoc(getattr(f, "func", f)) or "").partition("\n")[0] for name, f in CLAIMS.items()}
+    """Return one line on each claim, by name: the summary of its function without the verb."""
+    summaries = {name: inspect.getdoc(getattr(f, "func", f)) or "" for name, f in CLAIMS.items()}
+    return {name: text.partition("\n")[0].removeprefix("Measure ") for name, text in summaries.items()}
 
 
 def select(names: Sequence[str]) -> list[str]:

@@ -7,28 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import (
-    ARMS,
-    REPRODUCED,
-    Claim,
-    Effort,
-    Measured,
-    percents,
-    run,
-    verdict,
-    with_estimate,
-)
+from benchmarks.paper.claim import ARMS, REPRODUCED, Claim, Effort, Measured, percents, run, verdict, with_estimate
 from benchmarks.report.plot import Line, Panel, plot_lines, plot_trace
 from benchmarks.run.rollout import Watch
 from controllers.feedback_linearization import linearize
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.arm import (
-    Array,
-    coriolis_matrix,
-    forward_dynamics,
-    gravity_torque,
-    inertia_matrix,
-)
+from fbl_gym.arm import Array, coriolis_matrix, forward_dynamics, gravity_torque, inertia_matrix
 
 MIXED = (2.0, 0.5, 0.5, 2.0)
 """real / nominal of m1, m2, L1 and L2: a mixed error, with no common factor."""
@@ -76,7 +60,7 @@ def _leakages(policy: str, scenario: Scenario, formula: Watch, seconds: float) -
 def _leakage_claim(
     effort: Effort,
     figure: str,
-    says: str,
+    text: str,
     paper: str,
     policy: str,
     scenario: Scenario,
@@ -84,15 +68,13 @@ def _leakage_claim(
     formula: Watch,
 ) -> Measured:
     t, measured, computed = _leakages(policy, scenario, formula, effort.seconds)
-    _, none, _ = _leakages(policy, perfect, formula, effort.seconds)
-    apart, left = np.abs(measured - computed).max(), np.abs(none).max()
+    _, complete, _ = _leakages(policy, perfect, formula, effort.seconds)
+    difference, remaining = np.abs(measured - computed).max(), np.abs(complete).max()
     claim = Claim(
-        figure=figure, claim=says, paper=paper,
-        measured=(
-            f"up to {np.abs(measured).max():.3g} rad/s^2; simulation and formula differ by at most {apart:.1e} at "
-            f"{len(t):,} samples; with a complete model the leakage is at most {left:.1e}"
-        ),
-        verdict=verdict(apart < 1e-8 and left < 1e-8),
+        figure=figure, claim=text, paper=paper,
+        measured=f"up to {np.abs(measured).max():.3g} rad/s^2; simulation and formula differ by at most {difference:.1e} at "
+            f"{len(t):,} samples; with a complete model the leakage is at most {remaining:.1e}",
+        verdict=verdict(difference < 1e-8 and remaining < 1e-8),
         assumptions=scenario.description,
         scenario=scenario.name, seed="0",
     )  # fmt: skip
@@ -103,7 +85,7 @@ def _leakage_claim(
             (
                 Line(t, measured[:, joint], "a − q̈ in the simulation", "tab:red"),
                 Line(t, computed[:, joint], "formula", "black", ":"),
-                Line(t, none[: len(t), joint], "complete model", "tab:blue"),
+                Line(t, complete[: len(t), joint], "complete model", "tab:blue"),
             ),
         )  # fmt: skip
 
@@ -114,9 +96,9 @@ def leakage_of_parameters(effort: Effort) -> Measured:
     """Measure equations (5) and (6) and their general form: the leakage of wrong parameters."""
     scenario = scenarios.get("paper-3b")
     perfect = with_estimate(scenario, ARMS["section-2-2"], 1.0)
-    says = "the leakage LS of wrong parameters is (5), (6) and their general form"
+    text = "the leakage LS of wrong parameters is (5), (6) and their general form"
     paper = "x2' = a - LS; (6) covers the disturbance only"
-    return _leakage_claim(effort, "2, 3b", says, paper, "pid-flm", scenario, perfect, leakage_formula)
+    return _leakage_claim(effort, "2, 3b", text, paper, "pid-flm", scenario, perfect, leakage_formula)
 
 
 def leakage_of_disturbance(effort: Effort) -> Measured:
@@ -130,10 +112,10 @@ def leakage_of_disturbance(effort: Effort) -> Measured:
         inertia = inertia_matrix(env.truth.lumped, env.truth.position)
         return np.linalg.solve(inertia, env.truth.disturbance[..., None])[..., 0].astype(float)
 
-    says = "the leakage LS of an unknown disturbance is (6)"
+    text = "the leakage LS of an unknown disturbance is (6)"
     paper = "M^-1 (tau_d - tau); meant: M^-1 (tau_d - tau_d^)"
     claim, draw = _leakage_claim(
-        effort, "(6)", says, paper, "cascade-flm", scenario, scenario.replace(disturbance=None), equation_6
+        effort, "(6)", text, paper, "cascade-flm", scenario, scenario.replace(disturbance=None), equation_6
     )
     return replace(claim, verdict=verdict(under_assumptions=claim.verdict == REPRODUCED)), draw
 
@@ -141,17 +123,9 @@ def leakage_of_disturbance(effort: Effort) -> Measured:
 def leakage_of_stiction(effort: Effort) -> Measured:
     """Measure equations (44) and (45): the leakage of stiction."""
     scenario = scenarios.get("paper-8")
-    says = "the leakage LS of stiction is M^-1 F_s, (44) and (45)"
-    return _leakage_claim(
-        effort,
-        "8, (45)",
-        says,
-        "M^-1 F_s(q')",
-        "cascade-flm",
-        scenario,
-        scenario.replace(friction=None),
-        stiction_leakage,
-    )
+    text = "the leakage LS of stiction is M^-1 F_s, (44) and (45)"
+    perfect = scenario.replace(friction=None)
+    return _leakage_claim(effort, "8, (45)", text, "M^-1 F_s(q')", "cascade-flm", scenario, perfect, stiction_leakage)
 
 
 def figure_2(effort: Effort, arm: str = "section-2-2") -> Measured:
@@ -175,17 +149,13 @@ def figure_2(effort: Effort, arm: str = "section-2-2") -> Measured:
     deviation = np.abs(motions["perfect model"][:, 0] - _double_integrator(t)).max()
     claim = Claim(
         figure="2", claim=f"the linearised plant is decoupled ({arm})", paper="second-order decoupled dynamics",
-        measured=(
-            f"joint 1 is commanded to move 1 rad; joint 2 moves {side_motion['perfect model']:.1e} rad with a "
+        measured=f"joint 1 is commanded to move 1 rad; joint 2 moves {side_motion['perfect model']:.1e} rad with a "
             f"perfect model (joint 1 within {deviation:.1e} rad of a double integrator), "
             f"{side_motion['estimates at half']:.2g} rad with estimates at half the real values, "
-            f"{side_motion['mixed errors']:.2g} rad with mixed errors"
-        ),
+            f"{side_motion['mixed errors']:.2g} rad with mixed errors",
         verdict=verdict(max(side_motion["perfect model"], deviation) < 1e-3 < side_motion["mixed errors"]),
-        assumptions=(
-            "open loop, 10 kHz, from the hanging position; mixed errors: m1 and L2 are twice, m2 and L1 half their "
-            "estimates"
-        ),
+        assumptions="open loop, 10 kHz, from the hanging position; mixed errors: m1 and L2 are twice, m2 and L1 half their "
+            "estimates",
         scenario=base.name, seed="0",
     )  # fmt: skip
     panels = tuple(
@@ -233,10 +203,8 @@ def figure_3a(effort: Effort, arm: str) -> Measured:
     steady = max(metrics["steady_1_pct"], metrics["steady_2_pct"])
     claim = Claim(
         figure="3a", claim=f"PID with a perfect model tracks ({arm})", paper="good control performance",
-        measured=(
-            f"steady-state error {steady:.2g} %, settling {metrics['settling_s']:.2f} s, overshoot "
-            f"{metrics['overshoot_pct']:.1f} %"
-        ),
+        measured=f"steady-state error {steady:.2g} %, settling {metrics['settling_s']:.2f} s, overshoot "
+            f"{metrics['overshoot_pct']:.1f} %",
         verdict=verdict(under_assumptions=steady < 1.0),
         assumptions="P = 10, D = 3, I = 0 instead of the printed gains; step references of up to 1.5 rad",
         scenario="paper-3a", seed="0",
@@ -269,15 +237,11 @@ def figure_3b(effort: Effort, arm: str) -> Measured:
     claim = Claim(
         figure="3b", claim=f"PID with model errors of 50 % does not track ({arm})",
         paper="nonlinear and coupled leakages",
-        measured=(
-            f"mean error {percents([half['error_pct']])} (estimates at half the real values), "
-            f"{percents([double['error_pct']])} (at double), {percents([perfect['error_pct']])} (perfect model)"
-        ),
+        measured=f"mean error {percents([half['error_pct']])} (estimates at half the real values), "
+            f"{percents([double['error_pct']])} (at double), {percents([perfect['error_pct']])} (perfect model)",
         verdict=verdict(worse > 2.0, under_assumptions=half["error_pct"] > 2.0 * perfect["error_pct"]),
-        assumptions=(
-            "as 3a; reproduced: both directions at least double the error; under assumptions: only the paper's "
-            "direction does"
-        ),
+        assumptions="as 3a; reproduced: both directions at least double the error; under assumptions: only the paper's "
+            "direction does",
         scenario="paper-3b", seed="0",
     )  # fmt: skip
     return claim, lambda path: plot_trace(trace, f"Figure 3b: PID, estimates at half the real values, {arm}", path)

@@ -6,15 +6,7 @@ import numpy as np
 
 from benchmarks.analysis.robustness import BOUND, LARGEST, SHARE, with_radius
 from benchmarks.analysis.statistics import Radius, radius
-from benchmarks.paper.claim import (
-    ARMS,
-    Claim,
-    Draw,
-    Effort,
-    Measured,
-    seed_range,
-    verdict,
-)
+from benchmarks.paper.claim import ARMS, Claim, Draw, Effort, Measured, seed_range, verdict
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
@@ -78,15 +70,11 @@ def robust_radius(effort: Effort, arm: str) -> Measured:
     reached = [r.value >= 1.0 for r in (radii["robust-flm"], *one_sided)]
     claim = Claim(
         figure="§3", claim=f"the robust design holds within a radius of 100 % ({arm})", paper="radius 1: satisfactory",
-        measured=(
-            f"radius {text}; robust-flm {one_sided[0]} if the real parameters are only larger, {one_sided[1]} if "
-            f"only smaller; error at most {same:.2g} % if all have the factor 2 or 1/2"
-        ),
+        measured=f"radius {text}; robust-flm {one_sided[0]} if the real parameters are only larger, {one_sided[1]} if "
+            f"only smaller; error at most {same:.2g} % if all have the factor 2 or 1/2",
         verdict=verdict(all(reached), under_assumptions=any(reached) or same < BOUND),
-        assumptions=(
-            "radius: 95 % of the seeds track within 5 %, each parameter has its own factor; under assumptions: only "
-            "in some directions, or if all share one factor; way-points at 1 kHz, no noise, no torque limit"
-        ),
+        assumptions="radius: 95 % of the seeds track within 5 %, each parameter has its own factor; under assumptions: only "
+            "in some directions, or if all share one factor; way-points at 1 kHz, no noise, no torque limit",
         scenario="nominal", seed=seed_range(seeds),
     )  # fmt: skip
     return claim, _maps(scenario, effort, arm)
@@ -108,15 +96,11 @@ def adaptive_radius(effort: Effort, arm: str) -> Measured:
     wide = larger.value >= 9.0 and smaller["10 kHz"].value >= 9.0
     claim = Claim(
         figure="§4", claim=f"the adaptive design holds within a radius of 1000 % ({arm})", paper="1000 %: radius 9",
-        measured=(
-            f"real parameters larger: {larger} at 1 kHz; smaller: {smaller['1 kHz']} at 1 kHz, {smaller['10 kHz']} "
-            "at 10 kHz"
-        ),
+        measured=f"real parameters larger: {larger} at 1 kHz; smaller: {smaller['1 kHz']} at 1 kHz, {smaller['10 kHz']} "
+            "at 10 kHz",
         verdict=verdict(wide and smaller["1 kHz"].value >= 9.0, under_assumptions=wide),
-        assumptions=(
-            "as for the robust design, no noise, no friction; under assumptions: 10 kHz if the arm is lighter than "
-            "its model"
-        ),
+        assumptions="as for the robust design, no noise, no friction; under assumptions: 10 kHz if the arm is lighter than "
+            "its model",
         scenario="nominal", seed=seed_range(seeds),
     )  # fmt: skip
     grid = np.expm1(np.linspace(0.0, np.log1p(LARGEST), effort.ratios))

@@ -7,17 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import (
-    ARMS,
-    Claim,
-    Effort,
-    Measured,
-    percents,
-    run,
-    seed_range,
-    verdict,
-    with_estimate,
-)
+from benchmarks.paper.claim import ARMS, Claim, Effort, Measured, percents, run, seed_range, verdict, with_estimate
 from benchmarks.report.plot import Line, Panel, plot_lines, plot_trace
 from benchmarks.run.rollout import rollout
 from fbl_gym import scenarios
@@ -33,10 +23,8 @@ def figure_4b_filter(effort: Effort, arm: str) -> Measured:
     claim = Claim(
         figure="4a, 4b", claim=f"the Kalman filter removes the noise ({arm})",
         paper="degraded without the filter, good with it",
-        measured=(
-            f"the total variation of the torque is {100 * share:.1f} % of that without the filter; mean error "
-            f"{percents([metrics['error_pct']])} with the filter, {percents([without['error_pct']])} without"
-        ),
+        measured=f"the total variation of the torque is {100 * share:.1f} % of that without the filter; mean error "
+            f"{percents([metrics['error_pct']])} with the filter, {percents([without['error_pct']])} without",
         verdict=verdict(under_assumptions=share < 0.2),
         assumptions=scenarios.get("paper-4b").description,
         scenario="paper-4b", seed=seed_range(effort.seeds),
@@ -53,10 +41,8 @@ def figure_4a(effort: Effort, arm: str) -> Measured:
     claim = Claim(
         figure="4a", claim=f"noise degrades the cascade without a filter ({arm})",
         paper="large position tracking error",
-        measured=(
-            f"mean error {percents([noisy['error_pct']])} with noise, {percents([clean['error_pct']])} without; the "
-            f"total variation of the torque is {factor:.0f} times as large with noise"
-        ),
+        measured=f"mean error {percents([noisy['error_pct']])} with noise, {percents([clean['error_pct']])} without; the "
+            f"total variation of the torque is {factor:.0f} times as large with noise",
         verdict=verdict(noisy["error_pct"] > 1.5 * clean["error_pct"], under_assumptions=factor > 5),
         assumptions="holds for the torque, which chatters; the mean tracking error hardly changes",
         scenario="paper-4a", seed=seed_range(effort.seeds),
@@ -75,15 +61,11 @@ def figure_4b_error(effort: Effort, arm: str) -> Measured:
 
     claim = Claim(
         figure="4b", claim=f"average tracking error of 0.5 % without overshoot ({arm})", paper="0.5 %, 0 %",
-        measured=(
-            f"error {half['error_pct']:.1f} %, overshoot {half['overshoot_pct']:.0f} % (estimates at half the real "
-            f"values); error {double['error_pct']:.1f} %, overshoot {double['overshoot_pct']:.1f} % (at double)"
-        ),
+        measured=f"error {half['error_pct']:.1f} %, overshoot {half['overshoot_pct']:.0f} % (estimates at half the real "
+            f"values); error {double['error_pct']:.1f} %, overshoot {double['overshoot_pct']:.1f} % (at double)",
         verdict=verdict(holds(half) and holds(double), under_assumptions=holds(double)),
-        assumptions=(
-            "under assumptions: only with estimates at double the real values; Kp = 10, steps behind a filter of 8 "
-            "rad/s, sigma = 0.01"
-        ),
+        assumptions="under assumptions: only with estimates at double the real values; Kp = 10, steps behind a filter of 8 "
+            "rad/s, sigma = 0.01",
         scenario="paper-4b", seed=seed_range(effort.seeds),
     )  # fmt: skip
     return claim, lambda path: plot_trace(trace, f"Figure 4b, estimates at double the real values, {arm}", path)
@@ -108,10 +90,8 @@ def noise_of_1_db(effort: Effort) -> Measured:
         figure="§3.2", claim="average tracking error of 0.5 % under noise of 1 dB and variance 0.1", paper="0.5 %",
         measured=f"mean error {text}",
         verdict=verdict(max(errors.values()) <= 0.5, under_assumptions=min(errors.values()) <= 0.5),
-        assumptions=(
-            "estimates at double the real values, 1 kHz, sigma of each sample; for a signal of unit power, a "
-            "variance of 0.1 is 10 dB and 1 dB is a variance of 0.794"
-        ),
+        assumptions="estimates at double the real values, 1 kHz, sigma of each sample; for a signal of unit power, a "
+            "variance of 0.1 is 10 dB and 1 dB is a variance of 0.794",
         scenario="paper-4b", seed=seed_range(effort.seeds),
     )  # fmt: skip
     return claim, lambda path: plot_trace(traces["variance 0.1"], "Figure 4b with noise of variance 0.1 a sample", path)
@@ -168,16 +148,12 @@ def figure_4b_settling(effort: Effort, arm: str) -> Measured:
     small, both = _step(arm, 2.0, (0.01, 0.01)), _step(arm, 2.0, (1.0, 0.5))
     claim = Claim(
         figure="4b", claim=f"settling time of 0.01 s ({arm})", paper="0.01 s",
-        measured=(
-            f"estimates at double the real values: {_settled(one)}, overshoot {one.overshoot:.1f} % (joint 1 alone, "
+        measured=f"estimates at double the real values: {_settled(one)}, overshoot {one.overshoot:.1f} % (joint 1 alone, "
             f"1 rad, {one.torque:.0e} N m); both joints: {_settled(small)} (0.01 rad), {_settled(both)} (1 and 0.5 "
-            f"rad); estimates at half: {_settled(half)}"
-        ),
+            f"rad); estimates at half: {_settled(half)}",
         verdict=verdict(under_assumptions=min(one.settled, small.settled) <= 0.016),
-        assumptions=(
-            "a step reference whose velocity impulse is fed forward; Kp = 1, no torque limit, no noise, no "
-            "disturbance, from the hanging position, 1 kHz"
-        ),
+        assumptions="a step reference whose velocity impulse is fed forward; Kp = 1, no torque limit, no noise, no "
+            "disturbance, from the hanging position, 1 kHz",
         scenario="nominal", seed="0",
     )  # fmt: skip
 
@@ -220,15 +196,11 @@ def equation_10(effort: Effort) -> Measured:
     slow = [float(np.roots([1.0, p, i + kp * p, kp * i]).real.max()) for p, i in ((30.0, 13.0), (35.0, 20.0))]
     claim = Claim(
         figure="(10)", claim="the error decays as exp(-Kp t)", paper="E = exp(-Kp t)",
-        measured=(
-            f"1 % is reached after {times[0]:.2f} s and {times[1]:.2f} s, by exp(-{kp:.0f} t) after {ideal:.2f} s; "
-            f"the closed loop has slow poles at {slow[0]:.2f} and {slow[1]:.2f}"
-        ),
+        measured=f"1 % is reached after {times[0]:.2f} s and {times[1]:.2f} s, by exp(-{kp:.0f} t) after {ideal:.2f} s; "
+            f"the closed loop has slow poles at {slow[0]:.2f} and {slow[1]:.2f}",
         verdict=verdict(under_assumptions=max(times) < 1.1 * ideal),
-        assumptions=(
-            "as fast as claimed down to 1 %, slower below; perfect model, Kp = 10, E(0) = 0.1 rad; (10) assumes a "
-            "perfect inner loop, whose poles are -29.6 and -0.44 for P, I = 30, 13"
-        ),
+        assumptions="as fast as claimed down to 1 %, slower below; perfect model, Kp = 10, E(0) = 0.1 rad; (10) assumes a "
+            "perfect inner loop, whose poles are -29.6 and -0.44 for P, I = 30, 13",
         scenario="nominal", seed="0",
     )  # fmt: skip
 
