@@ -28,8 +28,9 @@ class Agent(TorqueLaw):
 
     needs: ClassVar[tuple[str, ...]] = SENSORS
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def validate(self) -> None:
+        """Refuse an agent with context without an environment."""
+        super().validate()
         if self.settings.context and self.env is None:
             raise ValueError("an agent with context observes the truth, so it needs the environment, got its interface")
 

@@ -88,9 +88,10 @@ class SavedAgent(TorqueLaw):
 
     needs: ClassVar[tuple[str, ...]] = SENSORS
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _ = self.agent  # read now, so that a folder without an agent is an error here
+    def validate(self) -> None:
+        """Read the agent, so that a folder without an agent is an error now."""
+        super().validate()
+        _ = self.agent
 
     @cached_property
     def agent(self) -> Agent:

@@ -12,7 +12,6 @@ import numpy as np
 from benchmarks.rl.agent_folder import SavedAgent, describe, saved_agent
 from fbl_gym.arm import Array
 from fbl_gym.checks import unknown
-from fbl_gym.interface import Interface
 
 SHIPPED = Path(__file__).parent / "agents"
 """Folder of the shipped agents: agents/NAME/TRAINING_SEED."""
@@ -68,14 +67,13 @@ def _check_name(name: str) -> None:
 
 
 def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., SavedAgent]:
-    def from_interface(interface: Interface, seed: int | None = None) -> SavedAgent:
-        return shipped_agent(name, interface, seed)
+    """Return the factory of an agent; with privileged access the registry gives it the environment."""
 
-    def from_env(env: Any, seed: int | None = None) -> SavedAgent:
+    def factory(env: Any, seed: int | None = None) -> SavedAgent:
         return shipped_agent(name, env, seed)
 
-    factory: Any = from_env if access == "privileged" else from_interface
-    factory.__doc__, factory.kind, factory.access = summary, "learned", access
+    vars(factory).update(kind="learned", access=access)
+    factory.__doc__ = summary
     return factory
 
 
