@@ -179,7 +179,7 @@ class ArmBatch:
 
 
 def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
-    """Return the rows of a block that are part of the truth, the columns of its fields, and their number."""
+    """Return the rows of a block that truth shows, the columns of its fields, and their number."""
     stored = {
         "position": rows("position"),
         "velocity": rows("velocity"),

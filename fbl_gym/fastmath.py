@@ -20,8 +20,8 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
-# Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) keeps exits out of
-# the loops over lanes: an exit would keep a loop from being vectorised.
+# Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) leaves no exits in
+# the loops over lanes: a loop with an exit is not vectorised.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True}
 
@@ -64,8 +64,8 @@ def fma(_context, _a, _b, _c):
     return types.float64(types.float64, types.float64, types.float64), emit
 
 
-# Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer, which the sum's low bits
-# hold.
+# Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer. The sum's low bits hold
+# that integer.
 _ROUND = 6755399441055744.0
 
 # pi/2 and log(2) as the sum of two doubles. A fused multiply-add subtracts k times the first from x
@@ -133,7 +133,7 @@ def log(x):
     shifted = bits - _SQRT_HALF_BITS
     e = shifted >> np.int64(52)
     m = np.int64(bits - (e << np.int64(52))).view(np.float64)
-    # The integer e as a double, without a conversion instruction: the inverse of the rounding trick.
+    # The integer e as a double without a conversion: the inverse of the rounding trick.
     k = np.int64(e + np.int64(0x4338000000000000)).view(np.float64) - _ROUND
     s = (m - 1.0) / (m + 1.0)
     z = s * s
