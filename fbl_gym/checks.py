@@ -58,6 +58,23 @@ def check_choice(name: str, value: object, known: Iterable[str]) -> str:
     return value
 
 
+def check_choices(name: str, value: object, known: Iterable[str]) -> tuple[str, ...]:
+    """Return names as a tuple in the order of the known ones; a single name stands alone.
+
+    Args:
+        name: of the argument, for the error; a plural.
+        value: what was given.
+        known: the valid names.
+    """
+    known = tuple(known)
+    if not isinstance(value, str | list | tuple | set | frozenset):
+        raise ValueError(f"{name} must be names out of {known}, got {value!r}")
+    given = (value,) if isinstance(value, str) else tuple(value)
+    for each in given:
+        check_choice(name.removesuffix("s"), each, known)
+    return tuple(each for each in known if each in given)
+
+
 def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | None = None) -> str:
     """Return bounds in words, such as " greater than 0"; an empty text if there are none.
 

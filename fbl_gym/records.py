@@ -6,20 +6,24 @@ Options of the environment and gains of the laws are records. A declaration such
     class Payload(Record):
         mass: float = number(unit="kg", low=0)
 
-gives the checks and their errors, the conversion from plain data (a dict, a number, a list), the tuning range of a gain
-and the entry in the documentation. A rule that involves several fields goes into `validate`.
+gives the checks and their errors, the conversion from plain data (a dict, a number, a list), the
+tuning range of a gain and the entry in the documentation. A rule that involves several fields goes
+into `validate`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+import inspect
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass
 from typing import Any, TypeVar
 
 from fbl_gym.checks import (
     bounds_text,
     check_choice,
+    check_choices,
     check_number,
     check_pair,
     check_table,
@@ -28,6 +32,7 @@ from fbl_gym.checks import (
 )
 
 Built = TypeVar("Built")
+Range = tuple[float, float]
 
 _KEY = "declaration"
 
@@ -41,39 +46,59 @@ class Declaration:
         form: the valid values in words.
         unit: of the value; empty: none.
         tune: range in which `fbl-gym tune` searches a gain; None: it is not tuned.
+        optional: True if None is valid.
+        classes: the records that the field may hold.
     """
 
     convert: Callable[[str, Any], Any]
     form: str
     unit: str = ""
-    tune: tuple[float, float] | None = None
+    tune: Range | None = None
+    optional: bool = False
+    classes: tuple[type, ...] = ()
 
 
 class Record:
     """Base of frozen dataclasses with declared fields."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            declaration: Declaration | None = field.metadata.get(_KEY)
-            value = getattr(self, field.name)
-            if declaration is not None and not (value is None and field.default is None):
-                object.__setattr__(self, field.name, declaration.convert(field.name, value))
+        for name, declaration in declarations(type(self)).items():
+            value = getattr(self, name)
+            if not (value is None and declaration.optional):
+                object.__setattr__(self, name, declaration.convert(name, value))
         self.validate()
 
     def validate(self) -> None:
-        """Refuse values that do not fit together. Called when every field has been checked on its own."""
+        """Refuse values that do not fit together. Called after each field has been checked."""
 
 
-def _declare(default: Any, declaration: Declaration) -> Any:
+def declared(
+    default: Any,
+    convert: Callable[[str, Any], Any],
+    form: str,
+    unit: str = "",
+    *,
+    tune: Range | None = None,
+    optional: bool = False,
+    classes: tuple[type, ...] = (),
+) -> Any:
+    """Declare a field with its own conversion.
+
+    Args:
+        default: None makes the field optional; `dataclasses.MISSING`: the field must be given.
+        convert: a function (name, value) -> value that checks a value and converts plain data.
+        form: the valid values in words.
+        unit: of the value.
+        tune: range in which `fbl-gym tune` searches; None: it is not tuned.
+        optional: True if None is valid, whatever the default.
+        classes: the records that the field may hold.
+    """
+    declaration = Declaration(convert, form, unit, tune, optional or default is None, classes)
     return dataclasses.field(default=default, metadata={_KEY: declaration})
 
 
 def number(
-    default: Any = dataclasses.MISSING,
-    *,
-    unit: str = "",
-    tune: tuple[float, float] | None = None,
-    **bounds: Any,
+    default: Any = MISSING, *, unit: str = "", tune: Range | None = None, optional: bool = False, **bounds: Any
 ) -> Any:
     """Declare a finite number.
 
@@ -81,32 +106,31 @@ def number(
         default: None makes the field optional; left out, the field must be given.
         unit: of the number.
         tune: range in which `fbl-gym tune` searches; None: it is not tuned.
+        optional: True if None is valid, whatever the default.
         **bounds: `low`, `high`, `above`, as in `check_number`.
     """
     convert = lambda name, value: check_number(name, value, **bounds)  # noqa: E731
-    return _declare(default, Declaration(convert, "a number" + bounds_text(**bounds), unit, tune))
+    return declared(default, convert, "a number" + bounds_text(**bounds), unit, tune=tune, optional=optional)
 
 
 def pair(
-    default: Any = dataclasses.MISSING,
-    *,
-    unit: str = "",
-    tune: tuple[float, float] | None = None,
-    **bounds: Any,
+    default: Any = MISSING, *, unit: str = "", tune: Range | None = None, optional: bool = False, **bounds: Any
 ) -> Any:
     """Declare one number per joint; a single number stands for both joints.
 
     Args:
         default: None makes the field optional; left out, the field must be given.
         unit: of the numbers.
-        tune: range in which `fbl-gym tune` searches one number for both joints; None: it is not tuned.
+        tune: range in which `fbl-gym tune` searches one number for both joints; None: it is not
+            tuned.
+        optional: True if None is valid, whatever the default.
         **bounds: `low`, `high`, `above`, as in `check_number`.
     """
     convert = lambda name, value: check_pair(name, value, **bounds)  # noqa: E731
-    return _declare(default, Declaration(convert, "one or two numbers" + bounds_text(**bounds), unit, tune))
+    return declared(default, convert, "one or two numbers" + bounds_text(**bounds), unit, tune=tune, optional=optional)
 
 
-def whole(default: Any = dataclasses.MISSING, *, low: int = 0) -> Any:
+def whole(default: Any = MISSING, *, low: int = 0) -> Any:
     """Declare a whole number.
 
     Args:
@@ -114,7 +138,7 @@ def whole(default: Any = dataclasses.MISSING, *, low: int = 0) -> Any:
         low: smallest valid number.
     """
     convert = lambda name, value: check_whole(name, value, low=low)  # noqa: E731
-    return _declare(default, Declaration(convert, f"a whole number not below {low}"))
+    return declared(default, convert, f"a whole number not below {low}")
 
 
 def choice(default: Any, known: Iterable[str]) -> Any:
@@ -126,20 +150,32 @@ def choice(default: Any, known: Iterable[str]) -> Any:
     """
     known = tuple(known)
     convert = lambda name, value: check_choice(name, value, known)  # noqa: E731
-    return _declare(default, Declaration(convert, " or ".join(f'"{name}"' for name in known)))
+    return declared(default, convert, _names(known))
 
 
-def table(default: Any = dataclasses.MISSING, *, unit: str = "") -> Any:
+def choices(default: Any, known: Iterable[str]) -> Any:
+    """Declare a set of names, held as a tuple in the order of `known`; a single name stands alone.
+
+    Args:
+        default: some of them.
+        known: the valid names.
+    """
+    known = tuple(known)
+    convert = lambda name, value: check_choices(name, value, known)  # noqa: E731
+    return declared(default, convert, "some of " + ", ".join(known))
+
+
+def table(default: Any = MISSING, *, unit: str = "") -> Any:
     """Declare rows of one number per joint, [n x 2].
 
     Args:
         default: None makes the field optional; left out, the field must be given.
         unit: of the numbers.
     """
-    return _declare(default, Declaration(check_table, "an array [n x 2]", unit))
+    return declared(default, check_table, "an array [n x 2]", unit)
 
 
-def record(cls: type, default: Any = dataclasses.MISSING, *, scalar: str | None = None) -> Any:
+def record(cls: type, default: Any = MISSING, *, scalar: str | None = None) -> Any:
     """Declare a record, which may be given as a dict of its fields.
 
     Args:
@@ -147,23 +183,23 @@ def record(cls: type, default: Any = dataclasses.MISSING, *, scalar: str | None 
         default: None makes the field optional; left out, the field must be given.
         scalar: name of the field that a bare value stands for; None: a bare value is refused.
     """
-    form = f"a {cls.__name__}, a dict of its fields" + (f" or its {scalar}" if scalar else "")
-    return _declare(default, Declaration(lambda name, value: build(name, value, cls, scalar=scalar), form))
+    form = f"{_article(cls)}, a dict of its fields" + (f" or its {scalar}" if scalar else "")
+    return declared(default, lambda name, value: build(name, value, cls, scalar=scalar), form, classes=(cls,))
 
 
-def one_of(classes: tuple[type, ...], default: Any = dataclasses.MISSING) -> Any:
-    """Declare one of several records, which may be given as a dict with the record's `kind`, or as the kind alone.
+def one_of(classes: tuple[type, ...], default: Any = MISSING) -> Any:
+    """Declare one of several records, given as the record, a dict with its `kind`, or its kind.
 
     Args:
         classes: of the records; each has a field `kind`.
         default: None makes the field optional; left out, the field must be given.
     """
-    form = " or ".join(f'"{cls.kind}"' for cls in classes)  # type: ignore[attr-defined]
-    return _declare(default, Declaration(lambda name, value: build_kind(name, value, classes), f"kind {form}"))
+    form = "a dict with a kind of " + _names(cls.kind for cls in classes)  # type: ignore[attr-defined]
+    return declared(default, lambda name, value: build_kind(name, value, classes), form, classes=classes)
 
 
 def kind(name: str) -> Any:
-    """Declare the field that tells a record from others in plain data.
+    """Declare the field that names the kind of a record in plain data.
 
     Args:
         name: its only valid value.
@@ -171,16 +207,12 @@ def kind(name: str) -> Any:
     return choice(name, (name,))
 
 
-def declared(default: Any, convert: Callable[[str, Any], Any], form: str, unit: str = "") -> Any:
-    """Declare a field with a conversion of its own.
+def _names(known: Iterable[str]) -> str:
+    return " or ".join(f'"{name}"' for name in known)
 
-    Args:
-        default: None makes the field optional; `dataclasses.MISSING`: the field must be given.
-        convert: a function (name, value) -> value that checks a value and converts plain data.
-        form: the valid values in words.
-        unit: of the value.
-    """
-    return _declare(default, Declaration(convert, form, unit))
+
+def _article(cls: type) -> str:
+    return f"{'an' if cls.__name__[0] in 'AEIOU' else 'a'} {cls.__name__}"
 
 
 def declarations(cls: type) -> dict[str, Declaration]:
@@ -199,6 +231,82 @@ def tuning_ranges(cls: type) -> dict[str, tuple[float, float]]:
         cls: class of a law.
     """
     return {name: d.tune for name, d in declarations(cls).items() if d.tune is not None}
+
+
+@dataclass(frozen=True)
+class Description:
+    """The documentation of one field, in words.
+
+    Args:
+        path: name of the field, after those of the fields that lead to it, such as
+            "friction.viscous" or "disturbance[sine].amplitude".
+        form: the valid values.
+        unit: of the value; empty: none.
+        default: "required" if the field must be given.
+        meaning: from the docstring of the record's class.
+        tune: range in which `fbl-gym tune` searches a gain; empty: it is not tuned.
+    """
+
+    path: str
+    form: str
+    unit: str
+    default: str
+    meaning: str
+    tune: str
+
+
+def describe(cls: type, path: str = "") -> list[Description]:
+    """Return the documentation of the declared fields of a class, and of the records in them.
+
+    A record that several fields may hold is described once, at the first of them.
+
+    Args:
+        cls: a dataclass with declared fields.
+        path: text before each field's name.
+    """
+    return list(_describe(cls, path, set()))
+
+
+def _describe(cls: type, path: str, described: set[type]) -> Iterator[Description]:
+    meanings = argument_texts(cls)
+    defaults = {field.name: field.default for field in dataclasses.fields(cls)}
+    for name, d in declarations(cls).items():
+        if name == "kind":
+            continue
+        default = "required" if defaults[name] is MISSING else _text(defaults[name])
+        form = d.form + (" or None" if d.optional else "")
+        tune = f"{d.tune[0]:g} to {d.tune[1]:g}" if d.tune else ""
+        yield Description(path + name, form, d.unit, default, meanings.get(name, ""), tune)
+        for inner in d.classes:
+            if inner not in described:
+                described.add(inner)
+                by_kind = f"[{inner.kind}]" if hasattr(inner, "kind") else ""
+                yield from _describe(inner, f"{path}{name}{by_kind}.", described)
+
+
+def _text(value: object) -> str:
+    """Return a default in words."""
+    if dataclasses.is_dataclass(value):
+        return getattr(value, "kind", type(value).__name__ + "()")
+    if isinstance(value, tuple):
+        return ", ".join(map(_text, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def argument_texts(cls: type) -> dict[str, str]:
+    """Return the meaning of each field from the section `Args:` of a class and its bases, by name.
+
+    Args:
+        cls: a dataclass.
+    """
+    texts: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        _, _, section = (inspect.cleandoc(vars(base).get("__doc__") or "")).partition("\nArgs:\n")
+        section = re.split(r"\n(?=\S)", section)[0]
+        for entry in re.split(r"\n(?=    \S)", section):
+            names, colon, text = entry.strip().partition(": ")
+            texts |= {name: " ".join(text.split()) for name in names.split(", ") if colon}
+    return texts
 
 
 def build(name: str, value: object, cls: type[Built], *, scalar: str | None = None) -> Built:
@@ -228,15 +336,12 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
             return cls(**{scalar: value})
         except ValueError as problem:
             raise ValueError(f"{name}: {problem}") from None
-    article = "an" if cls.__name__[0] in "AEIOU" else "a"
-    form = f"{article} {cls.__name__}, a dict of its fields ({', '.join(fields)})" + (
-        f" or its {scalar}" if scalar else ""
-    )
+    form = f"{_article(cls)}, a dict of its fields ({', '.join(fields)})" + (f" or its {scalar}" if scalar else "")
     raise ValueError(f"{name} must be {form}, got {value!r}")
 
 
 def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
-    """Return one of several records, from itself, from a mapping with its `kind`, or from the kind alone.
+    """Return one of several records, from itself, a mapping with its `kind`, or its kind.
 
     Args:
         name: of the argument, for the error.

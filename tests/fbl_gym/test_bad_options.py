@@ -11,7 +11,7 @@ from tests.fbl_gym.episodes import ID
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"threads": 2}, "'threads' is an option of many arms at once"),
+        ({"threads": 2}, "'threads' is an option of the vector environment"),
         ({"frictionn": 1}, "unknown option 'frictionn'; did you mean 'friction'"),
         ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean"),
         ({"scenario": 3}, "scenario must be"),
@@ -24,7 +24,7 @@ from tests.fbl_gym.episodes import ID
         ({"reward": {"weight_effort": -1}}, "reward: weight_effort must be a finite number not below 0, got -1"),
         ({"physics_dt": 0.003}, "control_dt must be a multiple of physics_dt=0.003 s, got control_dt=0.01 s"),
         ({"physics_dt": 0.02}, "physics_dt must divide control_dt, got physics_dt=0.02 s and control_dt=0.01 s"),
-        ({"arm": {"m1": -1}}, "arm: m1 must be a positive, finite number, got -1"),
+        ({"arm": {"m1": -1}}, "arm: m1 must be a finite number greater than 0, got -1"),
         ({"noise": {"position": -0.1}}, "noise: position: sigma.* must be a finite number not below 0, got -0.1"),
         ({"noise": {"velocity": 0.1}, "sensors": ("position",)}, "noise.velocity is given, but sensors"),
         (
