@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from typing import Any, TypeVar
 
@@ -183,7 +183,7 @@ def record(cls: type, default: Any = MISSING, *, scalar: str | None = None) -> A
         default: None makes the field optional; left out, the field must be given.
         scalar: name of the field that a bare value stands for; None: a bare value is refused.
     """
-    form = f"{_article(cls)}, a dict of its fields" + (f" or its {scalar}" if scalar else "")
+    form = _either((_article(cls), "a dict of its fields", *([f"its {scalar}"] if scalar else [])))
     return declared(default, lambda name, value: build(name, value, cls, scalar=scalar), form, classes=(cls,))
 
 
@@ -208,7 +208,12 @@ def kind(name: str) -> Any:
 
 
 def _names(known: Iterable[str]) -> str:
-    return " or ".join(f'"{name}"' for name in known)
+    return _either([f'"{name}"' for name in known])
+
+
+def _either(texts: Sequence[str]) -> str:
+    """Return "a, b or c"."""
+    return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
 
 
 def _article(cls: type) -> str:
@@ -274,7 +279,7 @@ def _describe(cls: type, path: str, described: set[type]) -> Iterator[Descriptio
         if name == "kind":
             continue
         default = "required" if defaults[name] is MISSING else _text(defaults[name])
-        form = d.form + (" or None" if d.optional else "")
+        form = d.form + (", or None" if d.optional else "")
         tune = f"{d.tune[0]:g} to {d.tune[1]:g}" if d.tune else ""
         yield Description(path + name, form, d.unit, default, meanings.get(name, ""), tune)
         for inner in d.classes:

@@ -84,7 +84,7 @@ class FilteredSteps(_Points):
         high: upper corner of the box.
         points: fixed levels in place of drawn ones, as in `Steps`.
         period: time between two jumps.
-        bandwidth: w.
+        bandwidth: bandwidth w of the filter.
         kind: the record's name in plain data.
     """
 
@@ -98,10 +98,10 @@ class SineReference(Record):
     """The motion centre + amplitude sin(2 pi frequency t + phase).
 
     Args:
-        centre: of the motion.
-        amplitude: of the motion.
-        frequency: of the motion, the same for both joints.
-        phase: of the motion; None: drawn per episode.
+        centre: centre of the motion.
+        amplitude: amplitude of the motion.
+        frequency: frequency of the motion, the same for both joints.
+        phase: phase of the motion; None: drawn per episode.
         kind: the record's name in plain data.
     """
 
@@ -117,9 +117,9 @@ class FourierReference(Record):
     """An exciting motion: harmonics h of one frequency, amplitudes as 1/h, drawn phases.
 
     Args:
-        centre: of the motion.
+        centre: centre of the motion.
         amplitude: bound of |q - centre|, the sum of the harmonics' amplitudes.
-        frequency: of the first harmonic.
+        frequency: frequency of the first harmonic.
         harmonics: number of harmonics.
         kind: the record's name in plain data.
     """
@@ -136,7 +136,7 @@ class ArrayReference(Record):
     """A motion given by samples; the last position holds on.
 
     Args:
-        position: the samples.
+        position: samples of the position.
         dt: time between two samples.
         velocity: samples of the velocity; None: from a cubic spline through the positions.
         acceleration: samples of the acceleration; None: from the same spline.

@@ -28,9 +28,9 @@ class Reward(Record):
         tracking: form of the tracking term.
         worst: |e| from which on the tracking term is 1.
         resolution: |e| at which the logarithm bends; unused by "l1".
-        weight_tracking: w_t.
-        weight_effort: w_e.
-        weight_chatter: w_c.
+        weight_tracking: weight w_t of the tracking term.
+        weight_effort: weight w_e of the effort.
+        weight_chatter: weight w_c of the chatter.
     """
 
     tracking: Literal["log", "l1"] = choice("log", ("log", "l1"))

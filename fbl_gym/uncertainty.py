@@ -27,7 +27,7 @@ class Payload(Record):
     """A point mass at the tip that the nominal model does not include.
 
     Args:
-        mass: of the payload.
+        mass: mass of the payload.
         pick_up: time at which the arm grasps it, to the nearest physics step. Joint velocities do
             not jump.
         drop: time at which the arm releases it, later than `pick_up`; None: never.
@@ -92,7 +92,7 @@ class SensorError(Record):
     """The error of one sensor: a bias, then white noise, then rounding, in the sensor's unit.
 
     Args:
-        sigma: standard deviation of each sample's noise (no spectral density).
+        sigma: standard deviation of each sample's noise. This is no spectral density.
         bias: constant offset.
         quantization: step to whose multiples the reading is rounded; 0: no rounding.
         snr_db: signal-to-noise ratio, against a signal of unit power, in place of `sigma`, as in
@@ -137,10 +137,10 @@ class Friction(Record):
     """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v).
 
     Args:
-        viscous: f_i1.
-        coulomb: f_i2.
-        stiction: f_s, the part that fades as the joint moves.
-        v_s: the velocity scale on which it fades.
+        viscous: coefficient of viscous friction, f_i1.
+        coulomb: Coulomb friction, f_i2.
+        stiction: friction f_s that fades as the joint moves.
+        v_s: scale of the squared velocity at which stiction fades.
         law: "exact" holds a joint at rest under any load up to f_i2 + f_s. "literal" is the formula
             as printed, with sign(0) = 0, so that no joint ever sticks.
     """
@@ -172,9 +172,9 @@ class SineDisturbance(Record):
     """A torque amplitude * sin(2 pi frequency t + phase).
 
     Args:
-        amplitude: of the torque.
-        frequency: of the torque.
-        phase: of the torque; None: drawn per episode.
+        amplitude: amplitude of the torque.
+        frequency: frequency of the torque.
+        phase: phase of the torque; None: drawn per episode.
         kind: the record's name in plain data.
     """
 
@@ -212,7 +212,7 @@ class ArrayDisturbance(Record):
     """A torque given by samples, each held until the next; the last one holds on.
 
     Args:
-        torque: the samples.
+        torque: samples of the torque.
         dt: time between two samples, a multiple of physics_dt.
         kind: the record's name in plain data.
     """

@@ -53,7 +53,7 @@ class Scenario(Record):
         parameter_error: real parameters that differ from the nominal ones; a number is a fixed ratio
             real / nominal.
         noise: errors of the sensors.
-        friction: in the joints; the nominal model has none.
+        friction: joint friction; the nominal model has none.
         disturbance: torque tau_d of equation (1).
         actuator: torque limits, delay and lag; None: an ideal drive without limits.
         sensors: the measured signals; they include "position".
@@ -62,7 +62,7 @@ class Scenario(Record):
         physics_dt: integration step; divides control_dt.
         duration: length of an episode, a multiple of control_dt.
         initial_error: difference between the arm's first position and the reference's.
-        limits: the arm has diverged beyond them.
+        limits: bounds beyond which the arm has diverged, and ranges of the observation.
     """
 
     name: str = "nominal"
@@ -70,7 +70,7 @@ class Scenario(Record):
     arm: ArmParameters = declared(
         TABLE_1,
         _arm,
-        "an ArmParameters, a dict of its fields or " + " or ".join(f'"{name}"' for name in ARMS),
+        "an ArmParameters, a dict of its fields, " + " or ".join(f'"{name}"' for name in ARMS),
         classes=(ArmParameters,),
     )
     parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio")
