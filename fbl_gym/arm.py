@@ -1,13 +1,15 @@
 """The two-link arm: parameters, dynamics, regressor, energy and kinematics.
 
-Equations (1)-(4) of Wang, Wang and Brdys, "Designing robust feedback linearisation controllers using imperfect
-dynamic models and sensor feedback", Cogent Engineering 3:1173529 (2016):
+Equations (1)-(4) of Wang, Wang and Brdys, "Designing robust feedback linearisation controllers
+using imperfect dynamic models and sensor feedback", Cogent Engineering 3:1173529 (2016):
 
     M(q) a + C(q, v) v + G(q) + F(v) + tau_d = tau
 
-with q = (theta1, theta2) in radians, theta1 from the horizontal and theta2 relative to the first link.
-This file holds the only copy of the dynamics. The kernel compiles its terms for the real arm, and the
-controllers apply them to batches through the functions below.
+with q = (theta1, theta2) in radians, theta1 from the horizontal and theta2 relative to the first
+link.
+
+This file holds the only copy of the dynamics. The kernel compiles its terms for the real arm, and
+the controllers apply them to batches through the functions below.
 
 The dynamics is linear in five lumped parameters; the last two include gravity:
 
@@ -44,10 +46,10 @@ class ArmParameters(Record):
         L1: length of the first link.
         L2: length of the second link.
         gravity: acceleration of gravity.
-        centre: distance from each link's joint to its centre of mass, as a fraction of its length: 1
-            for a point mass at the end (the paper's equations), 1/2 for a uniform rod.
-        inertia: each link's moment of inertia about its centre of mass, as a fraction of m L^2: 0 for
-            a point mass, 1/12 for a uniform rod.
+        centre: distance from each link's joint to its centre of mass, as a fraction of its length:
+            1 for a point mass at the end (the paper's equations), 1/2 for a uniform rod.
+        inertia: each link's moment of inertia about its centre of mass, as a fraction of m L^2: 0
+            for a point mass, 1/12 for a uniform rod.
     """
 
     m1: float = number(20.0, unit="kg", above=0)
@@ -64,7 +66,7 @@ class ArmParameters(Record):
         return np.array(lumped_terms(self.m1, self.m2, self.L1, self.L2, self.gravity, self.centre, self.inertia))
 
     def as_rods(self) -> ArmParameters:
-        """Return an arm of uniform rods with the same masses and lengths, as in the text of §2.1."""
+        """Return an arm of uniform rods of the same masses and lengths, as in §2.1's text."""
         return ArmParameters(self.m1, self.m2, self.L1, self.L2, self.gravity, centre=1 / 2, inertia=1 / 12)
 
 
@@ -72,7 +74,7 @@ TABLE_1 = ArmParameters()
 """The nominal model of Table 1: m = 20, 15 kg and L = 0.7, 0.5 m."""
 
 SECTION_2_2 = ArmParameters(m1=0.7, m2=0.5, L1=20.0, L2=15.0)
-"""The arm of §2.2 as printed, with Table 1's masses and lengths swapped: m = 0.7, 0.5 kg and L = 20, 15 m."""
+"""The arm of §2.2 as printed: m = 0.7, 0.5 kg and L = 20, 15 m, Table 1's numbers swapped."""
 
 ARMS = {"table-1": TABLE_1, "section-2-2": SECTION_2_2}
 """The arms of the paper, by name."""
@@ -86,10 +88,13 @@ def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
     """Return the lumped parameters p1 to p5, in kg m^2 and N m, of the fields of `ArmParameters`.
 
     Args:
-        m1, m2: masses [kg].
-        L1, L2: lengths [m].
+        m1: mass of link 1 [kg].
+        m2: mass of link 2 [kg].
+        L1: length of link 1 [m].
+        L2: length of link 2 [m].
         gravity: acceleration of gravity [m/s^2].
-        centre, inertia: fractions.
+        centre: distance of the centre of mass, as a fraction of the length.
+        inertia: moment of inertia, as a fraction of m L^2.
     """
     about_joint = centre * centre + inertia
     p1 = about_joint * m1 * L1 * L1 + m2 * L1 * L1
@@ -104,7 +109,9 @@ def inertia_terms(p1, p2, p3, c2):
     """Return M11, M12 = M21 and M22 of equation (2) [kg m^2].
 
     Args:
-        p1, p2, p3: lumped parameters [kg m^2].
+        p1: lumped parameter 1 [kg m^2].
+        p2: lumped parameter 2 [kg m^2].
+        p3: lumped parameter 3 [kg m^2].
         c2: cos q2.
     """
     m12 = p2 + p3 * c2
@@ -115,9 +122,10 @@ def coriolis_terms(p3, s2, v1, v2):
     """Return the vector C(q, v) v of equation (3) [N m].
 
     Args:
-        p3: lumped parameter [kg m^2].
+        p3: lumped parameter 3 [kg m^2].
         s2: sin q2.
-        v1, v2: joint velocities [rad/s].
+        v1: velocity of joint 1 [rad/s].
+        v2: velocity of joint 2 [rad/s].
     """
     h = p3 * s2
     return -h * v2 * (2.0 * v1 + v2), h * v1 * v1
@@ -127,7 +135,8 @@ def gravity_terms(p4, p5, c1, c12):
     """Return the vector G(q) of equation (4) [N m].
 
     Args:
-        p4, p5: lumped parameters [N m].
+        p4: lumped parameter 4 [N m].
+        p5: lumped parameter 5 [N m].
         c1: cos q1.
         c12: cos(q1 + q2).
     """
@@ -139,8 +148,11 @@ def solve_terms(m11, m12, m22, r1, r2):
     """Return the solution a of M a = r.
 
     Args:
-        m11, m12, m22: entries of the symmetric matrix M.
-        r1, r2: entries of r.
+        m11: entry of the symmetric matrix M.
+        m12: entry of M, above and below the diagonal.
+        m22: entry of M.
+        r1: entry of r.
+        r2: entry of r.
     """
     scale = 1.0 / (m11 * m22 - m12 * m12)
     return (m22 * r1 - m12 * r2) * scale, (m11 * r2 - m12 * r1) * scale
@@ -161,7 +173,7 @@ def _joints(x: ArrayLike) -> tuple[Array, Array]:
 
 
 def _stack(*parts: ArrayLike) -> Array:
-    """Stack broadcast parts along a new last axis, for one arm several times faster than np.stack."""
+    """Stack broadcast parts along a new last axis, faster than np.stack for one arm."""
     stacked = np.empty((*np.broadcast(*parts).shape, len(parts)))
     for i, part in enumerate(parts):
         stacked[..., i] = part
@@ -195,7 +207,8 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
 
     Args:
         arm: an ArmParameters or lumped parameters [... x 5].
-        q, v: joint angles [rad] and velocities [rad/s], [... x 2].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
         skew: True gives the matrix of the Christoffel symbols, False the paper's.
     """
     _, _, p3, _, _ = _lumped(arm)
@@ -211,7 +224,8 @@ def coriolis_torque(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) 
 
     Args:
         arm: an ArmParameters or lumped parameters [... x 5].
-        q, v: joint angles [rad] and velocities [rad/s], [... x 2].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
     """
     _, _, p3, _, _ = _lumped(arm)
     _, q2 = _joints(q)
@@ -238,7 +252,9 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
     Args:
         arm: an ArmParameters or lumped parameters [... x 5].
-        q, v, a: joint angles [rad], velocities [rad/s] and accelerations [rad/s^2], [... x 2].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
+        a: joint accelerations [rad/s^2], [... x 2].
     """
     p1, p2, p3, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
@@ -254,7 +270,8 @@ def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
     Args:
         arm: an ArmParameters or lumped parameters [... x 5].
-        q, v: joint angles [rad] and velocities [rad/s], [... x 2].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
         torque: applied torque less friction and disturbance [N m], [... x 2].
     """
     p1, p2, p3, p4, p5 = _lumped(arm)
@@ -267,13 +284,15 @@ def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
 
 def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-    """Return the regressor Y(q, v, a) with Y p = M a + C v + G for lumped parameters p, [... x 2 x 5].
+    """Return the regressor Y with Y p = M a + C v + G for lumped parameters p, [... x 2 x 5].
 
     These are the columns of the paper's K (33) without repetition: its seven unknowns are five, and
     p4 and p5 include gravity.
 
     Args:
-        q, v, a: joint angles [rad], velocities [rad/s] and accelerations [rad/s^2], [... x 2].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
+        a: joint accelerations [rad/s^2], [... x 2].
     """
     q1, q2 = _joints(q)
     v1, v2 = _joints(v)
@@ -290,7 +309,8 @@ def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
 
     Args:
         arm: an ArmParameters or lumped parameters [... x 5].
-        q, v: joint angles [rad] and velocities [rad/s], [... x 2].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
     """
     p1, p2, p3, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)

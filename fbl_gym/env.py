@@ -42,8 +42,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
 
         M(q) a + C(q, v) v + G(q) + F(v) + tau_d = tau
 
-    with theta1 measured from the horizontal and theta2 from the first link. A policy knows the nominal
-    model. The real arm may differ from it by each of the options below.
+    with theta1 measured from the horizontal and theta2 from the first link. A policy knows the
+    nominal model. The real arm may differ from it by each of the options below.
 
     ## Action space
 
@@ -55,10 +55,10 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     | 1 | torque of joint 2 | of its limit, 800 N m by default | -1 to 1 |
 
     With `action="torque"`, an action is the torque in N m. With `action="acceleration"`, it is an
-    acceleration in rad/s^2 within +-100, which the nominal feedback linearisation mapping turns into a
-    torque at the measured state. The torque is held for `control_dt`. An action of dtype float64 keeps
-    its precision. A value outside the box acts as the nearest inside. NaN or infinity is an error, and
-    the arm does not move.
+    acceleration in rad/s^2 within +-100, which the nominal feedback linearisation mapping turns
+    into a torque at the measured state. The torque is held for `control_dt`. An action of dtype
+    float64 keeps its precision. A value outside the box acts as the nearest inside. NaN or infinity
+    is an error, and the arm does not move.
 
     ## Observation space
 
@@ -68,38 +68,41 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     |---|---|---|---|
     | 0, 1 | position, measured | rad | -8 pi to 8 pi |
     | 2, 3 | velocity, measured | rad/s | -200 to 200 |
-    | 4, 5 | acceleration, measured at the end of the step under its torque | rad/s^2 | -1e5 to 1e5 |
+    | 4, 5 | acceleration, measured at the end of the step | rad/s^2 | -1e5 to 1e5 |
     | 6, 7 | reference_position | rad | -8 pi to 8 pi |
     | 8, 9 | reference_velocity | rad/s | -200 to 200 |
     | 10, 11 | reference_acceleration | rad/s^2 | -1e5 to 1e5 |
     | next 2 | previous_action, only with an actuator delay or lag | as the action | as the action |
-    | next 6 n | preview of n samples, only with `preview=n`: each as entries 6 to 11 | as above | as above |
+    | next 6 n | preview, only with `preview=n`: entries 6 to 11 of n samples | as above | as above |
 
-    `sensors=("position",)` leaves out the slots of the other sensors. Readings saturate at their range.
+    `sensors=("position",)` leaves out the slots of the other sensors. Readings saturate at their
+    range.
 
     ## Reward
 
-    The reward is between 0 and 1, and 1 for perfect tracking without effort or chatter. The equation is
-    in `fbl_gym.reward`. `reward={"tracking": "l1", ...}` changes its form, scales and weights.
+    The reward is between 0 and 1, and 1 for perfect tracking without effort or chatter. The
+    equation is in `fbl_gym.reward`. `reward={"tracking": "l1", ...}` changes its form, scales and
+    weights.
 
     ## Start
 
-    The arm starts on its reference, plus `initial_error`, under the torque that holds the nominal arm
-    still.
+    The arm starts on its reference, plus `initial_error`, under the torque that holds the nominal
+    arm still.
 
     ## Episode end
 
     * Truncation: after `duration`, 10 s by default.
-    * Termination, with reward 0: a joint has turned more than 4 pi from its start, or is faster than
-      100 rad/s (`limits`).
+    * Termination, with reward 0: a joint has turned more than 4 pi from its start, or is faster
+      than 100 rad/s (`limits`).
 
     ## Options
 
-    * `scenario`: a name (`fbl_gym.scenarios.names()`), a `Scenario` or its dict; None: the nominal arm.
-    * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`, `noise`,
-      `friction`, `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`, `physics_dt`,
-      `duration`, `initial_error`, `limits`. Each is a record or the plain data that makes one. None
-      switches an option off. `fbl-gym list options` prints their fields.
+    * `scenario`: a name (`fbl_gym.scenarios.names()`), a `Scenario` or its dict; None: the nominal
+      arm.
+    * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`,
+      `noise`, `friction`, `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`,
+      `physics_dt`, `duration`, `initial_error`, `limits`. Each is a record or the plain data that
+      makes one. None switches an option off. `fbl-gym list options` prints their fields.
     * `action`: "normalized", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: number of coming samples of the reference in the observation.
@@ -109,9 +112,9 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
 
     ## Determinism
 
-    An episode is a function of (scenario, seed, actions). `reset(seed=s)` starts the first episode of
-    seed s, `reset()` the next one of the same seed. Each random number comes from a named stream, so
-    that an option does not change the random numbers of another.
+    An episode is a function of (scenario, seed, actions). `reset(seed=s)` starts the first episode
+    of seed s, `reset()` the next one of the same seed. Each random number comes from a named
+    stream, so that an option does not change the random numbers of another.
 
     ## Version history
 
@@ -149,8 +152,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         """Start an episode: the first of a seed, or the next one of the same seed.
 
         Args:
-            seed: 0 to 2**64 - 1; None: the next episode of the last seed. The first `reset` without a
-                seed draws one from the operating system's entropy.
+            seed: 0 to 2**64 - 1; None: the next episode of the last seed. The first `reset` without
+                a seed draws one from the operating system's entropy.
             options: there are none; options are given to `gym.make`.
 
         Returns:

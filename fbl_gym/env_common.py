@@ -97,7 +97,7 @@ def _check_option(name: str) -> None:
 
 
 def option_paths(cls: type, name: str) -> list[str]:
-    """Return the ways to give a field of the records in a record, such as "friction={'viscous': ...}".
+    """Return the ways to give a field of an option, such as "friction={'viscous': ...}".
 
     Args:
         cls: a class with declared fields.

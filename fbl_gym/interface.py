@@ -72,7 +72,8 @@ class Layout:
     """Names, slices, units and bounds of the flat observation.
 
     `observation[..., layout["velocity"]]` is the measured velocity of both joints. `"velocity" in
-    layout` is True if the observation has it. A slot that is absent is an error that lists the others.
+    layout` is True if the observation has it. A slot that is absent is an error that lists the
+    others.
 
     Args:
         slots: of the whole observation, in order.
@@ -167,7 +168,8 @@ class Interface:
 
         Args:
             torque: [... x 2] N m.
-            position, velocity: measured, [... x 2] rad and rad/s.
+            position: measured, [... x 2] rad.
+            velocity: measured, [... x 2] rad/s.
         """
         if self.action == "normalized":
             return self.saturate(torque) / np.array(self.torque_limit)
@@ -183,7 +185,8 @@ class Interface:
 
         Args:
             action: [... x 2] in the action's unit.
-            position, velocity: measured, [... x 2] rad and rad/s.
+            position: measured, [... x 2] rad.
+            velocity: measured, [... x 2] rad/s.
         """
         if self.action == "normalized":
             return np.clip(action, -1.0, 1.0) * np.array(self.torque_limit)

@@ -104,9 +104,9 @@ def joints(lengths: Pair, q: Pair) -> Array:
 def draw(picture: Picture, size: int = 480) -> Frame:
     """Return the frame of a picture, [size x size x 3].
 
-    It shows the arm in blue, the reference in grey, the tip's trail, the payload, and for each joint an
-    arc for the torque and one for the disturbance. The arcs grow with the square root of their share of
-    the full torque.
+    It shows the arm in blue, the reference in grey, the tip's trail, the payload, and for each
+    joint an arc for the torque and one for the disturbance. The arcs grow with the square root of
+    their share of the full torque.
 
     Args:
         picture: the instant.
@@ -229,7 +229,7 @@ class Canvas:
             self.disc(point, width / 2, colour)
 
     def arrow(self, centre: Point, radius: float, start: float, sweep: float, width: float, colour: Colour) -> None:
-        """Draw an arc with an arrowhead at its end; angles counter-clockwise from the right [rad]."""
+        """Draw an arc with an arrowhead; angles counter-clockwise from the right [rad]."""
         if abs(sweep) * radius < 0.5 * width:
             return
         end = start + sweep

@@ -319,7 +319,7 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
         cls: class of the record.
         scalar: name of the field that a bare value stands for; None: a bare value is refused.
     """
@@ -350,7 +350,7 @@ def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
         classes: of the records; each has a field `kind`.
     """
     if isinstance(value, classes):

@@ -1,8 +1,8 @@
 """Reference motions: one record per kind.
 
-An arm starts an episode at the position and velocity of its reference at t = 0; with steps, at their
-first level. Levels, way-points and phases that are drawn come from a random stream of the episode,
-so that every policy follows the same motion.
+An arm starts an episode at the position and velocity of its reference at t = 0; with steps, at
+their first level. Levels, way-points and phases that are drawn come from a random stream of the
+episode, so that every policy follows the same motion.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from fbl_gym.records import Record, kind, number, pair, table, whole
 
 # Joint angles that the default references stay within, one radian about hanging. The moves of
 # `MinimumJerk` then need at most 1,683 and 749 N m of any arm whose masses and lengths lie between
-# half and double Table 1's, with or without 15 kg more at the tip. This is within the default torque
-# limits of 2,000 and 800 N m (`tests/fbl_gym/test_references.py`).
+# half and double Table 1's, with or without 15 kg more at the tip. This is within the default
+# torque limits of 2,000 and 800 N m (`tests/fbl_gym/test_references.py`).
 LOW: Pair = (-math.pi / 2 - 1.0, -1.0)
 HIGH: Pair = (-math.pi / 2 + 1.0, 1.0)
 
@@ -46,8 +46,8 @@ class MinimumJerk(_Points):
     Args:
         low: lower corner of the box from which each episode draws its way-points.
         high: upper corner of the box.
-        points: fixed way-points in place of drawn ones; the arm starts on the first and stays on the
-            last.
+        points: fixed way-points in place of drawn ones; the arm starts on the first and stays on
+            the last.
         move_time: duration of a move.
         hold_time: rest after each move.
         kind: the record's name in plain data.

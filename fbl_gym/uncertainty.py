@@ -1,8 +1,8 @@
 """Options for the differences between the real arm and the nominal model.
 
 The nominal model stays fixed and the real arm varies around it, as in the paper's Table 1. Every
-parameter error is a ratio real / nominal. A field of two numbers, one per joint, also takes a single
-number for both. An option that is None is off.
+parameter error is a ratio real / nominal. A field of two numbers, one per joint, also takes a
+single number for both. An option that is None is off.
 """
 
 from __future__ import annotations

@@ -42,18 +42,19 @@ _AUTORESET = {
 class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     """Independent arms of one scenario, stepped together.
 
-    `TwoLinkArmEnv` describes spaces, reward and options. A lane with seed s equals the single environment
-    with seed s bit for bit, for any `num_envs`. `reset(seed=s)` gives lane i the seed s + i, as in
-    Gymnasium's own vector environments.
+    `TwoLinkArmEnv` describes spaces, reward and options. A lane with seed s equals the single
+    environment with seed s bit for bit, for any `num_envs`. `reset(seed=s)` gives lane i the seed s
+    + i, as in Gymnasium's own vector environments.
 
     Args:
         num_envs: number of lanes, one or more.
         scenario, action, reward, preview, **options: as for `TwoLinkArmEnv`.
-        autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as `gymnasium.vector.AutoresetMode`
-            or its value.
-        max_episode_steps: truncate after this number of steps, if the scenario's duration is longer.
-        threads: number of threads that share the lanes. More than one pays from some 1,000 lanes on.
-            It changes no number.
+        autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as
+            `gymnasium.vector.AutoresetMode` or its value.
+        max_episode_steps: truncate after this number of steps, if the scenario's duration is
+            longer.
+        threads: number of threads that share the lanes. More than one pays from some 1,000 lanes
+            on. It changes no number.
         render_mode: "rgb_array" or None.
         render_size: width and height of each lane's frame [pixels].
     """
@@ -107,13 +108,15 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         """Start an episode in every lane, or in some.
 
         Args:
-            seed: s gives lane i the seed s + i. A sequence has one seed per lane; None in it: the next
-                episode of that lane's last seed. None: the same for every lane. The first `reset`
-                without a seed draws them from the operating system's entropy.
-            options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is True.
+            seed: s gives lane i the seed s + i. A sequence has one seed per lane; None in it: the
+                next episode of that lane's last seed. None: the same for every lane. The first
+                `reset` without a seed draws them from the operating system's entropy.
+            options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
+                True.
 
         Returns:
-            Observations [num_envs x size], unchanged for lanes that were not reset, and an empty info.
+            Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
+            info.
         """
         check_reset_options(options, ("reset_mask",))
         mask = self._as_mask((options or {}).get("reset_mask"))
@@ -141,14 +144,14 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             actions: [num_envs x 2].
 
         Returns:
-            Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos. In
-            SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with their
-            masks `_final_obs` and `_final_info`.
+            Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos.
+            In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
+            their masks `_final_obs` and `_final_info`.
 
         Raises:
             ValueError: if the actions have another shape or one is not finite. No lane has moved.
-            gymnasium.error.ResetNeeded: before the first `reset`, and in DISABLED mode if a lane that
-                ended was not reset.
+            gymnasium.error.ResetNeeded: before the first `reset`, and in DISABLED mode if a lane
+                that ended was not reset.
         """
         array = as_actions(actions, (self.num_envs, 2))
         if not self._seeded:
@@ -184,7 +187,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         return self._batch.truth()
 
     def render(self) -> tuple[Frame, ...] | None:
-        """Return each lane's frame of this instant, [size x size x 3]; see `TwoLinkArmEnv.render`."""
+        """Return the frame of each lane, [size x size x 3]; see `TwoLinkArmEnv.render`."""
         if check_render(self.render_mode, self._seeded) is None:
             return None
         if not self._views:

@@ -42,7 +42,7 @@ def as_scenario(value: Any) -> Scenario:
     """Return a scenario from itself, its name or its plain data; None: the nominal one.
 
     Args:
-        value: what was given.
+        value: the value given.
     """
     if value is None:
         return Scenario()

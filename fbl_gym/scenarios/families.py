@@ -26,9 +26,9 @@ _PAYLOADS = (0.0, 1 / 3, 2 / 3, 1.0)  # of m2
 _FRICTION = (0.0, 10.0, 30.0, 60.0)  # N m at joint 1, a third of it at joint 2
 _DISTURBANCE = (0.0, 30.0, 100.0, 200.0)  # likewise
 
-# For the default motion with each parameter between half and double and the heaviest payload, the arms
-# need 1,683 and 749, and 62,300 and 19,700 N m. Friction and disturbance add to this: at its worst
-# corner, everything-3 needs some 836 N m at the second joint, more than its 800.
+# For the default motion with each parameter between half and double and the heaviest payload, the
+# arms need 1,683 and 749, and 62,300 and 19,700 N m. Friction and disturbance add to this: at its
+# worst corner, everything-3 needs some 836 N m at the second joint, more than its 800.
 _TORQUE_LIMITS = {"table-1": (2000.0, 800.0), "section-2-2": (70000.0, 22000.0)}
 
 _FAMILIES = {
@@ -92,7 +92,7 @@ def families() -> dict[str, str]:
 
 
 def arms() -> tuple[str, ...]:
-    """Return the names of the arms that families exist for: "table-1" and "section-2-2" of the paper."""
+    """Return the names of the families' arms: "table-1" and "section-2-2" of the paper."""
     return tuple(ARMS)
 
 

@@ -50,8 +50,8 @@ class Scenario(Record):
         name: for people.
         description: for people.
         arm: the nominal model.
-        parameter_error: real parameters that differ from the nominal ones; a number is a fixed ratio
-            real / nominal.
+        parameter_error: real parameters that differ from the nominal ones; a number is a fixed
+            ratio real / nominal.
         noise: errors of the sensors.
         friction: joint friction; the nominal model has none.
         disturbance: torque tau_d of equation (1).
