@@ -1,4 +1,4 @@
-"""Every field of a record refuses what it cannot mean, and says its name, the value and the right form."""
+"""Bounds of the fields of records: a wrong value is an error with field, value and right form."""
 
 import math
 
@@ -118,14 +118,14 @@ POSITIVE = [
 
 
 @pytest.mark.parametrize(("cls", "name", "least"), NOT_NEGATIVE, ids=[f"{c.__name__}.{n}" for c, n, _ in NOT_NEGATIVE])
-def test_what_may_be_zero_may_not_be_negative(cls, name, least):
+def test_a_field_from_zero_on_refuses_negative_values(cls, name, least):
     assert cls(**{**NEEDED.get(cls, {}), name: least}) is not None
     with pytest.raises(ValueError, match=rf"{name}.* must be .*got -0\.25"):
         cls(**{**NEEDED.get(cls, {}), name: -0.25})
 
 
 @pytest.mark.parametrize(("cls", "name"), POSITIVE, ids=[f"{c.__name__}.{n}" for c, n in POSITIVE])
-def test_what_must_be_positive_may_not_be_zero(cls, name):
+def test_a_positive_field_refuses_zero_and_negative_values(cls, name):
     for value in (0, -3):
         with pytest.raises(ValueError, match=rf"{name}.* must be .*got {value}"):
             cls(**{**NEEDED.get(cls, {}), name: value})
@@ -146,7 +146,7 @@ PER_JOINT = [
 
 
 @pytest.mark.parametrize(("cls", "name"), PER_JOINT, ids=[f"{c.__name__}.{n}" for c, n in PER_JOINT])
-def test_a_pair_has_two_good_entries(cls, name):
+def test_a_pair_has_two_finite_numbers(cls, name):
     needed = NEEDED.get(cls, {})
     for value in ((), (1.0,), (1.0, 2.0, 3.0), [1.0] * 4, np.ones(3)):
         with pytest.raises(ValueError, match=f"{name} must be one number, or one for each of the two joints, got"):
@@ -213,7 +213,7 @@ def test_fields_that_contradict_each_other_are_named(make, message):
     ],
     ids=str,
 )
-def test_a_time_that_does_not_divide_names_both(options, first, second):
+def test_a_time_that_is_no_multiple_of_its_step_names_both(options, first, second):
     with pytest.raises(ValueError, match=r"must (be a multiple of|divide)") as problem:
         Scenario(**options)
     for part in (first, second):
