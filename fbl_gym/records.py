@@ -223,10 +223,14 @@ def _article(cls: type) -> str:
 def declarations(cls: type) -> dict[str, Declaration]:
     """Return the declared fields of a record's class, by name.
 
+    A subclass that gives a field a plain default, such as `mass: float = 2.0`, keeps its parent's
+    declaration.
+
     Args:
         cls: a dataclass.
     """
-    return {f.name: f.metadata[_KEY] for f in dataclasses.fields(cls) if _KEY in f.metadata}
+    fields = [field for base in reversed(cls.__mro__) for field in vars(base).get("__dataclass_fields__", {}).values()]
+    return {field.name: field.metadata[_KEY] for field in fields if _KEY in field.metadata}
 
 
 def tuning_ranges(cls: type) -> dict[str, tuple[float, float]]:

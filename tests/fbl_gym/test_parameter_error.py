@@ -6,7 +6,7 @@ from scipy import stats
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import forward_dynamics
-from tests.fbl_gym.paired_runs import LANES, PLAIN, play, same
+from tests.fbl_gym.paired_runs import LANES, plain, play, same
 
 
 def ratios(truths, index=0):
@@ -17,8 +17,8 @@ def ratios(truths, index=0):
 def test_fixed_ratios_multiply_the_nominal_parameters():
     _, _, truths = play(parameter_error={"ratio": {"m2": 2.0, "L1": 0.5}})
     np.testing.assert_allclose(ratios(truths), np.broadcast_to([1, 2, 0.5, 1], (LANES, 4)), rtol=1e-15)
-    assert same(truths, PLAIN[2], "reference", "applied_torque", "disturbance")
-    assert not same(truths[5:], PLAIN[2][5:], "position")
+    assert same(truths, plain()[2], "reference", "applied_torque", "disturbance")
+    assert not same(truths[5:], plain()[2][5:], "position")
     np.testing.assert_allclose(ratios(play(parameter_error=0.5, steps=1)[2]), 0.5)
     np.testing.assert_allclose(ratios(play(parameter_error={"ratio": (1, 2, 3, 4)}, steps=1)[2])[0], [1, 2, 3, 4])
 
