@@ -9,6 +9,11 @@ Options of the environment and gains of the laws are records. A declaration such
 gives the checks and their errors, the conversion from plain data (a dict, a number, a list), the
 tuning range of a gain and the entry in the documentation. A rule that involves several fields goes
 into `validate`.
+
+The functions that declare a field share these arguments: `default`, without which the field must be
+given, and which makes it optional if it is None; `unit`; `tune`, the range in which `fbl-gym tune`
+searches a gain; `optional`, True if None is valid whatever the default; and the bounds `low`, `high`
+and `above` of `check_number`.
 """
 
 from __future__ import annotations
@@ -85,11 +90,11 @@ def declared(
     """Declare a field with its own conversion.
 
     Args:
-        default: None makes the field optional; `dataclasses.MISSING`: the field must be given.
+        default: `dataclasses.MISSING`: the field must be given.
         convert: a function (name, value) -> value that checks a value and converts plain data.
         form: the valid values in words.
         unit: of the value.
-        tune: range in which `fbl-gym tune` searches; None: it is not tuned.
+        tune: range of a gain.
         optional: True if None is valid, whatever the default.
         classes: the records that the field may hold.
     """
@@ -100,15 +105,7 @@ def declared(
 def number(
     default: Any = MISSING, *, unit: str = "", tune: Range | None = None, optional: bool = False, **bounds: Any
 ) -> Any:
-    """Declare a finite number.
-
-    Args:
-        default: None makes the field optional; left out, the field must be given.
-        unit: of the number.
-        tune: range in which `fbl-gym tune` searches; None: it is not tuned.
-        optional: True if None is valid, whatever the default.
-        **bounds: `low`, `high`, `above`, as in `check_number`.
-    """
+    """Declare a finite number."""
     convert = lambda name, value: check_number(name, value, **bounds)  # noqa: E731
     return declared(default, convert, "a number" + bounds_text(**bounds), unit, tune=tune, optional=optional)
 
@@ -116,62 +113,33 @@ def number(
 def pair(
     default: Any = MISSING, *, unit: str = "", tune: Range | None = None, optional: bool = False, **bounds: Any
 ) -> Any:
-    """Declare one number per joint; a single number stands for both joints.
-
-    Args:
-        default: None makes the field optional; left out, the field must be given.
-        unit: of the numbers.
-        tune: range in which `fbl-gym tune` searches one number for both joints; None: it is not
-            tuned.
-        optional: True if None is valid, whatever the default.
-        **bounds: `low`, `high`, `above`, as in `check_number`.
-    """
+    """Declare one number per joint; a single number stands for both joints."""
     convert = lambda name, value: check_pair(name, value, **bounds)  # noqa: E731
     return declared(default, convert, "one or two numbers" + bounds_text(**bounds), unit, tune=tune, optional=optional)
 
 
 def whole(default: Any = MISSING, *, low: int = 0) -> Any:
-    """Declare a whole number.
-
-    Args:
-        default: None makes the field optional; left out, the field must be given.
-        low: smallest valid number.
-    """
+    """Declare a whole number not below `low`."""
     convert = lambda name, value: check_whole(name, value, low=low)  # noqa: E731
     return declared(default, convert, f"a whole number not below {low}")
 
 
 def choice(default: Any, known: Iterable[str]) -> Any:
-    """Declare one of several names.
-
-    Args:
-        default: one of them, or None, which makes the field optional.
-        known: the valid names.
-    """
+    """Declare one of several names."""
     known = tuple(known)
     convert = lambda name, value: check_choice(name, value, known)  # noqa: E731
     return declared(default, convert, _names(known))
 
 
 def choices(default: Any, known: Iterable[str]) -> Any:
-    """Declare a set of names, held as a tuple in the order of `known`; a single name stands alone.
-
-    Args:
-        default: some of them.
-        known: the valid names.
-    """
+    """Declare some of several names, held in the order of `known`; one name stands alone."""
     known = tuple(known)
     convert = lambda name, value: check_choices(name, value, known)  # noqa: E731
     return declared(default, convert, "some of " + ", ".join(known))
 
 
 def table(default: Any = MISSING, *, unit: str = "") -> Any:
-    """Declare rows of one number per joint, [n x 2].
-
-    Args:
-        default: None makes the field optional; left out, the field must be given.
-        unit: of the numbers.
-    """
+    """Declare rows of one number per joint, [n x 2]."""
     return declared(default, check_table, "an array [n x 2]", unit)
 
 
@@ -199,11 +167,7 @@ def one_of(classes: tuple[type, ...], default: Any = MISSING) -> Any:
 
 
 def kind(name: str) -> Any:
-    """Declare the field that names the kind of a record in plain data.
-
-    Args:
-        name: its only valid value.
-    """
+    """Declare the field that names the kind of a record in plain data."""
     return choice(name, (name,))
 
 
