@@ -136,7 +136,7 @@ def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) 
 
 
 def check_render(render_mode: str | None, has_begun: bool) -> str | None:
-    """Return the render mode; warn if it is None, as Gymnasium's own environments do."""
+    """Return the render mode; warn if it is None, as Gymnasium's environments do."""
     if render_mode is None:
         logger.warn('render() draws nothing without a render_mode: gym.make(..., render_mode="rgb_array")')
     elif not has_begun:

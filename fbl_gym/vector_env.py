@@ -43,8 +43,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     """Independent arms of one scenario, stepped together.
 
     `TwoLinkArmEnv` describes spaces, reward and options. A lane with seed s equals the single
-    environment with seed s bit for bit, for any `num_envs`. `reset(seed=s)` gives lane i the seed s
-    + i, as in Gymnasium's own vector environments.
+    environment with seed s bit for bit, for any `num_envs`. As in Gymnasium's vector environments,
+    `reset(seed=s)` gives lane i the seed s + i.
 
     Args:
         num_envs: number of lanes, one or more.
