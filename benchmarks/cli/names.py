@@ -12,7 +12,7 @@ import controllers
 from benchmarks.paper import claims
 from benchmarks.run.suite import SUITES
 from fbl_gym import Reward, Scenario, scenarios
-from fbl_gym.records import Description, describe
+from fbl_gym.descriptions import Description, describe
 from fbl_gym.scenarios import SEVERITIES
 
 
