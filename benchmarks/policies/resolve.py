@@ -28,7 +28,7 @@ from typing import Any
 
 import controllers
 from benchmarks.rl.policy import access_of, load_zip, saved_agent, shipped
-from controllers.policy import ENTRY_POINTS
+from controllers.registry import ENTRY_POINTS
 from fbl_gym.checks import unknown
 from fbl_gym.interface import Interface
 
@@ -69,7 +69,7 @@ def access(policy: str) -> str:
         return controllers.access(name)
     if _is_run(policy):
         return access_of(Path(policy))
-    return "nominal" if learned(policy) else getattr(_attribute(policy), "access", "nominal")
+    return "nominal" if learned(policy) else controllers.access(_attribute(policy))
 
 
 def factory(policy: str) -> Callable[..., Any]:
