@@ -1,4 +1,4 @@
-"""Documentation of records, from the declarations of their fields and the docstrings of their classes."""
+"""Documentation of records, from the declarations of their fields and their docstrings."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     | 8, 9 | reference_velocity | rad/s | -200 to 200 |
     | 10, 11 | reference_acceleration | rad/s^2 | -1e5 to 1e5 |
     | next 2 | previous_action, only with an actuator delay or lag | as the action | as the action |
-    | next 6 n | preview, only with `preview=n`: entries 6 to 11 of n samples | as above | as above |
+    | next 6 n | preview, only with `preview=n`: entries 6 to 11, n times | as above | as above |
 
     `sensors=("position",)` leaves out the slots of the other sensors. Readings saturate at their
     range.

@@ -270,7 +270,7 @@ class VectorResidual(VectorWrapper):
         _check_residual(actions, (self.num_envs, 2))
         result = self.env.step(self._base.act(actions))
         observations, done = result[0], result[2] | result[3]
-        # A lane begins an episode one step after its end in NEXT_STEP mode, at once in SAME_STEP mode.
+        # A lane restarts one step after its end in NEXT_STEP mode, at once in SAME_STEP mode.
         mode = self.env.metadata["autoreset_mode"]
         self._base.begin(observations, done if mode == AutoresetMode.SAME_STEP else self._done)
         self._done = done if mode == AutoresetMode.NEXT_STEP else np.zeros_like(done)
