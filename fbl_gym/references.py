@@ -118,7 +118,7 @@ class FourierReference(Record):
 
     Args:
         centre: centre of the motion.
-        amplitude: bound of |q - centre|, the sum of the harmonics' amplitudes.
+        amplitude: bound of `|q - centre|`, the sum of the harmonics' amplitudes.
         frequency: frequency of the first harmonic.
         harmonics: number of harmonics.
         kind: the record's name in plain data.

@@ -26,8 +26,8 @@ class Reward(Record):
 
     Args:
         tracking: form of the tracking term.
-        worst: |e| from which on the tracking term is 1.
-        resolution: |e| at which the logarithm bends; unused by "l1".
+        worst: error `|e|` from which on the tracking term is 1.
+        resolution: error `|e|` at which the logarithm bends; unused by "l1".
         weight_tracking: weight w_t of the tracking term.
         weight_effort: weight w_e of the effort.
         weight_chatter: weight w_c of the chatter.

@@ -48,7 +48,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
 
     Args:
         num_envs: number of lanes, one or more.
-        scenario, action, reward, preview, **options: as for `TwoLinkArmEnv`.
+        scenario, action, reward, preview: as for `TwoLinkArmEnv`.
+        **options: as for `TwoLinkArmEnv`.
         autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as
             `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after this number of steps, if the scenario's duration is
