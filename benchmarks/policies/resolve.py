@@ -27,7 +27,9 @@ from types import ModuleType
 from typing import Any
 
 import controllers
-from benchmarks.rl.policy import access_of, load_zip, saved_agent, shipped
+from benchmarks.rl.agent_folder import access_of, saved_agent
+from benchmarks.rl.policy import shipped
+from benchmarks.rl.sb3 import load_zip
 from controllers.registry import ENTRY_POINTS
 from fbl_gym.checks import unknown
 from fbl_gym.interface import Interface
