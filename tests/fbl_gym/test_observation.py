@@ -1,4 +1,4 @@
-"""What the observation shows: the sensors there are, and the reference to come."""
+"""The observation: the sensors of the scenario, and the preview of the reference."""
 
 import numpy as np
 import pytest
@@ -38,16 +38,16 @@ def test_sensors_in_any_order_fill_their_slots(sensors):
     assert [slot.name for slot in layout.slots][: len(sensors)] == [name for name in WAYS if name in sensors]
 
 
-def test_preview_is_the_reference_to_come():
+def test_the_preview_is_the_coming_reference():
     layout, seen, truths = play(preview=3)
     assert same(truths, plain()[2], *PLANT)
     reference = seen[..., layout["reference_position"].start : layout["reference_acceleration"].stop]
     for ahead in range(3):
-        shown = seen[..., layout["preview"]][..., 6 * ahead : 6 * ahead + 6]
-        assert np.array_equal(shown[: -ahead - 1], reference[ahead + 1 :])
+        preview = seen[..., layout["preview"]][..., 6 * ahead : 6 * ahead + 6]
+        assert np.array_equal(preview[: -ahead - 1], reference[ahead + 1 :])
 
 
 def test_the_first_observation_of_a_heavy_unlimited_arm_lies_in_its_space():
-    """The torque that holds it still, shown as the previous action, exceeds the box of a torque action."""
+    """The torque that holds it, the previous action, exceeds the box of a torque action."""
     env = TwoLinkArmEnv(arm={"m1": 1e5, "L1": 50.0}, action="torque", actuator={"torque_limit": None, "delay": 0.01})
     assert all(env.reset(seed=seed)[0] in env.observation_space for seed in range(10))
