@@ -15,28 +15,31 @@ from benchmarks.report import terminal
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
     parser.add_argument(
-        "--out", type=Path, default=Path("results/paper"), metavar="DIR", help="where to write (results/paper)"
+        "--out", type=Path, default=Path("results/paper"), metavar="DIR", help="folder of the results (results/paper)"
     )
     parser.add_argument(
         "--only", nargs="+", default=(), metavar="CLAIM",
-        help="only these, by the names of `fbl-gym list claims`; figure-4b means all figure-4b-...; others in DIR stay",
+        help="measure these claims only; other claims in DIR stay. `fbl-gym list claims` lists the names; figure-4b means "
+        "all of figure-4b-...",
     )  # fmt: skip
-    parser.add_argument("--short", action="store_true", help="few seeds and ratios, as the tests run it (two minutes)")
+    parser.add_argument("--short", action="store_true", help="few seeds and ratios, as in the tests (two minutes)")
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Measure claims, save and print them; return the exit status."""
     names = select(arguments.only)
-    found = load(arguments.out)
+    claims = load(arguments.out)
     with Progress(console=Console(stderr=True)) as progress:
         task = progress.add_task("measuring", total=len(names))
         for name in names:
             progress.update(task, description=name)
-            found[name], draw = measure_claim(name, SHORT if arguments.short else FULL)
-            for ending in ("png", "svg"):
-                draw(arguments.out / f"{name}.{ending}")
-            save(arguments.out, found)
+            claims[name], draw = measure_claim(name, SHORT if arguments.short else FULL)
+            for suffix in ("png", "svg"):
+                draw(arguments.out / f"{name}.{suffix}")
+            save(arguments.out, claims)
             progress.advance(task)
-    terminal.claims(console(), [found[name] for name in names])
+    terminal.claims(console(), [claims[name] for name in names])
     print(f"claims and plots: {arguments.out}")
     return 0

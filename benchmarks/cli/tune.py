@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.cli.common import command_line, count
 from benchmarks.policies import resolve
 from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, ship, summary, tune
-from controllers.policy import TUNED
+from controllers.registry import TUNED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -27,8 +27,10 @@ from types import ModuleType
 from typing import Any
 
 import controllers
-from benchmarks.rl.policy import access_of, load_zip, saved_agent, shipped
-from controllers.policy import ENTRY_POINTS
+from benchmarks.rl.agent_folder import access_of, saved_agent
+from benchmarks.rl.policy import shipped
+from benchmarks.rl.sb3 import load_zip
+from controllers.registry import ENTRY_POINTS
 from fbl_gym.checks import unknown
 from fbl_gym.interface import Interface
 
@@ -69,7 +71,7 @@ def access(policy: str) -> str:
         return controllers.access(name)
     if _is_run(policy):
         return access_of(Path(policy))
-    return "nominal" if learned(policy) else getattr(_attribute(policy), "access", "nominal")
+    return "nominal" if learned(policy) else controllers.access(_attribute(policy))
 
 
 def factory(policy: str) -> Callable[..., Any]:

@@ -17,7 +17,7 @@ COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 
 
 def rows(results: Iterable[Result]) -> Iterator[dict[str, Any]]:
-    """One row for each policy, scenario and seed."""
+    """Yield one row for each policy, scenario and seed."""
     for result in results:
         cell = result.cell
         for seed, row in zip(cell.seeds, result.rows, strict=False):
@@ -30,7 +30,7 @@ def _short(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_csv(path: Path, results: Iterable[Result]) -> None:
-    """Write the rows as CSV, numbers with seven digits; the store has them all."""
+    """Write the rows as CSV, with seven digits of each number; the store has all digits."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -39,7 +39,7 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
 
 
 def write_splits(path: Path, board: Board, splits: Mapping[str, Split]) -> None:
-    """Write as CSV each policy's error in % in each split, its interval's ends, and the share of runs that diverged."""
+    """Write each policy's error in % at each radius, its interval and its diverged share as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
@@ -52,12 +52,17 @@ def write_splits(path: Path, board: Board, splits: Mapping[str, Split]) -> None:
 
 
 def query(results: Iterable[Result], sql: str) -> str | None:
-    """DuckDB's answer to a question about the table `results`, whose columns are those of the CSV; None to a command.
+    """Return DuckDB's answer to a question about the table `results`; None for a command.
+
+    The table has the columns of the CSV.
 
     Args:
-        results: what the table holds.
-        sql: such as "SELECT policy, avg(error_pct) FROM results GROUP BY policy", or
-            "COPY results TO 'board.parquet'".
+        results: Rows of the table.
+        sql: Question, such as "SELECT policy, avg(error_pct) FROM results GROUP BY policy", or
+            command, such as "COPY results TO 'board.parquet'".
+
+    Raises:
+        ValueError: If DuckDB cannot run it.
     """
     import duckdb
     import pandas as pd

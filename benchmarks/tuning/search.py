@@ -27,9 +27,10 @@ from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance, write_text
 from benchmarks.run.suite import SPLITS, leaderboard_scenarios
-from controllers.policy import TUNED
+from controllers.registry import TUNED
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, unknown
+from fbl_gym.records import tuning_ranges
 
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
@@ -66,9 +67,10 @@ class Task:
     @property
     def ranges(self) -> Mapping[str, tuple[float, float]]:
         """Between which values each gain is looked for."""
-        found: Mapping[str, tuple[float, float]] = getattr(resolve.factory(self.policy), "ranges", {})
+        factory = resolve.factory(self.policy)
+        found = tuning_ranges(factory) if isinstance(factory, type) else {}
         if not found:
-            raise ValueError(f"{self.policy} has nothing to tune: its `ranges` names no gain")
+            raise ValueError(f"{self.policy} has nothing to tune: none of its gains is declared with a range `tune`")
         return found
 
     @property
@@ -225,7 +227,20 @@ def summary(
 
 
 def ship(found: dict[str, Any], folder: Path = TUNED) -> Path:
-    """Write a summary where `controllers` finds it, as POLICY@tuned.  found: of `summary`; folder: of all tuned gains."""
+    """Write the gains of a summary, and how they were found, where `controllers` reads them as POLICY@tuned.
+
+    Of the judged trials, the file has the number and the errors of the best and of the defaults.
+
+    Args:
+        found: the return value of `summary`.
+        folder: of all tuned gains.
+    """
+    verdicts = found["judged"]["best_first"]
+    (defaults,) = (verdict for verdict in verdicts if verdict["trial"] == 0)
+    judged = {"count": len(verdicts), "best": verdicts[0], "defaults": defaults, **found["judged"]}
+    del judged["best_first"]
+    entries = {**found, "judged": judged}
+    lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
     path = folder / f"{found['policy']}.json"
-    write_text(path, json.dumps(found, indent=1) + "\n")
+    write_text(path, f"{{\n{lines}\n}}\n")
     return path

@@ -18,7 +18,7 @@ from benchmarks.run import runner, store
 from benchmarks.run.runner import run, run_cell
 from benchmarks.run.store import Damaged, Store, identity, key
 from benchmarks.run.suite import SPLITS, SUITES, Cell, load, named, narrow
-from controllers.policy import ENTRY_POINTS
+from controllers.registry import ENTRY_POINTS
 from fbl_gym import TwoLinkArmEnv
 
 SHORT = {"duration": 0.5}
@@ -134,7 +134,7 @@ def test_the_key_follows_a_strangers_package(tmp_path, monkeypatch):
     points = [
         metadata.EntryPoint(name, "strangers_laws.part.law:make_policy", ENTRY_POINTS) for name in ("own", "pid-flm")
     ]
-    monkeypatch.setattr("controllers.policy._entry_points", lambda: tuple(points))
+    monkeypatch.setattr("controllers.registry._entry_points", lambda: tuple(points))
     monkeypatch.setattr("benchmarks.policies.resolve._entry_points", lambda: tuple(points))
     some = [Cell(name, "nominal", (0,)) for name in ("strangers_laws.part.law:make_policy", "own", "pid-flm")]
     before = [key(identity(cell)) for cell in some]
