@@ -1,8 +1,9 @@
 """Linear analysis: the sampled loop of a policy and an arm, linearised, and its margins.
 
-The plant is the real arm over one control interval, with the drive's delay and lag. The law is the policy's map from measured
-signals and its state to a torque and its next state, by difference quotients of `predict`. A margin is the smallest gain,
-phase or delay at the plant's input at which an eigenvalue of the closed loop leaves the unit circle.
+The plant is the real arm over one control interval, with the drive's delay and lag. The law is the
+policy's map from measured signals and its state to a torque and its next state; its derivatives are
+difference quotients of `predict`. A margin is the smallest gain, phase or delay at the plant's
+input at which an eigenvalue of the closed loop leaves the unit circle.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ SETTLING = 60.0
 """An arm that is not at rest after so long [s] has no operating point."""
 
 UNIT_CIRCLE = 1.0 + 1e-6
-"""The largest stable eigenvalue: one at 1, of a quantity that does not change, is off by rounding."""
+"""The largest stable eigenvalue. Rounding moves the eigenvalue 1 of a constant state."""
 
 LONGEST_DELAY = 1.0
 """The longest delay that is tried [s]."""
@@ -81,7 +82,13 @@ class JointMargins:
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of each joint, and the smallest delay of both torques at which the loop is unstable [s]; inf: none up to 1 s."""
+    """Margins of a closed loop.
+
+    Attributes:
+        joints: those of each torque channel.
+        delay: smallest added delay of both torques at which the loop is unstable [s]; inf: none
+            up to 1 s.
+    """
 
     joints: tuple[JointMargins, JointMargins]
     delay: float
@@ -89,7 +96,7 @@ class Margins:
 
 @dataclass(frozen=True)
 class LinearLoop:
-    """A linearised sampled loop, y = P u and u = K y, of the torques u [2] and the measured signals y.
+    """A linearised sampled loop of the torques u [2] and the measured signals y: y = P u, u = K y.
 
     Attributes:
         control_dt: sample time [s].
@@ -111,10 +118,11 @@ class LinearLoop:
     action_scale: Array
 
     def _plant(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return A, B, C of P. Its state is (q, v), the drive's torque if it lags, and the past commands.
+        """Return A, B, C of P.
 
-        A delay of k + f intervals splits an interval: in its first part f the command is one sample older (Franklin, Powell
-        and Workman, "Digital Control of Dynamic Systems", 1998, §4.3.4).
+        Its state is (q, v), the drive's torque if it lags, and the past commands. A delay of k + f
+        intervals splits an interval: in its first part f the command is one sample older (Franklin,
+        Powell and Workman, "Digital Control of Dynamic Systems", 1998, §4.3.4).
         """
         a = np.block([[np.zeros((2, 2)), np.eye(2)], [self.stiffness]])
         b = np.vstack([np.zeros((2, 2)), self.inverse_inertia])
@@ -125,7 +133,7 @@ class LinearLoop:
         early, early_input = _hold(a, b, part * self.control_dt)
         late, late_input = _hold(a, b, (1.0 - part) * self.control_dt)
 
-        # u = (command now, last command, ... that of k + 1 samples ago); all but the first are states.
+        # Inputs: the commands of now and of the last k + 1 samples. The past ones are states.
         n, k = len(a), int(whole)
         inputs = np.zeros((n, 2 * (k + 2)))
         inputs[:, -2:], inputs[:, -4:-2] = late @ early_input, late_input
@@ -171,14 +179,17 @@ class LinearLoop:
         )
 
     def open_loop(self, joint: int) -> control.StateSpace:
-        """Return the loop transfer L of joint 0 or 1 for negative feedback: cut at its torque, the other loop closed."""
+        """Return L of joint 0 or 1, for negative feedback.
+
+        The loop is cut at the joint's torque; the loop of the other joint is closed.
+        """
         a, b, c = self._series()
         other = 1 - joint
         closed = a + np.outer(b[:, other], c[other])
         return control.StateSpace(closed, b[:, [joint]], -c[[joint]], 0.0, self.control_dt, name=f"L{joint}")
 
     def response(self, joint: int, points: int = 2000) -> tuple[Array, Array]:
-        """Return frequencies from 0.1 rad/s to the Nyquist frequency [points], and L there, complex [points]."""
+        """Return frequencies from 0.1 rad/s to Nyquist's and L there, complex, both [points]."""
         frequencies = np.geomspace(0.1, np.pi / self.control_dt, points)
         return frequencies, self.open_loop(joint)(np.exp(1j * frequencies * self.control_dt))
 
@@ -217,14 +228,14 @@ class LinearLoop:
 
 
 def _hold(a: Array, b: Array, time: float) -> tuple[Array, Array]:
-    """Return exp(A t) and the response to an input held for t (Franklin, Powell and Workman, §4.3.3)."""
+    """Return exp(A t) and the response to an input held for t (Franklin et al., §4.3.3)."""
     n, m = b.shape
     both = expm(np.block([[a, b], [np.zeros((m, n + m))]]) * time)
     return both[:n, :n], both[:n, n:]
 
 
 def _edge(stable: Callable[[float], bool], inside: float, grid: Array) -> float:
-    """Return the first value, from `inside` along the grid, at which the loop is unstable; inf: none."""
+    """Return the first unstable value, from `inside` along the grid; inf: none."""
     outside = next((x for x in grid if not stable(x)), np.inf)
     inside = max([inside, *grid[grid < outside]])
     while np.isfinite(outside) and outside - inside > 1e-5 * outside:
@@ -244,20 +255,23 @@ def linearize(
 ) -> list[LinearLoop]:
     """Linearise the loop of a policy: about rest, or along the motion.
 
-    The arm is first run without noise, disturbance and dry friction, and carries its payload all the time. Along the motion,
-    each loop is that of an arm that would stay in the state of that time; it describes what is fast against the motion
-    (Khalil, "Nonlinear Systems", 2002, §9.6).
+    The arm is first run without noise, disturbance and dry friction, and carries its payload all
+    the time. Along the motion, each loop is that of an arm that would stay in the state of that
+    time; it describes deviations that are fast against the motion (Khalil, "Nonlinear Systems",
+    2002, §9.6).
 
     Args:
         policy: a name, or any text that `fbl-gym evaluate` takes.
         scenario: the task.
         at: the constant reference at which the arm comes to rest [rad].
-        times: since the start of the scenario's motion [s]; given, one loop for each. Empty: one loop, at rest.
+        times: since the start of the scenario's motion [s], one loop for each; empty: one loop, at
+            rest.
         seed: of the scenario's draws.
         gains: arguments of the policy.
 
     Raises:
-        NotLinear: if the arm diverges or does not come to rest, or the law is not linear even for small deviations.
+        NotLinear: if the arm diverges or does not come to rest, or the law is not linear even for
+            small deviations.
     """
     scenario = _calm(as_scenario(scenario))
     dt, longest = scenario.control_dt, scenario.duration
@@ -294,7 +308,7 @@ def linearize(
 
 
 def _calm(scenario: Scenario) -> Scenario:
-    """Return the scenario without noise, disturbance and dry friction, its payload carried all the time."""
+    """Return the scenario without noise, disturbance, dry friction and changes of its payload."""
     error = scenario.parameter_error
     if error is not None and isinstance(error.payload, Payload):
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
@@ -336,8 +350,8 @@ def _law(
 ) -> tuple[Callable[..., Array], Array]:
     """Return a policy as a function of lanes, and the point at which it is linearised.
 
-    The function maps some entries of the observation and the state to the torque and the next state. Flags and counts of the
-    state are held.
+    The function maps some entries of the observation and the state to the torque and the next
+    state. Flags and counts of the state are held.
     """
     layout, m = interface.layout, len(entries)
     parts = [np.asarray(part) for part in state or ()]
@@ -364,9 +378,10 @@ def _law(
 
 
 def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, slope: Array) -> None:
-    """Raise `NotLinear` if the law departs from its linearisation in closed loop with a delayed, linear plant.
+    """Raise `NotLinear` if the law departs from its linearisation while a linear plant moves.
 
-    Estimators may switch at any amplitude, but only for signals that belong together.
+    An estimator may switch at any amplitude, but only for signals that belong to a motion. The
+    plant is delayed, or an estimator with an exact model would find that model again.
     """
     a, b, c = loop._plant(1.5 * loop.control_dt)
     m, centre = len(c), step(point[None])[0]
@@ -385,7 +400,7 @@ def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, sl
 
 
 def _derivative(function: Callable[[Array], Array], point: Array) -> Array:
-    """Return the derivative [k x m] of a function of lanes, [n x m] -> [n x k], by central differences."""
+    """Return the derivative [k x m] of a function of lanes [n x m] -> [n x k]."""
     steps = [step * np.maximum(1.0, np.abs(point)) for step in STEPS]
     moved = [point + sign * np.diag(step) for step in steps for sign in (1.0, -1.0)]
     values = function(np.concatenate([point[None], *moved]))
@@ -399,7 +414,7 @@ def _derivative(function: Callable[[Array], Array], point: Array) -> Array:
 
 
 def _differ(one: Array, other: Array, allowed: Array | float = 0.0) -> bool:
-    """Return True if two derivatives differ by more than is allowed and the quotients' rounding."""
+    """Return True if two derivatives differ by more than is allowed and their rounding."""
     rounding = 1e-3 * np.abs(other) + 1e-5 * np.abs(other).max(axis=1, keepdims=True)
     return bool(np.any(np.abs(one - other) > allowed + rounding))
 
@@ -420,7 +435,12 @@ def _minimal(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
 
 
 def plot_loops(loops: Mapping[str, LinearLoop], path: Path) -> None:
-    """Draw |L| and |S| of each joint over the frequency, into a .png, .svg or .pdf, under the names of the loops."""
+    """Draw |L| and |S| of each joint over the frequency.
+
+    Args:
+        loops: by their names in the legend.
+        path: of the picture: .png, .svg or .pdf.
+    """
     figure = Figure(figsize=(10, 7), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True)
     for joint in (0, 1):

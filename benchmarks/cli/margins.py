@@ -14,6 +14,7 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument(
         "policies", nargs="+", type=policy_name, metavar="POLICY", help="one or more, as for `fbl-gym evaluate`"
     )
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Print the margins of each policy, and draw its loop."""
     scenario = scenarios.get(arguments.scenario)
     times = () if arguments.time is None else (arguments.time,)
     q1, q2 = arguments.at

@@ -1,4 +1,4 @@
-"""Linear analysis: against the analytic loop of python-control, and against the environment with a delayed drive."""
+"""Linear analysis, against python-control's analytic loop and the environment with a delay."""
 
 import math
 
@@ -16,7 +16,7 @@ AT_REST = {"kind": "array", "position": [POINT] * 2, "velocity": [(0.0, 0.0)] * 
 
 
 def test_margins_of_pid_on_double_integrators_are_those_of_python_control():
-    """Without gravity and with an exact model, each joint is L = PID(z) / s^2 with a zero-order hold."""
+    """Without gravity and with an exact model, each joint is a held double integrator."""
     dt, kp, ki, kd = 0.01, 100.0, 200.0, 20.0
     (loop,) = linearize("pid-flm", Scenario(arm={"gravity": 0.0}), gains={"kp": kp, "ki": ki, "kd": kd})
 
