@@ -7,11 +7,10 @@ import os
 from pathlib import Path
 
 from benchmarks.analysis.board import assemble
-from benchmarks.analysis.robustness import reaches
-from benchmarks.analysis.splits import measure_splits
-from benchmarks.cli.common import command_line, console, count
+from benchmarks.analysis.generalization import measure_ranges
+from benchmarks.analysis.robustness import stored_radii
+from benchmarks.cli.common import command_line, console, count, trust
 from benchmarks.cli.leaderboard import add_suite, results_of, suite_of
-from benchmarks.policies import resolve
 from benchmarks.report import markdown, terminal
 from benchmarks.report.contents import contents
 from benchmarks.report.export import write_csv, write_splits
@@ -48,9 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    trusted = (*arguments.policies, *arguments.policy) if arguments.trust else ()
-    for policy in trusted:
-        resolve.trust(policy)
+    trust(arguments)
     store = Store(arguments.store)
     results = results_of(suite_of(arguments).cells, store)
     if not results:
@@ -58,8 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
             f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments first"
         )
     board = assemble(results)
-    radii = reaches(board.policies, store, arguments.workers) if arguments.radius else {}
-    splits = measure_splits(board, store, arguments.workers, trusted) if arguments.splits else {}
+    radii = stored_radii(board.specs, store, arguments.workers) if arguments.radius else {}
+    splits = measure_ranges(board, store, arguments.workers) if arguments.splits else {}
     terminal.leaderboard(console(), board)
     table = markdown.leaderboard(board, splits)
     write_text(arguments.out / "board.md", table)

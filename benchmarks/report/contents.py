@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-import controllers
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
-from benchmarks.analysis.splits import MEANING, Split
+from benchmarks.analysis.generalization import MEANING, RangeErrors
 from benchmarks.analysis.statistics import Estimate, Radius
-from benchmarks.policies import resolve
 from benchmarks.report.page import Chart, Curve, Interval, Page, Pairs, Policy, Reach, Scene, between, scene
 from benchmarks.rl.policy import curves, shipped
 from benchmarks.run.rollout import rollout
@@ -27,7 +25,7 @@ def contents(
     board: Board,
     results: Sequence[Result],
     radii: Mapping[tuple[str, str], Radius],
-    splits: Mapping[str, Split],
+    splits: Mapping[str, RangeErrors],
     command: str,
 ) -> Page:
     """All that the page shows.
@@ -69,17 +67,16 @@ def contents(
     }
 
 
-def _policy(board: Board, i: int, splits: Mapping[str, Split]) -> Policy:
-    name = board.policies[i]
-    own = name in controllers.names()
+def _policy(board: Board, i: int, splits: Mapping[str, RangeErrors]) -> Policy:
+    spec = board.specs[i]
     ranked = board.ranked
     return {
-        "name": name,
-        "summary": controllers.summary(name) if own else "",
-        "access": resolve.access(name),
-        "sensors": resolve.sensors(name),
-        "preview": f"{seconds:.2g} s" if (seconds := resolve.preview(name)) else "none",
-        "tuning": resolve.tuning(name),
+        "name": spec.name,
+        "summary": spec.summary,
+        "access": spec.access,
+        "sensors": ", ".join(spec.needs),
+        "preview": f"{spec.preview:.2g} s" if spec.preview else "none",
+        "tuning": spec.tuning,
         "rank": between(board.rank, ranked.index(i)) if i in ranked else None,
         "score": _nothing() if board.score is None else between(board.score, i),
         "error": between(board.error, i),
@@ -192,7 +189,7 @@ def _learning(board: Board) -> list[Chart]:
             )  # fmt: skip
         ends = [min(line["x"][0] for line in lines), max(line["x"][-1] for line in lines)]
         for i in board.order:
-            if not resolve.learned(board.policies[i]):
+            if board.specs[i].kind != "learned":
                 lines.append(
                     {"policy": board.policies[i], "x": ends, "value": [float(rms[i])] * 2, "low": [], "high": []}
                 )
@@ -220,6 +217,6 @@ def _scenes(board: Board, results: Sequence[Result]) -> list[Scene]:
     for name in names:
         env = TwoLinkArmEnv(tasks[name], action="torque")
         env.reset(seed=board.seeds[0])
-        traces = {board.policies[i]: rollout(board.policies[i], tasks[name], board.seeds[:1]) for i in board.order}
+        traces = {board.policies[i]: rollout(board.specs[i], tasks[name], board.seeds[:1]) for i in board.order}
         found.append(scene(traces, env.truth.lengths))
     return found

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.analysis.board import Board
-from benchmarks.analysis.splits import Split
+from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result, write_text
 
@@ -21,7 +21,7 @@ def rows(results: Iterable[Result]) -> Iterator[dict[str, Any]]:
     for result in results:
         cell = result.cell
         for seed, row in zip(cell.seeds, result.rows, strict=False):
-            task = {"policy": cell.policy, "scenario": cell.scenario.name, "control_dt": cell.scenario.control_dt}
+            task = {"policy": cell.policy.name, "scenario": cell.scenario.name, "control_dt": cell.scenario.control_dt}
             yield {**task, "seed": seed, **row}
 
 
@@ -38,7 +38,7 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
     write_text(path, text.getvalue())
 
 
-def write_splits(path: Path, board: Board, splits: Mapping[str, Split]) -> None:
+def write_splits(path: Path, board: Board, splits: Mapping[str, RangeErrors]) -> None:
     """Write as CSV each policy's error in % in each split, its interval's ends, and the share of runs that diverged."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

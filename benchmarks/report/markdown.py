@@ -6,10 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 from benchmarks.analysis.board import UNSCORED, Board
-from benchmarks.analysis.splits import Split
+from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.paper.claim import Claim
-from benchmarks.policies import resolve
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -29,7 +28,9 @@ BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 """Between these lines of a file stands the leaderboard."""
 
 
-def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({}), *, families: bool = True) -> str:
+def leaderboard(
+    board: Board, splits: Mapping[str, RangeErrors] = MappingProxyType({}), *, families: bool = True
+) -> str:
     """The board, best first, with the intervals of score and rank.
 
     Args:
@@ -47,7 +48,7 @@ def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({})
         score = "" if board.score is None else f"{_with_interval(board.score, i, 1)}"
         rows.append(
             [
-                f"`{board.policies[i]}`", resolve.access(board.policies[i]), rank, score, _with_interval(board.error, i, 2),
+                f"`{board.policies[i]}`", board.specs[i].access, rank, score, _with_interval(board.error, i, 2),
                 f"{100 * board.failures.value[i]:.2g}", f"{board.decision_us[i]:.2g}", *(f"{x[i]:.3g}" for x in errors),
                 *(_in_split(found, i) for found in splits.values()),
             ]
@@ -60,7 +61,7 @@ def _with_interval(estimate: Estimate, i: int, digits: int) -> str:
     return f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})"
 
 
-def _in_split(split: Split, i: int) -> str:
+def _in_split(split: RangeErrors, i: int) -> str:
     share = split.diverged[i]
     return _with_interval(split.error, i, 3) + (f", {100 * share:.2g} % diverged" if share else "")
 

@@ -11,9 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.analysis.board import UNSCORED, Board
-from benchmarks.analysis.splits import RADII, TRAINED_ON, Split
+from benchmarks.analysis.generalization import RADII, TRAINED_ON, RangeErrors
 from benchmarks.paper.claim import Claim
-from benchmarks.policies import resolve
 from benchmarks.run.metrics import describe, summarize
 from benchmarks.speed.rates import Speed
 
@@ -62,7 +61,7 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
         table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)
     ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
     for i in board.order:
-        told = resolve.access(board.policies[i]) == "privileged"
+        told = not board.specs[i].ranked
         cells = [f"({board.policies[i]})" if told else board.policies[i]]
         if summary:
             failed = 100 * board.failures.value[i]
@@ -81,14 +80,14 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
     return table
 
 
-def splits(console: Console, board: Board, found: Mapping[str, Split]) -> None:
+def splits(console: Console, board: Board, found: Mapping[str, RangeErrors]) -> None:
     """Each policy's error inside and beyond the uncertainty radius that agents are trained on, the best policy first."""
     table = Table(title="Error % over the uncertainty radius", title_style="bold", box=SIMPLE_HEAD)
     table.add_column("policy", no_wrap=True)
     for name, radius in RADII.items():
         table.add_column(f"{name}\nradius {radius:g}", justify="right", no_wrap=True)
     for i in board.order:
-        told = resolve.access(board.policies[i]) == "privileged"
+        told = not board.specs[i].ranked
         cells = []
         for split in found.values():
             value, low, high = (_number(x[i]) for x in (split.error.value, split.error.low, split.error.high))

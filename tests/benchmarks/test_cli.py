@@ -11,7 +11,7 @@ from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.cli import names
 from benchmarks.report import terminal
-from benchmarks.run.runner import run_cell
+from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import leaderboard_scenarios, narrow
 from benchmarks.run.suite import load as load_suite
 

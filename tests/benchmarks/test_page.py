@@ -12,13 +12,13 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import assemble
+from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.robustness import BOUND, DIRECTIONS, with_radius
-from benchmarks.analysis.splits import Split
 from benchmarks.report.contents import contents
 from benchmarks.report.page import POINTS, scene, write_page
+from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
-from benchmarks.run.runner import run_cell
 from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
 
@@ -51,7 +51,7 @@ def data():
     results = [run_cell(Cell(policy, short(scenario), SEEDS)) for policy in POLICIES for scenario in SCENARIOS]
     board = assemble(results)
     radii = {(policy, way): radius(policy, way) for policy in ("pd-gravity", "cascade-flm") for way in DIRECTIONS}
-    splits = {"extrapolation": Split(board.family_errors["mass-error"], np.full(len(POLICIES), 0.25))}
+    splits = {"extrapolation": RangeErrors(board.family_errors["mass-error"], np.full(len(POLICIES), 0.25))}
     page = contents(board, results, radii, splits, "pytest")
     rows = sorted(page["policies"], key=lambda row: POLICIES.index(row["name"]))
     assert rows != page["policies"]

@@ -17,12 +17,12 @@ from stable_baselines3.common.monitor import Monitor
 
 from benchmarks import cli
 from benchmarks.analysis.board import assemble
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import resolve
 from benchmarks.rl import policy
 from benchmarks.rl.policy import SHIPPED, best_seed, curves, describe, shipped, shipped_agent
 from benchmarks.rl.settings import Settings
 from benchmarks.rl.train import VALIDATION, tracking_error, train
-from benchmarks.run.runner import run_cell
+from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 
@@ -79,8 +79,8 @@ def test_an_agent_told_the_truth_stands_unranked_on_the_board(tmp_path, capsys):
     assert [board.policies[i] for i in board.ranked] == ["cascade-flm"]
     assert board.order[0] == 0
     for name in told:
-        assert resolve.access(name) == "privileged"
-        assert resolve.learned(name)
+        assert resolve(name).access == "privileged"
+        assert resolve(name).kind == "learned"
         assert cli.main(["check-policy", name]) == 0
         assert "not so: it is told the truth" in capsys.readouterr().out
         assert cli.main(["evaluate", name, "--seeds", "1"]) == 0

@@ -9,7 +9,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from benchmarks.policies import resolve
+from benchmarks.policies import external
+from benchmarks.policies.spec import resolve
 from benchmarks.rl.interface import ACTIONS, CONTEXT, AgentInterface, Body, VectorBody
 from benchmarks.rl.policy import ALGORITHMS, Actor, Agent, SavedAgent, load_zip, read, saved_agent, write
 from benchmarks.rl.train import export
@@ -170,8 +171,8 @@ def test_an_agent_with_context_is_of_the_truth_tier(tmp_path):
         agent = AgentInterface(context=context)
         folder = tmp_path / str(context)
         write(folder, actor(agent, env.interface), {"interface": dataclasses.asdict(agent)})
-        assert resolve.access(str(folder)) == access
-        made = resolve.make(str(folder), env)
+        assert resolve(str(folder)).access == access
+        made = resolve(str(folder)).make(env)
         assert made.env is (env if context else None)
         assert made.configuration.keys() == {"agent"}
     observations, _ = env.reset(seed=0)
@@ -179,7 +180,7 @@ def test_an_agent_with_context_is_of_the_truth_tier(tmp_path):
         made.predict(observations[:1])
     for make in (
         lambda: saved_agent(env.interface, str(folder)),
-        lambda: resolve.make(str(folder), env.interface),
+        lambda: resolve(str(folder)).make(env.interface),
         lambda: SavedAgent(env.interface, str(folder)),
         lambda: Agent(env.interface, agent, actor(agent, env.interface)),
     ):
@@ -305,10 +306,10 @@ def test_a_zip_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, tmp_pa
         pytest.importorskip("sb3_contrib")
     env = TwoLinkArmEnv()
     model, path = saved(tmp_path, env, algorithm, **settings)
-    resolve.trust(str(path))
+    external.trust(str(path))
     observation, _ = env.reset(seed=0)
     np.testing.assert_array_equal(
-        resolve.make(str(path), env).predict(observation, deterministic=True)[0],
+        resolve(str(path)).make(env).predict(observation, deterministic=True)[0],
         model.predict(observation, deterministic=True)[0],
     )
 
