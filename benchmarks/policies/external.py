@@ -22,6 +22,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+import controllers
 from benchmarks.policies.digest import PACKAGES, closure, code_digest, entry_points
 from fbl_gym.checks import unknown
 
@@ -81,8 +82,17 @@ def check(text: str) -> None:
             )
 
 
+_HAS_LOADED: list[str] = []
+
+
+def has_loaded() -> bool:
+    """Return whether the code of an external policy ran in this process, and may have changed anything in it."""
+    return bool(_HAS_LOADED)
+
+
 def load(text: str) -> Callable[..., Any]:
     """Return the factory of an external policy that is code; a file is loaded again when its code has changed."""
+    _HAS_LOADED.append(text)
     source, _, name = text.partition(":")
     module = _load_file(Path(source)) if source.endswith(".py") else _load_module(source)
     name = name or ATTRIBUTE
@@ -221,8 +231,11 @@ def sources(text: str) -> dict[str, Path]:
 
 def entry_module(name: str) -> str:
     """Return the module of the entry point by which another package registers a policy; empty: there is none."""
-    points = [p for p in entry_points() if p.name == name and p.module.partition(".")[0] not in PACKAGES]
-    return points[0].module if points else ""
+    for point in entry_points():
+        if point.name == name and point.module.partition(".")[0] not in PACKAGES:
+            # A built-in policy of that name wins.
+            return point.module if point.load() is controllers.factory(name) else ""
+    return ""
 
 
 def _beside(path: Path) -> dict[str, Path]:

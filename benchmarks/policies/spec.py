@@ -25,6 +25,7 @@ from typing import Any
 
 import controllers
 from benchmarks.policies import external
+from benchmarks.policies.apart import Died, call_apart
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.rl.policy import access_of, load_zip, saved_agent, shipped
@@ -180,6 +181,19 @@ def resolve(policy: str | PolicySpec) -> PolicySpec:
     if policy not in _RESOLVED or (_RESOLVED[policy][1] != state):
         _RESOLVED[policy] = _resolve(policy), _state(policy)
     return _RESOLVED[policy][0]
+
+
+def resolve_apart(text: str) -> PolicySpec:
+    """Return the specification of a policy; an external policy's code runs in a process that only it uses."""
+    _check(text)
+    runs_code = external.entry_module(text) if _registered(text) else not _weights(text)
+    if not runs_code:
+        return resolve(text)
+    try:
+        spec: PolicySpec = call_apart(text, "benchmarks.policies.spec:resolve", text)
+    except Died as death:
+        return PolicySpec(text, "classical", "nominal", external=True, problem=f"{death} while the policy was loaded")
+    return spec
 
 
 def _check(text: str) -> None:

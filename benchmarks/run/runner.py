@@ -12,7 +12,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
-from benchmarks.run.cell import ATTEMPTS, Outcome, compute
+from benchmarks.policies.apart import ATTEMPTS
+from benchmarks.run.cell import Outcome, compute
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 from fbl_gym.checks import check_choice

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from benchmarks.policies.spec import PolicySpec, names, resolve
+from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_apart
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, check_whole, unknown
 from fbl_gym.records import set_fields
@@ -105,7 +105,7 @@ class Suite:
     def cells(self) -> list[Cell]:
         """The cells, scenario by scenario, each with every policy."""
         seeds = tuple(SPLITS["test"][: self.seeds])
-        policies = [resolve(policy) for policy in self.policies]
+        policies = [resolve_apart(policy) if isinstance(policy, str) else policy for policy in self.policies]
         return [Cell(policy, scenario, seeds) for scenario in self.scenarios for policy in policies]
 
 
@@ -216,7 +216,7 @@ def narrow(
             options; empty: the suite's.
         seeds: how many test seeds; None: the suite's.
     """
-    specs = tuple(resolve(policy) for policy in policies)
+    specs = tuple(resolve_apart(policy) if isinstance(policy, str) else policy for policy in policies)
     chosen: list[Scenario] = []
     for name in scenario_names:
         members = [s for s in leaderboard_scenarios() if _family(s) == name]
