@@ -12,8 +12,8 @@ from benchmarks.run.store import Store
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "sql", metavar="SQL",
-        help="about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
-        "or \"COPY results TO 'board.parquet'\"",
+        help="a question about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
+        "or \"COPY results TO 'board.parquet'\"; the table `all_results` has results of older code and copies too",
     )  # fmt: skip
     add_store(parser)
 

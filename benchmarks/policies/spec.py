@@ -196,6 +196,18 @@ def resolve_apart(text: str) -> PolicySpec:
     return spec
 
 
+def is_unchanged(spec: PolicySpec) -> bool:
+    """Return whether a policy still has the code, gains and data of a specification. No code of a file is run."""
+    try:
+        if external.is_file(spec.name) and not _registered(spec.name):
+            data = {path: external.file_digest(Path(path)) for path in spec.data}
+            return _digest(spec.name, external.sources(spec.name)) == spec.digest and data == spec.data
+        now = _trained(spec.name) if _weights(spec.name) else resolve_apart(spec.name)
+    except (ValueError, OSError):
+        return False
+    return now.identity == spec.identity
+
+
 def _check(text: str) -> None:
     if _registered(text):
         return

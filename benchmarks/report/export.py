@@ -10,19 +10,27 @@ from typing import Any
 
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
+from benchmarks.run.current import current_keys, current_runs
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result, write_text
 
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 
+APART = ("key", "current", "seeds", "code", "time")
+"""Columns that only the table `all_results` has: the cell's key, whether it is current, its number of seeds, and more."""
+
 
 def rows(results: Iterable[Result]) -> Iterator[dict[str, Any]]:
     """One row for each policy, scenario and seed."""
     for result in results:
-        cell = result.cell
-        for seed, row in zip(cell.seeds, result.rows, strict=False):
-            task = {"policy": cell.policy.name, "scenario": cell.scenario.name, "control_dt": cell.scenario.control_dt}
-            yield {**task, "seed": seed, **row}
+        for i in range(len(result.rows)):
+            yield _row(result, i)
+
+
+def _row(result: Result, i: int) -> dict[str, Any]:
+    cell = result.cell
+    task = {"policy": cell.policy.name, "scenario": cell.scenario.name, "control_dt": cell.scenario.control_dt}
+    return {**task, "seed": cell.seeds[i], **result.rows[i]}
 
 
 def _short(row: dict[str, Any]) -> dict[str, Any]:
@@ -52,20 +60,33 @@ def write_splits(path: Path, board: Board, splits: Mapping[str, RangeErrors]) ->
 
 
 def query(results: Iterable[Result], sql: str) -> str | None:
-    """DuckDB's answer to a question about the table `results`, whose columns are those of the CSV; None to a command.
+    """Return DuckDB's answer to a question about stored results; None to a command.
+
+    The table `results` has each run of the current results once, with the columns of the CSV. The table `all_results` has
+    every stored run, those of older code and other sets of seeds among them, and more columns that tell these apart.
 
     Args:
-        results: what the table holds.
+        results: all results of a store.
         sql: such as "SELECT policy, avg(error_pct) FROM results GROUP BY policy", or
             "COPY results TO 'board.parquet'".
     """
     import duckdb
     import pandas as pd
 
+    stored = list(results)
+    keys = current_keys(stored)
+    current = [_row(result, i) for result, i in current_runs(stored)]
+    every = [
+        {**_row(result, i), "key": result.cell.key, "current": result.cell.key in keys, "seeds": len(result.rows),
+         "code": result.cell.policy.digest[:12], "time": result.provenance.get("time", "")}
+        for result in stored for i in range(len(result.rows))
+    ]  # fmt: skip
     connection = duckdb.connect()
-    connection.register("results", pd.DataFrame.from_records(list(rows(results)), columns=list(COLUMNS)))
+    connection.register("results", pd.DataFrame.from_records(current, columns=list(COLUMNS)))
+    connection.register("all_results", pd.DataFrame.from_records(every, columns=[*COLUMNS, *APART]))
     try:
         answer = connection.sql(sql)
         return None if answer is None else str(answer)
     except duckdb.Error as problem:
-        raise ValueError(f"{problem}\nThe table results has the columns {', '.join(COLUMNS)}") from None
+        columns = f"The table results has the columns {', '.join(COLUMNS)}"
+        raise ValueError(f"{problem}\n{columns}; all_results has {', '.join(APART)} too") from None

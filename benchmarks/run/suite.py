@@ -58,7 +58,11 @@ class Cell:
     @cached_property
     def identity(self) -> dict[str, Any]:
         """All that the cell's numbers depend on, as plain data."""
-        return {**self.policy.identity, "scenario": _content(self.scenario, "description"), "seeds": list(self.seeds)}
+        return {
+            **self.policy.identity,
+            "scenario": plain_options(self.scenario, "description"),
+            "seeds": list(self.seeds),
+        }
 
     @cached_property
     def key(self) -> str:
@@ -66,7 +70,8 @@ class Cell:
         return _hash(self.identity)[:20]
 
 
-def _content(scenario: Scenario, *without: str) -> dict[str, Any]:
+def plain_options(scenario: Scenario, *without: str) -> dict[str, Any]:
+    """Return a scenario's options as plain data, without some of them."""
     return {name: value for name, value in scenario.to_dict().items() if name not in without}
 
 
@@ -114,11 +119,11 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
     known = set(scenarios.names())
     contents: dict[str, dict[str, Scenario]] = {}
     for task in tasks:
-        contents.setdefault(task.name, {})[_hash(_content(task, "name", "description"))] = task
+        contents.setdefault(task.name, {})[_hash(plain_options(task, "name", "description"))] = task
     distinct = []
     for name, same in contents.items():
         if name in known:
-            catalogue = _hash(_content(scenarios.get(name), "name", "description"))
+            catalogue = _hash(plain_options(scenarios.get(name), "name", "description"))
         else:
             catalogue = next(iter(same)) if len(same) == 1 else ""
         for content, task in same.items():
