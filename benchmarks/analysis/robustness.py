@@ -10,7 +10,8 @@ from benchmarks.analysis.statistics import Radius, radius
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.cell import compute
 from benchmarks.run.store import Store
-from benchmarks.run.suite import SPLITS, Cell
+from benchmarks.run.suite import Cell
+from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 from fbl_gym.arm import Array
 

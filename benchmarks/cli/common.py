@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.policies import external
-from benchmarks.run.suite import SPLITS
+from benchmarks.seeds import SPLITS
 
 
 def count(text: str) -> int:

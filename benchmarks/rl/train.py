@@ -31,7 +31,7 @@ from benchmarks.rl.interface import VectorBody
 from benchmarks.rl.policy import Actor, Agent
 from benchmarks.rl.settings import Settings
 from benchmarks.rl.vec_env import ArmVecEnv
-from benchmarks.run.suite import SPLITS
+from benchmarks.seeds import SPLITS
 from controllers import Policy
 from fbl_gym.arm import Array
 from fbl_gym.vector_env import TwoLinkArmVectorEnv

@@ -14,6 +14,7 @@ from typing import Any
 
 import controllers
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_apart
+from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, check_whole, unknown
 from fbl_gym.records import set_fields
@@ -23,14 +24,6 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-SPLITS: dict[str, range] = {
-    "test": range(0, 10_000),
-    "tuning": range(10_000, 20_000),
-    "validation": range(20_000, 30_000),
-    "training": range(1_000_000, 2**31),
-}
-"""The use of each seed. The board is measured on `test`, which tuning and training never touch."""
 
 
 @dataclass(frozen=True)

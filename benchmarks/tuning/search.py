@@ -29,7 +29,8 @@ from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance, write_text
-from benchmarks.run.suite import SPLITS, leaderboard_scenarios
+from benchmarks.run.suite import leaderboard_scenarios
+from benchmarks.seeds import SPLITS
 from controllers.policy import TUNED
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, unknown

@@ -2,7 +2,8 @@
 
 import pytest
 
-from benchmarks.run.suite import SPLITS, SUITES, Suite, load, named, narrow
+from benchmarks.run.suite import SUITES, Suite, load, named, narrow
+from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.cli.common import gain
-from benchmarks.run.suite import SPLITS
+from benchmarks.seeds import SPLITS
 from benchmarks.tuning.search import JUDGED, Task, judge, seeds, ship, summary
 
 # Of the defaults (trial 0) and two others: kp, the objective of the trial, then objective and diverged runs [%] on fresh seeds.
