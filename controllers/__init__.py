@@ -1,8 +1,9 @@
-"""Policies that know the nominal model, the layout of the observation and the rates, and nothing of the plant.
+"""Policies that know the nominal model, and nothing of the real arm.
 
-`make("pid-flm", env)` builds one, `names()` lists them.
+`make("pid-flm", env)` builds one, and `names()` lists them. `TorqueLaw` is the base for a new law.
 """
 
-from controllers.policy import Policy, TorqueLaw, access, factory, kind, make, names, register, summary, tuned
+from controllers.policy import Policy, TorqueLaw
+from controllers.registry import access, factory, kind, make, names, register, summary, tuned
 
 __all__ = ["Policy", "TorqueLaw", "access", "factory", "kind", "make", "names", "register", "summary", "tuned"]

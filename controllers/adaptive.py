@@ -1,4 +1,4 @@
-"""The adaptive controller of §4: a parameter estimator, soft gain scheduling, and the cascade outside."""
+"""The paper's adaptive controller: parameter estimator, gain scheduling and cascade (§4)."""
 
 from __future__ import annotations
 
@@ -13,55 +13,58 @@ from controllers.estimator import estimate, lumped_of, point_masses
 from controllers.gain_scheduling import schedule
 from controllers.policy import State
 from fbl_gym.arm import Array, regressor
-from fbl_gym.checks import check_number
-from fbl_gym.records import set_fields
+from fbl_gym.records import declared, number
 
 SAMPLES = 3
-"""How many samples an estimate takes: the paper's three."""
+"""Samples of an estimate: the paper's three."""
+
+
+def _check_alpha(name: str, value: object) -> tuple[tuple[float, ...], ...]:
+    alpha = np.asarray(value, dtype=float)
+    if alpha.shape != (2, 2) or not np.isfinite(alpha).all() or (alpha < 0).any():
+        raise ValueError(f"{name} must be four numbers [2 x 2], zero or more, got {value!r}")
+    return tuple(tuple(float(x) for x in row) for row in alpha)
 
 
 @dataclass(frozen=True)
 class AdaptiveFlm(CascadeFlm):
-    """The adaptive controller of §4, with the estimator as printed (three samples, pseudo-inverse) and gain scheduling (46).
+    """The paper's adaptive controller: the cascade on an estimated model, gains scheduled (§4).
 
-    Each sample is the motion measured at the end of a control interval and the torque held in it. As soon as three of them
-    tell the five lumped parameters apart, and the result is that of an arm, it replaces the model that is linearised; until
-    then the model is the nominal one. The estimator needs an acceleration sensor without noise: with sigma = 0.01 rad/s^2,
-    three samples a millisecond apart are useless.
+        p^ = argmin |Y p - torque| over three samples
+        torque = cascade(p^), with the factor (46) on the inner loops
+
+    A sample is the motion measured at the end of a control interval and the torque applied in it.
+    The estimate replaces the nominal model as soon as three samples tell the five lumped parameters
+    apart and the result is physical. The accelerometer must be free of noise: with sigma = 0.01
+    rad/s^2, three samples a millisecond apart are useless. `AdaptiveFlmLs` works with noise.
+
+    Sensors: position, velocity and acceleration.
+
+    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §4.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.
-        alpha: alpha_ij of (46), [2 x 2]; the paper leaves them open. Zeros (default): no scheduling.
+        alpha: alpha_ij of (46) [2 x 2]. The paper leaves them open; zeros (default) mean no
+            scheduling.
         v_s: velocity scale of (46) [(rad/s)^2].
-        total_mass: of the real arm [kg], as (39) assumes it known; None: the form that needs none.
-        weakest: smallest singular value of the scaled regressor at which an estimate is accepted; below 1e-12 it is rounding.
+        total_mass: mass of the real arm [kg], which (39) assumes known. None: the form of (39) that
+            needs no mass.
+        weakest: smallest singular value of the scaled regressor at which an estimate is accepted.
+            Below 1e-12 it is rounding.
     """
 
-    alpha: Any = ((0.0, 0.0), (0.0, 0.0))
-    v_s: float = 1e-3
-    total_mass: float | None = None
-    weakest: float = 1e-7
+    alpha: Any = declared(((0.0, 0.0), (0.0, 0.0)), _check_alpha, "four numbers [2 x 2], zero or more")
+    v_s: float = number(1e-3, unit="(rad/s)^2", above=0)
+    total_mass: float | None = number(None, unit="kg", above=0)
+    weakest: float = number(1e-7, low=1e-12)
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        alpha = np.asarray(self.alpha, dtype=float)
-        if alpha.shape != (2, 2) or not np.isfinite(alpha).all() or (alpha < 0).any():
-            raise ValueError(f"alpha must be four numbers [2 x 2], zero or more, got {self.alpha!r}")
-        set_fields(
-            self,
-            alpha=tuple(tuple(float(x) for x in row) for row in alpha),
-            v_s=check_number("v_s", self.v_s, above=0),
-            weakest=check_number("weakest", self.weakest, low=1e-12),
-        )
-        if self.total_mass is not None:
-            set_fields(self, total_mass=check_number("total_mass", self.total_mass, above=0))
-
     def initial(self, observation: Array) -> State:
+        """Return the state; see the comments for its parts."""
         n = len(observation)
         return (
-            np.zeros((n, 2)),  # integral
+            np.zeros((n, 2)),  # the cascade's integral
             np.zeros((n, SAMPLES, 2, 5)),  # regressors of the last samples
             np.zeros((n, SAMPLES, 2)),  # torques applied up to each of them
             np.zeros(n, dtype=int),  # observations so far
@@ -70,26 +73,36 @@ class AdaptiveFlm(CascadeFlm):
         )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
         integral, y, torques, count, applied, lumped = state
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
         y = np.concatenate([y[:, 1:], regressor(q, v, a)[:, None]], axis=1)
         torques = np.concatenate([torques[:, 1:], applied[:, None]], axis=1)
-        # The first observation of an episode ends no interval: the three samples after it are the first to count.
-        found, ok = self.learn(y, torques)
-        lumped = np.where((ok & (count >= SAMPLES))[:, None], found, lumped)
+        # An episode's first observation ends no interval, so estimates start three samples later.
+        fitted, accepted = self.fit(y, torques)
+        lumped = np.where((accepted & (count >= SAMPLES))[:, None], fitted, lumped)
         torque, integral = self.drive(observation, q, v, integral, lumped, schedule(v, self.alpha, self.v_s))
         return torque, (integral, y, torques, count + 1, self.interface.saturate(torque), lumped)
 
-    def learn(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Lumped parameters [n x 5] from regressors [n x 3 x 2 x 5] and torques [n x 3 x 2], and where to believe them [n]."""
-        found, ok = estimate(y, torques, self.weakest)
+    def fit(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return estimated lumped parameters [n x 5], and where to accept them [n].
+
+        Args:
+            y: regressors of three samples [n x 3 x 2 x 5].
+            torques: applied up to each of them [n x 3 x 2] N m.
+        """
+        lumped, accepted = estimate(y, torques, self.weakest)
         if self.total_mass is None:
-            return found, ok
+            return lumped, accepted
         with np.errstate(divide="ignore", invalid="ignore"):
-            masses = point_masses(found, self.total_mass)
-            # (39) finds L1, L2 and m2, and the total mass gives m1; the lumped parameters follow from those four.
-            return lumped_of(masses), ok & np.all(masses > 0.0, axis=-1)
+            masses = point_masses(lumped, self.total_mass)
+            # (39) gives L1, L2 and m2, the total mass gives m1. The lumped parameters follow.
+            return lumped_of(masses), accepted & np.all(masses > 0.0, axis=-1)
 
     def parameters(self, state: State) -> Array:
-        """The estimates m1, m2, L1, L2 [n x 4] that a state holds."""
+        """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4].
+
+        Args:
+            state: the state that `initial` or `torque` returned.
+        """
         return point_masses(state[5], self.total_mass)

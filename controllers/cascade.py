@@ -1,50 +1,48 @@
-"""The cascade of §3.1 of the paper: an inner velocity loop that fights the leakage, an outer position loop."""
+"""The paper's cascade: an inner velocity loop and an outer position loop (§3.1)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import ClassVar
 
 import numpy as np
 
 from controllers.feedback_linearization import linearize, winds_up
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import ArmParameters, Array
-from fbl_gym.checks import Pair, check_pair
-from fbl_gym.records import set_fields
+from fbl_gym.checks import Pair
+from fbl_gym.records import pair
 
 
 @dataclass(frozen=True)
 class CascadeFlm(TorqueLaw):
-    """Inner PI on velocity, outer proportional loop with derivative feed-forward, through the nominal mapping.
+    """The paper's cascade: an inner velocity PI and an outer P loop (§3.1, equation (8)).
 
-    a = P e_v + I int(e_v)  with  e_v = r' + Kp (r - q) - v, equation (8). As in the paper, there is no feed-forward of r''.
+        a = P e_v + I int(e_v) dt,    e_v = r' + Kp (r - q) - v,    torque = M a + C v + G
+
+    With an exact model and a constant reference the inner loop has the poles of s^2 + P s + I, and
+    the outer one the pole -Kp. As in the paper, r'' is not fed forward. The integral pauses where
+    the torque saturates.
+
+    Sensors: position and velocity.
+
+    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3.1, equation (8).
 
     Args:
-        kp: Kp of the outer loop [1/s], per joint. The paper leaves it open; 10 is the project's choice.
-        velocity_p: P of the inner loops [1/s]; the paper's 30 and 35.
-        velocity_i: I of the inner loops [1/s^2]; the paper's 13 and 20.
+        kp: Kp of the outer loop [1/s], per joint. The paper leaves it open.
+        velocity_p: P of the inner loop [1/s], per joint. The defaults are the paper's.
+        velocity_i: I of the inner loop [1/s^2], per joint. The defaults are the paper's.
     """
 
-    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
-        {"kp": (1.0, 100.0), "velocity_p": (5.0, 200.0), "velocity_i": (1.0, 2000.0)}
-    )
-
-    kp: Pair | float = 10.0
-    velocity_p: Pair | float = (30.0, 35.0)
-    velocity_i: Pair | float = (13.0, 20.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        gains = {name: check_pair(name, getattr(self, name)) for name in ("kp", "velocity_p", "velocity_i")}
-        set_fields(self, **gains)
+    kp: Pair | float = pair(10.0, unit="1/s", tune=(1.0, 100.0))
+    velocity_p: Pair | float = pair((30.0, 35.0), unit="1/s", tune=(5.0, 200.0))
+    velocity_i: Pair | float = pair((13.0, 20.0), unit="1/s^2", tune=(1.0, 2000.0))
 
     def initial(self, observation: Array) -> State:
+        """Return the state: the integral of the velocity error [n x 2], zero."""
         return (np.zeros((len(observation), 2)),)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m, and the next integral."""
         q, v = self.read(observation, "position", "velocity")
         torque, integral = self.drive(observation, q, v, state[0], self.interface.nominal)
         return torque, (integral,)
@@ -58,14 +56,16 @@ class CascadeFlm(TorqueLaw):
         model: ArmParameters | Array,
         schedule: Array | float = 1.0,
     ) -> tuple[Array, Array]:
-        """Both loops and the mapping: the torque, and the next integral.  All [n x 2].
+        """Return the torque [n x 2] N m of both loops, and the next integral [n x 2].
 
         Args:
-            observation: for the reference.
-            q, v: position and velocity to go by, measured or filtered.
-            integral: of the inner loops' errors.
-            model: the arm to linearise with; lumped parameters [n x 5] where they are estimated.
-            schedule: factor on the inner loops' error, on P as well as inside the integral; see `gain_scheduling.py`.
+            observation: for the reference, [n x size].
+            q: measured or estimated position [n x 2] rad.
+            v: measured or estimated velocity [n x 2] rad/s.
+            integral: of the inner loops' errors [n x 2].
+            model: the arm to linearise with, or estimated lumped parameters [n x 5].
+            schedule: factor on the inner loops' error, in P and in the integral; see
+                `gain_scheduling.py`.
         """
         r, r_dot = self.read(observation, "reference_position", "reference_velocity")
         error = schedule * (r_dot + np.array(self.kp) * (r - q) - v)

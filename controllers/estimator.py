@@ -1,9 +1,10 @@
-"""The parameter estimator of §4.1: three samples and the pseudo-inverse.
+"""The paper's parameter estimator: three samples and the pseudo-inverse (§4.1).
 
-The paper solves K_t X = -M_t e_t for the errors X of seven products of parameters, equations (32)-(37). Two pairs of its seven
-columns are equal, so that at most five combinations can be found (its equation (38)): the five lumped parameters of `arm.py`.
-With the applied torque on the right the same equations read Y p = tau; unlike (36), that holds under saturation too, where
-the commanded acceleration is not what the torque could give.
+The paper solves K_t X = -M_t e_t for the errors X of seven products of parameters, equations
+(32)-(37). Two pairs of its seven columns are equal, so at most five combinations can be estimated
+(its equation (38)): the five lumped parameters of `arm.py`. With the applied torque on the right
+the same equations read Y p = torque. Unlike (36), that also holds under saturation, where the
+torque cannot give the commanded acceleration.
 """
 
 from __future__ import annotations
@@ -16,38 +17,42 @@ from fbl_gym.arm import STANDARD_GRAVITY, Array
 
 
 def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
-    """The five lumped parameters that explain the samples in the least-squares sense, and whether they can be trusted.
+    """Return the lumped parameters of least squares [n x 5], and where to accept them [n].
+
+    They are accepted where the samples tell all five apart and the parameters are physical.
 
     Args:
-        y: the regressor at each sample, `arm.regressor` of the measured motion, [n x s x 2 x 5].
-        torque: applied torque, [n x s x 2] N m.
-        weakest: smallest singular value of the regressor (columns scaled to length one) below which the samples do not
-            tell all five apart. At rest the rank is 2, and (39) would return nonsense.
-
-    Returns:
-        Lumped parameters [n x 5], and [n] True where the samples were rich enough and the parameters are physical.
+        y: the regressor at each sample, `arm.regressor` of the measured motion [n x s x 2 x 5].
+        torque: applied torque [n x s x 2] N m.
+        weakest: smallest singular value of the regressor (columns scaled to length one) at which
+            the samples tell all five apart. At rest the rank is 2, and (39) would return nonsense.
     """
     n = len(y)
-    # Where all five can be told apart, the pseudo-inverse is (Y'Y)^-1 Y': the solution of least squares.
+    # At full rank the pseudo-inverse (Y'Y)^-1 Y' gives the solution of least squares.
     lumped, rich = least_squares(y.reshape(n, -1, 5), torque.reshape(n, -1), weakest)
     return lumped, rich & plausible(lumped)
 
 
 def plausible(lumped: Array) -> NDArray[np.bool_]:
-    """Whether parameters are those of an arm: finite, positive, and with an inertia that is so, too.  lumped: [n x 5]."""
+    """Return where lumped parameters are physical [n]: positive, with positive definite inertia.
+
+    Args:
+        lumped: [n x 5].
+    """
     p1, p2, p3 = (lumped[..., i] for i in range(3))
     return np.all(np.isfinite(lumped) & (lumped > 0.0), axis=-1) & (p1 * p2 > p3 * p3)
 
 
 def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity: float = STANDARD_GRAVITY) -> Array:
-    """m1, m2, L1 and L2 [n x 4] of point masses with these lumped parameters [n x 5].
+    """Return m1, m2, L1 and L2 [n x 4] of point masses with these lumped parameters.
 
-    With the total mass known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and m1 = mass - m2, for Y1 = p2,
-    Y2 = p3 and Y3 = p5 / g. Without it, what (39) leaves unused: L1 = g p1 / p4 and m1 + m2 = (p4 / g)^2 / p1.
+    With the total mass known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and
+    m1 = mass - m2, for Y1 = p2, Y2 = p3 and Y3 = p5 / g. Without it, from the rest of the same
+    regression: L1 = g p1 / p4 and m1 + m2 = (p4 / g)^2 / p1.
 
     Args:
         lumped: [n x 5].
-        total_mass: m1 + m2 [kg], of all or [n]; None: not known.
+        total_mass: m1 + m2 [kg], one number or [n]; None: unknown.
         gravity: [m/s^2].
     """
     y1, y2, y3 = lumped[..., 1], lumped[..., 2], lumped[..., 4] / gravity
@@ -59,7 +64,12 @@ def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity
 
 
 def lumped_of(parameters: Array, gravity: float = STANDARD_GRAVITY) -> Array:
-    """The lumped parameters [n x 5] of point masses.  parameters: m1, m2, L1, L2, [n x 4]; gravity: [m/s^2]."""
+    """Return the lumped parameters [n x 5] of point masses.
+
+    Args:
+        parameters: m1, m2 [kg], L1, L2 [m], [n x 4].
+        gravity: [m/s^2].
+    """
     m1, m2, L1, L2 = (parameters[..., i] for i in range(4))
     both = m1 + m2
     return np.stack([both * L1**2, m2 * L2**2, m2 * L1 * L2, both * L1 * gravity, m2 * L2 * gravity], axis=-1)

@@ -1,4 +1,4 @@
-"""The feedback linearisation mapping (FLM) of the paper's figure 2, and its part in anti-windup."""
+"""The feedback linearisation mapping (FLM) of the paper's figure 2, and its anti-windup."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from fbl_gym.interface import Interface
 
 
 def linearize(model: ArmParameters | Array, position: Array, velocity: Array, acceleration: Array) -> Array:
-    """The torque that gives the model this acceleration: M a + C v + G.  All [n x 2].
+    """Return the torque that gives the model an acceleration: M a + C v + G, [n x 2] N m.
 
-    With an exact model the joints then behave as double integrators, q'' = a; what is left otherwise is the leakage of
-    equation (5).
+    With an exact model the joints behave as double integrators, q'' = a. The difference of a wrong
+    model is the leakage of equation (5).
 
     Args:
-        model: the nominal arm, or the lumped parameters [n x 5] that an estimator found.
-        position, velocity: measured or estimated.
-        acceleration: the one wished for.
+        model: the nominal arm, or estimated lumped parameters [n x 5].
+        position: measured or estimated [n x 2] rad.
+        velocity: measured or estimated [n x 2] rad/s.
+        acceleration: a, the desired one [n x 2] rad/s^2.
     """
     return inverse_dynamics(model, position, velocity, acceleration)
 
@@ -32,18 +33,22 @@ def winds_up(
     torque: Array,
     error: Array,
 ) -> NDArray[np.bool_]:
-    """Where an integrator must pause: the torque saturates, and the error asks for more of what is cut off.  [n x 2].
+    """Return where an integrator must pause [n x 2].
 
-    What the limits leave of the wished acceleration is found by running the model on the saturated torque, so that a
-    joint also pauses when the other one's saturation, through the coupling, takes its acceleration away.
+    It pauses where the torque saturates and the error asks for more of what is cut off. The
+    acceleration under the saturated torque comes from the model. A joint therefore also pauses when
+    the other joint's saturation takes its acceleration away through the coupling.
 
     Args:
         interface: for the torque limits.
-        model, position, velocity, acceleration: as given to `linearize`.
-        torque: what `linearize` made of them.
-        error: what the integrator would add up.
+        model: as in `linearize`.
+        position: as in `linearize`.
+        velocity: as in `linearize`.
+        acceleration: as in `linearize`.
+        torque: the result of `linearize`.
+        error: the integrand.
     """
-    cut = interface.saturate(torque)
-    left = forward_dynamics(model, position, velocity, cut)
-    saturated = np.any(cut != torque, axis=-1, keepdims=True)
-    return saturated & ((acceleration - left) * error > 0)
+    saturated = interface.saturate(torque)
+    remaining = forward_dynamics(model, position, velocity, saturated)
+    cut = np.any(saturated != torque, axis=-1, keepdims=True)
+    return cut & ((acceleration - remaining) * error > 0)

@@ -8,14 +8,17 @@ from fbl_gym.arm import Array
 
 
 def schedule(velocity: Array, alpha: Array, v_s: float) -> Array:
-    """GS_i = alpha_i1 exp(-v_1^2 / v_s) + alpha_i2 exp(-v_2^2 / v_s) + 1, the factor on each inner loop.  [n x 2].
+    """Return the factor on each inner loop [n x 2].
 
-    It is large where joints hardly move, which is where stiction acts, and fades to 1 with speed. Velocity noise shrinks it.
+        GS_i = alpha_i1 exp(-v_1^2 / v_s) + alpha_i2 exp(-v_2^2 / v_s) + 1
+
+    It is large where joints hardly move and stiction acts, and goes to 1 with speed. Velocity noise
+    makes it smaller.
 
     Args:
         velocity: [n x 2] rad/s.
-        alpha: [2 x 2], alpha_ij.
-        v_s: [(rad/s)^2], the velocity scale.
+        alpha: alpha_ij [2 x 2].
+        v_s: velocity scale [(rad/s)^2].
     """
     near_rest = np.exp(-(velocity**2) / v_s)
     return 1.0 + near_rest @ np.asarray(alpha).T

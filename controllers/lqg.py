@@ -1,11 +1,9 @@
-"""LQG with integral action on the nominally linearised arm: the optimal regulator on what the Kalman filter estimates."""
+"""LQG with integral action, on the nominally linearised arm."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -15,25 +13,38 @@ from controllers.feedback_linearization import linearize, winds_up
 from controllers.kalman import JointKalman
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array
-from fbl_gym.checks import Pair, check_number, check_pair
-from fbl_gym.records import set_fields
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.records import number, pair
 
 
 def plant(dt: float) -> tuple[Array, Array]:
-    """F [3 x 3] and G [3 x 1] of x = (z, e, e') with e'' = u held over a sample, and z the sum of e dt."""
+    """Return F [3 x 3] and G [3 x 1] of x = (z, e, e').
+
+    e'' = u is held over a sample, and z is the sum of e dt.
+
+    Args:
+        dt: sample time [s].
+    """
     return np.array([[1.0, dt, 0.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]]), np.array([[0.0], [0.5 * dt**2], [dt]])
 
 
 @lru_cache(maxsize=64)
 def regulator(dt: float, integral: float, position: float, velocity: float) -> Array:
-    """The gain K [3] of u = -K x that minimises the sum of (integral z)^2 + (position e)^2 + (velocity e')^2 + u^2.
+    """Return the gain K [3] of the optimal regulator u = -K x.
 
-    P = Q + F' P (F - G K), K = (1 + G' P G)^-1 G' P F (Anderson and Moore, "Optimal Control", 1990, §2.4). As dt goes to zero,
-    the gain on z goes to `integral`; with integral = 0, those on e and e' to `position` and sqrt(velocity^2 + 2 position).
+    It minimises the sum of (integral z)^2 + (position e)^2 + (velocity e')^2 + u^2:
+
+        P = Q + F' P (F - G K),    K = (1 + G' P G)^-1 G' P F
+
+    (Anderson and Moore, "Optimal Control", 1990, §2.4). As dt goes to zero, the gain on z goes to
+    `integral`. With integral = 0, those on e and e' go to `position` and
+    sqrt(velocity^2 + 2 position).
 
     Args:
         dt: sample time [s].
-        integral, position, velocity: weights, as gains [1/s^3], [1/s^2], [1/s].
+        integral: weight of z [1/s^3].
+        position: weight of e [1/s^2].
+        velocity: weight of e' [1/s].
     """
     f, g = plant(dt)
     p = solve_discrete_are(f, g, np.diag([integral, position, velocity]) ** 2, np.eye(1))
@@ -44,37 +55,35 @@ def regulator(dt: float, integral: float, position: float, velocity: float) -> A
 
 @dataclass(frozen=True)
 class Lqg(TorqueLaw):
-    """a = r'' + K (z, r - q, r' - v) through the nominal mapping, with z the integral of r - y.
+    """LQG with integral action.
 
-    K is the optimal gain (`regulator`), q and v come from the Kalman filter of §3.2 (`JointKalman`), and y is the position as
-    measured, so that a filter misled by its accelerometer leaves no lasting error. The poles are those of the regulator and
-    of the filter: neither knows of the other.
+        a = r'' + K (z, r - q, r' - v),    z = int(r - y) dt,    torque = M a + C v + G
+
+    K is the optimal gain (`regulator`). q and v come from the Kalman filter of the paper
+    (`JointKalman`). y is the measured position, so an accelerometer bias leaves no lasting error.
+    The poles are those of the regulator and of the filter, each designed alone. The integral pauses
+    where the torque saturates.
+
+    Sensors: position and acceleration.
+
+    Source: Anderson and Moore, "Optimal Control", 1990, §2.4.
 
     Args:
-        integral: weight of z [1/s^3], per joint.
-        position: weight of the error [1/s^2], per joint.
-        velocity: weight of its rate [1/s], per joint; all against 1 for acceleration.
-        acceleration_sigma, position_sigma: noise of the sensors per sample [rad/s^2], [rad]; only their ratio matters once the
-            filter has converged.
+        integral: weight of z [1/s^3], per joint, against 1 for acceleration.
+        position: weight of the position error [1/s^2], per joint.
+        velocity: weight of the velocity error [1/s], per joint.
+        acceleration_sigma: noise of the accelerometer per sample [rad/s^2].
+        position_sigma: noise of the encoder per sample [rad]. Once the filter has converged, only
+            the ratio of both sigmas matters.
     """
 
-    integral: Pair | float = 3000.0
-    position: Pair | float = 200.0
-    velocity: Pair | float = 40.0
-    acceleration_sigma: float = 0.5
-    position_sigma: float = 5e-3
+    integral: Pair | float = pair(3000.0, unit="1/s^3", above=0, tune=(10.0, 1e4))
+    position: Pair | float = pair(200.0, unit="1/s^2", above=0, tune=(10.0, 1000.0))
+    velocity: Pair | float = pair(40.0, unit="1/s", above=0, tune=(1.0, 100.0))
+    acceleration_sigma: float = number(0.5, unit="rad/s^2", above=0)
+    position_sigma: float = number(5e-3, unit="rad", above=0, tune=(1e-4, 0.1))
 
     needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
-    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
-        {"integral": (10.0, 1e4), "position": (10.0, 1000.0), "velocity": (1.0, 100.0), "position_sigma": (1e-4, 0.1)}
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("integral", "position", "velocity"):
-            set_fields(self, **{name: check_pair(name, getattr(self, name), above=0)})
-        for name in ("acceleration_sigma", "position_sigma"):
-            set_fields(self, **{name: check_number(name, getattr(self, name), above=0)})
 
     @property
     def gain(self) -> Array:
@@ -84,20 +93,20 @@ class Lqg(TorqueLaw):
 
     @property
     def filter(self) -> JointKalman:
+        """The Kalman filter of both joints."""
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)
 
     def initial(self, observation: Array) -> State:
+        """Return the state: z, estimate, number of samples, False before a sample."""
         position, velocity = self.read(observation, "position", "reference_velocity")
         return (np.zeros_like(position), *self.filter.initial(position, velocity), np.zeros(len(position), dtype=bool))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        integral, estimate, count, begun = state
+        """Return the torque [n x 2] N m and the next state."""
+        integral, estimate, count, started = state
         y, y_ddot = self.read(observation, "position", "acceleration")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        updated, more, _ = self.filter.update(estimate, count, y, y_ddot)
-        # The first observation of an episode ends no sample: there is nothing to predict yet.
-        estimate = np.where(begun[:, None, None], updated, estimate)
-        count = np.where(begun, more, count)
+        estimate, count = self.filter.update_started(estimate, count, started, y, y_ddot)
         q, v = estimate[..., 0], estimate[..., 1]
         nominal, error = self.interface.nominal, r - y
         # e'' = r'' - a = u = -K x
@@ -106,4 +115,4 @@ class Lqg(TorqueLaw):
         torque = linearize(nominal, q, v, a)
         pause = winds_up(self.interface, nominal, q, v, a, torque, error)
         integral = integral + np.where(pause, 0.0, error * self.interface.control_dt)
-        return torque, (integral, estimate, count, np.ones_like(begun))
+        return torque, (integral, estimate, count, np.ones_like(started))

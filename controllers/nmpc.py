@@ -1,17 +1,16 @@
-"""Nonlinear model predictive control: the torques of the next 0.3 s, planned anew fifty times a second.
+"""Nonlinear model predictive control: the torques of the next 0.3 s, planned again every 20 ms.
 
-The real-time iteration (Diehl, Bock, Schlöder, Findeisen, Nagy and Allgöwer 2002, "Real-time optimization and nonlinear model
-predictive control", J. Process Control 12(4)): each decision linearises the predicted motion about the last plan and solves
-one quadratic programme. CasADi generates the derivatives; the solver is DAQP (Arnström, Bemporad and Axehill 2022, "A dual
-active-set solver for embedded quadratic programming using recursive LDL' updates", IEEE TAC 67(8)).
+The real-time iteration (Diehl, Bock, Schlöder, Findeisen, Nagy and Allgöwer, "Real-time
+optimization and nonlinear model predictive control", J. Process Control 12(4), 2002): each decision
+linearises the predicted motion about the last plan and solves one quadratic programme. CasADi
+generates the derivatives. The solver is DAQP (Arnström, Bemporad and Axehill, "A dual active-set
+solver for embedded quadratic programming using recursive LDL' updates", IEEE TAC 67(8), 2022).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -32,7 +31,7 @@ from fbl_gym.arm import (
     solve_terms,
 )
 from fbl_gym.checks import Pair, check_pair
-from fbl_gym.records import set_fields
+from fbl_gym.records import pair
 
 try:
     import casadi as ca
@@ -47,7 +46,13 @@ STEP = 0.02
 
 
 def acceleration(arm: ArmParameters, x: Any, torque: Any) -> Any:
-    """The nominal acceleration as an expression, from x = (q, v) [4] and torque [2]: `forward_dynamics` for CasADi."""
+    """Return the nominal acceleration as a CasADi expression [2]: `forward_dynamics` for CasADi.
+
+    Args:
+        arm: the nominal model.
+        x: position and velocity [4].
+        torque: [2] N m.
+    """
     p1, p2, p3, p4, p5 = map(float, arm.lumped)
     q1, q2, v1, v2 = (x[i] for i in range(4))
     b1, b2 = coriolis_terms(p3, ca.sin(q2), v1, v2)
@@ -57,30 +62,42 @@ def acceleration(arm: ArmParameters, x: Any, torque: Any) -> Any:
 
 
 def terminal(step: float, position: float, velocity: float) -> Array:
-    """R [2 x 2] with |R (e, e')|^2 the cost from the horizon's end to infinity, of the linearised arm without limits."""
+    """Return R [2 x 2]: |R (e, e')|^2 is the cost after the horizon, without limits.
+
+    Args:
+        step: [s].
+        position: weight of e [1/s^2].
+        velocity: weight of e' [1/s].
+    """
     f, g = np.array([[1.0, step], [0.0, 1.0]]), np.array([[0.5 * step**2], [step]])
     return cholesky(solve_discrete_are(f, g, np.diag([position, velocity]) ** 2, np.eye(1)))
 
 
 def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> Any:
-    """The function (start [6], reference [6 x (HORIZON + 1)], plan [2 HORIZON]) -> residuals, whose squares sum to the cost.
+    """Return the function (start, reference, plan) -> residuals, whose squares sum to the cost.
 
-    start is position, velocity and f, the acceleration that the model does not explain, held over the horizon. The plan is in
-    units of the stretched arm's inertia, so that its entries are accelerations.
+    start [6] is position, velocity and f, the acceleration that the model does not explain, held
+    over the horizon. reference is [6 x (HORIZON + 1)]. plan [2 HORIZON] is in units of the
+    stretched arm's inertia, so its entries are accelerations.
+
+    Args:
+        arm: the nominal model.
+        step: [s].
+        weights: of position and velocity, per joint.
     """
     (w1, w2), (c1, c2) = weights
     scale = ca.DM(np.diagonal(inertia_matrix(arm, (0.0, 0.0))))
     start, reference, plan = ca.SX.sym("s", 6), ca.SX.sym("r", 6, HORIZON + 1), ca.SX.sym("u", 2 * HORIZON)
-    x, f, found = start[:4], start[4:], []
+    x, f, terms = start[:4], start[4:], []
 
     def rate(x: Any, torque: Any) -> Any:
         return ca.vertcat(x[2:], acceleration(arm, x, torque) + f)
 
     for k in range(HORIZON):
         torque = scale * plan[2 * k : 2 * k + 2]
-        # e'' of the plan, which counts as 1 whatever it takes to reach it
-        found.append(rate(x, torque)[2:] - reference[4:, k])
-        # Runge and Kutta's fourth-order step
+        # e'' of the plan has the weight 1.
+        terms.append(rate(x, torque)[2:] - reference[4:, k])
+        # The classical Runge-Kutta step.
         k1 = rate(x, torque)
         k2 = rate(x + 0.5 * step * k1, torque)
         k3 = rate(x + 0.5 * step * k2, torque)
@@ -88,18 +105,19 @@ def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> An
         x = x + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         error = x - reference[:4, k + 1]
         if k < HORIZON - 1:
-            found.append(ca.vertcat(w1, w2, c1, c2) * error)
-    for joint, own in enumerate(((w1, c1), (w2, c2))):
-        found.append(ca.DM(terminal(step, *own)) @ ca.vertcat(error[joint], error[2 + joint]))
-    return ca.Function("residuals", [start, reference, plan], [ca.vertcat(*found)])
+            terms.append(ca.vertcat(w1, w2, c1, c2) * error)
+    for joint, joint_weights in enumerate(((w1, c1), (w2, c2))):
+        terms.append(ca.DM(terminal(step, *joint_weights)) @ ca.vertcat(error[joint], error[2 + joint]))
+    return ca.Function("residuals", [start, reference, plan], [ca.vertcat(*terms)])
 
 
 @lru_cache(maxsize=16)
 def planner(arm: ArmParameters, step: float, weights: tuple[Pair, Pair], limit: Pair | None, lanes: int) -> Any:
-    """The function (start [6 x n], reference [6 x n (HORIZON + 1)], plan [2 HORIZON x n] N m) -> better plans, likewise.
+    """Return the function (start, reference, plan) -> better plan, mapped over the lanes.
 
-    One Gauss-Newton step: the residuals of `residuals` are linearised about the plan, and the sum of their squares is
-    minimised within the limits.
+    start is [6 x n], reference [6 x n (HORIZON + 1)], plan [2 HORIZON x n] N m. It makes one
+    Gauss-Newton step: it linearises `residuals` about the plan, and minimises the sum of their
+    squares within the limits.
 
     Args:
         arm: the nominal model.
@@ -127,69 +145,75 @@ def planner(arm: ArmParameters, step: float, weights: tuple[Pair, Pair], limit: 
 
 @dataclass(frozen=True)
 class Nmpc(TorqueLaw):
-    """Plans the torques that minimise, over 15 steps of 20 ms and within the torque limits,
+    """Nonlinear model predictive control with preview and a disturbance estimate.
 
-        sum of (position e)^2 + (velocity e')^2 + (e'')^2 + the regulator's cost from there on, e = r - q,
+        minimise    sum of (position e)^2 + (velocity e')^2 + (e'')^2 + terminal cost,    e = r - q
+        subject to  M(q) (q'' - f) + C v + G = torque, torque limits
 
-    and applies the first. The motion is that of the nominal arm plus the acceleration f that the extended state observer
-    finds, held over the horizon, so that no constant load leaves an error. Where no limit is met, it acts as the optimal
-    regulator of the linearised arm. It runs on the position sensor alone.
+    The first torque of the plan is applied. f comes from the extended state observer
+    (`observer.py`) and is held over the horizon, so no constant load leaves an error. The terminal
+    cost is that of the optimal regulator, so the law acts as this regulator where no limit is met.
+    A plan is made every 20 ms, or at each step of a slower control rate, and its torque is held in
+    between. With a `preview` in the observation, the reference comes from it as far as it reaches;
+    beyond (or without preview), the reference's acceleration is held. The real-time iteration makes
+    one Gauss-Newton step for each plan, so it is a local method.
 
-    It plans every 20 ms, or at every decision where those are rarer, and holds the torque in between. Where the observation
-    has a `preview`, the reference is read from it as far as it reaches; from there on (or from now on) its acceleration is
-    held.
+    Sensors: position. CasADi must be installed.
+
+    Source: Diehl et al. 2002; see the module.
 
     Args:
-        position: weight of the error [1/s^2], per joint.
-        velocity: weight of its rate [1/s], per joint; both against 1 for its acceleration.
-        observer_bandwidth: all poles of the observer [rad/s], per joint.
+        position: weight of the error [1/s^2], per joint, against 1 for its acceleration.
+        velocity: weight of the error's rate [1/s], per joint.
+        observer_bandwidth: all poles of the observer are minus this [rad/s], per joint.
     """
 
-    position: Pair | float = 100.0
-    velocity: Pair | float = 10.0
-    observer_bandwidth: Pair | float = 45.0
+    position: Pair | float = pair(100.0, unit="1/s^2", above=0, tune=(10.0, 1000.0))
+    velocity: Pair | float = pair(10.0, unit="1/s", above=0, tune=(1.0, 100.0))
+    observer_bandwidth: Pair | float = pair(45.0, unit="rad/s", above=0, tune=(15.0, 200.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
     preview: ClassVar[float] = HORIZON * STEP
-    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
-        {"position": (10.0, 1000.0), "velocity": (1.0, 100.0), "observer_bandwidth": (15.0, 200.0)}
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("position", "velocity", "observer_bandwidth"):
-            set_fields(self, **{name: check_pair(name, getattr(self, name), above=0)})
 
     @property
     def stride(self) -> int:
-        """Decisions from plan to plan."""
+        """Control intervals from plan to plan."""
         return max(1, round(STEP / self.interface.control_dt))
 
     @property
     def observer(self) -> ExtendedStateObserver:
+        """The extended state observer of both joints."""
         return ExtendedStateObserver(
             self.interface.control_dt, check_pair("observer_bandwidth", self.observer_bandwidth)
         )
 
     def initial(self, observation: Array) -> State:
+        """Return the state: the observer's prediction, a plan at rest, and a count of steps."""
         q, r_dot = self.read(observation, "position", "reference_velocity")
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
         return self.observer.initial(q, r_dot), np.repeat(hold[:, None], HORIZON, axis=1), np.zeros(len(q), dtype=int)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        foreseen, plan, count = state
+        """Return the torque [n x 2] N m and the next state."""
+        prediction, plan, count = state
         (position,) = self.read(observation, "position")
-        estimate = self.observer.correct(foreseen, position)
+        estimate = self.observer.correct(prediction, position)
         due = count % self.stride == 0
         if due.any():
             plan = plan.copy()
             plan[due] = self.plan(observation[due], estimate[due], plan[due])
         torque = plan[:, 0]
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], torque)
-        return torque, (self.observer.foresee(estimate, u), plan, count + 1)
+        return torque, (self.observer.predict(estimate, u), plan, count + 1)
 
     def plan(self, observation: Array, estimate: Array, plan: Array) -> Array:
-        """The torques [n x HORIZON x 2] from now on, from the plan made a step ago."""
+        """Return the torques from now on [n x HORIZON x 2] N m.
+
+        Args:
+            observation: for the reference, [n x size].
+            estimate: position, velocity and f of each joint [n x 2 x 3].
+            plan: made a step ago [n x HORIZON x 2] N m.
+        """
         n = len(plan)
         weights = check_pair("position", self.position), check_pair("velocity", self.velocity)
         step = self.stride * self.interface.control_dt
@@ -197,19 +221,23 @@ class Nmpc(TorqueLaw):
         start = estimate.transpose(2, 1, 0).reshape(6, n)
         reference = self.reference(observation).reshape(-1, 6).T
         shifted = np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
-        found = np.asarray(improve(start, reference, shifted.reshape(n, -1).T)).T.reshape(plan.shape)
-        # Where the solver gave up, the last plan goes on.
-        return self.interface.saturate(np.where(np.isfinite(found).all(axis=(1, 2), keepdims=True), found, shifted))
+        better = np.asarray(improve(start, reference, shifted.reshape(n, -1).T)).T.reshape(plan.shape)
+        # Where the solver failed, the last plan goes on.
+        return self.interface.saturate(np.where(np.isfinite(better).all(axis=(1, 2), keepdims=True), better, shifted))
 
     def reference(self, observation: Array) -> Array:
-        """Position, velocity and acceleration asked for at each step of the plan [n x (HORIZON + 1) x 6]."""
+        """Return the reference at each step of the plan [n x (HORIZON + 1) x 6].
+
+        Args:
+            observation: [n x size].
+        """
         now = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         known = np.concatenate(now, axis=-1)[:, None]
         if "preview" in self.interface.layout:
             (ahead,) = self.read(observation, "preview")
             known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
-        wanted = self.stride * np.arange(HORIZON + 1)
-        last = np.minimum(wanted, known.shape[1] - 1)
+        steps = self.stride * np.arange(HORIZON + 1)
+        last = np.minimum(steps, known.shape[1] - 1)
         r, r_dot, r_ddot = np.split(known[:, last], 3, axis=-1)
-        t = ((wanted - last) * self.interface.control_dt)[:, None]
+        t = ((steps - last) * self.interface.control_dt)[:, None]
         return np.concatenate([r + t * r_dot + 0.5 * t**2 * r_ddot, r_dot + t * r_ddot, r_ddot], axis=-1)

@@ -1,10 +1,4 @@
-"""The extended state observer: position, velocity and the acceleration that the nominal model does not explain.
-
-Per joint the nominally linearised arm is x'' = u + f, where u is what the model makes of the applied torque and f all the
-rest: wrong parameters, friction, disturbance. The observer takes f for a third state (Han 2009, "From PID to active disturbance
-rejection control", IEEE TIE 56(3), §IV) and puts its three poles at -w (Gao 2003, "Scaling and bandwidth-parameterization
-based controller tuning", ACC).
-"""
+"""The extended state observer: position, velocity, and the unexplained acceleration."""
 
 from __future__ import annotations
 
@@ -18,11 +12,19 @@ from fbl_gym.checks import Pair
 
 @dataclass(frozen=True)
 class ExtendedStateObserver:
-    """The observer of both joints of n lanes, in discrete time: stable at every rate.
+    """The extended state observer of both joints, in discrete time.
 
-    It is the current estimator of the plant held between samples (Miklosovic, Radke and Gao 2006, "Discrete implementation
-    and generalization of the extended state observer", ACC): its error obeys e(k+1) = (F - F L H) e(k), whose three
-    eigenvalues are exp(-w dt). What it foresees [n x 2 x 3] (joint, then position, velocity and f) is its only state.
+    Each joint of the nominally linearised arm is x'' = u + f. u is the nominal acceleration under
+    the applied torque, and f all the rest: wrong parameters, friction, disturbance. f is the third
+    state (Han, "From PID to active disturbance rejection control", IEEE TIE 56(3), 2009, §IV). All
+    three poles lie at -w (Gao, "Scaling and bandwidth-parameterization based controller tuning",
+    ACC 2003).
+
+    The observer is the current estimator of the plant held between samples (Miklosovic, Radke and
+    Gao, "Discrete implementation and generalization of the extended state observer", ACC 2006). Its
+    error obeys e(k+1) = (F - F L H) e(k) with three eigenvalues exp(-w dt), so it is stable at
+    every rate. Its state is the prediction [n x 2 x 3]: for each joint position, velocity and f at
+    the next sample.
 
     Args:
         dt: sample time [s].
@@ -40,16 +42,31 @@ class ExtendedStateObserver:
         return np.stack([1.0 - z**3, 1.5 * (1.0 - z) ** 2 * (1.0 + z) / dt, (1.0 - z) ** 3 / dt**2], axis=-1)
 
     def initial(self, position: Array, velocity: Array) -> Array:
-        """What is foreseen of the first sample: this position and velocity, and no disturbance.  [n x 2] each."""
+        """Return the prediction of the first sample [n x 2 x 3], without disturbance.
+
+        Args:
+            position: [n x 2] rad.
+            velocity: [n x 2] rad/s.
+        """
         return np.stack([position, velocity, np.zeros_like(position)], axis=-1)
 
-    def correct(self, foreseen: Array, position: Array) -> Array:
-        """The estimate [n x 2 x 3] at a sample, from what was foreseen of it and the measured position [n x 2]."""
-        # x = x + L (y - H x)
-        return foreseen + self.gain * (position - foreseen[..., 0])[..., None]
+    def correct(self, prediction: Array, position: Array) -> Array:
+        """Return the estimate at a sample [n x 2 x 3].
 
-    def foresee(self, estimate: Array, acceleration: Array) -> Array:
-        """What the next sample will be [n x 2 x 3] under the nominal acceleration u [n x 2], held until then."""
+        Args:
+            prediction: of this sample [n x 2 x 3].
+            position: measured [n x 2] rad.
+        """
+        # x = x + L (y - H x)
+        return prediction + self.gain * (position - prediction[..., 0])[..., None]
+
+    def predict(self, estimate: Array, acceleration: Array) -> Array:
+        """Return the prediction of the next sample [n x 2 x 3].
+
+        Args:
+            estimate: at this sample [n x 2 x 3].
+            acceleration: u, the nominal one, held until the next sample [n x 2] rad/s^2.
+        """
         q, v, f = np.moveaxis(estimate, -1, 0)
         dt, a = self.dt, acceleration + f
         # x = F x + G u

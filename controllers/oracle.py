@@ -1,7 +1,8 @@
-"""The ceiling of the board: feedback linearisation that knows everything. Marked as the privileged access, and never ranked."""
+"""The oracle: feedback linearisation with the true arm. Its score is 100."""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,30 +11,30 @@ import numpy as np
 from controllers.policy import State
 from fbl_gym.arm import Array, inverse_dynamics
 from fbl_gym.batch import Truth
-from fbl_gym.checks import Pair, check_pair
-from fbl_gym.records import set_fields
+from fbl_gym.checks import Pair
+from fbl_gym.records import Record, pair
 
 
 @dataclass(frozen=True)
-class OracleFlm:
-    """a = r'' + kp e + kd e' on the true state, through the true arm, with friction and disturbance compensated.
+class OracleFlm(Record):
+    """The oracle: feedback linearisation that knows everything. It is not ranked.
 
-    It looks at `env.truth`, so it must be used with the very environment it was made for.
+        torque = M a + C v + G + friction + d,    a = r'' + kp (r - q) + kd (r' - v)
+
+    All terms are true ones, read from `env.truth`, and e'' + kd e' + kp e = 0 up to sampling and
+    torque limits. It acts only in the environment that it was built for.
 
     Args:
         env: the environment, single or batched.
-        kp: [1/s^2], per joint.
-        kd: [1/s], per joint.
+        kp: proportional gain [1/s^2], per joint.
+        kd: derivative gain [1/s], per joint.
     """
 
-    env: Any
-    kp: Pair | float = 400.0
-    kd: Pair | float = 40.0
+    env: Any = dataclasses.field(repr=False)
+    kp: Pair | float = pair(400.0, unit="1/s^2")
+    kd: Pair | float = pair(40.0, unit="1/s")
 
     access: ClassVar[str] = "privileged"
-
-    def __post_init__(self) -> None:
-        set_fields(self, kp=check_pair("kp", self.kp), kd=check_pair("kd", self.kd))
 
     def predict(
         self,
@@ -42,21 +43,30 @@ class OracleFlm:
         episode_start: Array | None = None,
         deterministic: bool = False,
     ) -> tuple[Array, State | None]:
-        """See `controllers.policy.Policy.predict`; the observation tells it nothing but the shape of the answer."""
+        """Return the action for the environment's true state, and `state` unchanged.
+
+        Args:
+            observation: only its shape is used: one row for each lane of the environment.
+            state: without effect.
+            episode_start: without effect.
+            deterministic: without effect.
+
+        Raises:
+            ValueError: the number of observations is not that of the environment's lanes.
+        """
         truth: Truth = self.env.truth
-        lanes, asked = len(np.atleast_2d(truth.position)), len(np.atleast_2d(observation))
-        if asked != lanes:
-            raise ValueError(f"the oracle was made for an environment of {lanes} lanes, got {asked} observations")
+        lanes, rows = len(np.atleast_2d(truth.position)), len(np.atleast_2d(observation))
+        if rows != lanes:
+            raise ValueError(f"the oracle was made for an environment of {lanes} lanes, got {rows} observations")
         error, rate = truth.reference - truth.position, truth.reference_velocity - truth.velocity
         a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
         load = inverse_dynamics(truth.lumped, truth.position, truth.velocity, a)
         torque = load + self._friction(truth) + truth.disturbance
-        interface = self.env.interface
-        action = interface.action_from_torque(torque, truth.position, truth.velocity)
+        action = self.env.interface.action_from_torque(torque, truth.position, truth.velocity)
         return action.reshape(*np.shape(observation)[:-1], 2), state
 
     def _friction(self, truth: Truth) -> Array:
-        """Friction of the motion asked for: its sign is steady where the real velocity's would chatter."""
+        """Return the friction, its dry part along the reference, whose sign is steady."""
         friction = self.env.scenario.friction
         if friction is None:
             return np.zeros_like(truth.velocity)

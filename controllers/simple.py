@@ -1,54 +1,54 @@
-"""The floor of the board: no torque at all, and PD with gravity compensation."""
+"""The simplest laws: no torque, and PD with gravity compensation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
 
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array, gravity_torque, inertia_matrix
-from fbl_gym.checks import Pair, check_pair
-from fbl_gym.records import set_fields
+from fbl_gym.checks import Pair
+from fbl_gym.records import pair
 
 
 @dataclass(frozen=True)
 class Zero(TorqueLaw):
-    """No torque. What an arm does that nobody drives."""
+    """The law torque = 0. It needs no sensor and has no gain."""
 
     needs: ClassVar[tuple[str, ...]] = ()
     access: ClassVar[str] = "none"
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return zeros."""
         return np.zeros((len(observation), 2)), ()
 
 
 @dataclass(frozen=True)
 class PdGravity(TorqueLaw):
-    """torque = Kp e + Kd e' + G(q), with the nominal gravity torque (Takegaki and Arimoto 1981).
+    """PD with gravity compensation.
 
-    The gains are those of a critically damped (by default) second-order system of the given frequency on the diagonal of the
-    stretched arm's nominal inertia: Kp = w^2 M_ii, Kd = 2 damping w M_ii.
+        torque = Kp (r - q) + Kd (r' - v) + G(q),    Kp = w^2 M_ii,    Kd = 2 damping w M_ii
+
+    M_ii is the diagonal of the nominal inertia of the stretched arm, so that each joint alone is a
+    second-order system of frequency w. With exact gravity the rest at a constant reference is
+    globally asymptotically stable for all positive gains. A constant load d leaves the error
+    d / Kp.
+
+    Sensors: position and velocity.
+
+    Source: Takegaki and Arimoto, "A new feedback method for dynamic control of manipulators", J.
+    Dyn. Sys. Meas. Control 103(2), 1981.
 
     Args:
         frequency: w [rad/s], per joint.
-        damping: ratio, per joint.
+        damping: damping ratio, per joint; 1 is critical.
     """
 
-    ranges: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType(
-        {"frequency": (2.0, 100.0), "damping": (0.3, 3.0)}
-    )
-
-    frequency: Pair | float = 10.0
-    damping: Pair | float = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        set_fields(self, frequency=check_pair("frequency", self.frequency), damping=check_pair("damping", self.damping))
+    frequency: Pair | float = pair(10.0, unit="rad/s", tune=(2.0, 100.0))
+    damping: Pair | float = pair(1.0, tune=(0.3, 3.0))
 
     @cached_property
     def inertia(self) -> Array:
@@ -56,6 +56,7 @@ class PdGravity(TorqueLaw):
         return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m; there is no state."""
         q, v, r, r_dot = self.read(observation, "position", "velocity", "reference_position", "reference_velocity")
         w = np.array(self.frequency)
         kp, kd = w**2 * self.inertia, 2.0 * np.array(self.damping) * w * self.inertia

@@ -1,8 +1,9 @@
-"""Least squares and linear systems of a few unknowns, each lane its own, compiled.
+"""Compiled least squares and linear systems of a few unknowns, one system for each lane.
 
-`numpy.linalg` hands the lanes to LAPACK one by one, which takes microseconds for each and has other last bits on other
-machines. Here the inner loops run over lanes, so that they vectorise, and a lane has the same bits alone and in a batch.
-The file calls nothing that is compiled elsewhere: Numba's cache notices a change in this file only.
+`numpy.linalg` passes the lanes to LAPACK one by one, which is slow and differs in the last bits
+between machines. Here the inner loops run over lanes and vectorise, and a lane has the same bits
+alone and in a batch. The file calls nothing that is compiled elsewhere, because Numba's cache
+notices a change in this file only.
 """
 
 from __future__ import annotations
@@ -14,60 +15,62 @@ from fbl_gym.arm import Array
 from fbl_gym.fastmath import kept
 
 LANES = 32
-"""Lanes worked on at a time: few enough that all of it stays in the processor's first cache."""
+"""Lanes of a block: few enough that their data stay in the processor's first cache."""
 
-# Compiled with NumPy's rule for division: x / 0 is infinite or nan, which no comparison below takes for a good result.
+# Division follows NumPy's rule: x / 0 is infinite or nan, and no comparison below accepts those.
 # Vectors [m x lanes] and matrices [k x k x lanes] of a block of lanes.
 
 
 @kept
-def _dot(x: Array, y: Array, found: Array) -> None:
-    """found = x'y."""
-    for l in range(len(found)):
-        found[l] = x[0, l] * y[0, l]
+def _dot(x: Array, y: Array, product: Array) -> None:
+    """Set product = x'y."""
+    for lane in range(len(product)):
+        product[lane] = x[0, lane] * y[0, lane]
     for i in range(1, len(x)):
-        for l in range(len(found)):
-            found[l] += x[i, l] * y[i, l]
+        for lane in range(len(product)):
+            product[lane] += x[i, lane] * y[i, lane]
 
 
 @kept
 def _normalize(x: Array, length: Array) -> None:
-    """length = |x|, x = x / |x|."""
+    """Set length = |x| and x = x / |x|."""
     _dot(x, x, length)
-    for l in range(len(length)):
-        length[l] = np.sqrt(length[l])
+    for lane in range(len(length)):
+        length[lane] = np.sqrt(length[lane])
     for i in range(len(x)):
-        for l in range(len(length)):
-            x[i, l] /= length[l]
+        for lane in range(len(length)):
+            x[i, lane] /= length[lane]
 
 
 @kept
 def _factor(a: Array, good: NDArray[np.bool_]) -> None:
-    """a = L U in place, without L's ones; good stays True where U's diagonal is positive: where a is positive definite.
+    """Set a = L U in place, without L's ones, and good to False where a is not positive definite.
 
-    Gaussian elimination (Golub and Van Loan, "Matrix Computations", 2013, §3.2 and 4.1) of a symmetric a, whose upper triangle
-    need not be given.
+    Gaussian elimination (Golub and Van Loan, "Matrix Computations", 2013, §3.2 and 4.1) of a
+    symmetric a. Only the lower triangle of a is read. a is positive definite where U's diagonal is
+    positive.
     """
     k, lanes = len(a), len(good)
     for j in range(k):
-        for l in range(lanes):
-            good[l] &= a[j, j, l] > 0.0
+        for lane in range(lanes):
+            good[lane] &= a[j, j, lane] > 0.0
         for i in range(j + 1, k):
-            for l in range(lanes):
-                a[j, i, l] = a[i, j, l]
-                a[i, j, l] /= a[j, j, l]
+            for lane in range(lanes):
+                a[j, i, lane] = a[i, j, lane]
+                a[i, j, lane] /= a[j, j, lane]
             for c in range(j + 1, i + 1):
-                for l in range(lanes):
-                    a[i, c, l] -= a[i, j, l] * a[j, c, l]
+                for lane in range(lanes):
+                    a[i, c, lane] -= a[i, j, lane] * a[j, c, lane]
 
 
 @kept
 def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
-    """The x of least |rows x - target|, [n x k], and where rows tell its entries apart, [n]; elsewhere x is nan.
+    """Return the x of least |rows x - target| [n x k], and where `rows` determine it [n].
 
-    They do where their smallest singular value, the columns scaled to length one, exceeds `weakest`. Gram and Schmidt's
-    process, modified, on the columns and then on target is as stable as Householder's (Björck, "Numerical Methods for Least
-    Squares Problems", 1996, §2.4).
+    Elsewhere x is nan. The rows determine x where their smallest singular value, the columns scaled
+    to length one, exceeds `weakest`. The modified Gram-Schmidt process on the columns and then on
+    target is as stable as Householder's (Björck, "Numerical Methods for Least Squares Problems",
+    1996, §2.4).
 
     Args:
         rows: [n x m x k], m >= k.
@@ -75,18 +78,18 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
         weakest: well above rounding, 1e-16.
     """
     n, m, k = rows.shape
-    found, rich = np.empty((n, k)), np.ones(n, dtype=np.bool_)
+    solution, rich = np.empty((n, k)), np.ones(n, dtype=np.bool_)
     for first in range(0, n, LANES):
         lanes = min(LANES, n - first)
         a, size, x = np.empty((k + 1, m, lanes)), np.empty((k, lanes)), np.empty((k, lanes))
         r, t, s = np.empty((k, k + 1, lanes)), np.empty((k, k, lanes)), np.empty((k, k, lanes))
-        for l in range(lanes):
+        for lane in range(lanes):
             for i in range(m):
                 for j in range(k):
-                    a[j, i, l] = rows[first + l, i, j]
-                a[k, i, l] = target[first + l, i]
+                    a[j, i, lane] = rows[first + lane, i, j]
+                a[k, i, lane] = target[first + lane, i]
 
-        # a = Q R: each column to length one, and its direction taken out of those that follow, target the last.
+        # a = Q R: scale each column to length one and remove its direction from the later ones.
         for j in range(k):
             _normalize(a[j], size[j])
         for j in range(k):
@@ -94,106 +97,120 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
             for c in range(j + 1, k + 1):
                 _dot(a[j], a[c], r[j, c])
                 for i in range(m):
-                    for l in range(lanes):
-                        a[c, i, l] -= a[j, i, l] * r[j, c, l]
+                    for lane in range(lanes):
+                        a[c, i, lane] -= a[j, i, lane] * r[j, c, lane]
         # T R = I
         for i in range(k):
-            for l in range(lanes):
-                t[i, i, l] = 1.0 / r[i, i, l]
+            for lane in range(lanes):
+                t[i, i, lane] = 1.0 / r[i, i, lane]
             for j in range(i + 1, k):
                 _dot(t[i, i:j], r[i:j, j], t[i, j])
-                for l in range(lanes):
-                    t[i, j, l] /= -r[j, j, l]
+                for lane in range(lanes):
+                    t[i, j, lane] /= -r[j, j, lane]
         # x = T Q'target
         for i in range(k):
             _dot(t[i, i:], r[i:, k], x[i])
-            for l in range(lanes):
-                found[first + l, i] = x[i, l] / size[i, l]
-        # The smallest singular value is 1 / |T|: it exceeds `weakest` where I - weakest^2 T T' is positive definite.
+            for lane in range(lanes):
+                solution[first + lane, i] = x[i, lane] / size[i, lane]
+        # The smallest singular value 1 / |T| exceeds `weakest` where I - weakest^2 T T' > 0.
         for i in range(k):
             for j in range(i + 1):
                 _dot(t[i, i:], t[j, i:], s[i, j])
-                for l in range(lanes):
-                    s[i, j, l] = (1.0 if i == j else 0.0) - weakest * weakest * s[i, j, l]
+                for lane in range(lanes):
+                    s[i, j, lane] = (1.0 if i == j else 0.0) - weakest * weakest * s[i, j, lane]
         _factor(s, rich[first : first + lanes])
 
-    for l in range(n):
-        if not rich[l]:
-            found[l] = np.nan
-    return found, rich
+    for lane in range(n):
+        if not rich[lane]:
+            solution[lane] = np.nan
+    return solution, rich
 
 
 @kept
 def accumulate(
     a: Array, b: Array, rows: Array, target: Array, keep: float, weight: float, where: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """keep a + weight rows'rows, [n x k x k], and keep b + weight rows'target, [n x k]: the sums of weighted least squares.
+    """Return the next sums of weighted least squares.
+
+    They are keep a + weight rows'rows [n x k x k] and keep b + weight rows'target [n x k].
 
     Args:
-        a, b: the sums so far, [n x k x k] and [n x k].
-        rows, target: what joins them, [n x m x k] and [n x m].
-        keep: factor on what was there.
-        weight: of what joins.
+        a: sum so far [n x k x k].
+        b: sum so far [n x k].
+        rows: new rows [n x m x k].
+        target: new targets [n x m].
+        keep: factor on the sums so far.
+        weight: of the new rows.
         where: the lanes whose sums change [n].
     """
     n, m, k = rows.shape
     a, b = a.copy(), b.copy()
-    for l in range(n):
-        if where[l]:
+    for lane in range(n):
+        if where[lane]:
             for i in range(k):
                 for j in range(k):
                     product = 0.0
                     for s in range(m):
-                        product += rows[l, s, i] * rows[l, s, j]
-                    a[l, i, j] = keep * a[l, i, j] + weight * product
+                        product += rows[lane, s, i] * rows[lane, s, j]
+                    a[lane, i, j] = keep * a[lane, i, j] + weight * product
                 product = 0.0
                 for s in range(m):
-                    product += rows[l, s, i] * target[l, s]
-                b[l, i] = keep * b[l, i] + weight * product
+                    product += rows[lane, s, i] * target[lane, s]
+                b[lane, i] = keep * b[lane, i] + weight * product
     return a, b
 
 
 @kept
 def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
-    """Where the smallest eigenvalue exceeds `floor`: where a - floor I is positive definite, [n].  a: symmetric [n x k x k]."""
+    """Return where the smallest eigenvalue exceeds `floor` [n].
+
+    Args:
+        a: symmetric [n x k x k].
+        floor: of the eigenvalues.
+    """
     n, k, _ = a.shape
-    found = np.ones(n, dtype=np.bool_)
+    above = np.ones(n, dtype=np.bool_)
     for first in range(0, n, LANES):
         lanes = min(LANES, n - first)
         part = np.empty((k, k, lanes))
-        for l in range(lanes):
+        for lane in range(lanes):
             for i in range(k):
                 for j in range(i + 1):
-                    part[i, j, l] = a[first + l, i, j]
-                part[i, i, l] -= floor
-        _factor(part, found[first : first + lanes])
-    return found
+                    part[i, j, lane] = a[first + lane, i, j]
+                part[i, i, lane] -= floor
+        _factor(part, above[first : first + lanes])
+    return above
 
 
 @kept
 def solve(a: Array, b: Array) -> Array:
-    """The x of a x = b, [n x k].  a: symmetric, positive definite, [n x k x k]; b: [n x k]."""
+    """Return the x of a x = b [n x k].
+
+    Args:
+        a: symmetric, positive definite [n x k x k].
+        b: [n x k].
+    """
     n, k = b.shape
-    found = np.empty((n, k))
+    solution = np.empty((n, k))
     for first in range(0, n, LANES):
         lanes = min(LANES, n - first)
         part, x = np.empty((k, k, lanes)), np.empty((k, lanes))
-        for l in range(lanes):
+        for lane in range(lanes):
             for i in range(k):
                 for j in range(i + 1):
-                    part[i, j, l] = a[first + l, i, j]
-                x[i, l] = b[first + l, i]
+                    part[i, j, lane] = a[first + lane, i, j]
+                x[i, lane] = b[first + lane, i]
         _factor(part, np.ones(lanes, dtype=np.bool_))
         # L y = b, then U x = y
         for i in range(k):
             for j in range(i):
-                for l in range(lanes):
-                    x[i, l] -= part[i, j, l] * x[j, l]
+                for lane in range(lanes):
+                    x[i, lane] -= part[i, j, lane] * x[j, lane]
         for i in range(k - 1, -1, -1):
             for j in range(i + 1, k):
-                for l in range(lanes):
-                    x[i, l] -= part[i, j, l] * x[j, l]
-            for l in range(lanes):
-                x[i, l] /= part[i, i, l]
-                found[first + l, i] = x[i, l]
-    return found
+                for lane in range(lanes):
+                    x[i, lane] -= part[i, j, lane] * x[j, lane]
+            for lane in range(lanes):
+                x[i, lane] /= part[i, i, lane]
+                solution[first + lane, i] = x[i, lane]
+    return solution

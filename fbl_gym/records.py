@@ -53,8 +53,9 @@ class Record:
     """Base of frozen dataclasses with declared fields."""
 
     def __post_init__(self) -> None:
+        known = declarations(type(self))
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            declaration: Declaration | None = field.metadata.get(_KEY)
+            declaration = known.get(field.name)
             value = getattr(self, field.name)
             if declaration is not None and not (value is None and field.default is None):
                 object.__setattr__(self, field.name, declaration.convert(field.name, value))
@@ -186,10 +187,13 @@ def declared(default: Any, convert: Callable[[str, Any], Any], form: str, unit: 
 def declarations(cls: type) -> dict[str, Declaration]:
     """Return the declared fields of a record's class, by name.
 
+    A subclass that gives a field a plain default, such as `mass: float = 2.0`, keeps its parent's declaration.
+
     Args:
         cls: a dataclass.
     """
-    return {f.name: f.metadata[_KEY] for f in dataclasses.fields(cls) if _KEY in f.metadata}
+    fields = [field for base in reversed(cls.__mro__) for field in vars(base).get("__dataclass_fields__", {}).values()]
+    return {field.name: field.metadata[_KEY] for field in fields if _KEY in field.metadata}
 
 
 def tuning_ranges(cls: type) -> dict[str, tuple[float, float]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.cli.common import add_policy, command_line, count
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, ship, summary, tune
-from controllers.policy import TUNED
+from controllers.registry import TUNED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,7 +15,7 @@ from importlib import metadata
 from pathlib import Path
 
 import controllers
-from controllers.policy import ENTRY_POINTS
+from controllers.registry import ENTRY_POINTS
 
 PACKAGES = ("benchmarks", "controllers", "fbl_gym")
 """The packages of fbl-gym. Their modules are followed wherever they are imported."""

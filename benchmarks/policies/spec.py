@@ -29,7 +29,7 @@ from benchmarks.policies.apart import Died, call_apart
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.rl.policy import access_of, load_zip, saved_agent, shipped
-from controllers.policy import ACCESS, KINDS
+from controllers.registry import KINDS
 from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.interface import Interface
@@ -281,12 +281,11 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     """The specification with all that a factory declares; its data files by name alone."""
     name = _registered(spec.name)
     kind = controllers.kind(name) if name else getattr(factory, "kind", "classical")
-    access = controllers.access(name) if name else getattr(factory, "access", "nominal")
     tuning = "tuned" if spec.name.endswith("@tuned") else "default gains"
     return dataclasses.replace(
         spec,
         kind=check_choice(f"kind of {spec.name}", kind, KINDS),
-        access=check_choice(f"access of {spec.name}", access, ACCESS),
+        access=controllers.access(name or factory),
         needs=tuple(getattr(factory, "needs", ())),
         preview=float(getattr(factory, "preview", 0.0)),
         tuning="trained" if kind == "learned" else tuning,

@@ -244,7 +244,7 @@ def shipped_agent(name: str, env: Any, seed: int | None = None) -> SavedAgent:
 
 
 def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., SavedAgent]:
-    # The registry gives the environment to a factory that calls it `env`, and its interface to any other.
+    # The registry gives the environment to a factory with privileged access, and its interface to any other.
     def honest(interface: Interface, seed: int | None = None) -> SavedAgent:
         return shipped_agent(name, interface, seed)
 

@@ -31,10 +31,10 @@ from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance, write_text
 from benchmarks.run.suite import leaderboard_scenarios
 from benchmarks.seeds import SPLITS
-from controllers.policy import TUNED
+from controllers.registry import TUNED
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, unknown
-from fbl_gym.records import set_fields
+from fbl_gym.records import set_fields, tuning_ranges
 
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
@@ -74,9 +74,12 @@ class Task:
     @property
     def ranges(self) -> Mapping[str, tuple[float, float]]:
         """Least and largest value of each gain."""
-        ranges: Mapping[str, tuple[float, float]] = getattr(self.policy.factory(), "ranges", {})
+        factory = self.policy.factory()
+        ranges = tuning_ranges(factory) if isinstance(factory, type) else {}
         if not ranges:
-            raise ValueError(f"{self.policy.name} has nothing to tune: its `ranges` names no gain")
+            raise ValueError(
+                f"{self.policy.name} has nothing to tune: none of its gains is declared with a range `tune`"
+            )
         return ranges
 
     @property
@@ -264,7 +267,20 @@ def summary(
 
 
 def ship(summary: dict[str, Any], folder: Path = TUNED) -> Path:
-    """Write a summary into the folder of tuned gains, where `controllers` reads it as POLICY@tuned."""
+    """Write the gains of a summary, and their verdict and cost, where `controllers` reads them as POLICY@tuned.
+
+    Of the judged trials, the file has the number and the errors of the best and of the defaults.
+
+    Args:
+        summary: from `summary`.
+        folder: of all tuned gains.
+    """
+    verdicts = summary["judged"]["best_first"]
+    (defaults,) = (verdict for verdict in verdicts if verdict["trial"] == 0)
+    judged = {"count": len(verdicts), "best": verdicts[0], "defaults": defaults, **summary["judged"]}
+    del judged["best_first"]
+    entries = {**summary, "judged": judged}
+    lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
     path = folder / f"{summary['policy']}.json"
-    write_text(path, json.dumps(summary, indent=1) + "\n")
+    write_text(path, f"{{\n{lines}\n}}\n")
     return path

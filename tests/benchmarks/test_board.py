@@ -375,7 +375,7 @@ def test_an_archive_is_not_loaded_without_trust(tmp_path, capsys):
 def test_tuned_gains_make_a_policy_of_their_own():
     for name in controllers.tuned():
         made = controllers.make(name, TwoLinkArmEnv())
-        for gain, value in controllers.policy.tuned_gains(name).items():
+        for gain, value in controllers.registry.tuned_gains(name).items():
             assert np.allclose(getattr(made, gain), value)
     with pytest.raises(ValueError, match="unknown tuned policy 'zero@tuned'"):
         controllers.make("zero@tuned", TwoLinkArmEnv())

@@ -14,7 +14,7 @@ from benchmarks.policies.digest import closure, file_of, source_digest
 from benchmarks.policies.spec import PolicySpec, names, resolve
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
-from controllers.policy import ENTRY_POINTS
+from controllers.registry import ENTRY_POINTS
 
 LAW = "from controllers.simple import Zero as make_policy\n"
 
@@ -152,7 +152,7 @@ def test_the_key_follows_the_package_of_an_external_policy(tmp_path, monkeypatch
     points = [
         metadata.EntryPoint(name, "external_laws.part.law:make_policy", ENTRY_POINTS) for name in ("theirs", "pid-flm")
     ]
-    monkeypatch.setattr("controllers.policy._entry_points", lambda: tuple(points))
+    monkeypatch.setattr("controllers.registry._entry_points", lambda: tuple(points))
     monkeypatch.setattr(external, "entry_points", lambda: tuple(points))
     policies = ("external_laws.part.law:make_policy", "theirs", "pid-flm")
 

@@ -78,7 +78,8 @@ def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert found["trials"]["environment_steps"] == 5 * 2 * 1000
     assert found["trials"]["seeds"] == [SPLITS["tuning"].start, SPLITS["tuning"].start + 2]
     assert found["judged"]["environment_steps"] == 3 * 3 * 1000
-    assert 0 in [verdict["trial"] for verdict in found["judged"]["best_first"]]
+    assert found["judged"]["count"] == 3
+    assert found["judged"]["defaults"]["trial"] == 0
     assert set(found["gains"]) == {"kp", "ki", "kd"}
     study = optuna.load_study(study_name="pid-flm", storage=f"sqlite:///{tmp_path / 'pid-flm.db'}")
     assert [trial.params.get("kp") == 3756 for trial in study.trials] == [False, False, True, False, False]
@@ -86,15 +87,15 @@ def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
 LAW = """
 from dataclasses import dataclass
-from typing import ClassVar
 
 from controllers.simple import PdGravity
+from fbl_gym.records import number
 
 
 @dataclass(frozen=True)
 class Law(PdGravity):
-    frequency: float = 1.0
-    ranges: ClassVar = {"frequency": (10.0, 40.0)}
+    frequency: float = number(1.0, tune=(10.0, 40.0))
+    damping: float = number(1.0)
 
 
 make_policy = Law

@@ -8,50 +8,45 @@ import controllers
 from controllers.observer import ExtendedStateObserver
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.arm import inertia_matrix
+from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 FAST = {"control_dt": 1e-3, "physics_dt": 1e-3}
 
 
-def run(policy, env, steps, seed=0):
-    """Tracking error [steps + 1 x 2] of the true arm, and each decision's estimate of f [steps x 2]."""
-    observation, _ = env.reset(seed=seed)
-    state, error, f = None, [env.truth.reference - env.truth.position], []
-    for _ in range(steps):
-        action, state = policy.predict(observation, state)
-        observation = env.step(action)[0]
-        error.append(env.truth.reference - env.truth.position)
-        f.append(state[0][0, :, 2])
-    return np.array(error), np.array(f)
+def run(policy, env, steps):
+    """Return the true tracking error [steps + 1 x 2], and the estimate of f at each step [steps x 2]."""
+    errors, states = tracking(policy, env, steps)
+    return errors, np.array([state[0][0, :, 2] for state in states])
 
 
 def error_dynamics(observer):
-    """The matrix [3 x 3] by which what is foreseen of the first joint nears the truth, found by asking the observer."""
+    """The matrix [3 x 3] by which the prediction of the first joint nears the truth, found by asking the observer."""
     columns = []
     for e in np.eye(3):
-        # Truth 0, foreseen e: the plant stays at 0, and what is foreseen next is the error.
-        foreseen = np.stack([e, e])[None]
-        columns.append(observer.foresee(observer.correct(foreseen, np.zeros((1, 2))), np.zeros((1, 2)))[0, 0])
+        # The truth is 0 and the prediction e: the plant stays at 0, and the next prediction is the error.
+        prediction = np.stack([e, e])[None]
+        columns.append(observer.predict(observer.correct(prediction, np.zeros((1, 2))), np.zeros((1, 2)))[0, 0])
     return np.array(columns).T
 
 
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 1e-1])
 @pytest.mark.parametrize("w", [5.0, 80.0, 300.0])
-def test_the_observers_poles_are_where_they_were_put(dt, w):
+def test_the_observer_has_its_three_poles(dt, w):
     """det(z - F + F L H) = (z - exp(-w dt))^3: three equal poles, inside the circle at every rate."""
-    found = np.poly(error_dynamics(ExtendedStateObserver(dt, (w, w))))
-    np.testing.assert_allclose(found, np.poly([np.exp(-w * dt)] * 3), rtol=1e-7, atol=1e-7)
+    polynomial = np.poly(error_dynamics(ExtendedStateObserver(dt, (w, w))))
+    np.testing.assert_allclose(polynomial, np.poly([np.exp(-w * dt)] * 3), rtol=1e-7, atol=1e-7)
 
 
-def test_a_constant_disturbance_is_found_with_the_known_time_constant():
+def test_the_estimate_of_a_constant_disturbance_follows_its_step_response():
     """From rest, f' = f (1 - (1 + w t + (w t)^2 / 2) exp(-w t)): the step response of three poles at -w."""
     dt, w, f = 1e-3, 20.0, 3.0
     observer = ExtendedStateObserver(dt, (w, w))
-    foreseen, log = observer.initial(np.zeros((1, 2)), np.zeros((1, 2))), []
+    prediction, log = observer.initial(np.zeros((1, 2)), np.zeros((1, 2))), []
     t = dt * np.arange(600)
     for q in 0.5 * f * t**2:
-        estimate = observer.correct(foreseen, np.full((1, 2), q))
-        foreseen = observer.foresee(estimate, np.zeros((1, 2)))
+        estimate = observer.correct(prediction, np.full((1, 2), q))
+        prediction = observer.predict(estimate, np.zeros((1, 2)))
         log.append(estimate[0, 0, 2])
     wt = w * t
     np.testing.assert_allclose(log, f * (1.0 - (1.0 + wt + wt**2 / 2) * np.exp(-wt)), atol=0.02 * f)
@@ -61,15 +56,15 @@ def test_a_constant_disturbance_is_found_with_the_known_time_constant():
 def test_the_error_obeys_its_linear_equation():
     """Exact model: the observer has nothing to find, and e'' + 2 w e' + w^2 e = 0."""
     env = TwoLinkArmEnv(actuator=None, action="torque", reference=STILL, initial_error=(-0.2, 0.0), **FAST)
-    found, _ = run(controllers.make("adrc", env, controller_bandwidth=5.0), env, 2000)
+    errors, _ = run(controllers.make("adrc", env, controller_bandwidth=5.0), env, 2000)
     step, x, expected = expm(np.array([[0.0, 1.0], [-25.0, -10.0]]) * 1e-3), np.array([0.2, 0.0]), []
     for _ in range(2001):
         expected.append(x[0])
         x = step @ x
-    assert np.abs(found - np.transpose([expected, np.zeros(2001)])).max() < 5e-3 * 0.2
+    assert np.abs(errors - np.transpose([expected, np.zeros(2001)])).max() < 5e-3 * 0.2
 
 
-def test_it_finds_a_load_and_rejects_it_on_position_alone():
+def test_a_load_is_rejected_with_a_position_sensor_alone():
     """f settles at -M^-1 d, and no error is left."""
     load = np.array([60.0, 20.0])
     env = TwoLinkArmEnv(
@@ -81,7 +76,7 @@ def test_it_finds_a_load_and_rejects_it_on_position_alone():
     assert np.abs(error).max() > 1e-3
 
 
-def test_saturation_is_no_disturbance():
+def test_saturation_is_not_taken_for_a_disturbance():
     """Driven by the torque within its limits, the observer of an exact model sees nothing while the torque is cut off."""
     options = {"reference": STILL, "initial_error": (-1.0, 0.0)}
     tight = TwoLinkArmEnv(**options, actuator={"torque_limit": (330.0, 120.0)})

@@ -1,4 +1,4 @@
-"""The Kalman filter against Riccati's equation, filterpy and its own promises."""
+"""The Kalman filter against Riccati's equation and filterpy; the robust controller against the cascade."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,10 @@ from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
 from controllers.kalman import PAPER_SIGMA, JointKalman, gains
 from fbl_gym import TwoLinkArmEnv, scenarios
+from tests.controllers.closed_loop import tracking
 
 
-def test_the_papers_continuous_gain():
+def test_the_gain_at_a_fast_rate_is_the_papers_continuous_gain():
     """Q_c = diag(0, 0.1) and R_c = 0.1 in (20), (21): P = [[.141421, .1], [.1, .141421]], K = [1.41421, 1.0]."""
     a, c = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, 0.0]])
     p = solve_continuous_are(a.T, c.T, np.diag([0.0, 0.1]), np.array([[0.1]]))
@@ -35,7 +36,7 @@ def test_the_converged_gain_solves_the_discrete_riccati_equation(acceleration, p
     np.testing.assert_allclose(gains(dt, acceleration, position)[-1], k, rtol=1e-5)
 
 
-def test_the_batched_update_is_filterpys():
+def test_the_batched_update_agrees_with_filterpy():
     """Random measurements through ours, all joints and lanes at once, and through filterpy one by one."""
     dt, n, steps = 0.01, 3, 200
     rng = np.random.default_rng(0)
@@ -57,8 +58,8 @@ def test_the_batched_update_is_filterpys():
             np.testing.assert_allclose(estimate.reshape(-1, 2)[i], kalman.x[:, 0], rtol=1e-9, atol=1e-11)
 
 
-def test_innovations_are_white_on_matched_noise():
-    """With the noise it was told of, what the filter did not foresee is white, and as large as it said."""
+def test_innovations_are_white_at_the_designed_noise():
+    """With the noise that it was designed for, the filter's innovations are white and have the variance it predicts."""
     dt, sa, sp, n, steps = 0.01, 0.5, 5e-3, 200, 2000
     rng = np.random.default_rng(0)
     t = dt * np.arange(steps + 1)
@@ -66,13 +67,13 @@ def test_innovations_are_white_on_matched_noise():
     q, v = np.zeros((n, 2)), np.zeros((n, 2))
     filter_ = JointKalman(dt, sa, sp)
     estimate, count = filter_.initial(q + sp * rng.normal(size=(n, 2)), v)
-    found = []
+    innovations = []
     for k in range(steps):
         q, v = q + dt * v + dt * dt / 2 * true_a[k], v + dt * true_a[k]
         reading = q + sp * rng.normal(size=(n, 2)), true_a[k] + sa * rng.normal(size=(n, 2))
         estimate, count, innovation = filter_.update(estimate, count, *reading)
-        found.append(innovation)
-    x = np.array(found[500:]).reshape(1500, -1)
+        innovations.append(innovation)
+    x = np.array(innovations[500:]).reshape(1500, -1)
     for lag in (1, 2, 5, 20):
         assert abs((x[lag:] * x[:-lag]).mean() / x.var()) < 0.01
     f, h = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[1.0, 0.0]])
@@ -80,7 +81,7 @@ def test_innovations_are_white_on_matched_noise():
     assert x.var() == pytest.approx(p[0, 0] + sp**2, rel=0.02)
 
 
-def test_an_accelerometer_bias_shows_as_the_errata_say():
+def test_an_accelerometer_bias_gives_the_error_of_the_errata():
     """A bias b gives a position error of about b, and a velocity error of 1.41 b, for the paper's two sigmas alike."""
     filter_ = JointKalman(1e-3, PAPER_SIGMA, PAPER_SIGMA)
     estimate, count = filter_.initial(np.zeros((1, 2)), np.zeros((1, 2)))
@@ -101,7 +102,7 @@ def test_the_filter_takes_the_noise_out_of_the_torque():
     assert with_filter["error_pct"] < 1.05 * without["error_pct"]
 
 
-def test_what_the_filter_costs_at_a_low_rate():
+def test_the_filter_costs_accuracy_at_a_low_rate():
     """It takes the acceleration at an interval's end for that of the whole interval. At 100 Hz this alone is an error of
     ten times the cascade's; at 1 kHz it is less than a fifth of that."""
     slow, fast = result("robust-flm", "nominal"), result("robust-flm", "nominal", control_dt=1e-3)
@@ -109,11 +110,7 @@ def test_what_the_filter_costs_at_a_low_rate():
     assert fast["error_pct"] < 0.25 * slow["error_pct"]
 
 
-def test_robust_needs_no_velocity_sensor():
+def test_the_robust_controller_needs_no_velocity_sensor():
     env = TwoLinkArmEnv(sensors=("position", "acceleration"))
-    policy, state = controllers.make("robust-flm", env), None
-    observation, _ = env.reset(seed=0)
-    for _ in range(200):
-        action, state = policy.predict(observation, state)
-        observation = env.step(action)[0]
-    assert np.abs(env.truth.reference - env.truth.position).max() < 0.2
+    errors, _ = tracking(controllers.make("robust-flm", env), env, 200)
+    assert np.abs(errors[-1]).max() < 0.2

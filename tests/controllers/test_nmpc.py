@@ -13,6 +13,7 @@ from benchmarks.run.rollout import rollout
 from controllers.nmpc import HORIZON, STEP, acceleration, planner, residuals, terminal
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.arm import forward_dynamics, inertia_matrix
+from tests.controllers.closed_loop import tracking
 
 WEIGHTS = ((100.0, 100.0), (10.0, 10.0))
 SCALE = np.diagonal(inertia_matrix(TABLE_1, (0.0, 0.0)))
@@ -27,16 +28,16 @@ def task(seed=0):
     return start, reference
 
 
-def test_its_model_is_the_arms():
+def test_the_model_is_that_of_the_arm():
     rng = np.random.default_rng(0)
     for _ in range(20):
         x, torque = rng.uniform(-3, 3, 4), rng.uniform(-300, 300, 2)
-        found = np.array(acceleration(TABLE_1, [float(v) for v in x], [float(v) for v in torque])).ravel()
-        np.testing.assert_allclose(found, forward_dynamics(TABLE_1, x[:2], x[2:], torque), rtol=1e-9)
+        expression = np.array(acceleration(TABLE_1, [float(v) for v in x], [float(v) for v in torque])).ravel()
+        np.testing.assert_allclose(expression, forward_dynamics(TABLE_1, x[:2], x[2:], torque), rtol=1e-9)
 
 
 @pytest.mark.parametrize("limit", [None, (400.0, 120.0)])
-def test_repeated_steps_find_scipys_optimum(limit):
+def test_repeated_steps_converge_to_scipys_optimum(limit):
     """Gauss-Newton's steps, repeated, end where SciPy's trust-region solver ends, within the same limits."""
     start, reference = task()
     cost = residuals(TABLE_1, STEP, WEIGHTS)
@@ -55,7 +56,7 @@ def test_repeated_steps_find_scipys_optimum(limit):
         assert np.any(reached > np.array(limit) * (1 - 1e-9))
 
 
-def test_at_rest_it_is_the_optimal_regulator():
+def test_nmpc_at_rest_is_the_optimal_regulator():
     """A small error at rest and no limit: the first acceleration is -K x of the linear-quadratic regulator."""
     start, error = np.array([-np.pi / 2, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([1e-4, -1e-4])
     reference = np.zeros((6, HORIZON + 1))
@@ -84,18 +85,13 @@ def test_limits_are_kept_and_loads_leave_no_error():
     assert np.abs(trace.reference - trace.position)[-1].max() < 1e-3
 
 
-def test_preview_helps():
+def test_preview_reduces_the_error():
     """The same arm with the reference's next 0.3 s and without."""
     scenario = scenarios.get("nominal").replace(duration=4.0)
     ahead = rollout("nmpc", scenario, [0])
-    blind = controllers.make("nmpc", env := TwoLinkArmEnv(scenario))
-    observation, _ = env.reset(seed=0)
-    state, errors = None, []
-    for _ in range(scenario.steps):
-        action, state = blind.predict(observation, state)
-        observation = env.step(action)[0]
-        errors.append(np.abs(env.truth.reference - env.truth.position).mean())
-    assert np.abs(ahead.reference - ahead.position).mean() < 0.9 * np.mean(errors)
+    env = TwoLinkArmEnv(scenario)
+    errors, _ = tracking(controllers.make("nmpc", env), env, scenario.steps)
+    assert np.abs(ahead.reference - ahead.position).mean() < 0.9 * np.abs(errors[1:]).mean()
 
 
 def test_a_missing_casadi_is_named(monkeypatch):

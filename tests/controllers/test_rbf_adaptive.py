@@ -1,4 +1,4 @@
-"""Neural adaptive control against its Lyapunov function, the bound of its weights, and what they should learn."""
+"""Neural adaptive control against its Lyapunov function, the bound of its weights, and a gravity to learn."""
 
 import numpy as np
 
@@ -6,11 +6,12 @@ import controllers
 from controllers.rbf_adaptive import FEATURES, NODES, bumps, features
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import gravity_torque, inertia_matrix
+from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 
 
-def test_the_lyapunov_function_decreases_as_it_should():
+def test_the_lyapunov_function_decreases_by_its_derivative():
     """Exact model, so W* = 0, and weights that start wrong: V falls, by the integral of k s' M s."""
     dt = 1e-3
     env = TwoLinkArmEnv(
@@ -34,7 +35,7 @@ def test_the_lyapunov_function_decreases_as_it_should():
     np.testing.assert_allclose(values[0] - values, loss[:-1], atol=0.03 * values[0])
 
 
-def test_weights_stay_bounded_whatever_is_observed():
+def test_weights_stay_bounded_under_noise():
     """e-modification: |W_i| <= max |phi| / forget, under noise without end or excitation."""
     env = TwoLinkArmEnv()
     policy = controllers.make("rbf-adaptive", env, forget=0.2, rate=1000.0)
@@ -48,7 +49,7 @@ def test_weights_stay_bounded_whatever_is_observed():
     assert 0.1 * most / 0.2 < largest <= most / 0.2
 
 
-def test_it_learns_an_unknown_gravity():
+def test_the_network_learns_the_gravity_of_a_load():
     """Among drawn way-points, with a load at the tip: what the network says of an arm at rest becomes the gravity missed."""
     steps = 18_000
     env = TwoLinkArmEnv(actuator=None, action="torque", parameter_error={"payload": 7.5}, duration=0.01 * steps)
@@ -67,24 +68,18 @@ def test_it_learns_an_unknown_gravity():
     assert error.max() < 0.15
 
 
-def test_an_arm_that_learns_gets_better():
+def test_learning_reduces_the_error():
     """Of the error that the same law has without learning, less than an eighth is left."""
 
     def error(**gains):
         env = TwoLinkArmVectorEnv(4, "payload-3")
-        policy = controllers.make("rbf-adaptive", env, **gains)
-        observation, _ = env.reset(seed=0)
-        state, log = None, []
-        for _ in range(900):
-            action, state = policy.predict(observation, state)
-            observation = env.step(action)[0]
-            log.append(np.abs(env.truth.reference - env.truth.position).mean())
-        return np.mean(log)
+        errors, _ = tracking(controllers.make("rbf-adaptive", env, **gains), env, 900)
+        return np.abs(errors[1:]).mean()
 
     assert error() < error(rate=1e-9) / 8
 
 
-def test_the_basis():
+def test_the_basis_is_normalised_and_periodic():
     """An angle's basis has length one, no seam at a full turn, and its largest at the nearest centre."""
     x = np.linspace(-7.0, 7.0, 101)
     np.testing.assert_allclose(np.linalg.norm(bumps(x), axis=-1), 1.0)

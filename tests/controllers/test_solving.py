@@ -30,20 +30,20 @@ def weakness(rows):
 
 
 @pytest.mark.parametrize("n", COUNTS)
-def test_least_squares_is_lapacks(n):
+def test_least_squares_agrees_with_lapack(n):
     rows, target = deficient(n, np.full(n, 0.1))
-    found, rich = least_squares(rows, target, 1e-7)
+    solution, rich = least_squares(rows, target, 1e-7)
     assert rich.all()
     expected = [np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(rows, target, strict=True)]
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(solution, expected, rtol=1e-10, atol=1e-12)
 
 
-def test_nearly_dependent_columns_cost_no_more_than_they_must():
+def test_nearly_dependent_columns_are_as_accurate_as_with_householder():
     """A consistent system with singular values down to 1e-6: an error of rounding times condition, as Householder's has."""
     rows, _ = deficient(200, np.full(200, 1e-6))
     x = np.random.default_rng(1).normal(size=(200, 5))
-    found, _ = least_squares(rows, np.einsum("nij,nj->ni", rows, x), 1e-7)
-    assert np.abs(found - x).max() < 1e-15 * 3e6 * 10
+    solution, _ = least_squares(rows, np.einsum("nij,nj->ni", rows, x), 1e-7)
+    assert np.abs(solution - x).max() < 1e-15 * 3e6 * 10
 
 
 def test_the_smallest_singular_value_decides():
@@ -51,15 +51,15 @@ def test_the_smallest_singular_value_decides():
     rows, target = deficient(200, np.full(200, 1e-7))
     for i, weak in enumerate(weakness(rows)):
         lane = slice(i, i + 1)
-        found, rich = least_squares(rows[lane], target[lane], weak * (1.0 - 1e-6))
+        solution, rich = least_squares(rows[lane], target[lane], weak * (1.0 - 1e-6))
         assert rich.all()
-        assert np.isfinite(found).all()
-        found, rich = least_squares(rows[lane], target[lane], weak * (1.0 + 1e-6))
+        assert np.isfinite(solution).all()
+        solution, rich = least_squares(rows[lane], target[lane], weak * (1.0 + 1e-6))
         assert not rich.any()
-        assert np.isnan(found).all()
+        assert np.isnan(solution).all()
 
 
-def test_columns_that_are_zero_equal_or_not_finite_are_not_rich():
+def test_columns_that_are_zero_equal_or_not_finite_are_refused():
     rows, target = deficient(4, np.full(4, 0.1))
     rows[1, :, 2] = 0.0
     rows[2, :, 3] = rows[2, :, 1]
@@ -76,7 +76,7 @@ def test_the_smallest_eigenvalue_decides(n):
         np.testing.assert_array_equal(exceeds(a, floor), smallest > floor)
 
 
-def test_sums_are_those_of_the_lanes_that_change():
+def test_sums_change_only_in_the_chosen_lanes():
     rng = np.random.default_rng(0)
     (a, b), rows, target = systems(5, 9), rng.normal(size=(5, 2, 9)), rng.normal(size=(5, 2))
     where = np.array([True, False, True, True, False])
@@ -91,7 +91,7 @@ def test_sums_are_those_of_the_lanes_that_change():
 
 
 @pytest.mark.parametrize("n", COUNTS)
-def test_solve_is_lapacks(n):
+def test_solve_agrees_with_lapack(n):
     a, b = systems(n, 9)
     expected = np.linalg.solve(a, b[..., None])[..., 0]
     np.testing.assert_allclose(solve(a, b), expected, rtol=1e-8, atol=1e-8)

@@ -7,13 +7,14 @@ from scipy.linalg import expm
 import controllers
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import forward_dynamics, gravity_torque, inertia_matrix
+from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 AT_ONCE = 1e6
 """A bandwidth at which nothing is filtered [rad/s]."""
 
 
-def test_without_the_filter_it_is_the_incremental_law():
+def test_without_the_filter_the_law_is_incremental():
     """tau = tau_0 + M(q) (a - a_0): nominal Coriolis and gravity torques cancel (Sieberling, Chu and Mulder 2010, eq. 9)."""
     env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
     policy = controllers.make("time-delay", env, bandwidth=AT_ONCE, frequency=8.0)
@@ -23,15 +24,15 @@ def test_without_the_filter_it_is_the_incremental_law():
     for _ in range(100):
         q, v, a = policy.read(observation, "position", "velocity", "acceleration")
         r, dr, ddr = policy.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        wished = ddr + 64.0 * (r - q) + 16.0 * (dr - v)
-        expected = before + np.einsum("nij,nj->ni", inertia_matrix(env.nominal, q), wished - a)
+        desired = ddr + 64.0 * (r - q) + 16.0 * (dr - v)
+        expected = before + np.einsum("nij,nj->ni", inertia_matrix(env.nominal, q), desired - a)
         torque, state = policy.predict(observation, state)
         np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
         observation, before = env.step(torque)[0], torque
 
 
 @pytest.mark.parametrize("k", [0.2, 1.0, 4.0])
-def test_the_estimates_pole(k):
+def test_the_estimate_has_its_pole(k):
     """Masses 1 / k of the nominal ones, held in place: what is left to find shrinks by 1 - k (1 - exp(-g dt)) per sample."""
     g, q = 15.0, np.array([-1.0, 0.5])
     env = TwoLinkArmEnv(reference=STILL, actuator=None, action="torque")
@@ -52,18 +53,13 @@ def test_the_estimates_pole(k):
 
 
 def test_the_error_equation_under_a_constant_load():
-    """Exact model, 1 kHz: M (e'' + 2 w e' + w^2 e) = d - d_found, with d_found' = g (d - d_found)."""
+    """Exact model, 1 kHz: M (e'' + 2 w e' + w^2 e) = d - d^, with d^' = g (d - d^)."""
     w, g, load = 8.0, 12.0, np.array([20.0, 6.0])
     env = TwoLinkArmEnv(
         reference=STILL, control_dt=1e-3, physics_dt=1e-3, disturbance={"kind": "array", "torque": (tuple(load),)}
     )
     policy = controllers.make("time-delay", env, frequency=w, bandwidth=g)
-    observation, _ = env.reset(seed=0)
-    state, found = None, [np.zeros(2)]
-    for _ in range(2000):
-        action, state = policy.predict(observation, state)
-        observation = env.step(action)[0]
-        found.append(env.truth.reference - env.truth.position)
+    errors, _ = tracking(policy, env, 2000)
     # x = (e, e', what is left to find), each per joint, in units of M^-1 d.
     step = expm(np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * w, 1.0], [0.0, 0.0, -g]]) * 1e-3)
     x, expected = np.array([0.0, 0.0, 1.0]), []
@@ -72,12 +68,12 @@ def test_the_error_equation_under_a_constant_load():
         x = step @ x
     push = np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), load)
     expected = np.outer(expected, push)
-    assert np.abs(np.array(found) - expected).max() < 0.03 * np.abs(expected).max()
-    assert np.abs(found[-1]).max() < 1e-5
+    assert np.abs(errors - expected).max() < 0.03 * np.abs(expected).max()
+    assert np.abs(errors[-1]).max() < 1e-5
 
 
 @pytest.mark.parametrize(("bandwidth", "frequency"), [(AT_ONCE, 5.0), (12.0, 5.0), (12.0, 15.0)])
-def test_how_light_an_arm_may_be(bandwidth, frequency):
+def test_the_loop_is_stable_up_to_its_limit_of_inertia(bandwidth, frequency):
     """Masses 1 / k of the nominal ones: stable for k < 2 / (h + 2 w dt - h w dt), h = 1 - exp(-g dt), and not beyond.
 
     h = 1 and w dt -> 0 is Hsia's condition, k < 2.

@@ -1,0 +1,30 @@
+"""The built-in laws, in the order of every list. Their modules are imported on first use."""
+
+LAWS = (
+    # name, module:class, summary
+    ("zero", "simple:Zero", "no torque at all"),
+    ("pd-gravity", "simple:PdGravity", "PD with the nominal gravity torque"),
+    # the paper's controllers, and the adaptive one made robust to noise
+    ("pid-flm", "pid:PidFlm", "the paper's PID through nominal feedback linearisation (§2.2)"),
+    ("cascade-flm", "cascade:CascadeFlm", "the paper's cascade: inner velocity PI, outer P with feed-forward (§3.1)"),
+    ("robust-flm", "kalman:RobustFlm", "the paper's robust controller: the cascade behind a Kalman filter (§3)"),
+    ("adaptive-flm", "adaptive:AdaptiveFlm", "the paper's adaptive controller: three-sample estimator, cascade (§4)"),
+    ("adaptive-flm-ls", "adaptive_ls:AdaptiveFlmLs", "the robust controller with a model fitted by least squares"),
+    # comparators
+    ("adrc", "adrc:Adrc", "active disturbance rejection on the position sensor alone"),
+    ("time-delay", "time_delay:TimeDelay", "time-delay control: the last torque error is added to the next torque"),
+    ("lqg", "lqg:Lqg", "optimal regulator with integral action on a Kalman filter"),
+    ("rbf-adaptive", "rbf_adaptive:RbfAdaptive", "neural adaptive control with radial basis functions (Lewis)"),
+    ("pid-gravity", "pid_gravity:PidGravity", "PID with the nominal gravity torque"),
+    ("computed-torque", "computed_torque:ComputedTorque", "plain computed torque, critically damped"),
+    ("computed-torque-dob", "disturbance_observer:ComputedTorqueDob", "computed torque with a momentum observer"),
+    ("slotine-li", "slotine_li:SlotineLi", "adaptive passivity-based control of the lumped parameters"),
+    ("slotine-li-composite", "slotine_li:CompositeSlotineLi", "slotine-li, driven by the prediction error too"),
+    ("sliding-mode", "sliding_mode:SuperTwisting", "super-twisting on the nominal linearisation (Levant)"),
+    ("nmpc", "nmpc:Nmpc", "nonlinear predictive control with a disturbance estimate and preview (needs casadi)"),
+    ("spong-robust", "spong:SpongRobust", "Spong's robust law with a bound for each parameter"),
+    ("oracle-flm", "oracle:OracleFlm", "feedback linearisation with the true arm, state and loads: score 100"),
+)
+
+ACCESS = {"zero": "none", "oracle-flm": "privileged"}
+"""What a law may know; all others know the nominal model."""

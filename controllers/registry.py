@@ -1,0 +1,199 @@
+"""The registry: policies by name.
+
+It has the built-in laws of `catalogue.py`, the policies of installed packages (entry points of the
+group `fbl_gym.policies`), and those that a program registers itself. POLICY@tuned is a built-in law
+with the gains of `tuned/POLICY.json`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from controllers import catalogue
+from controllers.policy import ACCESS, Policy
+from fbl_gym.checks import check_choice, unknown
+from fbl_gym.interface import Interface
+
+KINDS = ("classical", "learned")
+
+ENTRY_POINTS = "fbl_gym.policies"
+
+TUNED = Path(__file__).with_name("tuned")
+"""Folder of the tuned gains: `fbl-gym tune POLICY --ship` writes POLICY.json."""
+
+
+@dataclass(frozen=True)
+class _Entry:
+    factory: str | Callable[..., Any]
+    summary: str
+    access: str | None
+    kind: str
+
+
+_REGISTRY: dict[str, _Entry] = {}
+
+
+def register(
+    name: str,
+    factory: str | Callable[..., Any],
+    summary: str,
+    access: str | None = None,
+    kind: str = "classical",
+) -> None:
+    """Add a policy to the registry.
+
+    Args:
+        name: lower case, words joined by hyphens.
+        factory: a class or function, called as `factory(interface, **gains)`, or its
+            "module:attribute". A factory with privileged access is called with the environment
+            instead.
+        summary: one line.
+        access: "none", "nominal" or "privileged". None: the factory's attribute `access`, or
+            "nominal" if it has none.
+        kind: "classical" or "learned".
+
+    Raises:
+        ValueError: the name is taken, or `access` or `kind` is unknown.
+    """
+    if name in _REGISTRY:
+        raise ValueError(f"a policy named {name!r} is registered already")
+    if access is not None:
+        check_choice("access", access, ACCESS)
+    _REGISTRY[name] = _Entry(factory, summary, access, check_choice("kind", kind, KINDS))
+
+
+for _name, _path, _summary in catalogue.LAWS:
+    register(_name, f"controllers.{_path}", _summary, catalogue.ACCESS.get(_name, "nominal"))
+
+
+@lru_cache(maxsize=1)
+def _entry_points() -> tuple[metadata.EntryPoint, ...]:
+    return tuple(metadata.entry_points(group=ENTRY_POINTS))
+
+
+def _external() -> dict[str, metadata.EntryPoint]:
+    return {point.name: point for point in _entry_points() if point.name not in _REGISTRY}
+
+
+def _entry(name: str) -> _Entry:
+    name = name.removesuffix("@tuned")
+    if name in _REGISTRY:
+        return _REGISTRY[name]
+    external = _external()
+    if name not in external:
+        raise unknown("policy", name, names())
+    factory = external[name].load()
+    summary = (inspect.getdoc(factory) or "").split("\n")[0]
+    kind = check_choice(f"kind of {name}", getattr(factory, "kind", "classical"), KINDS)
+    return _Entry(factory, summary, None, kind)
+
+
+def names() -> tuple[str, ...]:
+    """Return the name of every policy: registered ones, then those of installed packages."""
+    return (*_REGISTRY, *_external())
+
+
+def summary(name: str) -> str:
+    """Return one line on a policy.
+
+    Args:
+        name: one of `names()`, or POLICY@tuned.
+    """
+    return _entry(name).summary
+
+
+def kind(name: str) -> str:
+    """Return "classical" or "learned".
+
+    Args:
+        name: one of `names()`, or POLICY@tuned.
+    """
+    return _entry(name).kind
+
+
+def access(policy: str | Callable[..., Any]) -> str:
+    """Return what a policy may know: "none", "nominal" or "privileged".
+
+    Args:
+        policy: one of `names()`, POLICY@tuned, or a factory as `register` takes it.
+
+    Raises:
+        ValueError: the factory declares another word.
+    """
+    if isinstance(policy, str) and (registered := _entry(policy).access) is not None:
+        return registered
+    build = factory(policy) if isinstance(policy, str) else policy
+    return check_choice(f"access of {_name_of(policy)}", getattr(build, "access", "nominal"), ACCESS)
+
+
+def factory(name: str) -> Callable[..., Any]:
+    """Return the class or function that builds a policy, called as `register` describes.
+
+    Args:
+        name: one of `names()`, or POLICY@tuned.
+    """
+    build = _entry(name).factory
+    if isinstance(build, str):
+        module, attribute = build.split(":")
+        build = getattr(importlib.import_module(module), attribute)
+    return build
+
+
+def tuned() -> tuple[str, ...]:
+    """Return the names of the policies with tuned gains, such as "pid-flm@tuned"."""
+    return tuple(f"{name}@tuned" for name in _REGISTRY if (TUNED / f"{name}.json").is_file())
+
+
+def tuned_gains(name: str) -> dict[str, float]:
+    """Return the gains of a tuned policy, such as {"kp": 25.0}.
+
+    Args:
+        name: one of `tuned()`.
+    """
+    if name not in tuned():
+        raise unknown("tuned policy", name, tuned())
+    gains: dict[str, float] = json.loads((TUNED / f"{name.removesuffix('@tuned')}.json").read_text())["gains"]
+    return gains
+
+
+def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
+    """Build a policy for an environment.
+
+    A policy gets the environment's interface and nothing else. Only privileged access gets the
+    environment itself.
+
+    Args:
+        name: one of `names()`, POLICY@tuned, or a factory as `register` takes it.
+        env: the environment, single or batched, wrapped or not; or its `interface`.
+        **gains: arguments of the policy; those left out take their defaults.
+
+    Raises:
+        ValueError: the name or a gain is unknown, a gain is out of bounds, or an interface is given
+            where privileged access needs the environment.
+    """
+    build = factory(name) if isinstance(name, str) else name
+    if isinstance(name, str) and name.endswith("@tuned"):
+        gains = tuned_gains(name) | gains
+    parameters = list(inspect.signature(build).parameters)
+    if not parameters:
+        raise ValueError(f"{_name_of(name)} makes no policy: it must take the interface as its first argument")
+    for gain in gains:
+        if gain not in parameters[1:]:
+            raise unknown(f"argument of {_name_of(name)}", gain, parameters[1:])
+    if access(name) == "privileged":
+        if isinstance(env, Interface):
+            raise ValueError(f"{_name_of(name)} reads the truth: it needs the environment, got its interface")
+        return build(env.unwrapped, **gains)
+    return build(env if isinstance(env, Interface) else env.unwrapped.interface, **gains)
+
+
+def _name_of(policy: str | Callable[..., Any]) -> str:
+    return policy if isinstance(policy, str) else getattr(policy, "__name__", repr(policy))

@@ -1,0 +1,36 @@
+"""The paper's cascade against its linear error equation, its inner poles and a constant load."""
+
+import numpy as np
+import pytest
+
+import controllers
+from fbl_gym import TwoLinkArmEnv
+from tests.controllers.closed_loop import tracking
+from tests.controllers.linear import response
+
+STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+FAST = {"control_dt": 1e-3, "physics_dt": 1e-3}
+
+
+def test_cascade_error_obeys_its_linear_equation():
+    """Exact model: with w = Kp e + e' the inner loop is w' ... a = P w + I int(w), so e''= -P w - I int(w)."""
+    kp, p, i = 10.0, 30.0, 13.0
+    env = TwoLinkArmEnv(actuator=None, action="torque", reference=STILL, initial_error=(-0.2, 0.0), **FAST)
+    errors = tracking(controllers.make("cascade-flm", env), env, 3000)[0][:, 0]
+    # x = (e, e', int w):  e'' = -P (e' + Kp e) - I int w.
+    a = [[0, 1, 0], [-p * kp, -p, -i], [kp, 1, 0]]
+    expected = response(a, [0.2, 0.0, 0.0], 1e-3, 3000)
+    assert np.abs(errors - expected).max() < 6e-3 * 0.2
+
+
+def test_cascade_inner_poles():
+    """The errata's -29.6 and -0.44 for P, I = 30, 13: settling takes about 0.1 s, not the paper's 0.01 s."""
+    assert np.sort(np.roots([1, 30, 13])) == pytest.approx([-29.56, -0.4398], abs=1e-2)
+
+
+def test_integral_action_removes_a_constant_load():
+    options = {"reference": STILL, "disturbance": {"kind": "array", "torque": ((30.0, 10.0),)}, "duration": 30.0}
+    env = TwoLinkArmEnv(**options)
+    errors = tracking(controllers.make("cascade-flm", env), env, 2999)[0]
+    assert np.abs(errors[-1]).max() < 1e-4
+    assert np.abs(errors[100]).max() > 1e-3

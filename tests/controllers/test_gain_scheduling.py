@@ -1,0 +1,29 @@
+"""Gain scheduling against equation (46), and against stiction."""
+
+import numpy as np
+
+from benchmarks.run.metrics import measure, summarize
+from benchmarks.run.rollout import rollout
+from controllers.gain_scheduling import schedule
+from fbl_gym import scenarios
+
+
+def test_the_schedule_is_equation_46():
+    v = np.array([[0.0, 0.0], [0.1, -0.02], [5.0, 5.0]])
+    alpha = np.array([[3.0, 0.5], [0.25, 4.0]])
+    factors = schedule(v, alpha, 1e-3)
+    for row, (v1, v2) in zip(factors, v, strict=True):
+        near = np.exp(-(v1**2) / 1e-3), np.exp(-(v2**2) / 1e-3)
+        np.testing.assert_allclose(row, 1 + alpha @ near, rtol=1e-12)
+    np.testing.assert_allclose(factors[0], [4.5, 5.25])
+    np.testing.assert_allclose(factors[2], 1.0)
+
+
+def test_scheduling_helps_against_stiction():
+    """Figure 8's stiction: what the schedule takes off the steady-state error of the same controller."""
+    scenario = scenarios.get("paper-8")
+    plain = summarize(measure(rollout("adaptive-flm", scenario, [0])))
+    gains = {"alpha": ((20.0, 0.0), (0.0, 20.0))}
+    scheduled = summarize(measure(rollout("adaptive-flm", scenario, [0], gains)))
+    for link in ("steady_1_pct", "steady_2_pct"):
+        assert scheduled[link] < 0.3 * plain[link]

@@ -1,0 +1,108 @@
+"""The registry: names, arguments, entry points, and access to the environment."""
+
+from importlib import metadata
+
+import pytest
+
+import controllers
+from controllers import registry
+from fbl_gym import Interface, TwoLinkArmEnv
+
+
+def point_at(monkeypatch, path):
+    """Install an entry point "mine" that leads to "module:attribute"."""
+    point = metadata.EntryPoint("mine", path, registry.ENTRY_POINTS)
+    monkeypatch.setattr(registry, "_entry_points", lambda: (point,))
+
+
+def plain_factory(env):
+    """Builds a policy; the name of its argument means nothing."""
+    return env
+
+
+def privileged_factory(interface):
+    """Builds a policy that reads the truth."""
+    return interface
+
+
+privileged_factory.access = "privileged"
+
+
+def misspelt_factory(interface):
+    return interface
+
+
+misspelt_factory.access = "truth"
+
+
+@pytest.mark.parametrize(
+    ("name", "gains", "message"),
+    [
+        ("pid-fml", {}, "did you mean 'pid-flm'"),
+        ("pid-flm", {"kpp": 3}, "unknown argument of pid-flm 'kpp'; did you mean 'kp'"),
+        ("pid-flm", {"kp": float("nan")}, "kp must be a finite number"),
+        ("zero@tuned", {}, "unknown tuned policy 'zero@tuned'"),
+    ],
+)
+def test_a_wrong_name_or_argument_is_named(name, gains, message):
+    with pytest.raises(ValueError, match=message):
+        controllers.make(name, TwoLinkArmEnv(), **gains)
+
+
+def test_a_name_is_registered_once():
+    with pytest.raises(ValueError, match="registered already"):
+        controllers.register("zero", "controllers.simple:Zero", "again")
+
+
+@pytest.mark.parametrize("name", [name for name in controllers.names() if controllers.kind(name) == "classical"])
+def test_the_catalogue_has_the_access_of_the_class(name):
+    assert controllers.access(name) == controllers.access(controllers.factory(name))
+
+
+def test_an_installed_package_adds_a_policy(monkeypatch):
+    point_at(monkeypatch, "controllers.simple:PdGravity")
+    assert "mine" in controllers.names()
+    assert controllers.access("mine") == "nominal"
+    assert controllers.kind("mine") == "classical"
+    assert controllers.summary("mine") == "PD with gravity compensation."
+    assert controllers.make("mine", TwoLinkArmEnv(), frequency=3.0).frequency == (3.0, 3.0)
+
+
+@pytest.mark.parametrize("factory", [plain_factory, lambda env, gain=1.0: env])
+def test_the_name_of_an_argument_gives_no_way_to_the_truth(factory):
+    assert isinstance(controllers.make(factory, TwoLinkArmEnv()), Interface)
+
+
+def test_privileged_access_gets_the_environment():
+    env = TwoLinkArmEnv()
+    assert controllers.access(privileged_factory) == "privileged"
+    assert controllers.make(privileged_factory, env) is env
+    with pytest.raises(ValueError, match="needs the environment, got its interface"):
+        controllers.make("oracle-flm", env.interface)
+
+
+@pytest.mark.parametrize(
+    ("factory", "access", "expected"),
+    [
+        (plain_factory, None, "nominal"),
+        (plain_factory, "privileged", "privileged"),
+        (privileged_factory, None, "privileged"),
+        ("controllers.oracle:OracleFlm", None, "privileged"),
+    ],
+)
+def test_access_is_registered_or_declared(monkeypatch, factory, access, expected):
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+    controllers.register("mine", factory, "a policy", access=access)
+    assert controllers.access("mine") == expected
+
+
+def test_an_unknown_access_word_is_an_error_that_names_the_valid_ones(monkeypatch):
+    message = "unknown access.* 'truth'. Known: nominal, none, privileged"
+    point_at(monkeypatch, f"{__name__}:misspelt_factory")
+    monkeypatch.setattr(metadata.EntryPoint, "load", lambda point: misspelt_factory)
+    for ask in (controllers.access, lambda name: controllers.make(name, TwoLinkArmEnv())):
+        for policy in ("mine", misspelt_factory):
+            with pytest.raises(ValueError, match=message):
+                ask(policy)
+    with pytest.raises(ValueError, match=message):
+        controllers.register("other", plain_factory, "a policy", access="truth")
