@@ -48,7 +48,8 @@ def search(errors: Callable[[float], Array], *, scan: int = 6, tolerance: float 
 
     Args:
         errors: of each seed at a radius [%].
-        scan, tolerance: as in `statistics.radius`.
+        scan: as in `statistics.radius`.
+        tolerance: as in `statistics.radius`.
     """
     return radius(
         lambda r: float(np.mean(errors(r) <= BOUND)),
@@ -94,4 +95,4 @@ def stored_radii(
     searches = [(spec, direction) for spec in policies for direction in DIRECTIONS]
     with parallel_config(backend="loky", n_jobs=workers, inner_max_num_threads=1):
         radii = Parallel()(delayed(stored_radius)(spec, direction, store, seeds) for spec, direction in searches)
-    return {(spec.name, direction): found for (spec, direction), found in zip(searches, radii, strict=True)}
+    return {(spec.name, direction): value for (spec, direction), value in zip(searches, radii, strict=True)}

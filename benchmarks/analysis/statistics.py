@@ -57,7 +57,8 @@ class Estimate:
 
     Args:
         value: of the data.
-        low, high: of the interval, in the shape of `value`.
+        low: lower end of the interval, in the shape of `value`.
+        high: upper end of the interval.
         label: "optimistic" where the interval is known to be too narrow; else empty.
     """
 
@@ -173,8 +174,11 @@ def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic =
     """Return the statistic of a minus that of b on the same resampled seeds; below 0, a errs less.
 
     Args:
-        a, b: [... x s x n].
-        counts, statistic, level: as in `estimate`.
+        a: runs of one policy [... x s x n].
+        b: runs of the other.
+        counts: as in `estimate`.
+        statistic: as in `estimate`.
+        level: as in `estimate`.
     """
     a, b = np.asarray(a), np.asarray(b)
     value = statistic(a, _once(counts)) - statistic(b, _once(counts))
@@ -185,8 +189,10 @@ def wins(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Est
     """Return the share of the runs in which a errs less than b on the same seed; ties count half.
 
     Args:
-        a, b: [... x s x n].
-        counts, level: as in `estimate`.
+        a: runs of one policy [... x s x n].
+        b: runs of the other.
+        counts: as in `estimate`.
+        level: as in `estimate`.
     """
     return estimate(_beats(np.asarray(a), np.asarray(b)), counts, mean, level)
 
@@ -195,8 +201,10 @@ def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL)
     """Return the probability that a run of a errs less than a run of b on another seed, averaged over scenarios.
 
     Args:
-        a, b: [s x n]. Seeds are resampled jointly, since both policies met the same ones.
-        counts, level: as in `estimate`.
+        a: runs of one policy [s x n].
+        b: runs of the other. Seeds are resampled jointly, since both policies met the same ones.
+        counts: as in `estimate`.
+        level: as in `estimate`.
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     n = a.shape[-1]
@@ -248,7 +256,9 @@ def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayL
     gains are not optimal.
 
     Args:
-        error, stay, oracle: errors of the policy, of an arm that stays and of the oracle on the same seeds [... x s x n].
+        error: of the policy [... x s x n].
+        stay: error of an arm that stays at its start, on the same seeds.
+        oracle: error of the oracle, on the same seeds.
         diverged: True where the policy's run diverged [... x s x n].
     """
     error, stay, oracle = (np.asarray(x, dtype=float) for x in (error, stay, oracle))
@@ -265,7 +275,8 @@ def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estima
     """Return the share of runs that failed with Clopper and Pearson's interval (1934), which covers at least its confidence.
 
     Args:
-        failed, runs: numbers of runs [...].
+        failed: number of runs that failed [...].
+        runs: number of all runs [...].
         level: confidence.
     """
     k, n = np.asarray(failed, dtype=float), np.asarray(runs, dtype=float)
@@ -412,7 +423,9 @@ def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = iqm, l
     Args:
         x: [t x s x n], t training seeds.
         rng: generator or seed of the draw of training seeds.
-        counts, statistic, level: as in `estimate`.
+        counts: as in `estimate`.
+        statistic: as in `estimate`.
+        level: as in `estimate`.
     """
     t = np.asarray(x).shape[0]
     result = estimate(x, over_training(counts, t, rng), statistic, level)

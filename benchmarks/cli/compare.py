@@ -1,4 +1,4 @@
-"""`fbl-gym compare`."""
+"""The command `fbl-gym compare`."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument(
         "policies", nargs="+", type=policy_name, metavar="POLICY", help="two or more, as for `fbl-gym evaluate`"
     )
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     if len(set(arguments.policies)) < 2:
         raise ValueError(f"two policies or more can be compared, got {' '.join(arguments.policies)}")
     scenario = scenarios.get(arguments.scenario)

@@ -1,4 +1,4 @@
-"""`fbl-gym doctor`."""
+"""The command `fbl-gym doctor`."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ def add_arguments(_parser: argparse.ArgumentParser) -> None:
 
 
 def run(_arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     print(f"fbl-gym {__version__}, Python {platform.python_version()} ({sys.executable})")
     print(f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
     print("  ".join(f"{name} {metadata.version(name)}" for name in PACKAGES))

@@ -1,4 +1,4 @@
-"""`fbl-gym evaluate`."""
+"""The command `fbl-gym evaluate`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     add_policy(parser)
     parser.add_argument(
         "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     trust(arguments)
     scenario = scenarios.get(arguments.scenario)
     trace = rollout(resolve(arguments.policy), scenario, range(arguments.seeds), dict(arguments.gains))

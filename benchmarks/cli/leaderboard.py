@@ -1,4 +1,4 @@
-"""`fbl-gym leaderboard`."""
+"""The command `fbl-gym leaderboard`."""
 
 from __future__ import annotations
 
@@ -57,6 +57,7 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     add_suite(parser)
     parser.add_argument(
         "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
@@ -66,6 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     trust(arguments)
     cells, store = suite_of(arguments).cells, Store(arguments.store)
     outcomes: list[Outcome] = []

@@ -1,4 +1,4 @@
-"""`fbl-gym query`."""
+"""The command `fbl-gym query`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from benchmarks.run.store import Store
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument(
         "sql", metavar="SQL",
         help="a question about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
@@ -19,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     answer = query(Store(arguments.store).results(), arguments.sql)
     if answer is not None:
         print(answer)

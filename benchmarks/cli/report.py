@@ -1,4 +1,4 @@
-"""`fbl-gym report`."""
+"""The command `fbl-gym report`."""
 
 from __future__ import annotations
 
@@ -20,20 +20,23 @@ from benchmarks.run.store import Store, write_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     add_suite(parser)
     parser.add_argument(
-        "--out", type=Path, default=Path("results/report"), metavar="DIR", help="where to write (results/report)"
+        "--out", type=Path, default=Path("results/report"), metavar="DIR", help="folder of the report (results/report)"
     )
     parser.add_argument(
-        "--radius", action="store_true", help="measure the uncertainty radius of every policy too (minutes)"
+        "--radius", action="store_true", help="also measure the uncertainty radius of every policy (minutes)"
     )
     parser.add_argument(
         "--splits",
         action="store_true",
-        help="columns of the error within and beyond what agents are trained on (minutes)",
+        help="add columns of the error within and beyond the radius that agents are trained on (minutes)",
     )
     parser.add_argument(
-        "--learned", action="store_true", help="agents over all their training seeds, in learned.md (minutes)"
+        "--learned",
+        action="store_true",
+        help="also write learned.md, the agents over all their training seeds (minutes)",
     )
     parser.add_argument(
         "--readme",
@@ -47,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     trust(arguments)
     store = Store(arguments.store)
     results = results_of(suite_of(arguments).cells, store)

@@ -1,4 +1,4 @@
-"""`fbl-gym reproduce`."""
+"""The command `fbl-gym reproduce`."""
 
 from __future__ import annotations
 
@@ -15,28 +15,34 @@ from benchmarks.report import terminal
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument(
-        "--out", type=Path, default=Path("results/paper"), metavar="DIR", help="where to write (results/paper)"
+        "--out",
+        type=Path,
+        default=Path("results/paper"),
+        metavar="DIR",
+        help="folder of the claims and plots (results/paper)",
     )
     parser.add_argument(
         "--only", nargs="+", default=(), metavar="CLAIM",
-        help="only these, by the names of `fbl-gym list claims`; figure-4b means all figure-4b-...; others in DIR stay",
+        help="only these claims of `fbl-gym list claims`; figure-4b means all figure-4b-...; other claims in DIR stay",
     )  # fmt: skip
-    parser.add_argument("--short", action="store_true", help="few seeds and ratios, as the tests run it (two minutes)")
+    parser.add_argument("--short", action="store_true", help="use few seeds and ratios, as the tests do (two minutes)")
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     names = select(arguments.only)
-    found = load(arguments.out)
+    claims = load(arguments.out)
     with Progress(console=Console(stderr=True)) as progress:
         task = progress.add_task("measuring", total=len(names))
         for name in names:
             progress.update(task, description=name)
-            found[name], draw = measure_claim(name, SHORT if arguments.short else FULL)
+            claims[name], draw = measure_claim(name, SHORT if arguments.short else FULL)
             for ending in ("png", "svg"):
                 draw(arguments.out / f"{name}.{ending}")
-            save(arguments.out, found)
+            save(arguments.out, claims)
             progress.advance(task)
-    terminal.claims(console(), [found[name] for name in names])
+    terminal.claims(console(), [claims[name] for name in names])
     print(f"claims and plots: {arguments.out}")
     return 0

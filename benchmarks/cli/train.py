@@ -1,4 +1,4 @@
-"""`fbl-gym train`."""
+"""The command `fbl-gym train`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ __all__ = ["add_arguments", "run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     settings = from_arguments(arguments)
     memory = f"-history-{arguments.history}" if arguments.history else ""
     context = "-context" if arguments.context else ""

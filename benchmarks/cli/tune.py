@@ -1,4 +1,4 @@
-"""`fbl-gym tune`."""
+"""The command `fbl-gym tune`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from controllers.registry import TUNED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     add_policy(parser)
     parser.add_argument(
         "--trials", type=count, default=40, metavar="N", help="number of trials, those of earlier runs counted (40)"
@@ -44,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     policy = resolve(arguments.policy)
     if arguments.ship and policy.external:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""`fbl-gym verify`."""
+"""The command `fbl-gym verify`."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ from fbl_gym.checks import unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument("rows", nargs="+", metavar="ROW", help="a policy/scenario of the store, or a file of a result")
     add_trust(parser)
     add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     store = Store(arguments.store)
     differs = 0
     for row in arguments.rows:

@@ -44,6 +44,9 @@ def call_apart(owner: str, function: str, *arguments: Any) -> Any:
         except (EOFError, OSError, pickle.UnpicklingError):
             _PROCESSES.pop((os.getpid(), owner)).close()
             continue
+        except BaseException:  # the answer to this call must not be taken for that to the next one
+            _PROCESSES.pop((os.getpid(), owner)).close()
+            raise
         if error is not None:
             raise error
         return value
@@ -75,7 +78,7 @@ class _Process:
 
 
 _PROCESSES: dict[tuple[int, str], _Process] = {}
-"""The process of each policy; a fork has its own, so this process is part of the key."""
+"""The process of each policy. A fork of this process starts others, so the identity of this process is part of the key."""
 
 
 def _process(owner: str) -> _Process:

@@ -9,7 +9,7 @@ import ast
 import hashlib
 import io
 import tokenize
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -133,27 +133,27 @@ def _file(module: str, folder: Path) -> Path | None:
 
 
 def _imported(name: str, path: Path, folder: Path | None) -> Iterator[tuple[str, Path]]:
+    """The modules that a module imports and that are followed."""
     for base, attribute in _imports(path.read_bytes(), name, path.name == "__init__.py"):
-        found = _locate(base, attribute, folder)
-        for module in found:
+        for module in _locate(base, attribute, folder):
             file = file_of(module, folder)
             if file is not None and not any(f"{module}.".startswith(f"{skipped}.") for skipped in SKIPPED):
                 yield module, file
 
 
-def _locate(base: str, attribute: str, folder: Path | None) -> Iterable[str]:
+def _locate(base: str, attribute: str, folder: Path | None) -> list[str]:
     """The modules behind `from base import attribute`; without an attribute, behind `import base`."""
-    parts = base.split(".")
-    # Packages outside of fbl-gym run their __init__ on the way; those of fbl-gym only gather names.
-    parents = [".".join(parts[:n]) for n in range(1, len(parts))] if parts[0] not in PACKAGES else []
-    if attribute and file_of(f"{base}.{attribute}", folder):
-        return [*parents, *([base] if parents or parts[0] not in PACKAGES else []), f"{base}.{attribute}"]
-    file = file_of(base, folder)
-    if attribute and parts[0] in PACKAGES and file is not None and file.name == "__init__.py":
+    module = f"{base}.{attribute}" if attribute and file_of(f"{base}.{attribute}", folder) else base
+    parts = module.split(".")
+    if parts[0] not in PACKAGES:
+        return [".".join(parts[:n]) for n in range(1, len(parts) + 1)]
+    file = file_of(module)
+    # The __init__ files of fbl-gym only gather names.
+    if attribute and module == base and file is not None and file.name == "__init__.py":
         for source, name in _imports(file.read_bytes(), base, True):
             if name == attribute:
                 return _locate(source, name, folder)
-    return [*parents, base]
+    return [module]
 
 
 @lru_cache(maxsize=1024)
@@ -180,8 +180,8 @@ def _imports(source: bytes, name: str, package: bool) -> tuple[tuple[str, str], 
 @lru_cache(maxsize=1)
 def _policy_modules() -> dict[str, tuple[str, ...]]:
     """The module of each registered policy, by the policy's name."""
-    foreign = {point.name for point in entry_points() if point.module.partition(".")[0] not in PACKAGES}
-    return {name: (controllers.factory(name).__module__,) for name in controllers.names() if name not in foreign}
+    external = {point.name for point in entry_points() if point.module.partition(".")[0] not in PACKAGES}
+    return {name: (controllers.factory(name).__module__,) for name in controllers.names() if name not in external}
 
 
 @lru_cache(maxsize=1)

@@ -204,7 +204,7 @@ def sources(text: str) -> dict[str, Path]:
     """Return the code of an external policy: the name and file of each module, the policy's own first.
 
     For an entry point or a module in a package, that is the whole package. For a file or a single module, it is the file
-    and what it imports from its own folder. An archive or an agent has no code of its own.
+    and what it imports from its own folder. An archive or an agent has no code.
 
     Args:
         text: names the policy.

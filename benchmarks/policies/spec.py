@@ -57,7 +57,7 @@ class PolicySpec:
         external: whether it is not part of fbl-gym.
         summary: one line.
         digest: hash of the code that its results depend on, and of its weights.
-        data: hash of each data file that it reads while it is made, by the file's path.
+        data: hash of each data file that is read to make it, by the file's path.
         configuration: its gains as exact plain data.
         problem: why no result of it can be stored; empty: there is no reason.
         trusted: whether it is an archive that may be loaded, see `external.trust`.
@@ -125,7 +125,7 @@ class PolicySpec:
         if now != self.identity:
             parts = [part for part in ("code", "data", "configuration") if now[part] != self.identity[part]]
             raise Changed(f"the {' and '.join(parts)} of {self.name} changed since it was resolved; run it again")
-        if self.external:
+        if self.external and not _weights(self.name):
             for path in sorted(external.data_files(set(reads), external.sources(self.name))):
                 if str(path) not in self.data:
                     raise Changed(
@@ -254,11 +254,12 @@ def _resolve(text: str) -> PolicySpec:
     if external.is_file(text) and text in _RESOLVED:
         external.forget(Path(text.partition(":")[0]))
     is_external = not _registered(text) or external.entry_module(_registered(text)) != ""
-    modules = external.sources(text) if is_external else {}
+    modules: dict[str, Path] = {}
     spec = PolicySpec(text, "classical", "nominal", external=is_external)
     reads: set[Path] = set()
     try:
         with external.watch() as reads:
+            modules = external.sources(text) if is_external else {}
             factory = _factory(text)
             spec = _declared(spec, factory)
             modules = modules or _files(factory.__module__)
@@ -268,7 +269,7 @@ def _resolve(text: str) -> PolicySpec:
     except Inexact as problem:
         spec = dataclasses.replace(spec, problem=str(problem))
     except (Exception, SystemExit):
-        pass  # the policy's own error: making it for a cell raises it again, and other policies must not suffer
+        pass  # an error of the policy: making it for a cell raises it again, and other policies must not suffer
     data = external.data_files(reads, modules) if is_external else set()
     first = next(iter(modules.values()), Path())
     data |= {(first.parent / file).resolve() for file in spec.data}

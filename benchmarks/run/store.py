@@ -7,6 +7,7 @@ not computed again.
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import hashlib
 import json
@@ -111,7 +112,7 @@ class Store:
         except Damaged as problem:
             self._set_aside(path, problem)
             return None
-        return result
+        return dataclasses.replace(result, cell=cell)
 
     def load(self, path: Path) -> Result:
         """Return the result in a file of a store, or in a copy of one.

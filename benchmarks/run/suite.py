@@ -108,7 +108,7 @@ class Suite:
 
 
 def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
-    """Return the scenarios, each once, and those that share a name with another scenario under names of their own."""
+    """Return the scenarios, each once, and distinct names for those that share one."""
     known = set(scenarios.names())
     contents: dict[str, dict[str, Scenario]] = {}
     for task in tasks:
