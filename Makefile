@@ -1,8 +1,8 @@
-# Three commands, each enough on a fresh machine with Python >= 3.10, pip and make:
+# Each command installs what it needs into .venv. It needs Python >= 3.10, pip and make.
 #   make plot           draw a controller on a hard arm into trace.png
 #   make leaderboard    run the leaderboard and print it
 #   make test           check everything
-# And: make docs        build the documentation into build/docs
+#   make docs           build the documentation into build/docs
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -46,7 +46,7 @@ format: .venv/ready-dev
 	$(INSTALL) '.[all,dev]'
 	touch $@
 
-# The versions that the commands above install, for Python 3.10 and newer. What torch brings along is left to torch.
+# Writes the versions that the commands above install, for Python 3.10 and newer, without torch's dependencies.
 constraints:
 	printf 'torch==2.13.0\n' > .venv/pins.txt
 	$(BIN)/python -m pip install --quiet uv
@@ -54,7 +54,7 @@ constraints:
 		--all-extras pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv/constraints.txt
 	mv .venv/constraints.txt constraints.txt
 
-# Every lower bound of pyproject.toml, of all extras, in an environment of its own; torch as constraints.txt has it.
+# Tests every lower bound of pyproject.toml, of all extras, in .venv-oldest; torch is that of constraints.txt.
 test-oldest:
 	$(PYTHON) -m venv .venv-oldest
 	.venv-oldest/bin/python -m pip install --quiet uv

@@ -1,1 +1,1 @@
-"""What is measured, and the evidence: rollouts, metrics, suites, the leaderboard and the command line."""
+"""Benchmarks of policies: runs, analysis, reports, the paper's claims, and the command line."""

@@ -8,15 +8,17 @@ from pathlib import Path
 
 from benchmarks.analysis.board import assemble
 from benchmarks.analysis.generalization import measure_ranges
+from benchmarks.analysis.learned import measure_learned
 from benchmarks.analysis.robustness import stored_radii
 from benchmarks.cli.common import command_line, console, count, trust
 from benchmarks.cli.leaderboard import add_suite, results_of, suite_of
 from benchmarks.report import markdown, terminal
-from benchmarks.report.contents import contents
 from benchmarks.report.export import write_csv, write_splits
-from benchmarks.report.learned import learned, learned_table
-from benchmarks.report.page import write_page
+from benchmarks.report.page import contents, write_page
+from benchmarks.report.scenes import selected
 from benchmarks.run.store import Store, write_text
+from benchmarks.run.suite import Cell
+from benchmarks.run.traces import trace_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,10 +44,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--readme",
         type=Path,
         metavar="FILE",
-        help="put the table, without the families, between the markers `<!-- leaderboard -->` of this file",
+        help="put the first ten rows between the markers `<!-- leaderboard -->` of this file, "
+        "and all rows into docs/board.md beside it",
     )
     parser.add_argument(
-        "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes for --radius (one per core)"
+        "--workers",
+        type=count,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes for --radius, --splits and --learned (one per core)",
     )
 
 
@@ -65,15 +72,22 @@ def run(arguments: argparse.Namespace) -> int:
     table = markdown.leaderboard(board, splits)
     write_text(arguments.out / "board.md", table)
     write_csv(arguments.out / "board.csv", results)
-    write_page(arguments.out / "board.html", contents(board, results, radii, splits, command_line()))
+    tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
+    traces = [
+        {board.policies[i]: trace_of(Cell(board.specs[i], tasks[name], board.seeds[:1]), store) for i in board.order}
+        for name in selected(list(tasks))
+    ]
+    write_page(arguments.out / "board.html", contents(board, results, traces, radii, splits, command_line()))
     if splits:
         terminal.splits(console(), board, splits)
         write_splits(arguments.out / "splits.csv", board, splits)
     if arguments.learned:
-        tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
-        write_text(arguments.out / "learned.md", learned_table(learned(list(tasks.values()), board.seeds)))
+        rows = measure_learned(list(tasks.values()), board.seeds, store, arguments.workers)
+        write_text(arguments.out / "learned.md", markdown.learned_table(rows))
     if arguments.readme is not None:
-        short = markdown.leaderboard(board, families=False)
-        write_text(arguments.readme, markdown.replace_between(arguments.readme.read_text(encoding="utf-8"), short))
+        text = arguments.readme.read_text(encoding="utf-8")
+        write_text(arguments.readme, markdown.replace_between(text, markdown.leaderboard(board, short=True)))
+        command = f"fbl-gym leaderboard --suite {arguments.suite}"
+        write_text(arguments.readme.parent / "docs" / "board.md", markdown.board_page(board, command))
     print(f"report: {arguments.out / 'board.html'}, board.md and board.csv beside it")
     return 0

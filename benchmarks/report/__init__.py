@@ -1,1 +1,4 @@
-"""What people see of the results."""
+"""Presentation of stored results: terminal, Markdown, CSV, one HTML page, plots and films.
+
+Nothing here simulates.
+"""

@@ -17,11 +17,11 @@ from benchmarks.run.store import Result, write_text
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 
 APART = ("key", "current", "seeds", "code", "time")
-"""Columns that only the table `all_results` has: the cell's key, whether it is current, its number of seeds, and more."""
+"""Columns that only the table `all_results` has."""
 
 
 def rows(results: Iterable[Result]) -> Iterator[dict[str, Any]]:
-    """One row for each policy, scenario and seed."""
+    """Yield one row for each policy, scenario and seed."""
     for result in results:
         for i in range(len(result.rows)):
             yield _row(result, i)
@@ -38,7 +38,7 @@ def _short(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_csv(path: Path, results: Iterable[Result]) -> None:
-    """Write the rows as CSV, numbers with seven digits; the store has them all."""
+    """Write the rows as CSV, with seven digits of each number; the store has all digits."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -47,7 +47,7 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
 
 
 def write_splits(path: Path, board: Board, splits: Mapping[str, RangeErrors]) -> None:
-    """Write as CSV each policy's error in % in each split, its interval's ends, and the share of runs that diverged."""
+    """Write each policy's error in % at each radius, its interval and its diverged share as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
@@ -60,15 +60,19 @@ def write_splits(path: Path, board: Board, splits: Mapping[str, RangeErrors]) ->
 
 
 def query(results: Iterable[Result], sql: str) -> str | None:
-    """Return DuckDB's answer to a question about stored results; None to a command.
+    """Return DuckDB's answer to a question about stored results; None for a command.
 
-    The table `results` has each run of the current results once, with the columns of the CSV. The table `all_results` has
-    every stored run, those of older code and other sets of seeds among them, and more columns that tell these apart.
+    The table `results` has each run of the current results once, with the columns of the CSV. The
+    table `all_results` has every stored run, those of older code and other sets of seeds among
+    them, and the columns `APART` too.
 
     Args:
-        results: all results of a store.
-        sql: such as "SELECT policy, avg(error_pct) FROM results GROUP BY policy", or
-            "COPY results TO 'board.parquet'".
+        results: All results of a store.
+        sql: Question, such as "SELECT policy, avg(error_pct) FROM results GROUP BY policy", or
+            command, such as "COPY results TO 'board.parquet'".
+
+    Raises:
+        ValueError: If DuckDB cannot run it.
     """
     import duckdb
     import pandas as pd

@@ -5,71 +5,107 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
+import numpy as np
+
 from benchmarks.analysis.board import UNSCORED, Board
 from benchmarks.analysis.generalization import RangeErrors
-from benchmarks.analysis.statistics import Estimate
+from benchmarks.analysis.learned import Learned
 from benchmarks.paper.claim import Claim
+from benchmarks.report.columns import Column, columns
+
+BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
+"""The lines of a file between which the leaderboard is written."""
+
+ROWS = 10
+"""Number of rows of the short table."""
+
+_SHORT = ("policy", "rank", "error", "diverged", "effort")
+_LONG = ("policy", "access", "rank", "score", "error", "diverged", "effort", "decision")
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table, one line a row."""
+    """Return a table, one line a row."""
     lines = [header, ["---"] * len(header), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
-def claims(found: Iterable[Claim]) -> str:
-    """The paper's claims: what it says, what was measured under which choices, and the verdict."""
+def claims(measured: Iterable[Claim]) -> str:
+    """Return a table of the paper's claims: claim, measurement, verdict and choices."""
     header = ("figure", "claim", "paper", "measured", "verdict", "under which choices", "seeds")
-    rows = ((c.figure, c.claim, c.paper, c.measured, c.verdict, c.reading, c.seed) for c in found)
+    rows = ((c.figure, c.claim, c.paper, c.measured, c.verdict, c.reading, c.seed) for c in measured)
     return table(header, rows)
 
 
-BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
-"""Between these lines of a file stands the leaderboard."""
-
-
-def leaderboard(
-    board: Board, splits: Mapping[str, RangeErrors] = MappingProxyType({}), *, families: bool = True
-) -> str:
-    """The board, best first, with the intervals of score and rank.
+def leaderboard(board: Board, splits: Mapping[str, RangeErrors] = MappingProxyType({}), *, short: bool = False) -> str:
+    """Return the board as a table, the best policy first.
 
     Args:
-        board: what the table says.
-        splits: of the uncertainty radius: a column each, the error with its interval and what diverged, if anything did.
-        families: whether each family of scenarios has a column with its error.
+        board: Source of the rows.
+        splits: Errors at each radius of the parameters' error; each becomes a column.
+        short: True for the best ten rows with rank, error, diverged share and effort only.
     """
-    shown = board.families if families else ()
-    header = ["policy", "told", "rank", "score", "error %", "failed %", "us/decision", *shown, *splits]
-    errors = [board.family_errors[family].value for family in shown]
-    ranks = dict(zip(board.ranked, zip(board.rank.low, board.rank.high, strict=True), strict=True))
-    rows = []
-    for i in board.order:
-        rank = "{:.0f}–{:.0f}".format(*ranks[i]) if i in ranks else "not ranked"
-        score = "" if board.score is None else f"{_with_interval(board.score, i, 1)}"
-        rows.append(
-            [
-                f"`{board.policies[i]}`", board.specs[i].access, rank, score, _with_interval(board.error, i, 2),
-                f"{100 * board.failures.value[i]:.2g}", f"{board.decision_us[i]:.2g}", *(f"{x[i]:.3g}" for x in errors),
-                *(_in_split(found, i) for found in splits.values()),
-            ]
-        )  # fmt: skip
-    return table(header, rows) + (f"\n{UNSCORED}\n" if board.score is None else "")
+    every = {column.key: column for column in columns(board, splits)}
+    keys = _SHORT if short else (*_LONG, *(key for key in every if key.startswith(("family-", "split-"))))
+    selected = [every[key] for key in keys if key in every]
+    rows = [[_cell(column, i) for column in selected] for i in (board.order[:ROWS] if short else board.order)]
+    note = f"\n{UNSCORED}\n" if board.score is None and not short else ""
+    return table([column.title for column in selected], rows) + note
 
 
-def _with_interval(estimate: Estimate, i: int, digits: int) -> str:
-    value, low, high = estimate.value[i], estimate.low[i], estimate.high[i]
-    return f"{value:.{digits}f} ({low:.{digits}f}–{high:.{digits}f})"
+def _cell(column: Column, i: int) -> str:
+    if column.key == "policy":
+        return f"`{column.text(i)}`"
+    if column.key == "rank":
+        low, _, high = column.interval(i).partition("–")
+        return "not ranked" if not low else low if low == high else f"{low}–{high}"
+    ends = column.interval(i) if column.key in ("score", "error") or column.key.startswith("split-") else ""
+    note = f", {column.notes[i]}" if column.notes and column.notes[i] else ""
+    return column.text(i) + (f" ({ends})" if ends else "") + note
 
 
-def _in_split(split: RangeErrors, i: int) -> str:
-    share = split.diverged[i]
-    return _with_interval(split.error, i, 3) + (f", {100 * share:.2g} % diverged" if share else "")
+def learned_table(rows: Sequence[Learned]) -> str:
+    """Return a table of agents over all their training seeds."""
+    header = (
+        "policy",
+        "scenario",
+        "training seeds",
+        "error %",
+        "of the variance of log error: training",
+        "world",
+        "neither",
+    )
+    lines = []
+    for row in rows:
+        parts = np.array([row.parts.training, row.parts.world, row.parts.rest])
+        shares = [f"{100 * share:.0f} %" for share in parts / parts.sum()]
+        label = f", {row.error.label}" if row.error.label else ""
+        error = f"{row.error.value:.3f} ({row.error.low:.3f}–{row.error.high:.3f}{label})"
+        lines.append((f"`{row.policy}`", row.scenario, str(row.training_seeds), error, *shares))
+    return table(header, lines)
 
 
 def replace_between(text: str, table: str) -> str:
-    """A file's text with another leaderboard between its markers."""
+    """Return a file's text with a new table between its markers.
+
+    Raises:
+        ValueError: If the text lacks one of the markers.
+    """
     head, begin, rest = text.partition(BEGIN)
     _, end, tail = rest.partition(END)
     if not begin or not end:
-        raise ValueError(f"the file must have the lines {BEGIN} and {END}, between which the table stands")
+        raise ValueError(f"the file must have the lines {BEGIN} and {END}; the table goes between them")
     return f"{head}{BEGIN}\n{table}{END}{tail}"
+
+
+def board_page(board: Board, command: str) -> str:
+    """Return a page of the documentation with every row of the board.
+
+    Args:
+        board: Source of the rows.
+        command: Command that makes the results.
+    """
+    return (
+        f"# All rows of the board\n\nHow do all policies do? `{command}`: {len(board.scenarios)} scenarios, "
+        f"{len(board.seeds)} seeds each.\n[The leaderboard](leaderboard.md#columns) explains the columns.\n\n"
+        + leaderboard(board)
+    )

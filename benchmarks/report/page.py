@@ -1,6 +1,7 @@
-"""The leaderboard as one HTML file that opens without a network: `page.html` with its data and Plotly's JavaScript put in.
+"""The leaderboard as one HTML file that needs no network: `page.html` with its data and Plotly.
 
-What the page shows is a `Page`, plain data. `between` and `scene` make its parts from estimates and traces.
+`contents` says what the page shows, as plain data; `write_page` writes it. `columns.py` declares
+the table's columns, `figures.py` the figures, `scenes.py` the moving arms.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import html
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypedDict
@@ -17,235 +18,206 @@ from typing import Any, TypedDict
 import numpy as np
 from plotly.offline import get_plotlyjs
 
-from benchmarks.analysis.statistics import Estimate
-from benchmarks.run.metrics import measure
+from benchmarks.analysis import statistics
+from benchmarks.analysis.board import Board
+from benchmarks.analysis.generalization import RangeErrors
+from benchmarks.analysis.statistics import Radius
+from benchmarks.report import figures
+from benchmarks.report.columns import Column, columns
+from benchmarks.report.figures import DASHES, MARKS, style
+from benchmarks.report.scenes import scene
 from benchmarks.run.rollout import Trace
-from fbl_gym.arm import Array
+from benchmarks.run.store import Result
 
 DIGITS = 5
-"""Significant digits of the numbers in the page."""
+"""Significant digits of the numbers in the figures."""
 
-POINTS = 201
-"""Samples of a signal in the page, at most: the start and 200 steps."""
+FILTERS = ("access", "sensors", "preview", "tuning")
+"""Columns whose values can be chosen from a list."""
 
-
-class Interval(TypedDict):
-    """A value and its interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-class InSplit(Interval):
-    """An error with its interval, and the share of runs that diverged, from 0 to 1."""
-
-    diverged: float
-
-
-class Policy(TypedDict):
-    """A row of the board.
-
-    name, summary: what it is called, and one line on it.
-    access: what it is told, one of `controllers.policy.ACCESS`.
-    sensors: that it needs, such as "position, velocity".
-    preview: what it knows of the reference's future, such as "none" or "0.5 s".
-    tuning: such as "default gains" or "tuned".
-    rank: among the ranked; None: unranked.
-    score: the mean of the runs' scores; None: the oracle has not run.
-    error: the IQM of error_pct.
-    families: the IQM of error_pct per family of scenarios.
-    splits: the same per split of the uncertainty radius, where that was measured.
-    failures: share of runs that diverged, from 0 to 1.
-    variation: of the torque [N m/s].
-    decision_us: wall time of a decision [us].
-    label: of its intervals, such as "optimistic"; "": none.
-    """
-
-    name: str
-    summary: str
-    access: str
-    sensors: str
-    preview: str
-    tuning: str
-    rank: Interval | None
-    score: Interval | None
-    error: Interval
-    families: dict[str, Interval]
-    splits: dict[str, InSplit]
-    failures: Interval
-    variation: float
-    decision_us: float
-    label: str
-
-
-class Curve(TypedDict):
-    """A line of a chart: a policy of the board, x and value [k]; its band low and high [k], or empty for none."""
-
-    policy: str
-    x: list[float]
-    value: list[float]
-    low: list[float]
-    high: list[float]
-
-
-class Chart(TypedDict):
-    """One pair of axes: texts with units, and whether each axis is "linear" or "log"."""
-
-    title: str
-    description: str
-    x: str
-    y: str
-    scales: tuple[str, str]
-    curves: list[Curve]
-
-
-class Reach(TypedDict):
-    """How far off the model may be for a policy, in one direction of error.
-
-    direction: of the real parameters, such as "larger".
-    value: the radius; None: it fails at the least.
-    text: as `str(Radius)` says it, such as "≥ 10".
-    tried: radii and shares of successful seeds.
-    """
-
-    policy: str
-    direction: str
-    value: float | None
-    text: str
-    tried: list[tuple[float, float]]
-
-
-class Pairs(TypedDict):
-    """A matrix [p x p] of the row's policy against the column's, None on the diagonal, and the intervals."""
-
-    title: str
-    description: str
-    policies: list[str]
-    value: list[list[float | None]]
-    low: list[list[float | None]]
-    high: list[list[float | None]]
-
-
-class Run(TypedDict):
-    """One policy's run in a scene: position [rad] and torque [N m], [2 x k], None after it diverged.
-
-    error_pct: its mean absolute tracking error.
-    diverged: when [s]; None: it did not.
-    """
-
-    policy: str
-    position: list[list[float | None]]
-    torque: list[list[float | None]]
-    error_pct: float
-    diverged: float | None
-
-
-class Scene(TypedDict):
-    """One seed of a scenario: what was asked, what disturbed, and what each policy did.
-
-    time: [k] s.
-    lengths: of the true links [m].
-    reference, disturbance: [2 x k] rad and N m.
-    """
-
-    scenario: str
-    description: str
-    seed: int
-    time: list[float]
-    lengths: list[float]
-    reference: list[list[float]]
-    disturbance: list[list[float]]
-    runs: list[Run]
+_SECTIONS = {
+    "degradation": (
+        "Degradation",
+        "Error against severity, one family of uncertainty each. Severity 0 is the nominal arm. Bars are intervals.",
+    ),
+    "radius": (
+        "Uncertainty radius",
+        "The largest radius r at which 95 % of the seeds track within 5 %. At a radius r, real masses and lengths are off by "
+        "factors of up to 1 + r.",
+    ),
+    "profiles": (
+        "Performance profiles",
+        "The share of runs with at most some error: a better policy is further up and left. Bands are pointwise intervals.",
+    ),
+    "pairs": ("Pair by pair", ""),
+    "learning": ("Learning curves", ""),
+}
 
 
 class Page(TypedDict):
-    """All that the page shows. A section whose list is empty is left out.
+    """Contents of the page; a section with an empty list is left out.
 
-    title, summary: above the board.
-    facts: name and value of how it came about: command, version, machine, seeds.
-    families: each family of scenarios and what it varies, in the order of the board's columns.
-    splits: each split of the uncertainty radius and what it is, in the order of the columns behind those.
-    degradation: a chart per family, error against severity.
+    Attributes:
+        title: Title of the page.
+        summary: Text above the board.
+        facts: Name and value of each fact about the results' origin.
+        policies: Names of the policies [p], in the order of the columns' entries.
+        summaries: One line on each policy [p].
+        order: Names of the policies, the best first.
+        ranked: The policies that have a rank.
+        columns: Columns of the board.
+        figures: Figures of each section.
+        scenes: Moving arms, see `scenes.scene`.
     """
 
     title: str
     summary: str
     facts: dict[str, str]
-    families: dict[str, str]
-    splits: dict[str, str]
-    policies: list[Policy]
-    degradation: list[Chart]
-    radius: list[Reach]
-    profiles: list[Chart]
-    pairs: list[Pairs]
-    learning: list[Chart]
-    scenes: list[Scene]
+    policies: list[str]
+    summaries: list[str]
+    order: list[str]
+    ranked: list[str]
+    columns: list[Column]
+    figures: dict[str, list[figures.Figure]]
+    scenes: list[dict[str, Any]]
 
 
-def between(estimate: Estimate, *index: int) -> Interval:
-    """One element of an estimate."""
-    value, low, high = (float(np.asarray(x)[index]) for x in (estimate.value, estimate.low, estimate.high))
-    return {"value": value, "low": low, "high": high}
-
-
-def scene(traces: Mapping[str, Trace], lengths: Array, lane: int = 0) -> Scene:
-    """A scene from each policy's trace of the same scenario and seeds.
+def contents(
+    board: Board,
+    results: Sequence[Result],
+    traces: Sequence[Mapping[str, Trace]],
+    radii: Mapping[tuple[str, str], Radius],
+    splits: Mapping[str, RangeErrors],
+    command: str,
+) -> Page:
+    """Return what the page shows of a board.
 
     Args:
-        traces: by policy.
-        lengths: of the true links [2] m.
-        lane: which seed.
+        board: Board of the results.
+        results: Results of the cells, for their provenance.
+        traces: Traces of one seed, for each scene and policy; may be empty.
+        radii: Uncertainty radius of each policy and direction; may be empty.
+        splits: Errors at each radius of the parameters' error; may be empty.
+        command: Command that makes the page.
     """
-    first = next(iter(traces.values()))
-    for policy, trace in traces.items():
-        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
-            raise ValueError(
-                f"traces must be of one scenario and the same seeds, got {trace.scenario.name!r} with seeds {trace.seeds} "
-                f"for {policy}, and {first.scenario.name!r} with {first.seeds}"
-            )
-    # Every so many samples, so that the page stays small.
-    shown = slice(0, None, math.ceil((len(first.time) - 1) / (POINTS - 1)))
-    runs: list[Run] = []
-    for policy, trace in traces.items():
-        alive = trace.alive[:, lane]
-        position, torque = (np.where(alive[:, None], x[:, lane], np.nan) for x in (trace.position, trace.torque))
-        runs.append(
-            {
-                "policy": policy,
-                "position": position[shown].T.tolist(),
-                "torque": torque[shown].T.tolist(),
-                "error_pct": measure(trace)[lane]["error_pct"],
-                "diverged": None if alive.all() else float(trace.time[np.argmin(alive)]),
-            }
-        )
+    latest = max(results, key=lambda result: result.provenance.get("time", ""))
     return {
-        "scenario": first.scenario.name,
-        "description": first.scenario.description,
-        "seed": first.seeds[lane],
-        "time": first.time[shown].tolist(),
-        "lengths": list(map(float, lengths)),
-        "reference": first.reference[shown, lane].T.tolist(),
-        "disturbance": first.disturbance[shown, lane].T.tolist(),
-        "runs": runs,
+        "title": "fbl-gym leaderboard",
+        "summary": (
+            f"{len(board.policies)} policies on {len(board.scenarios)} scenarios with the same {len(board.seeds)} seeds. "
+            "Intervals cover 95 %, by a bootstrap over seeds."
+            + ("" if statistics.enough(len(board.seeds)) else " There are too few episodes to claim failure rates.")
+        ),
+        "facts": {
+            "command": command,
+            "computed with": latest.provenance.get("command", ""),
+            "on": latest.provenance.get("machine", ""),
+            "at": latest.provenance.get("time", ""),
+            "Python": latest.provenance.get("python", ""),
+            **latest.provenance.get("packages", {}),
+        },
+        "policies": list(board.policies),
+        "summaries": [spec.summary for spec in board.specs],
+        "order": [board.policies[i] for i in board.order],
+        "ranked": [board.policies[i] for i in board.ranked],
+        "columns": columns(board, splits),
+        "figures": {
+            "degradation": figures.degradation(board),
+            "radius": figures.radius(board, radii),
+            "profiles": figures.profiles(board),
+            "pairs": figures.pairs(board),
+            "learning": figures.learning(board),
+        },
+        "scenes": [scene(group) for group in traces],
     }
 
 
-def write_page(path: Path, data: Page) -> None:
-    """Write the page to `path`, its folder too."""
+def write_page(path: Path, page: Page) -> None:
+    """Write the page to a file, and make the file's folder."""
+    text = html.escape
+    drawn = {name: part for name, part in page["figures"].items() if part}
     parts = {
-        "TITLE": html.escape(data["title"]),
+        "TITLE": text(page["title"]),
+        "SUMMARY": text(page["summary"]),
+        "LINKS": "".join(f'<a href="#{name}">{_SECTIONS[name][0]}</a>' for name in drawn),
+        "FILTERS": "".join(_filter(column) for column in page["columns"] if column.key in FILTERS),
+        "TABLE": _table(page),
+        "MEANINGS": "".join(f"<dt>{text(c.title)}</dt><dd>{text(c.meaning)}</dd>" for c in page["columns"]),
+        "CHIPS": "".join(_chip(name, place) for place, name in enumerate(page["order"])),
+        "SECTIONS": "".join(
+            f'<section id="{name}"><h2>{_SECTIONS[name][0]}</h2><p>{_SECTIONS[name][1]}</p><div class="grid"></div></section>'
+            for name in drawn
+        ),
+        "FACTS": "".join(f"<dt>{text(name)}</dt><dd>{text(value)}</dd>" for name, value in page["facts"].items()),
         "PLOTLY": get_plotlyjs(),
-        # In a script element only "<" could end it, and it is the same string to JSON when escaped.
-        "DATA": json.dumps(_plain(data), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
+        # In a script element only "<" could end it; JSON reads the escaped character as the same.
+        "DATA": json.dumps(
+            _plain({"figures": drawn, "scenes": page["scenes"]}), ensure_ascii=False, allow_nan=False
+        ).replace("<", "\\u003c"),
     }
     template = resources.files("benchmarks.report").joinpath("page.html").read_text(encoding="utf-8")
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(re.sub(r"\{\{ (\w+) \}\}", lambda found: parts[found[1]], template), encoding="utf-8")
+    path.write_text(re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template), encoding="utf-8")
+
+
+def _table(page: Page) -> str:
+    """Return the content of the board's table element; cells carry their values for sorting."""
+    heads = "".join(
+        f'<th scope="col" class="{column.key}" aria-sort="none"><button type="button" data-sort="{html.escape(column.key)}" '
+        f'data-first="{-column.best or 1}" title="{html.escape(column.meaning)}">{html.escape(column.title)}</button></th>'
+        for column in page["columns"]
+    )
+    best = {column.key: _best(column, page) for column in page["columns"]}
+    rows = []
+    for name in page["order"]:
+        i = page["policies"].index(name)
+        choices = " ".join(
+            f'data-{c.key}="{html.escape(str(c.values[i]))}"' for c in page["columns"] if c.key in FILTERS
+        )
+        words = html.escape(f"{name} {page['summaries'][i]}".lower())
+        rows.append(
+            f'<tr data-policy="{html.escape(name)}" data-words="{words}" {choices} '
+            f'class="{"" if name in page["ranked"] else "unranked"}">'
+            + "".join(_cell(column, i, best[column.key], page["summaries"][i]) for column in page["columns"])
+            + "</tr>"
+        )
+    return f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
+
+
+def _best(column: Column, page: Page) -> float | None:
+    values = [column.values[page["policies"].index(name)] for name in page["ranked"]] if column.best else []
+    numbers = [x for x in values if isinstance(x, float | int)]
+    return column.best * max(column.best * x for x in numbers) if len(set(numbers)) > 1 else None
+
+
+def _cell(column: Column, i: int, best: float | None, summary: str) -> str:
+    value = column.values[i]
+    if column.key == "policy":
+        return f'<th scope="row" class="policy" title="{html.escape(summary)}">{html.escape(column.text(i))}</th>'
+    small = [column.interval(i, " … "), column.notes[i] if column.notes else ""]
+    notes = "".join(f"<small>{html.escape(note)}</small>" for note in small if note)
+    kind = "best" if best is not None and value == best else "text" if isinstance(value, str) else ""
+    stored = "" if value is None else html.escape(str(value))
+    return f'<td data-value="{stored}" class="{kind}">{html.escape(column.text(i))}{notes}</td>'
+
+
+def _filter(column: Column) -> str:
+    values = list(dict.fromkeys(str(value) for value in column.values))
+    options = "".join(f"<option>{html.escape(value)}</option>" for value in ["any", *values])
+    hidden = " hidden" if len(values) < 2 else ""
+    return f'<label{hidden}>{html.escape(column.title)}<select id="filter-{column.key}">{options}</select></label>'
+
+
+def _chip(name: str, place: int) -> str:
+    color, mark, dash = style(place)
+    return (
+        f'<label style="border-bottom: 3px {DASHES[dash]} {color}"><input type="checkbox" checked '
+        f'data-chip="{html.escape(name)}"><span style="color: {color}">{MARKS[mark]}</span>{html.escape(name)}</label>'
+    )
 
 
 def _plain(value: Any) -> Any:
-    """JSON's own types, with few digits; NaN and infinity become null."""
+    """Return JSON's own types, with few digits; NaN and infinity become null."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

@@ -22,12 +22,14 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#00
 class Line:
     """A line of a panel.
 
-    Args:
-        x, y: [n].
-        label: for the legend.
-        color: None: the next one.
+    Attributes:
+        x: Points on the x axis [n].
+        y: Points on the y axis [n].
+        label: Text in the legend.
+        color: Colour; None for the next of `COLORS`.
         style: Matplotlib's line style, such as "-", "--" or ":".
-        low, high: a band about it, [n] each; None: none.
+        low: Lower edge of a band [n], or None.
+        high: Upper edge of a band [n], or None.
     """
 
     x: Array
@@ -41,14 +43,16 @@ class Line:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes.
+    """A pair of axes.
 
-    Args:
-        title, x, y: its texts, with units.
-        lines: what it shows.
-        scales: of both axes, "linear" or "log".
-        bounds: of the y axis; None: what the lines need.
-        marks: horizontal lines, each its height and its label.
+    Attributes:
+        title: Title.
+        x: Label of the x axis, with its unit.
+        y: Label of the y axis, with its unit.
+        lines: Lines.
+        scales: Scale of each axis, "linear" or "log".
+        bounds: Bounds of the y axis; None to fit the lines.
+        marks: Horizontal lines, each with its height and its label.
     """
 
     title: str
@@ -61,12 +65,12 @@ class Panel:
 
 
 def plot_lines(title: str, panels: Sequence[Panel], path: Path) -> None:
-    """Draw panels side by side, two in a row, with one legend where they show the same.
+    """Draw panels side by side, two in a row, with one legend where all have the same labels.
 
     Args:
-        title: above the figure.
-        panels: one or more.
-        path: the file; its ending says the format (.png, .svg, .pdf).
+        title: Title above the figure.
+        panels: Panels, at least one.
+        path: File, whose ending gives the format (.png, .svg, .pdf).
     """
     rows, columns = -(-len(panels) // 2), min(len(panels), 2)
     figure = Figure(figsize=(5.5 * columns + 1, 3.6 * rows + 0.8), layout="constrained")
@@ -107,10 +111,10 @@ def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
     """Draw reference and motion, tracking error, torque and disturbance of both joints.
 
     Args:
-        trace: of the rollout.
-        title: above the figure.
-        path: the file; its ending says the format (.png, .svg, .pdf).
-        lane: which seed.
+        trace: Trace of a rollout.
+        title: Title above the figure.
+        path: File, whose ending gives the format (.png, .svg, .pdf).
+        lane: Index of the seed.
     """
     end = int(trace.alive[:, lane].sum())
     t = trace.time[:end]
@@ -120,7 +124,7 @@ def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
     limit = None if trace.scenario.actuator.torque_limit is None else np.array(trace.scenario.actuator.torque_limit)
     for joint in (0, 1):
         reference, position = trace.reference[:end, lane, joint], trace.position[:end, lane, joint]
-        motion, error, torque, push = axes[:, joint]
+        motion, error, torque, disturbance = axes[:, joint]
         motion.set_title(f"joint {joint + 1}")
         motion.plot(t, reference, color="tab:blue", label="reference")
         motion.plot(t, position, color="tab:red", linestyle="--", label="motion")
@@ -133,9 +137,9 @@ def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
         if limit is not None and np.abs(trace.torque[:end, lane, joint]).max() > 0.8 * limit[joint]:
             for bound in (-limit[joint], limit[joint]):
                 torque.axhline(bound, color="0.5", linestyle=":", linewidth=1.0)
-        push.step(t, trace.disturbance[:end, lane, joint], color="tab:green", where="post")
-        push.set_ylabel("disturbance [N m]")
-        push.set_xlabel("time [s]")
+        disturbance.step(t, trace.disturbance[:end, lane, joint], color="tab:green", where="post")
+        disturbance.set_ylabel("disturbance [N m]")
+        disturbance.set_xlabel("time [s]")
         for axis in axes[:, joint]:
             axis.grid(alpha=0.25)
             axis.margins(x=0)
@@ -148,17 +152,19 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, lane: i
     """Draw the reference and the tracking errors of several policies on one seed.
 
     Args:
-        traces: by policy, of the same scenario and seeds.
-        title, path, lane: as for `plot_trace`.
+        traces: Trace of each policy, all of the same scenario and seeds.
+        title: Title above the figure.
+        path: File, whose ending gives the format (.png, .svg, .pdf).
+        lane: Index of the seed.
     """
     first = next(iter(traces.values()))
 
     def errors(joint: int) -> tuple[Line, ...]:
-        found = []
+        lines = []
         for policy, trace in traces.items():
             error = 1e3 * (trace.reference[:, lane, joint] - trace.position[:, lane, joint])
-            found.append(Line(trace.time, np.where(trace.alive[:, lane], error, np.nan), policy))
-        return tuple(found)
+            lines.append(Line(trace.time, np.where(trace.alive[:, lane], error, np.nan), policy))
+        return tuple(lines)
 
     panels = tuple(Panel(f"joint {joint + 1}", "time [s]", "tracking error [mrad]", errors(joint)) for joint in (0, 1))
     plot_lines(f"{title}, seed {first.seeds[lane]}", panels, path)

@@ -16,29 +16,33 @@ from benchmarks.paper.claim import Claim
 from benchmarks.run.metrics import describe, summarize
 from benchmarks.speed.rates import Speed
 
-SCORED = "score: 0 as an arm that stays where it started, 100 as the oracle."
+SCORED = "score: 0 for an arm that stays at its start, 100 for the oracle."
 
 
 def leaderboard(console: Console, board: Board) -> None:
-    """One row per policy, the best first: score, errors, failures, and the error in each family of scenarios.
+    """Print one row per policy, the best first: score, errors, diverged share, families.
 
-    Nothing is cut: a file gets lines as long as they need to be, and where a terminal is too narrow for all families, the rest
-    follow in tables of their own.
+    No text is cut. A file gets lines of any length. On a narrow terminal, the families that do not
+    fit follow in further tables.
     """
     text_width = console.width
     if not console.is_terminal:
         console.width = max(console.width, _width(console, _board(board, True, list(board.families))))
-    left, summary = list(board.families), True
-    while left or summary:
-        fits = [n for n in range(len(left) + 1) if _width(console, _board(board, summary, left[:n])) <= console.width]
+    families, summary = list(board.families), True
+    while families or summary:
+        fits = [
+            n
+            for n in range(len(families) + 1)
+            if _width(console, _board(board, summary, families[:n])) <= console.width
+        ]
         n = max([*fits, 0 if summary else 1])
-        console.print(_board(board, summary, left[:n]))
-        left, summary = left[n:], False
+        console.print(_board(board, summary, families[:n]))
+        families, summary = families[n:], False
     scored = UNSCORED if board.score is None else SCORED
     console.print(
         f"{scored} error: interquartile mean of the mean absolute tracking error in % of the reference's amplitude, over all "
-        "scenarios and in each family. failed: share of runs that diverged. rank: 95 % "
-        "interval. us: per decision. In brackets: knows the truth, not ranked.",
+        "scenarios and in each family. diverged: share of runs that diverged. rank: 95 % "
+        "interval. us: microseconds per decision. In brackets: privileged access, not ranked.",
         width=min(text_width, console.width),
     )
     for policy, reason in board.incomplete.items():
@@ -46,59 +50,61 @@ def leaderboard(console: Console, board: Board) -> None:
 
 
 def _width(console: Console, table: Table) -> int:
-    """The width at which nothing of a table is cut."""
+    """Return the width at which no text of a table is cut."""
     return console.measure(table, options=console.options.update(width=10_000)).maximum
 
 
 def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
-    """The board's columns on all scenarios together, if asked for, and those of some families."""
+    """Return a table with the columns of some families; `summary` adds those over all scenarios."""
     title = f"{len(board.scenarios)} scenarios, {len(board.seeds)} seeds each" if summary else None
     table = Table(title=title, title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
     table.add_column("policy", no_wrap=True)
-    for name in ("rank", "score", "error\n%", "failed\n%", "us") if summary else ():
+    for name in ("rank", "score", "error\n%", "diverged\n%", "us") if summary else ():
         table.add_column(name, justify="right", no_wrap=True)
     for family in families:
         table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)
     ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
     for i in board.order:
-        told = not board.specs[i].ranked
-        cells = [f"({board.policies[i]})" if told else board.policies[i]]
+        privileged = not board.specs[i].ranked
+        cells = [f"({board.policies[i]})" if privileged else board.policies[i]]
         if summary:
-            failed = 100 * board.failures.value[i]
+            diverged = 100 * board.failures.value[i]
             cells += [
-                "" if told else _range(*ranks[i]),
+                "" if privileged else _range(*ranks[i]),
                 "" if board.score is None else f"{board.score.value[i]:.1f}",
                 _number(board.error.value[i]),
-                f"[red]{failed:.2g}[/red]" if failed else "0",
+                f"[red]{diverged:.2g}[/red]" if diverged else "0",
                 _number(board.decision_us[i]),
             ]
         for family in families:
             values = board.family_errors[family].value
-            best = not told and values[i] == min(values[k] for k in board.ranked)
+            best = not privileged and values[i] == min(values[k] for k in board.ranked)
             cells.append(f"[green]{_number(values[i])}[/green]" if best else _number(values[i]))
-        table.add_row(*cells, style="dim" if told else "")
+        table.add_row(*cells, style="dim" if privileged else "")
     return table
 
 
-def splits(console: Console, board: Board, found: Mapping[str, RangeErrors]) -> None:
-    """Each policy's error inside and beyond the uncertainty radius that agents are trained on, the best policy first."""
+def splits(console: Console, board: Board, measured: Mapping[str, RangeErrors]) -> None:
+    """Print each policy's error within and beyond the radius that agents are trained on."""
     table = Table(title="Error % over the uncertainty radius", title_style="bold", box=SIMPLE_HEAD)
     table.add_column("policy", no_wrap=True)
     for name, radius in RADII.items():
         table.add_column(f"{name}\nradius {radius:g}", justify="right", no_wrap=True)
     for i in board.order:
-        told = not board.specs[i].ranked
+        privileged = not board.specs[i].ranked
         cells = []
-        for split in found.values():
+        for split in measured.values():
             value, low, high = (_number(x[i]) for x in (split.error.value, split.error.low, split.error.high))
-            failed = f" [red]{100 * split.diverged[i]:.2g} %[/red]" if split.diverged[i] else ""
-            cells.append(f"{value} [dim]{low}-{high}[/dim]{failed}")
-        table.add_row(f"({board.policies[i]})" if told else board.policies[i], *cells, style="dim" if told else "")
+            diverged = f" [red]{100 * split.diverged[i]:.2g} %[/red]" if split.diverged[i] else ""
+            cells.append(f"{value} [dim]{low}-{high}[/dim]{diverged}")
+        table.add_row(
+            f"({board.policies[i]})" if privileged else board.policies[i], *cells, style="dim" if privileged else ""
+        )
     console.print(table)
     console.print(
         f"{TRAINED_ON} with other radii of the parameters' error; agents are trained on 0.5. Interquartile means with 95 % "
-        "intervals, over the training seeds too where an agent has several (with fewer than ten, optimistic); in red the share "
-        "of runs that diverged."
+        "intervals. An agent's interval covers its training seeds too, and is optimistic with fewer than ten. In red: the "
+        "share of runs that diverged."
     )
 
 
@@ -111,7 +117,7 @@ def _number(value: float) -> str:
 
 
 def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:
-    """The metrics of one policy on one scenario: mean over the seeds, and the spread."""
+    """Print the metrics of one policy on one scenario: mean over the seeds, and worst seed."""
     table = Table(title=title, title_style="bold")
     for name, justify in (("metric", "left"), ("mean", "right"), ("worst seed", "right"), ("meaning", "left")):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
@@ -122,20 +128,20 @@ def evaluation(console: Console, title: str, rows: list[dict[str, float]], decis
     console.print(table)
 
 
-def claims(console: Console, found: Sequence[Claim]) -> None:
-    """The paper's claims: what it says, what was measured, and the verdict."""
+def claims(console: Console, measured: Sequence[Claim]) -> None:
+    """Print the paper's claims: claim, measurement and verdict."""
     table = Table(title="The paper's claims, measured", title_style="bold", box=SIMPLE_HEAD)
     for name in ("figure", "claim", "paper", "measured", "verdict"):
         table.add_column(name, overflow="fold")
     colour = {"reproduced": "green", "under a reading": "yellow", "not reproduced": "red"}
-    for claim in found:
+    for claim in measured:
         verdict = f"[{colour[claim.verdict]}]{claim.verdict}[/]"
         table.add_row(claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), verdict)
     console.print(table)
 
 
 def speed(console: Console, rows: Sequence[Speed]) -> None:
-    """Steps per second, and how many times its peer's."""
+    """Print steps per second, and their ratio to the peer's."""
     table = Table(title="Environment steps per second, one thread, median of the rounds", title_style="bold")
     table.add_column("environment", no_wrap=True)
     for name in ("median", "spread", "x Acrobot"):

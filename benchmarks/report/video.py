@@ -17,7 +17,6 @@ from fbl_gym.checks import Pair
 from fbl_gym.render import LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Picture, draw, full_torque
 from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import Payload
-from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
 FPS = {".mp4": 50, ".gif": 25}
 """Frames per second; a GIF's frames last whole hundredths of a second."""
@@ -33,10 +32,13 @@ def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size:
     """Film one seed of some traces, at a constant frame rate and in real time.
 
     Args:
-        traces: by the policy's name; all of one scenario and the same seeds.
-        path: the file; its ending says the format, .mp4 or .gif.
-        lane: which seed.
-        size: of each arm's square [pixels], even.
+        traces: Trace of each policy, all of one scenario and the same seeds.
+        path: File, whose ending gives the format, .mp4 or .gif.
+        lane: Index of the seed.
+        size: Side of each arm's square [pixels], even.
+
+    Raises:
+        ValueError: If the ending, the size, the lane or the traces do not fit.
     """
     ending = path.suffix.lower()
     if ending not in FPS:
@@ -59,24 +61,24 @@ def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size:
 
 
 def film(traces: Mapping[str, Trace], fps: float, *, lane: int = 0, size: int = 480) -> Iterator[Frame]:
-    """The frames of `write_video`, one for each 1 / fps seconds of the episode."""
+    """Yield the frames of `write_video`, one for each 1 / fps seconds of the episode."""
     if not traces:
         raise ValueError("traces must have at least one trace, got none")
-    one = next(iter(traces.values()))
-    if not 0 <= lane < len(one.seeds):
-        raise ValueError(f"lane must be one of the {len(one.seeds)} seeds' places, counted from 0, got {lane}")
+    first = next(iter(traces.values()))
+    if not 0 <= lane < len(first.seeds):
+        raise ValueError(f"lane must be one of the {len(first.seeds)} seeds' places, counted from 0, got {lane}")
     for name, trace in traces.items():
-        if (trace.scenario, trace.seeds) != (one.scenario, one.seeds):
+        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
             raise ValueError(
-                f"traces must be of one scenario and the same seeds, got {one.scenario.name} with seeds {one.seeds} and, "
+                f"traces must be of one scenario and the same seeds, got {first.scenario.name} with seeds {first.seeds} and, "
                 f"of {name}, {trace.scenario.name} with seeds {trace.seeds}"
             )
     scenes = [Scene(name, trace, lane) for name, trace in traces.items()]
     header = Canvas(len(traces) * size, 2 * round(0.04 * size))
-    header.write(f"{one.scenario.name}, seed {one.seeds[lane]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
+    header.write(f"{first.scenario.name}, seed {first.seeds[lane]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
     strip = header.frame
-    for k in range(int(one.time[-1] * fps + 1e-9) + 1):
-        sample = min(round(k / fps / one.scenario.control_dt), len(one.time) - 1)
+    for k in range(int(first.time[-1] * fps + 1e-9) + 1):
+        sample = min(round(k / fps / first.scenario.control_dt), len(first.time) - 1)
         yield np.vstack([strip, np.hstack([draw(scene.picture(sample), size) for scene in scenes])])
 
 
@@ -87,7 +89,7 @@ class Scene:
         self.title = title
         self.trace = trace
         self.lane = lane
-        self.lengths = _true_lengths(trace.scenario, trace.seeds[lane])
+        self.lengths = _pair(trace.lengths[lane])
         arm = ArmParameters(L1=self.lengths[0], L2=self.lengths[1])
         self.tip = joint_positions(arm, trace.position[:, lane])[:, 2]
         square = (errors(trace)[:, lane] ** 2).mean(axis=-1)
@@ -95,8 +97,8 @@ class Scene:
         self.last = int(trace.alive[:, lane].sum()) - 1
 
     def picture(self, k: int) -> Picture:
-        """The picture of sample k; an arm that has diverged stays where it was last."""
-        trace, lane, now = self.trace, self.lane, min(k, self.last)
+        """Return the picture of sample k; an arm that diverged stays at its last position."""
+        trace, lane, sample = self.trace, self.lane, min(k, self.last)
         dt = trace.scenario.control_dt
         stride = max(1, round(TRAIL_STEP / dt))
         oldest = -(-max(k - round(TRAIL_SPAN / dt), 0) // stride) * stride
@@ -107,12 +109,12 @@ class Scene:
             subtitle=running if k <= self.last else f"diverged at {trace.time[self.last + 1]:.2f} s",
             time=float(trace.time[k]),
             lengths=self.lengths,
-            position=_pair(trace.position[now, lane]),
+            position=_pair(trace.position[sample, lane]),
             reference=_pair(trace.reference[k, lane]),
-            torque=_pair(trace.torque[now, lane]),
-            push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[now, lane]),
+            torque=_pair(trace.torque[sample, lane]),
+            push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[sample, lane]),
             full_torque=full_torque(trace.scenario),
-            payload=_payload(trace.scenario, float(trace.time[now])),
+            payload=_payload(trace.scenario, float(trace.time[sample])),
             trail=np.column_stack([trace.time[points], self.tip[points]]),
         )
 
@@ -121,15 +123,8 @@ def _pair(x: Any) -> Pair:
     return float(x[0]), float(x[1])
 
 
-def _true_lengths(scenario: Scenario, seed: int) -> Pair:
-    """Of the episode's arm [m]: a function of scenario and seed alone."""
-    env = TwoLinkArmVectorEnv(1, scenario, action="torque")
-    env.reset(seed=[seed])
-    return _pair(env.truth.lengths[0])
-
-
 def _payload(scenario: Scenario, time: float) -> float:
-    """The mass carried until `time` [kg]."""
+    """Return the payload mass that the arm carries at `time` [kg]."""
     load = scenario.parameter_error.payload if scenario.parameter_error else None
     if not isinstance(load, Payload):
         return 0.0

@@ -33,6 +33,7 @@ class Trace:
         alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the reference still belongs
             to the episode.
         decision_time: wall time of the policy for one decision of one lane [s], the median over the steps.
+        lengths: true link lengths of each seed's first episode [n x 2] m.
         watched: the signals of `rollout`'s argument `watch`, by name; [T x n x ...], from sample 1 on.
     """
 
@@ -46,6 +47,7 @@ class Trace:
     disturbance: Array
     alive: NDArray[np.bool_]
     decision_time: float
+    lengths: Array = field(default_factory=lambda: np.empty((0, 2)))
     watched: dict[str, Array] = field(default_factory=dict)
 
 
@@ -100,6 +102,7 @@ def rollout(
     starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     observation, _ = env.reset(seed=list(seeds))
     _record(signals, 0, env)
+    lengths = np.array(env.truth.lengths)
     for k in range(steps):
         begin = time.perf_counter()
         action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
@@ -120,6 +123,7 @@ def rollout(
         time=scenario.control_dt * np.arange(steps + 1.0),
         alive=alive,
         decision_time=float(np.median(waits)) / n,
+        lengths=lengths,
         watched={name: np.array(rows) for name, rows in watched.items()},
         **signals,
     )

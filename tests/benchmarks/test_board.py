@@ -145,13 +145,16 @@ def test_report_and_query_commands(tmp_path, capsys):
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
     assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
     table = (out / "board.md").read_text()
-    assert table.startswith("| policy | told | rank | score |")
+    assert table.startswith("| policy | access | rank | score |")
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
-    assert short.splitlines()[0] == "| policy | told | rank | score | error % | failed % | us/decision |"
+    assert short.splitlines()[0] == "| policy | rank | error % | diverged % | effort kN m/s |"
+    assert table in (tmp_path / "docs" / "board.md").read_text()
     for line, whole in zip(short.splitlines()[2:], table.splitlines()[2:], strict=True):
-        assert whole.startswith(line)
+        policy, rank, *numbers = (cell.strip() for cell in line.strip("|").split("|"))
+        cells = [cell.strip() for cell in whole.strip("|").split("|")]
+        assert [cells[0], cells[2], *cells[4:7]] == [policy, rank, *numbers]
     page = (out / "board.html").read_text()
     assert "cascade-flm" in page
     assert "src=" not in page.partition("<body")[0].replace("data:", "")

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,12 +15,15 @@ from benchmarks.analysis import statistics
 from benchmarks.analysis.board import assemble
 from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.robustness import BOUND, DIRECTIONS, with_radius
-from benchmarks.report.contents import contents
-from benchmarks.report.page import POINTS, scene, write_page
+from benchmarks.report.page import contents, write_page
+from benchmarks.report.scenes import POINTS, scene
+from benchmarks.run import traces
 from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
+from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
+from benchmarks.run.traces import trace_of
 from fbl_gym import scenarios
 
 POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm-ls", "oracle-flm")
@@ -43,19 +47,23 @@ def radius(policy, direction):
 
 
 @pytest.fixture(scope="module")
-def data():
-    """What the page shows of a board of six policies on two families.
+def board():
+    return assemble([run_cell(Cell(policy, short(scenario), SEEDS)) for policy in POLICIES for scenario in SCENARIOS])
 
-    Rows that are not in the order of the ranks, so that the page sorts them, and a title that could end its script.
-    """
-    results = [run_cell(Cell(policy, short(scenario), SEEDS)) for policy in POLICIES for scenario in SCENARIOS]
-    board = assemble(results)
+
+@pytest.fixture(scope="module")
+def data(board, tmp_path_factory):
+    """Contents of a page of six policies on two families, with a title that could end its script."""
+    results = [run_cell(Cell("zero", short("nominal"), SEEDS))]
     radii = {(policy, way): radius(policy, way) for policy in ("pd-gravity", "cascade-flm") for way in DIRECTIONS}
     splits = {"extrapolation": RangeErrors(board.family_errors["mass-error"], np.full(len(POLICIES), 0.25))}
-    page = contents(board, results, radii, splits, "pytest")
-    rows = sorted(page["policies"], key=lambda row: POLICIES.index(row["name"]))
-    assert rows != page["policies"]
-    return {**page, "title": "fbl-gym leaderboard </script><b>", "policies": rows}
+    store = Store(tmp_path_factory.mktemp("store"))
+    kept = [
+        {board.policies[i]: trace_of(Cell(board.policies[i], short(s), SEEDS[:1]), store) for i in board.order}
+        for s in SCENARIOS
+    ]
+    page = contents(board, results, kept, radii, splits, "pytest")
+    return {**page, "title": "fbl-gym leaderboard </script><b>"}
 
 
 @pytest.fixture(scope="module")
@@ -65,43 +73,66 @@ def path(data, tmp_path_factory):
     return path
 
 
-def of(policy, lines):
-    """The one of a list of runs or curves that is this policy's."""
-    (found,) = [line for line in lines if line["policy"] == policy]
-    return found
+def column(data, key):
+    """Return a column of the board as a dict by policy."""
+    (values,) = [column.values for column in data["columns"] if column.key == key]
+    return dict(zip(data["policies"], values, strict=True))
 
 
-def test_the_page_holds_its_data_and_loads_nothing(path, data):
+def test_the_page_contains_its_data_and_loads_nothing(path, data):
     text = path.read_text(encoding="utf-8")
     (inside,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text, flags=re.DOTALL)
-    found = json.loads(inside)
-    assert found["title"] == data["title"]
-    assert [policy["name"] for policy in found["policies"]] == list(POLICIES)
-    assert found["policies"][3]["error"]["value"] == pytest.approx(data["policies"][3]["error"]["value"], rel=1e-4)
+    stored = json.loads(inside)["figures"]["degradation"][0]
+    assert stored["title"] == data["figures"]["degradation"][0]["title"]
+    np.testing.assert_allclose(stored["data"][0]["y"], data["figures"]["degradation"][0]["data"][0]["y"], rtol=1e-4)
     assert "default-src 'none'" in text
     assert not re.search(r"<(script|img|link|iframe)[^>]* (src|href)=", text.split("* plotly.js")[0])
-    assert "<b>" not in text.split("<style>")[0]
+    assert "<b>" not in text.split("* plotly.js")[0]
+
+
+def test_a_policy_cannot_put_markup_into_the_page(data, tmp_path):
+    evil = '<img src=x onerror="alert(1)">'
+    policies = [evil, *data["policies"][1:]]
+    columns = [replace(c, values=policies) if c.key == "policy" else c for c in data["columns"]]
+    order, ranked = (
+        [evil if name == data["policies"][0] else name for name in data[key]] for key in ("order", "ranked")
+    )
+    changed = {**data, "policies": policies, "columns": columns, "order": order, "ranked": ranked}
+    write_page(tmp_path / "index.html", changed)
+    assert "<img" not in (tmp_path / "index.html").read_text(encoding="utf-8").split("* plotly.js")[0]
 
 
 def test_a_scene_is_one_lane_of_its_traces(data):
-    found = data["scenes"][SCENARIOS.index("disturbance-3")]
+    stored = data["scenes"][SCENARIOS.index("disturbance-3")]
     trace = rollout("pd-gravity", short("disturbance-3"), SEEDS)
-    run = of("pd-gravity", found["runs"])
-    assert (found["scenario"], found["seed"]) == ("disturbance-3", 0)
-    assert len(found["time"]) <= POINTS
+    (run,) = [run for run in stored["runs"] if run["policy"] == "pd-gravity"]
+    assert (stored["scenario"], stored["seed"]) == ("disturbance-3", 0)
+    assert len(stored["time"]) <= POINTS
     assert run["error_pct"] == measure(trace)[0]["error_pct"]
     for signal, expected in (
         (run["position"], trace.position),
         (run["torque"], trace.torque),
-        (found["reference"], trace.reference),
-        (found["disturbance"], trace.disturbance),
+        (stored["reference"], trace.reference),
+        (stored["disturbance"], trace.disturbance),
     ):
         np.testing.assert_array_equal(np.transpose(signal), expected[:, 0])
-    fallen = of("zero", found["runs"])
+    np.testing.assert_array_equal(stored["lengths"], [0.7, 0.5])
+    (still,) = [run for run in stored["runs"] if run["policy"] == "zero"]
     zero = rollout("zero", short("disturbance-3"), SEEDS)
-    assert (fallen["diverged"] is None) == bool(zero.alive[-1, 0])
+    assert (still["diverged"] is None) == bool(zero.alive[-1, 0])
     with pytest.raises(ValueError, match="traces must be of one scenario and the same seeds"):
-        scene({"one": trace, "other": rollout("zero", short("nominal"), SEEDS)}, [1, 1])
+        scene({"one": trace, "other": rollout("zero", short("nominal"), SEEDS)})
+
+
+def test_a_trace_is_kept_in_the_store(tmp_path, monkeypatch):
+    cell, store = Cell("pd-gravity", short("mass-error-2"), SEEDS[:2]), Store(tmp_path)
+    first = trace_of(cell, store)
+    assert store.files() == []  # a trace is no result
+    monkeypatch.setattr(traces, "rollout", lambda *_: pytest.fail("it was run again"))
+    second = trace_of(cell, store)
+    for name in ("time", "position", "velocity", "reference", "torque", "disturbance", "alive", "lengths"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert (first.scenario, first.seeds, first.decision_time) == (second.scenario, second.seeds, second.decision_time)
 
 
 @pytest.fixture(scope="module")
@@ -140,8 +171,9 @@ def page(browser, path):
 
 
 def names(page):
-    heads = page.find_elements("css selector", "#board-table tbody .pin")
-    return [head.text.split("\n")[0] for head in heads]
+    return page.execute_script(
+        "return [...document.querySelectorAll('#table tbody tr:not([hidden])')].map(row => row.dataset.policy)"
+    )
 
 
 def press(page, selector):
@@ -149,39 +181,37 @@ def press(page, selector):
 
 
 def test_the_board_sorts(page, data):
-    by_rank = sorted(data["policies"], key=lambda p: (p["rank"] is None, p["rank"] and p["rank"]["value"]))
-    assert names(page) == [policy["name"] for policy in by_rank]
+    rank, score = column(data, "rank"), column(data, "score")
+    assert names(page) == sorted(POLICIES, key=lambda p: (rank[p] is None, rank[p]))
     press(page, "[data-sort=score]")
-    assert names(page) == [p["name"] for p in sorted(data["policies"], key=lambda p: -p["score"]["value"])]
+    assert names(page) == sorted(POLICIES, key=lambda p: -score[p])
     press(page, "[data-sort=score]")
-    assert names(page) == [p["name"] for p in sorted(data["policies"], key=lambda p: p["score"]["value"])]
-    sorts = page.execute_script(
-        "return [...document.querySelectorAll('#board-table [aria-sort]')].map(e => e.ariaSort)"
-    )
+    assert names(page) == sorted(POLICIES, key=score.get)
+    sorts = page.execute_script("return [...document.querySelectorAll('#table [aria-sort]')].map(e => e.ariaSort)")
     assert sorted(set(sorts)) == ["ascending", "none"]
     assert sorts.count("ascending") == 1
     press(page, "[data-sort=rank]")
-    assert names(page)[-1] == "oracle-flm"  # unranked, last either way
+    assert names(page)[-1] == "oracle-flm"  # without a rank, last in both directions
     press(page, "[data-sort=rank]")
     assert names(page)[-1] == "oracle-flm"
 
 
-def test_splits_are_columns_of_the_board(page, data):
-    heads = page.find_elements("css selector", "#board-table thead tr:last-child th")
-    at = [head.text for head in heads].index("extrapolation")
-    first = page.find_elements("css selector", "#board-table tbody tr:first-child > *")[at]
-    value, ends, diverged = first.text.split("\n")
-    (policy,) = [policy for policy in data["policies"] if policy["name"] == names(page)[0]]
-    assert float(value) == pytest.approx(policy["splits"]["extrapolation"]["value"], rel=5e-3)
-    assert "…" in ends
-    assert diverged == "25.0 % diverged"
+def test_families_and_splits_are_columns_of_the_board(page, data):
+    heads = [head.text for head in page.find_elements("css selector", "#table thead th")]
+    assert {"nominal", "mass-error", "disturbance"} <= set(heads)
     press(page, "[data-sort='split-extrapolation']")
-    values = {policy["name"]: policy["splits"]["extrapolation"]["value"] for policy in data["policies"]}
-    assert names(page) == sorted(values, key=values.get)
+    values = column(data, "split-extrapolation")
+    assert names(page) == sorted(POLICIES, key=values.get)
+    place = next(i for i, head in enumerate(heads) if head.startswith("extrapolation"))
+    first = page.find_elements("css selector", "#table tbody tr:first-child > *")[place]
+    value, ends, diverged = first.text.split("\n")
+    assert float(value) == pytest.approx(values[names(page)[0]], abs=6e-4)
+    assert "…" in ends
+    assert diverged == "25 % diverged"
 
 
 def test_the_board_sorts_with_the_keyboard(page):
-    page.execute_script("document.querySelector('[data-sort=name]').focus()")
+    page.execute_script("document.querySelector('[data-sort=policy]').focus()")
     page.switch_to.active_element.send_keys(Keys.ENTER)
     assert names(page) == sorted(POLICIES)
     page.switch_to.active_element.send_keys(Keys.SPACE)
@@ -190,54 +220,72 @@ def test_the_board_sorts_with_the_keyboard(page):
 
 def test_the_board_filters(page):
     page.find_element("id", "search").send_keys("flm cascade")
-    assert set(names(page)) == {"cascade-flm"}
+    assert names(page) == ["cascade-flm"]
     assert page.find_element("id", "count").text == "1 of 6 policies"
     page.find_element("id", "search").send_keys(Keys.CONTROL + "a", Keys.DELETE)
-    page.find_element("css selector", "#filter-access option:nth-child(2)").click()
+    select = page.find_element("id", "filter-access")
+    (option,) = [option for option in select.find_elements("tag name", "option") if option.text == "none"]
+    option.click()
     assert names(page) == ["zero"]
     assert not page.find_element("css selector", "label:has(#filter-preview)").is_displayed()  # all have the same
 
 
-def test_charts_are_drawn_and_follow_the_chips(page, data):
-    def curves():
-        return page.execute_script("return document.querySelector('#degradation .plot').data?.map(line => line.name)")
+def test_figures_are_drawn_and_follow_the_chips_and_filters(page, data):
+    def curves(section="degradation"):
+        return page.execute_script(
+            "return document.querySelector(arguments[0]).data?.map(line => line.name)", f"#{section} .plot"
+        )
 
     page.execute_script("document.querySelector('#degradation').scrollIntoView()")
     WebDriverWait(page, 5).until(lambda _: curves())
-    expected = [curve["policy"] for curve in data["degradation"][0]["curves"]]
-    assert sorted(expected) == sorted(POLICIES)
-    assert curves() == expected
+    assert curves() == data["order"]
     press(page, "[data-chip=zero]")
-    assert curves() == [policy for policy in expected if policy != "zero"]
-    assert len(page.find_elements("css selector", "#pairs tbody tr")) == len(POLICIES) - 1
+    assert curves() == [policy for policy in data["order"] if policy != "zero"]
+    page.execute_script("document.querySelector('#pairs').scrollIntoView()")
+    rows = "return document.querySelector('#pairs .plot').data?.[0].y"
+    WebDriverWait(page, 5).until(lambda _: page.execute_script(rows))
+    assert page.execute_script(rows) == [policy for policy in data["order"] if policy != "zero"]
+    page.find_element("id", "search").send_keys("flm")
+    assert curves() == [policy for policy in data["order"] if "flm" in policy]
     press(page, "#degradation summary")
     cell = "#degradation details td"
     WebDriverWait(page, 5).until(lambda page: page.find_elements("css selector", cell))
-    shown = page.find_element("css selector", cell).text.split("\n")[0]
-    assert float(shown.replace("−", "-")) == pytest.approx(data["degradation"][0]["curves"][0]["value"][0], rel=5e-3)
-    assert not page.find_elements("id", "learning")  # nothing given
+    text = page.find_element("css selector", cell).text.split("\n")[0]
+    assert float(text) == pytest.approx(data["figures"]["degradation"][0]["data"][0]["y"][0], rel=5e-3)
+    assert not page.find_elements("id", "learning")  # no agent is on this board
+    bars = "return document.querySelector('#radius .plot').data?.map(bar => bar.text[0])"
+    page.execute_script("document.querySelector('#radius').scrollIntoView()")
+    WebDriverWait(page, 5).until(lambda _: page.execute_script(bars))
 
 
 def test_the_arm_moves_when_played(page, data):
     page.execute_script("document.querySelector('#scenes').scrollIntoView()")
-    picture = "return document.querySelector('#arm').toDataURL()"
-    before = page.execute_script(picture)
-    assert page.find_element("css selector", "#readout th").text == "t = 0.00 s"
+    arm = "return document.querySelector('#arm').data.filter(line => line.line?.width === 9)[0].x[1]"
+    before = page.execute_script(arm)
+    readout = page.find_element("id", "readout")
+    assert readout.text.startswith("t = 0.00 s, error of joints 1 and 2: ")
+    button, slider = page.find_element("id", "play"), page.find_element("id", "time")
     press(page, "#play")
-    button, scrub = page.find_element("id", "play"), page.find_element("id", "scrub")
     assert button.text == "Pause"
-    WebDriverWait(page, 20, poll_frequency=0.05).until(lambda _: float(scrub.get_attribute("value")) > 100)
+    WebDriverWait(page, 20, poll_frequency=0.05).until(lambda _: float(slider.get_attribute("value")) > 0.2)
     if button.text == "Pause":  # a slow browser may be at the end
         press(page, "#play")
     assert button.text == "Play"
-    assert page.execute_script(picture) != before
+    assert page.execute_script(arm) != before
     page.execute_script(
-        """const scrub = document.querySelector('#scrub');
-        scrub.value = 1000; scrub.dispatchEvent(new Event('input'));"""
+        """const slider = document.querySelector('#time');
+        slider.value = slider.max; slider.dispatchEvent(new Event('input'));"""
     )
-    cells = page.find_elements("css selector", "#readout tbody tr:first-child td")
-    last = [joint[-1] for joint in data["scenes"][0]["reference"]]
-    assert [float(cell.text.replace("−", "-")) for cell in cells[:2]] == pytest.approx(last, abs=6e-4)
+    first = data["scenes"][0]
+    (run,) = [run for run in first["runs"] if run["policy"] == data["order"][0]]
+    errors = 1e3 * (np.asarray(first["reference"])[:, -1] - np.asarray(run["position"])[:, -1])
+    shown = [float(x) for x in re.findall(r"-?\d+\.\d+", readout.text.partition(":")[2])]
+    assert shown == pytest.approx(errors, abs=0.2)
+    page.execute_script(
+        """const choice = document.querySelector('#scene');
+        choice.value = 3; choice.dispatchEvent(new Event('change'));"""
+    )
+    assert "Scenario: " + data["scenes"][3]["description"] in page.find_element("id", "scene-text").text
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -259,9 +307,10 @@ def test_a_phone_shows_it_without_scrolling_the_page_sideways(page, path, scheme
 
 
 def test_a_page_of_the_board_alone(page, data, tmp_path):
-    lists = {name: [] for name, value in data.items() if isinstance(value, list)}
-    without_score = [{**policy, "score": None, "rank": None} for policy in data["policies"][:2]]
-    write_page(tmp_path / "index.html", {**data, **lists, "policies": without_score})
+    columns = [replace(c, values=[None] * len(POLICIES), low=(), high=()) if c.key == "rank" else c
+               for c in data["columns"] if c.key != "score"]  # fmt: skip
+    alone = {**data, "columns": columns, "figures": {}, "scenes": []}
+    write_page(tmp_path / "index.html", alone)
     page.get((tmp_path / "index.html").as_uri())
-    assert names(page) == list(POLICIES[:2])
+    assert names(page) == data["order"]
     assert [link.text for link in page.find_elements("css selector", "#links a")] == ["Board"]

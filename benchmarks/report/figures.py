@@ -1,0 +1,200 @@
+"""The page's figures, as plain data in Plotly's format.
+
+A trace's `legendgroup` is its policy, so that the page can hide a policy in every figure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from benchmarks.analysis import statistics
+from benchmarks.analysis.board import Board
+from benchmarks.analysis.robustness import DIRECTIONS
+from benchmarks.analysis.statistics import Estimate, Radius
+from benchmarks.rl.policy import curves, shipped
+from fbl_gym import scenarios
+from fbl_gym.arm import Array
+
+Figure: TypeAlias = dict[str, Any]
+"""A title, a description, and Plotly's `data` and `layout`."""
+
+COLORS = ("#2a86c8", "#dd6a20", "#1c9a74", "#c468a0", "#6d7ff0", "#b98710", "#8a8a8a")
+"""Colours that colour-blind readers tell apart, on light and on dark paper."""
+
+MARKS = {"circle": "●", "square": "■", "diamond": "◆", "triangle-up": "▲", "x": "✖", "cross": "✚", "star": "★"}
+"""Plotly's name and the character of each mark."""
+
+DASHES = {"solid": "solid", "dash": "dashed", "dot": "dotted", "dashdot": "double"}
+"""Plotly's name and CSS's nearest border style of each dash."""
+
+LOG = {"type": "log", "dtick": 1}
+"""A logarithmic axis with a tick at each decade."""
+
+FEW = 8
+"""A curve of at most so many points has marks and bars; a longer one has a band."""
+
+
+def style(place: int) -> tuple[str, str, str]:
+    """Return colour, mark and dash of a place on the board, different for 28 places."""
+    return COLORS[place % 7], list(MARKS)[place % 7], list(DASHES)[place // 7 % 4]
+
+
+def _figure(title: str, description: str, data: list[Figure], x: str, y: str, **layout: Any) -> Figure:
+    axes = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
+    for name, more in layout.items():
+        axes[name] = {**axes.get(name, {}), **more}
+    return {"title": title, "description": description, "data": data, "layout": axes}
+
+
+def _curve(policy: str, place: int, x: Sequence[float] | Array, estimate: Estimate, i: int) -> list[Figure]:
+    """Return a policy's curve with its intervals, as bars or as a band."""
+    color, mark, dash = style(place)
+    value, low, high = (np.asarray(y)[i] for y in (estimate.value, estimate.low, estimate.high))
+    line: Figure = {
+        "type": "scatter", "name": policy, "legendgroup": policy, "x": list(x), "y": value,
+        "mode": "lines+markers" if len(x) <= FEW else "lines", "line": {"color": color, "dash": dash, "width": 2},
+        "marker": {"color": color, "symbol": mark, "size": 7},
+        "hovertemplate": f"{policy}: %{{y:.3g}} at %{{x:.3g}}<extra></extra>",
+    }  # fmt: skip
+    if low.size == 0:
+        return [line]
+    line["customdata"] = np.stack([low, high], axis=-1)
+    line["hovertemplate"] = f"{policy}: %{{y:.3g}} (%{{customdata[0]:.3g}}–%{{customdata[1]:.3g}})<extra></extra>"
+    if len(x) <= FEW:
+        bars = {"type": "data", "symmetric": False, "array": high - value, "arrayminus": value - low}
+        return [{**line, "error_y": {**bars, "color": color, "thickness": 1.2, "width": 3}}]
+    edge = {"type": "scatter", "legendgroup": policy, "x": list(x), "mode": "lines", "line": {"width": 0}}
+    band = {**edge, "y": high, "fill": "tonexty", "fillcolor": f"{color}2b", "hoverinfo": "skip"}
+    return [{**edge, "y": low, "hoverinfo": "skip"}, band, line]
+
+
+def degradation(board: Board) -> list[Figure]:
+    """Return error against severity, a figure for each arm and family."""
+    figures = []
+    for arm in ("", "section-2-2/"):
+        for family in board.families:
+            curve = board.degradation(family, arm)
+            if family == "nominal" or curve is None:
+                continue
+            severities, estimate = curve
+            data = [
+                trace
+                for place, i in enumerate(board.order)
+                for trace in _curve(board.policies[i], place, severities, estimate, i)
+            ]
+            description = scenarios.families().get(family, "")
+            figures.append(
+                _figure(
+                    f"{arm}{family}", description, data, "severity", "tracking error [%]",
+                    xaxis={"dtick": 1}, yaxis=LOG,
+                )
+            )  # fmt: skip
+    return figures
+
+
+def profiles(board: Board) -> list[Figure]:
+    """Return the performance profile: the share of runs with at most some error."""
+    tau = np.geomspace(0.05, 100.0, 60)
+    estimate = statistics.profile(board.errors, tau, board.counts)
+    data = [
+        trace for place, i in enumerate(board.order) for trace in _curve(board.policies[i], place, tau, estimate, i)
+    ]
+    text = "Share of all runs with a tracking error of at most the value on the x axis."
+    return [_figure("All scenarios", text, data, "tracking error [%]", "share of runs", xaxis=LOG)]
+
+
+def radius(board: Board, radii: Mapping[tuple[str, str], Radius]) -> list[Figure]:
+    """Return radii as bars, and the shares of seeds at the radii that were tried."""
+    figures = []
+    for direction in DIRECTIONS:
+        bars, lines = [], []
+        for place, i in reversed(list(enumerate(board.order))):
+            policy = board.policies[i]
+            if (policy, direction) not in radii:
+                continue
+            result = radii[policy, direction]
+            tried = np.array(result.tried).reshape(-1, 2)
+            bars.append(
+                {
+                    "type": "bar", "orientation": "h", "name": policy, "legendgroup": policy, "y": [policy],
+                    "base": [1.0], "x": [0.0 if np.isnan(result.value) else result.value], "text": [str(result)],
+                    "textposition": "outside", "marker": {"color": style(place)[0]}, "cliponaxis": False,
+                    "hovertemplate": f"{policy}: r = {result}<extra></extra>",
+                }
+            )  # fmt: skip
+            none = np.empty((1, 0))
+            lines += _curve(policy, place, 1.0 + tried[:, 0], Estimate(tried[None, :, 1], none, none), 0)
+        if bars:
+            tall = {"type": "log", "range": [0, 1.25]}
+            figures.append(
+                {
+                    **_figure(
+                        f"Real parameters: {direction}", "Largest r, drawn as 1 + r.", bars, "1 + r", "", xaxis=tall
+                    ),
+                    "height": 110 + 22 * len(bars),
+                }
+            )
+            text = "Share of seeds that track within the bound, at the radii that were tried."
+            figures.append(
+                _figure(f"Shares of seeds: {direction}", text, lines, "1 + r", "share of seeds", xaxis={"type": "log"})
+            )
+    return figures
+
+
+def pairs(board: Board) -> list[Figure]:
+    """Return the share of runs in which the row's policy has the smaller error, for each pair."""
+    names = [board.policies[i] for i in board.order]
+    share, text = np.full((len(names), len(names)), np.nan), [[""] * len(names) for _ in names]
+    for a, i in enumerate(board.order):
+        for b, j in enumerate(board.order):
+            if i != j:
+                wins = statistics.wins(board.errors[i], board.errors[j], board.counts)
+                share[a, b] = wins.value
+                text[a][b] = f"{names[a]} against {names[b]}: {wins.value:.2f} ({wins.low:.2f}–{wins.high:.2f})"
+    heatmap = {
+        "type": "heatmap", "x": names, "y": names, "z": share, "text": text, "hovertemplate": "%{text}<extra></extra>",
+        "zmin": 0, "zmax": 1, "colorscale": [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]],
+        "colorbar": {"thickness": 10, "outlinewidth": 0}, "xgap": 1, "ygap": 1,
+    }  # fmt: skip
+    description = "Share of the runs in which the row's policy errs less than the column's on the same seed."
+    figure = _figure(
+        "Smaller error", description, [heatmap], "", "", yaxis={"autorange": "reversed", "dtick": 1},
+        xaxis={"side": "top", "tickangle": -90, "dtick": 1},
+    )  # fmt: skip
+    return [{**figure, "height": 240 + 18 * len(names)}]
+
+
+def learning(board: Board) -> list[Figure]:
+    """Return the agents' validation error during training, beside the classical policies."""
+    scenario = "everything-2"
+    agents = [policy for policy in board.policies if policy in shipped()]
+    if not agents or scenario not in board.scenarios:
+        return []
+    place = {board.policies[i]: k for k, i in enumerate(board.order)}
+    rms = board.runs["rms_mrad"][:, board.scenarios.index(scenario)].mean(axis=1)
+    none = np.empty((1, 0))
+    figures = []
+    for x, column in (("environment steps", 0), ("wall time [s]", 1)):
+        data: list[Figure] = []
+        for agent in agents:
+            runs = list(curves(agent).values())
+            grid = np.unique(np.concatenate([run[:, column] for run in runs]))
+            grid = grid[grid > 0]
+            values = np.array([np.interp(grid, run[:, column], run[:, 2]) for run in runs])
+            ends = (values.min(axis=0)[None], values.max(axis=0)[None]) if len(runs) > 1 else (none, none)
+            data += _curve(agent, place[agent], grid.tolist(), Estimate(np.median(values, axis=0)[None], *ends), 0)
+        points = [x for line in data for x in line["x"]]
+        for i in board.order:
+            policy = board.policies[i]
+            if board.specs[i].kind != "learned":
+                level = np.full((1, 2), rms[i])
+                data += _curve(policy, place[policy], [min(points), max(points)], Estimate(level, none, none), 0)
+        description = (
+            "RMS error on the validation seeds: median, least and largest of the training seeds. Level lines: the classical "
+            f"policies on {scenario}, test seeds."
+        )
+        figures.append(_figure(f"By {x}", description, data, x, "RMS joint error [mrad]", xaxis=LOG, yaxis=LOG))
+    return figures

@@ -1,0 +1,74 @@
+"""The page's moving arms: one seed of a few scenarios, by every policy, as plain data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import Trace
+
+POINTS = 201
+"""Largest number of samples of a signal in the page: the start and 200 steps."""
+
+SCENES = 12
+"""Largest number of scenarios with moving arms."""
+
+
+def selected(scenarios: Sequence[str]) -> list[str]:
+    """Return the scenarios of the page: all, or those of severity 2 where there are many."""
+    if len(scenarios) <= SCENES:
+        return list(scenarios)
+    return [name for name in scenarios if name.endswith(("nominal", "-2"))][:SCENES]
+
+
+def scene(traces: Mapping[str, Trace], lane: int = 0) -> dict[str, Any]:
+    """Return one lane of some traces, thinned so that the page stays small.
+
+    Args:
+        traces: Trace of each policy, all of one scenario and the same seeds.
+        lane: Index of the seed.
+
+    Returns:
+        The scenario's name and description, the seed, `time` [s] of k samples, `lengths` [m],
+        `reference` [rad] and `disturbance` [N m], [2 x k], and `runs`. A run has the policy,
+        `position` [rad] and `torque` [N m], [2 x k] and NaN after it diverged, `error_pct`, and
+        `diverged`, the time [s] or None.
+
+    Raises:
+        ValueError: If the traces are of different scenarios or seeds.
+    """
+    first = next(iter(traces.values()))
+    for policy, trace in traces.items():
+        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
+            raise ValueError(
+                f"traces must be of one scenario and the same seeds, got {trace.scenario.name!r} with seeds {trace.seeds} "
+                f"for {policy}, and {first.scenario.name!r} with {first.seeds}"
+            )
+    samples = slice(0, None, math.ceil((len(first.time) - 1) / (POINTS - 1)))
+    runs = []
+    for policy, trace in traces.items():
+        alive = trace.alive[:, lane]
+        position, torque = (np.where(alive[:, None], x[:, lane], np.nan) for x in (trace.position, trace.torque))
+        runs.append(
+            {
+                "policy": policy,
+                "position": position[samples].T,
+                "torque": torque[samples].T,
+                "error_pct": measure(trace)[lane]["error_pct"],
+                "diverged": None if alive.all() else float(trace.time[np.argmin(alive)]),
+            }
+        )
+    return {
+        "scenario": first.scenario.name,
+        "description": first.scenario.description,
+        "seed": first.seeds[lane],
+        "time": first.time[samples],
+        "lengths": first.lengths[lane],
+        "reference": first.reference[samples, lane].T,
+        "disturbance": first.disturbance[samples, lane].T,
+        "runs": runs,
+    }

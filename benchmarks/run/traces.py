@@ -1,0 +1,34 @@
+"""Traces of cells, stored beside the results: the source of the report's moving arms."""
+
+from __future__ import annotations
+
+import dataclasses
+import uuid
+
+import numpy as np
+
+from benchmarks.run.rollout import Trace, rollout
+from benchmarks.run.store import Store
+from benchmarks.run.suite import Cell
+
+_ARRAYS = ("time", "position", "velocity", "reference", "torque", "disturbance", "alive", "lengths")
+
+
+def trace_of(cell: Cell, store: Store) -> Trace:
+    """Return the trace of a cell; run the cell and store its trace if the store lacks it.
+
+    Args:
+        cell: Cell, whose policy must not fail.
+        store: Store of results and traces.
+    """
+    path = store.path(cell).with_suffix(".npz")
+    if not path.exists():
+        trace = dataclasses.replace(rollout(cell.policy, cell.scenario, cell.seeds), watched={})
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name[:80]}.{uuid.uuid4().hex}.npz")
+        arrays = {name: getattr(trace, name) for name in _ARRAYS}
+        np.savez_compressed(partial, decision_time=trace.decision_time, **arrays)
+        partial.replace(path)
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in _ARRAYS}
+        return Trace(scenario=cell.scenario, seeds=cell.seeds, decision_time=float(file["decision_time"]), **arrays)
