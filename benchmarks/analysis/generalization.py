@@ -14,7 +14,7 @@ from benchmarks.analysis.board import CHANCE, Board
 from benchmarks.analysis.statistics import Estimate, estimate, trained
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.rl.policy import shipped
-from benchmarks.rl.settings import at_radius
+from benchmarks.rl.training_settings import at_radius
 from benchmarks.run.runner import run
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell

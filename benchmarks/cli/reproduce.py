@@ -1,4 +1,4 @@
-"""The command `fbl-gym reproduce`."""
+"""`fbl-gym reproduce`."""
 
 from __future__ import annotations
 
@@ -15,23 +15,20 @@ from benchmarks.report import terminal
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
+    """Declare the command's arguments."""
     parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("results/paper"),
-        metavar="DIR",
-        help="folder of the claims and plots (results/paper)",
+        "--out", type=Path, default=Path("results/paper"), metavar="DIR", help="folder of the results (results/paper)"
     )
     parser.add_argument(
         "--only", nargs="+", default=(), metavar="CLAIM",
-        help="only these claims of `fbl-gym list claims`; figure-4b means all figure-4b-...; other claims in DIR stay",
+        help="measure these claims only; other claims in DIR stay. `fbl-gym list claims` lists the names; figure-4b means "
+        "all of figure-4b-...",
     )  # fmt: skip
-    parser.add_argument("--short", action="store_true", help="use few seeds and ratios, as the tests do (two minutes)")
+    parser.add_argument("--short", action="store_true", help="few seeds and ratios, as in the tests (two minutes)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
+    """Measure claims, save and print them; return the exit status."""
     names = select(arguments.only)
     claims = load(arguments.out)
     with Progress(console=Console(stderr=True)) as progress:
@@ -39,8 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
         for name in names:
             progress.update(task, description=name)
             claims[name], draw = measure_claim(name, SHORT if arguments.short else FULL)
-            for ending in ("png", "svg"):
-                draw(arguments.out / f"{name}.{ending}")
+            for suffix in ("png", "svg"):
+                draw(arguments.out / f"{name}.{suffix}")
             save(arguments.out, claims)
             progress.advance(task)
     terminal.claims(console(), [claims[name] for name in names])

@@ -1,27 +1,76 @@
-"""The command `fbl-gym train`."""
+"""`fbl-gym train`."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from benchmarks.cli.common import command_line
-from benchmarks.rl.settings import add_arguments, from_arguments
+from benchmarks.rl.adapter import ACTIONS, AdapterSettings
+from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
+from benchmarks.rl.training_settings import TrainingSettings, at_radius
+from fbl_gym import scenarios
 
-__all__ = ["add_arguments", "run"]
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("algorithm", choices=tuple(ALGORITHMS), help="algorithm of stable-baselines3 or sb3-contrib")
+    parser.add_argument("--interface", choices=ACTIONS, default="torque", help="meaning of the agent's action (torque)")
+    parser.add_argument(
+        "--history", type=int, default=0, metavar="N", help="number of earlier steps that the agent observes (0)"
+    )
+    parser.add_argument(
+        "--context", action="store_true", help="let the agent observe the true parameters (privileged access)"
+    )
+    parser.add_argument(
+        "--scenario", default="everything-2", metavar="S", help="scenario for training and validation (everything-2)"
+    )
+    parser.add_argument(
+        "--radius", type=float, metavar="R", help="radius of the parameter error, instead of the scenario's"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="K", help="training seed (0)")
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument("--steps", type=int, metavar="N", help="steps of all arms together (from the hyperparameters)")
+    length.add_argument("--minutes", type=float, metavar="M", help="wall time instead of steps")
+    parser.add_argument(
+        "--hyperparameters", type=Path, metavar="FILE", help="JSON file, instead of the shipped hyperparameters"
+    )
+    parser.add_argument("--threads", type=int, default=1, metavar="N", help="threads of torch (1)")
+    parser.add_argument("--wandb", metavar="PROJECT", help="also report to this project of Weights & Biases")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (runs/ALGORITHM-INTERFACE-SEED)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
-    settings = from_arguments(arguments)
-    memory = f"-history-{arguments.history}" if arguments.history else ""
+    """Train an agent; return the exit status."""
+    settings = _settings(arguments)
+    history = f"-history-{arguments.history}" if arguments.history else ""
     context = "-context" if arguments.context else ""
-    name = f"{settings.algorithm}-{settings.interface.action}{memory}{context}-{settings.seed}"
+    name = f"{settings.algorithm}-{settings.adapter.action}{history}{context}-{settings.seed}"
     folder = arguments.out or Path("runs") / name
     torch.set_num_threads(arguments.threads)
     train(settings, folder, command=command_line(), wandb=arguments.wandb)
     print(f"agent: {folder}")
     return 0
+
+
+def _settings(arguments: argparse.Namespace) -> TrainingSettings:
+    scenario = scenarios.get(arguments.scenario)
+    if arguments.radius is not None:
+        scenario = at_radius(scenario, arguments.radius)
+    hyperparameters: dict[str, Any] = {}
+    if arguments.hyperparameters is not None:
+        hyperparameters = json.loads(arguments.hyperparameters.read_text())[arguments.algorithm]
+    return TrainingSettings(
+        algorithm=arguments.algorithm,
+        adapter=AdapterSettings(arguments.interface, history=arguments.history, context=arguments.context),
+        scenario=scenario,
+        seed=arguments.seed,
+        steps=arguments.steps,
+        minutes=arguments.minutes,
+        hyperparameters=hyperparameters,
+    )

@@ -1,4 +1,4 @@
-"""What a claim is, and what measuring one takes."""
+"""The record of a claim, and helpers to measure one."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
 
-REPRODUCED, READING, NOT = "reproduced", "under a reading", "not reproduced"
-"""The verdicts. "under a reading": the paper is misprinted, ambiguous or silent, and the claim holds in the reading named."""
+REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED = "reproduced", "under assumptions", "not reproduced"
+"""The verdicts. "under assumptions": the paper is misprinted, ambiguous or silent, and the claim holds
+under the assumptions that are named."""
 
 ARMS = {"section-2-2": SECTION_2_2, "table-1": TABLE_1}
-"""The real arms that claims are measured on: §2.2 as printed, and Table 1."""
+"""The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper and what became of it.
+    """A claim of the paper and its measurement.
 
     Args:
-        figure: the figure, equation or section.
-        claim: in short.
-        paper: what the paper says.
-        measured: what came out; the median over the seeds, unless said otherwise.
-        verdict: "reproduced", "under a reading" or "not reproduced".
-        reading: the choices under which it was measured.
-        scenario: its name; what was changed in it is said in `reading`.
-        seed: the seeds of the episodes.
-        command: what measures this claim again, alone; `claims.measure_claim` knows it.
+        figure: number of the figure, equation or section.
+        claim: in one line.
+        paper: statement or value of the paper.
+        measured: value measured here; the median over the seeds, if not stated otherwise.
+        verdict: "reproduced", "under assumptions" or "not reproduced".
+        assumptions: under which the claim was measured.
+        scenario: name of the scenario; `assumptions` states the changes to it.
+        seed: seeds of the episodes.
+        command: that measures this claim again; set by `claims.measure_claim`.
     """
 
     figure: str
@@ -42,7 +43,7 @@ class Claim:
     paper: str
     measured: str
     verdict: str
-    reading: str
+    assumptions: str
     scenario: str
     seed: str
     command: str = ""
@@ -50,12 +51,12 @@ class Claim:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is run for a claim.
+    """The amount of simulation for a claim.
 
     Args:
-        seeds: episodes, where chance is at work.
-        ratios: points of a radius map.
-        seconds: of an episode that is watched sample by sample, at most.
+        seeds: number of episodes of a random scenario.
+        ratios: number of points of a map over the radius.
+        seconds: longest duration of an episode whose leakage is checked at every sample.
     """
 
     seeds: int
@@ -66,35 +67,45 @@ class Effort:
 FULL, SHORT = Effort(seeds=16, ratios=13, seconds=20.0), Effort(seeds=2, ratios=2, seconds=3.0)
 
 Draw: TypeAlias = Callable[[Path], None]
-"""Draws a claim's figure into a file, whose ending says the format."""
+"""A function that draws a claim's figure to a file; the suffix sets the format."""
 
 Measured: TypeAlias = tuple[Claim, Draw]
 
 
+def verdict(reproduced: bool = False, under_assumptions: bool = False) -> str:
+    """Return the verdict on a claim.
+
+    Args:
+        reproduced: the claim holds.
+        under_assumptions: it holds under the assumptions named.
+    """
+    return REPRODUCED if reproduced else UNDER_ASSUMPTIONS if under_assumptions else NOT_REPRODUCED
+
+
 def seed_range(seeds: int) -> str:
-    """The first seeds as text: "0", or "0-15"."""
+    """Return the first seeds as text, such as "0" or "0-15"."""
     return "0" if seeds == 1 else f"0-{seeds - 1}"
 
 
 def scaled(arm: ArmParameters, factor: float) -> ArmParameters:
-    """The arm with masses and lengths times `factor`."""
+    """Return the arm with masses and lengths times `factor`."""
     return dataclasses.replace(arm, **{name: factor * getattr(arm, name) for name in ("m1", "m2", "L1", "L2")})
 
 
 def with_estimate(scenario: Scenario, real: ArmParameters, factor: float) -> Scenario:
-    """The scenario with this real arm, of which the nominal model has every parameter times `factor`."""
+    """Return the scenario with a real arm, and with nominal parameters `factor` times the real ones."""
     return scenario.replace(arm=scaled(real, factor), parameter_error=1.0 / factor)
 
 
 def run(
     policy: str, scenario: Scenario, seeds: int = 1, watch: dict[str, Watch] | None = None, **gains: Any
 ) -> tuple[Trace, dict[str, float]]:
-    """The trace of the first seeds, and the median of each metric over them."""
+    """Return the trace of the first seeds, and the median of each metric over them."""
     trace = rollout(policy, scenario, range(seeds), gains, watch)
     rows = measure(trace)
     return trace, {name: float(np.median([row[name] for row in rows])) for name in rows[0]}
 
 
 def percents(values: Iterable[float]) -> str:
-    """Numbers in per cent as text."""
+    """Return numbers in per cent as text."""
     return " / ".join(f"{value:.3g} %" for value in values)

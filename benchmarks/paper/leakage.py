@@ -1,4 +1,4 @@
-"""Section 2: the linearised plant, what leaks into it where the model is wrong, and the PID on top.  Figures 2 and 3."""
+"""Section 2: the linearised plant, the leakage of a wrong model, and PID; figures 2 and 3."""
 
 from __future__ import annotations
 
@@ -7,32 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import ARMS, NOT, READING, REPRODUCED, Claim, Effort, Measured, percents, run, with_estimate
+from benchmarks.paper.claim import ARMS, REPRODUCED, Claim, Effort, Measured, percents, run, verdict, with_estimate
 from benchmarks.report.plot import Line, Panel, plot_lines, plot_trace
 from benchmarks.run.rollout import Watch
 from controllers.feedback_linearization import linearize
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.arm import (
-    Array,
-    coriolis_matrix,
-    forward_dynamics,
-    gravity_torque,
-    inertia_matrix,
-)
+from fbl_gym.arm import Array, coriolis_matrix, forward_dynamics, gravity_torque, inertia_matrix
 
 MIXED = (2.0, 0.5, 0.5, 2.0)
-"""real / nominal of m1, m2, L1, L2 for an error that no common factor describes."""
+"""real / nominal of m1, m2, L1 and L2: a mixed error, with no common factor."""
 
 
 def leakage(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Array:
-    """LS(t) = a - q'' of equation (5), from the simulated acceleration; [n x 2]."""
+    """Return LS(t) = a - q'' of equation (5) from the simulated acceleration, [n x 2] rad/s^2."""
     return env.truth.leakage
 
 
 def leakage_formula(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Array:
-    """LS from the models, of which equation (6) is a special case; [n x 2].
+    """Return LS from the two models, [n x 2] rad/s^2.
 
-    M^-1 [(M - M^) a + (C - C^) q' + (G - G^) + F + tau_d], where the nominal model knows no friction and no disturbance.
+    LS = M^-1 [(M - M^) a + (C - C^) q' + (G - G^) + F + tau_d], where ^ marks the nominal model,
+    which has neither friction nor disturbance.
+    Equation (6) is the special case of a correct model and no friction.
     """
     truth, model = env.truth, env.interface.nominal
     q, v = truth.position, truth.velocity
@@ -45,7 +41,7 @@ def leakage_formula(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Arra
 
 
 def stiction_leakage(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Array:
-    """Equation (45): M^-1 F_s with the inverse written out, F_s being all of the friction; [n x 2]."""
+    """Return M^-1 F_s of equation (45), F_s being all of the friction, [n x 2] rad/s^2."""
     truth = env.truth
     inertia = inertia_matrix(truth.lumped, truth.position)
     m11, m12, m22 = inertia[:, 0, 0], inertia[:, 0, 1], inertia[:, 1, 1]
@@ -53,8 +49,8 @@ def stiction_leakage(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Arr
     return np.stack([m22 * f1 - m12 * f2, m11 * f2 - m12 * f1], axis=-1) / (m11 * m22 - m12 * m12)[:, None]
 
 
-def _leaks(policy: str, scenario: Scenario, formula: Watch, seconds: float) -> tuple[Array, Array, Array]:
-    """Time, leakage and the formula's, [T], [T x 2] and [T x 2], as long as the arm is alive."""
+def _leakages(policy: str, scenario: Scenario, formula: Watch, seconds: float) -> tuple[Array, Array, Array]:
+    """Return time [T], leakage and the formula's leakage [T x 2], until the end or divergence."""
     scenario = scenario.replace(duration=min(seconds, scenario.duration))
     trace, _ = run(policy, scenario, watch={"leakage": leakage, "formula": formula})
     end = int(trace.alive[1:, 0].sum())
@@ -64,21 +60,23 @@ def _leaks(policy: str, scenario: Scenario, formula: Watch, seconds: float) -> t
 def _leakage_claim(
     effort: Effort,
     figure: str,
-    says: str,
+    text: str,
     paper: str,
     policy: str,
     scenario: Scenario,
     perfect: Scenario,
     formula: Watch,
 ) -> Measured:
-    t, measured, computed = _leaks(policy, scenario, formula, effort.seconds)
-    _, none, _ = _leaks(policy, perfect, formula, effort.seconds)
-    apart, left = np.abs(measured - computed).max(), np.abs(none).max()
+    t, measured, computed = _leakages(policy, scenario, formula, effort.seconds)
+    _, complete, _ = _leakages(policy, perfect, formula, effort.seconds)
+    difference, remaining = np.abs(measured - computed).max(), np.abs(complete).max()
     claim = Claim(
-        figure, says, paper,
-        f"up to {np.abs(measured).max():.3g} rad/s^2; simulation and formula differ by at most {apart:.1e} at {len(t):,} "
-        f"samples; with a complete model at most {left:.1e} is left",
-        REPRODUCED if apart < 1e-8 and left < 1e-8 else NOT, scenario.description, scenario.name, "0",
+        figure=figure, claim=text, paper=paper,
+        measured=f"up to {np.abs(measured).max():.3g} rad/s^2; simulation and formula differ by at most {difference:.1e} at "
+            f"{len(t):,} samples; with a complete model the leakage is at most {remaining:.1e}",
+        verdict=verdict(difference < 1e-8 and remaining < 1e-8),
+        assumptions=scenario.description,
+        scenario=scenario.name, seed="0",
     )  # fmt: skip
 
     def panel(joint: int) -> Panel:
@@ -87,59 +85,54 @@ def _leakage_claim(
             (
                 Line(t, measured[:, joint], "a − q̈ in the simulation", "tab:red"),
                 Line(t, computed[:, joint], "formula", "black", ":"),
-                Line(t, none[: len(t), joint], "complete model", "tab:blue"),
+                Line(t, complete[: len(t), joint], "complete model", "tab:blue"),
             ),
         )  # fmt: skip
 
     return claim, lambda path: plot_lines(f"Leakage, {policy} on {scenario.name}", (panel(0), panel(1)), path)
 
 
-def leakage_parameters(effort: Effort) -> Measured:
-    """The leakage of wrong parameters, against (5), (6) and their general form."""
+def leakage_of_parameters(effort: Effort) -> Measured:
+    """Measure equations (5) and (6) and their general form: the leakage of wrong parameters."""
     scenario = scenarios.get("paper-3b")
     perfect = with_estimate(scenario, ARMS["section-2-2"], 1.0)
-    says = "LS of wrong parameters, (5), (6) and their general form"
+    text = "the leakage LS of wrong parameters is (5), (6) and their general form"
     paper = "x2' = a - LS; (6) covers the disturbance only"
-    return _leakage_claim(effort, "2, 3b", says, paper, "pid-flm", scenario, perfect, leakage_formula)
+    return _leakage_claim(effort, "2, 3b", text, paper, "pid-flm", scenario, perfect, leakage_formula)
 
 
-def leakage_disturbance(effort: Effort) -> Measured:
-    """The leakage of an unknown disturbance, against (6)."""
+def leakage_of_disturbance(effort: Effort) -> Measured:
+    """Measure equation (6): the leakage of an unknown disturbance."""
     scenario = scenarios.get("paper-8").replace(
         friction=None, disturbance={"kind": "piecewise-constant", "amplitude": (50.0, 20.0)}, name="paper-8",
         description="figure 8's motion with a disturbance in place of friction",
     )  # fmt: skip
 
-    def correct(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Array:
+    def equation_6(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Array:
         inertia = inertia_matrix(env.truth.lumped, env.truth.position)
         return np.linalg.solve(inertia, env.truth.disturbance[..., None])[..., 0].astype(float)
 
-    says = "(6), LS of an unknown disturbance"
-    paper = "M^-1 (tau_d - tau); read: M^-1 (tau_d - tau_d^)"
+    text = "the leakage LS of an unknown disturbance is (6)"
+    paper = "M^-1 (tau_d - tau); meant: M^-1 (tau_d - tau_d^)"
     claim, draw = _leakage_claim(
-        effort, "(6)", says, paper, "cascade-flm", scenario, scenario.replace(disturbance=None), correct
+        effort, "(6)", text, paper, "cascade-flm", scenario, scenario.replace(disturbance=None), equation_6
     )
-    return replace(claim, verdict=READING if claim.verdict == REPRODUCED else NOT), draw
+    return replace(claim, verdict=verdict(under_assumptions=claim.verdict == REPRODUCED)), draw
 
 
-def leakage_stiction(effort: Effort) -> Measured:
-    """The leakage of stiction, against (44) and (45)."""
+def leakage_of_stiction(effort: Effort) -> Measured:
+    """Measure equations (44) and (45): the leakage of stiction."""
     scenario = scenarios.get("paper-8")
-    says = "LS of stiction is M^-1 F_s, (44) and (45)"
-    return _leakage_claim(
-        effort,
-        "8, (45)",
-        says,
-        "M^-1 F_s(q')",
-        "cascade-flm",
-        scenario,
-        scenario.replace(friction=None),
-        stiction_leakage,
-    )
+    text = "the leakage LS of stiction is M^-1 F_s, (44) and (45)"
+    perfect = scenario.replace(friction=None)
+    return _leakage_claim(effort, "8, (45)", text, "M^-1 F_s(q')", "cascade-flm", scenario, perfect, stiction_leakage)
 
 
 def figure_2(effort: Effort, arm: str = "section-2-2") -> Measured:
-    """A pulse of acceleration asked of joint 1 alone, open loop: plus and minus 4 rad/s^2 for half a second each."""
+    """Measure figure 2: joint 2 rests while joint 1 is accelerated in open loop.
+
+    The acceleration of joint 1 is 4 rad/s^2 for 0.5 s, then -4 rad/s^2 for 0.5 s.
+    """
     real = ARMS[arm]
     seconds, dt = 1.0, 1e-4
     base = scenarios.get("nominal").replace(
@@ -147,20 +140,23 @@ def figure_2(effort: Effort, arm: str = "section-2-2") -> Measured:
     )
     cases = {
         "perfect model": base,
-        "estimate = half the real": with_estimate(base, real, 0.5),
+        "estimates at half": with_estimate(base, real, 0.5),
         "mixed errors": base.replace(parameter_error={"ratio": MIXED}),
     }
     t: Array = dt * np.arange(base.steps + 1.0)
-    motions = {name: _pulse(scenario) for name, scenario in cases.items()}
-    stray = {name: np.abs(q[:, 1]).max() for name, q in motions.items()}
-    kept = np.abs(motions["perfect model"][:, 0] - _double_integrator(t)).max()
+    motions = {name: _pulse_motion(scenario) for name, scenario in cases.items()}
+    side_motion = {name: np.abs(q[:, 1]).max() for name, q in motions.items()}
+    deviation = np.abs(motions["perfect model"][:, 0] - _double_integrator(t)).max()
     claim = Claim(
-        "2", f"the linearised plant is decoupled ({arm})", "second-order decoupled dynamics",
-        f"joint 1 asked to move 1 rad: joint 2 moves {stray['perfect model']:.1e} rad with a perfect model (joint 1 within "
-        f"{kept:.1e} of a double integrator), {stray['estimate = half the real']:.2g} rad at half, "
-        f"{stray['mixed errors']:.2g} rad with mixed errors",
-        REPRODUCED if max(stray["perfect model"], kept) < 1e-3 < stray["mixed errors"] else NOT,
-        "open loop, 10 kHz, from hanging; mixed: m1, L2 twice and m2, L1 half their estimates", base.name, "0",
+        figure="2", claim=f"the linearised plant is decoupled ({arm})", paper="second-order decoupled dynamics",
+        measured=f"joint 1 is commanded to move 1 rad; joint 2 moves {side_motion['perfect model']:.1e} rad with a "
+            f"perfect model (joint 1 within {deviation:.1e} rad of a double integrator), "
+            f"{side_motion['estimates at half']:.2g} rad with estimates at half the real values, "
+            f"{side_motion['mixed errors']:.2g} rad with mixed errors",
+        verdict=verdict(max(side_motion["perfect model"], deviation) < 1e-3 < side_motion["mixed errors"]),
+        assumptions="open loop, 10 kHz, from the hanging position; mixed errors: m1 and L2 are twice, m2 and L1 half their "
+            "estimates",
+        scenario=base.name, seed="0",
     )  # fmt: skip
     panels = tuple(
         Panel(
@@ -176,57 +172,62 @@ def figure_2(effort: Effort, arm: str = "section-2-2") -> Measured:
 _HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.3),)}
 
 
-def _wished(t: float) -> float:
+def _pulse_acceleration(t: float) -> float:
     return 4.0 if t < 0.5 - 1e-9 else -4.0
 
 
 def _double_integrator(t: Array) -> Array:
-    """Where a double integrator is under the pulse."""
+    """Return the position [rad] of a double integrator under the pulse."""
     late = np.maximum(t - 0.5, 0.0)
     return 2.0 * t**2 - 4.0 * late**2
 
 
-def _pulse(scenario: Scenario) -> Array:
-    """Joint angles from the start [T + 1 x 2] under the pulse, through the nominal mapping."""
+def _pulse_motion(scenario: Scenario) -> Array:
+    """Return the joint angles under the pulse, relative to their start, [T + 1 x 2] rad."""
     env = TwoLinkArmEnv(scenario, action="torque")
     observation, _ = env.reset(seed=0)
     layout = env.interface.layout
-    found = [observation[layout["position"]]]
+    positions = [observation[layout["position"]]]
     for k in range(scenario.steps):
-        a = np.array([_wished(k * scenario.control_dt), 0.0])
+        a = np.array([_pulse_acceleration(k * scenario.control_dt), 0.0])
         torque = linearize(env.interface.nominal, observation[layout["position"]], observation[layout["velocity"]], a)
         observation = env.step(torque)[0]
-        found.append(observation[layout["position"]])
-    return np.array(found) - found[0]
+        positions.append(observation[layout["position"]])
+    return np.array(positions) - positions[0]
 
 
 def figure_3a(effort: Effort, arm: str) -> Measured:
-    """PID with a perfect model tracks."""
+    """Measure figure 3a: PID with a perfect model tracks."""
     scenario = with_estimate(scenarios.get("paper-3a"), ARMS[arm], 1.0)
-    trace, found = run("pid-flm", scenario)
-    steady = max(found["steady_1_pct"], found["steady_2_pct"])
+    trace, metrics = run("pid-flm", scenario)
+    steady = max(metrics["steady_1_pct"], metrics["steady_2_pct"])
     claim = Claim(
-        "3a", f"PID with a perfect model tracks ({arm})", "good control performance",
-        f"steady-state error {steady:.2g} %, settling {found['settling_s']:.2f} s, overshoot {found['overshoot_pct']:.1f} %",
-        READING if steady < 1.0 else NOT, "P = 10, D = 3, I = 0; literal steps of up to 1.5 rad", "paper-3a", "0",
+        figure="3a", claim=f"PID with a perfect model tracks ({arm})", paper="good control performance",
+        measured=f"steady-state error {steady:.2g} %, settling {metrics['settling_s']:.2f} s, overshoot "
+            f"{metrics['overshoot_pct']:.1f} %",
+        verdict=verdict(under_assumptions=steady < 1.0),
+        assumptions="P = 10, D = 3, I = 0 instead of the printed gains; step references of up to 1.5 rad",
+        scenario="paper-3a", seed="0",
     )  # fmt: skip
     return claim, lambda path: plot_trace(trace, f"Figure 3a: PID and a perfect model, {arm}", path)
 
 
 def figure_3a_as_printed(effort: Effort) -> Measured:
-    """PID with the printed gains P, I, D = 10, 3, 0."""
-    trace, found = run("pid-flm", scenarios.get("paper-3a"), kp=10.0, ki=3.0, kd=0.0)
+    """Measure figure 3a with the printed gains P, I, D = 10, 3, 0."""
+    trace, metrics = run("pid-flm", scenarios.get("paper-3a"), kp=10.0, ki=3.0, kd=0.0)
     growth = float(np.roots([1.0, 0.0, 10.0, 3.0]).real.max())
     claim = Claim(
-        "3a", "the printed gains P, I, D = 10, 3, 0", "good control performance",
-        f"unstable: a root at +{growth:.3f}; mean error {found['error_pct']:.0f} %",
-        NOT if growth > 0 else REPRODUCED, "as printed", "paper-3a", "0",
+        figure="3a", claim="PID with the printed gains P, I, D = 10, 3, 0 tracks", paper="good control performance",
+        measured=f"unstable: a closed-loop pole at +{growth:.3f}; mean error {metrics['error_pct']:.0f} %",
+        verdict=verdict(growth <= 0),
+        assumptions="as printed",
+        scenario="paper-3a", seed="0",
     )  # fmt: skip
     return claim, lambda path: plot_trace(trace, "Figure 3a with the gains as printed", path)
 
 
 def figure_3b(effort: Effort, arm: str) -> Measured:
-    """PID with errors of 50 % in the model does not track."""
+    """Measure figure 3b: PID with model errors of 50 % does not track."""
     real = ARMS[arm]
     scenario = scenarios.get("paper-3b")
     _, perfect = run("pid-flm", with_estimate(scenario, real, 1.0))
@@ -234,11 +235,13 @@ def figure_3b(effort: Effort, arm: str) -> Measured:
     _, double = run("pid-flm", with_estimate(scenario, real, 2.0))
     worse = min(half["error_pct"], double["error_pct"]) / perfect["error_pct"]
     claim = Claim(
-        "3b", f"with 50 % errors it does not ({arm})", "nonlinear and coupled leakages",
-        f"mean error {percents([half['error_pct']])} (estimate = half the real), {percents([double['error_pct']])} (double), "
-        f"against {percents([perfect['error_pct']])}",
-        REPRODUCED if worse > 2.0 else READING if half["error_pct"] > 2.0 * perfect["error_pct"] else NOT,
-        "as 3a; reproduced where both directions at least double the error, a reading where only the paper's does",
-        "paper-3b", "0",
+        figure="3b", claim=f"PID with model errors of 50 % does not track ({arm})",
+        paper="nonlinear and coupled leakages",
+        measured=f"mean error {percents([half['error_pct']])} (estimates at half the real values), "
+            f"{percents([double['error_pct']])} (at double), {percents([perfect['error_pct']])} (perfect model)",
+        verdict=verdict(worse > 2.0, under_assumptions=half["error_pct"] > 2.0 * perfect["error_pct"]),
+        assumptions="as 3a; reproduced: both directions at least double the error; under assumptions: only the paper's "
+            "direction does",
+        scenario="paper-3b", seed="0",
     )  # fmt: skip
     return claim, lambda path: plot_trace(trace, f"Figure 3b: PID, estimates at half the real values, {arm}", path)

@@ -1,4 +1,4 @@
-"""How far each of the paper's controllers reaches: tracking error against the ratio real / nominal, and the measured radius."""
+"""The uncertainty radius of the paper's controllers, and their error against real / nominal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.analysis.robustness import BOUND, LARGEST, search, with_radius
 from benchmarks.analysis.statistics import Radius
-from benchmarks.paper.claim import ARMS, NOT, READING, REPRODUCED, Claim, Draw, Effort, Measured, seed_range
+from benchmarks.paper.claim import ARMS, Claim, Draw, Effort, Measured, seed_range, verdict
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
@@ -17,17 +17,17 @@ POLICIES = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
 
 
 def task(arm: str) -> Scenario:
-    """Way-points at 1 kHz without noise, friction or torque limit, so that nothing but parameters is wrong."""
+    """Return way-points at 1 kHz without noise, friction and torque limit."""
     return scenarios.get("nominal").replace(arm=ARMS[arm], control_dt=1e-3, actuator=None, duration=4.0)
 
 
 def errors(policy: str, scenario: Scenario, seeds: int) -> Array:
-    """Mean tracking error of each seed [%]."""
+    """Return the mean tracking error of each seed [%]."""
     return np.array([row["error_pct"] for row in measure(rollout(policy, scenario, range(seeds)))])
 
 
 def measured_radius(policy: str, scenario: Scenario, direction: str, seeds: int, effort: Effort) -> Radius:
-    """The largest radius at which 95 % of the seeds track within 5 %."""
+    """Return the largest radius at which 95 % of the seeds track within 5 %."""
 
     return search(
         lambda r: errors(policy, with_radius(scenario, r, direction), seeds),
@@ -36,7 +36,7 @@ def measured_radius(policy: str, scenario: Scenario, direction: str, seeds: int,
 
 
 def _maps(scenario: Scenario, effort: Effort, arm: str) -> Draw:
-    """Draws error against the ratio for uniform errors, and against the radius for mixed ones."""
+    """Return a function that draws the error against one common ratio, and against the radius."""
     r = np.expm1(np.linspace(0.0, np.log1p(LARGEST), effort.ratios))
     ratio = np.concatenate([1.0 / (1.0 + r[:0:-1]), 1.0 + r])
     seeds = effort.seeds
@@ -56,28 +56,33 @@ def _maps(scenario: Scenario, effort: Effort, arm: str) -> Draw:
 
 
 def robust_radius(effort: Effort, arm: str) -> Measured:
-    """The robust design holds within a radius of 100 %."""
+    """Measure §3: the robust design holds within a radius of 100 %."""
     scenario, seeds = task(arm), 4 * effort.seeds
-    found = {p: measured_radius(p, scenario, "both", seeds, effort) for p in POLICIES}
+    radii = {p: measured_radius(p, scenario, "both", seeds, effort) for p in POLICIES}
     one_sided = [
         measured_radius("robust-flm", scenario, direction, seeds, effort) for direction in ("larger", "smaller")
     ]
-    text = ", ".join(f"{policy} {found[policy]}" for policy in POLICIES)
-    same = max(np.median(errors("robust-flm", scenario.replace(parameter_error=x), effort.seeds)) for x in (0.5, 2.0))
-    reached = [r.value >= 1.0 for r in (found["robust-flm"], *one_sided)]
+    text = ", ".join(f"{policy} {radii[policy]}" for policy in POLICIES)
+    uniform = [errors("robust-flm", scenario.replace(parameter_error=x), effort.seeds) for x in (0.5, 2.0)]
+    same = max(float(np.median(each)) for each in uniform)
+    reached = [r.value >= 1.0 for r in (radii["robust-flm"], *one_sided)]
     claim = Claim(
-        "§3", f"the robust design holds within a radius of 100 % ({arm})", "radius 1: satisfactory",
-        f"radius {text}; robust-flm {one_sided[0]} where the real parameters are larger, {one_sided[1]} where smaller, and at "
-        f"most {same:.2g} % error with one factor of 2 or 1/2 for all",
-        REPRODUCED if all(reached) else READING if any(reached) or same < BOUND else NOT,
-        "radius: 95 % of the seeds track within 5 %, each parameter by its own factor; a reading: in some directions, or where "
-        "all share one factor; way-points at 1 kHz, no noise, no torque limit", "nominal", seed_range(seeds),
+        figure="§3", claim=f"the robust design holds within a radius of 100 % ({arm})", paper="radius 1: satisfactory",
+        measured=f"radius {text}; robust-flm {one_sided[0]} if the real parameters are only larger, {one_sided[1]} if "
+            f"only smaller; error at most {same:.2g} % if all have the factor 2 or 1/2",
+        verdict=verdict(all(reached), under_assumptions=any(reached) or same < BOUND),
+        assumptions="radius: 95 % of the seeds track within 5 %, each parameter has its own factor; under assumptions: only "
+            "in some directions, or if all share one factor; way-points at 1 kHz, no noise, no torque limit",
+        scenario="nominal", seed=seed_range(seeds),
     )  # fmt: skip
     return claim, _maps(scenario, effort, arm)
 
 
 def adaptive_radius(effort: Effort, arm: str) -> Measured:
-    """The adaptive controller, whose first three samples must come before the arm is lost: the faster the better."""
+    """Measure §4: the adaptive design holds within a radius of 1000 %.
+
+    Its first estimate takes three samples, which must arrive before the arm diverges.
+    """
     slow = task(arm).replace(duration=1.0)
     fast = slow.replace(control_dt=1e-4, physics_dt=1e-4)
     seeds = 2 * effort.seeds
@@ -88,17 +93,21 @@ def adaptive_radius(effort: Effort, arm: str) -> Measured:
     }
     wide = larger.value >= 9.0 and smaller["10 kHz"].value >= 9.0
     claim = Claim(
-        "§4", f"the adaptive design holds beyond it ({arm})", "1000 %: radius 9",
-        f"real parameters larger: {larger} at 1 kHz; smaller: {smaller['1 kHz']} at 1 kHz, {smaller['10 kHz']} at 10 kHz",
-        REPRODUCED if wide and smaller["1 kHz"].value >= 9.0 else READING if wide else NOT,
-        "as for the robust design, no noise, no friction; a reading: it takes 10 kHz where the arm is lighter than its model",
-        "nominal", seed_range(seeds),
+        figure="§4", claim=f"the adaptive design holds within a radius of 1000 % ({arm})", paper="1000 %: radius 9",
+        measured=f"real parameters larger: {larger} at 1 kHz; smaller: {smaller['1 kHz']} at 1 kHz, {smaller['10 kHz']} "
+            "at 10 kHz",
+        verdict=verdict(wide and smaller["1 kHz"].value >= 9.0, under_assumptions=wide),
+        assumptions="as for the robust design, no noise, no friction; under assumptions: 10 kHz if the arm is lighter than "
+            "its model",
+        scenario="nominal", seed=seed_range(seeds),
     )  # fmt: skip
     grid = np.expm1(np.linspace(0.0, np.log1p(LARGEST), effort.ratios))
 
     def line(scenario: Scenario, direction: str, name: str) -> Line:
-        found = [np.quantile(errors("adaptive-flm", with_radius(scenario, r, direction), seeds), 0.95) for r in grid]
-        return Line(1.0 + grid, np.array(found), name)
+        quantiles = [
+            np.quantile(errors("adaptive-flm", with_radius(scenario, r, direction), seeds), 0.95) for r in grid
+        ]
+        return Line(1.0 + grid, np.array(quantiles), name)
 
     lines = (
         line(slow, "larger", "larger, 1 kHz"),
@@ -106,7 +115,7 @@ def adaptive_radius(effort: Effort, arm: str) -> Measured:
         line(fast, "smaller", "smaller, 10 kHz"),
     )
     panel = Panel(
-        "adaptive-flm, each parameter by its own factor", "1 + radius", "error that 95 % of the seeds keep [%]", lines,
+        "adaptive-flm, each parameter by its own factor", "1 + radius", "error not exceeded by 95 % of the seeds [%]", lines,
         ("log", "log"), None, ((BOUND, "5 %"),),
     )  # fmt: skip
-    return claim, lambda path: plot_lines(f"How far the adaptive controller reaches, {arm}", (panel,), path)
+    return claim, lambda path: plot_lines(f"Radius of the adaptive controller, {arm}", (panel,), path)

@@ -28,7 +28,9 @@ from benchmarks.policies import external
 from benchmarks.policies.apart import Died, call_apart
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
-from benchmarks.rl.policy import access_of, load_zip, saved_agent, shipped
+from benchmarks.rl.agent_folder import access_of, saved_agent
+from benchmarks.rl.policy import shipped
+from benchmarks.rl.sb3 import load_zip
 from controllers.registry import KINDS
 from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown

@@ -14,7 +14,7 @@ from benchmarks.analysis.board import UNSCORED, Board
 from benchmarks.analysis.generalization import RADII, TRAINED_ON, RangeErrors
 from benchmarks.paper.claim import Claim
 from benchmarks.run.metrics import describe, summarize
-from benchmarks.speed.rates import Speed
+from benchmarks.speed.environments import Speed
 
 SCORED = "score: 0 for an arm that stays at its start, 100 for the oracle."
 
@@ -133,7 +133,7 @@ def claims(console: Console, measured: Sequence[Claim]) -> None:
     table = Table(title="The paper's claims, measured", title_style="bold", box=SIMPLE_HEAD)
     for name in ("figure", "claim", "paper", "measured", "verdict"):
         table.add_column(name, overflow="fold")
-    colour = {"reproduced": "green", "under a reading": "yellow", "not reproduced": "red"}
+    colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red"}
     for claim in measured:
         verdict = f"[{colour[claim.verdict]}]{claim.verdict}[/]"
         table.add_row(claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), verdict)

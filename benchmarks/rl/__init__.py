@@ -1,1 +1,12 @@
-"""Reinforcement learning: the adapter for stable-baselines3, training, and the agents that are shipped."""
+"""Reinforcement learning: training with stable-baselines3, and trained agents as policies in NumPy.
+
+An agent is made of an adapter and an actor network. The adapter turns the environment's observation
+into the agent's, and the agent's action into a torque. Training and evaluation use the same adapter.
+
+    adapter.py, network.py, agent.py    an agent as a policy
+    agent_folder.py                     the folder of a trained agent
+    policy.py                           the shipped agents
+    sb3.py                              classes and archives of stable-baselines3
+    training_settings.py, train.py      a training run; with progress.py, validation.py, export.py
+    vector_adapter.py, vec_env.py       the batched environment for training
+"""

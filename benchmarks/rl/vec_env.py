@@ -1,4 +1,4 @@
-"""The batched environment as a `VecEnv` of stable-baselines3, whose own wrappers refuse Gymnasium's vector environments."""
+"""The batched environment as a `VecEnv` of stable-baselines3."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from fbl_gym.env import check_reset_options
 
 
 class ArmVecEnv(VecEnv):
-    """A `TwoLinkArmVectorEnv`, wrapped or not, for SB3: bit for bit a `DummyVecEnv` of as many single environments.
+    """A `VecEnv` of SB3 over a `TwoLinkArmVectorEnv`.
+
+    It equals a `DummyVecEnv` of single environments, bit for bit.
 
     Args:
-        env: in SAME_STEP mode, so that the step that ends an episode returns the next one's first observation.
+        env: wrapped or not, in SAME_STEP mode: the last step of an episode returns the first
+            observation of the next.
     """
 
     def __init__(self, env: VectorEnv) -> None:
@@ -29,7 +32,7 @@ class ArmVecEnv(VecEnv):
         self.metadata = dict(env.metadata)
 
     def reset(self) -> Array:
-        """Start an episode in every lane, with the seeds of `seed()` if it was called since the last reset."""
+        """Start an episode in every lane, with the seeds of `seed()` if it was called since."""
         for options in self._options:
             check_reset_options(options, ())
         observations, _ = self.env.reset(seed=self._seeds)  # type: ignore[arg-type]
@@ -39,26 +42,29 @@ class ArmVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: Array) -> None:
+        """Keep the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
-        observations, rewards, terminated, truncated, more = self.env.step(self._actions)
+        """Take one step; return observations, rewards, dones and infos as SB3 defines them."""
+        observations, rewards, terminated, truncated, batch_infos = self.env.step(self._actions)
         done = terminated | truncated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": cut} for cut in (truncated & ~terminated).tolist()]
         for lane in np.flatnonzero(done):
-            infos[lane]["terminal_observation"] = more["final_obs"][lane]
+            infos[lane]["terminal_observation"] = batch_infos["final_obs"][lane]
             self.reset_infos[lane] = {}
         return observations, rewards.astype(np.float32), done, infos
 
     def close(self) -> None:
+        """Close the environment."""
         self.env.close()
 
     def get_images(self) -> list[Any]:
-        """A frame of each lane."""
+        """Return a frame of each lane."""
         return list(self.env.render() or ())
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute for each lane: of `truth` the lane's own part, of anything else what all lanes share."""
+        """Return an attribute for each lane: its part of `truth`, else the common value."""
         lanes = self._get_indices(indices)
         value = getattr(self.env, attr_name) if hasattr(self.env, attr_name) else getattr(self.env.unwrapped, attr_name)
         if attr_name == "truth":
@@ -67,11 +73,13 @@ class ArmVecEnv(VecEnv):
         return [value for _ in lanes]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ARG002
-        raise AttributeError(f"the lanes share one environment: make it with {attr_name}={value!r}, for all or none")
+        """Raise an `AttributeError`, since the lanes share one environment."""
+        raise AttributeError(f"the lanes share one environment: make it with {attr_name}={value!r} for all lanes")
 
     def env_method(self, method_name: str, *_: Any, **__: Any) -> list[Any]:
-        raise AttributeError(f"the lanes share one environment, so none has a method {method_name!r} of its own")
+        """Raise an `AttributeError`, since the lanes share one environment."""
+        raise AttributeError(f"the lanes share one environment: a single lane has no method {method_name!r}")
 
     def env_is_wrapped(self, _: type, indices: Any = None) -> list[bool]:
-        """False: no lane is wrapped on its own."""
+        """Return False for each lane, since no lane has wrappers."""
         return [False for _ in self._get_indices(indices)]

@@ -1,17 +1,17 @@
-"""Arms that others simulate, as contestants for `speed.py`: each is a function that steps, and says how many environments."""
+"""Contestants from other simulators: MuJoCo and gymnax."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from benchmarks.speed.timing import Contestant
 from fbl_gym.arm import ArmParameters
 
 
-def mujoco_arm(arm: ArmParameters) -> Callable[[], int]:
-    """A control step of MuJoCo's own Runge-Kutta on the same arm: ten steps of 1 ms, without any interface around it."""
+def mujoco_arm(arm: ArmParameters) -> Contestant:
+    """Return a contestant: the same arm in MuJoCo, ten Runge-Kutta steps of 1 ms at once."""
     import mujoco
 
     model = _model(arm)
@@ -24,8 +24,8 @@ def mujoco_arm(arm: ArmParameters) -> Callable[[], int]:
     return step
 
 
-def mujoco_arms(arm: ArmParameters, lanes: int) -> Callable[[], int]:
-    """The same for many arms at once, by `mujoco.rollout` on one thread; it returns the state of every physics step."""
+def mujoco_arms(arm: ArmParameters, lanes: int) -> Contestant:
+    """Return a contestant: the same for many arms by `mujoco.rollout`, with all physics states."""
     import mujoco
     from mujoco import rollout
 
@@ -56,8 +56,8 @@ def _model(arm: ArmParameters) -> Any:
     )
 
 
-def gymnax_acrobots(lanes: int) -> Callable[[], int]:
-    """gymnax's Acrobot on the processor: one Runge-Kutta step, compiled by XLA, which takes as many threads as it likes."""
+def gymnax_acrobots(lanes: int) -> Contestant:
+    """Return a contestant: gymnax's Acrobots on the CPU, one Runge-Kutta step on XLA's threads."""
     import gymnax
     import jax
 

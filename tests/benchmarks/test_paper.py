@@ -1,4 +1,4 @@
-"""The paper's claims, in the short form of `fbl-gym reproduce`: fails when a verdict changes."""
+"""The verdicts on the paper's claims, by `fbl-gym reproduce --short`, and the files of claims."""
 
 import dataclasses
 import json
@@ -11,7 +11,7 @@ from benchmarks.paper import claims
 from benchmarks.paper.claim import Claim
 from benchmarks.paper.claims import CLAIMS
 
-R, U, N = "reproduced", "under a reading", "not reproduced"
+R, U, N = "reproduced", "under assumptions", "not reproduced"
 VERDICTS = {
     "figure-2-section-2-2": R,
     "figure-2-table-1": R,
@@ -48,10 +48,8 @@ VERDICTS = {
     "figure-10": U,
     "figure-10-with-noise": U,
 }
-LONG = {
-    "robust-radius-section-2-2",
-    "adaptive-radius-section-2-2",
-}  # what Table 1's arm shows of a radius is enough here
+LONG = {"robust-radius-section-2-2", "adaptive-radius-section-2-2"}
+"""Claims that take minutes; the same is measured on the arm of Table 1."""
 
 
 def test_every_claim_has_a_verdict():
@@ -59,48 +57,47 @@ def test_every_claim_has_a_verdict():
 
 
 @pytest.mark.parametrize("name", [name for name in VERDICTS if name not in LONG])
-def test_reproduce(name, tmp_path, capsys):
-    """The command itself: a table, a file of claims, and a plot of each."""
+def test_a_claim_has_its_verdict_a_file_and_plots(name, tmp_path, capsys):
     assert cli.main(["reproduce", "--short", "--only", name, "--out", str(tmp_path)]) == 0
     (claim,) = json.loads((tmp_path / "claims.json").read_text())
     assert claim["verdict"] == VERDICTS[name], claim["measured"]
-    assert all(claim[field] for field in ("figure", "claim", "paper", "measured", "reading", "scenario", "seed"))
+    assert all(claim[field] for field in ("figure", "claim", "paper", "measured", "assumptions", "scenario", "seed"))
     assert claim["command"] == f"fbl-gym reproduce --only {name}"
-    for ending in ("png", "svg"):
-        assert (tmp_path / f"{name}.{ending}").stat().st_size > 10_000
+    for suffix in ("png", "svg"):
+        assert (tmp_path / f"{name}.{suffix}").stat().st_size > 10_000
     assert "claims and plots" in capsys.readouterr().out
 
 
-def test_an_unknown_claim_is_named(capsys):
+def test_an_unknown_claim_is_refused(capsys):
     assert cli.main(["reproduce", "--only", "figure-11"]) == 2
     assert "unknown claim 'figure-11'; did you mean 'figure-10'" in capsys.readouterr().err
     assert cli.main(["reproduce", "--only", "figure-6a", "figure-4"]) == 2
     assert "all of them: fbl-gym list claims" in capsys.readouterr().err
 
 
-def test_the_beginning_of_a_name_stands_for_all_that_begin_so():
+def test_the_beginning_of_a_name_selects_all_claims_with_it():
     kinds = ("filter", "error", "settling")
     assert claims.select(["figure-4b"]) == [f"figure-4b-{k}-{arm}" for k in kinds for arm in ("section-2-2", "table-1")]
     assert claims.select(["figure-6b", "figure-2"]) == ["figure-2-section-2-2", "figure-2-table-1", "figure-6b"]
     assert claims.select([]) == list(CLAIMS)
 
 
-CLAIM = Claim("6a", "a claim", "so", "so too", "reproduced", "none", "nominal", "0")
+CLAIM = Claim("6a", "a claim", "1 %", "2 %", "reproduced", "none", "nominal", "0")
 
 
-def test_claims_measured_anew_replace_their_own(tmp_path, monkeypatch):
-    """The others stay, all in the paper's order."""
-    claims.save(tmp_path, {"figure-7": CLAIM, "figure-6a": dataclasses.replace(CLAIM, measured="long ago")})
+def test_new_measurements_replace_old_ones_and_other_claims_stay(tmp_path, monkeypatch):
+    """In the paper's order."""
+    claims.save(tmp_path, {"figure-7": CLAIM, "figure-6a": dataclasses.replace(CLAIM, measured="3 %")})
     monkeypatch.setattr(reproduce, "measure_claim", lambda name, effort: (CLAIM, lambda path: None))
     assert cli.main(["reproduce", "--only", "figure-6a", "equation-10", "--out", str(tmp_path)]) == 0
-    found = claims.load(tmp_path)
-    assert found == dict.fromkeys(("equation-10", "figure-6a", "figure-7"), CLAIM)
-    assert list(found) == ["equation-10", "figure-6a", "figure-7"]
-    assert (tmp_path / "claims.md").read_text().count("so too") == 3
+    loaded = claims.load(tmp_path)
+    assert loaded == dict.fromkeys(("equation-10", "figure-6a", "figure-7"), CLAIM)
+    assert list(loaded) == ["equation-10", "figure-6a", "figure-7"]
+    assert (tmp_path / "claims.md").read_text().count("2 %") == 3
 
 
 @pytest.mark.parametrize("text", ["[{", "{}x", "[1]", '{"name": 1}', '[{"name": "figure-6a"}]', '[{"name": 1}]'])
-def test_a_file_that_is_not_of_claims_is_refused_before_anything_is_measured(text, tmp_path, capsys):
+def test_a_damaged_file_is_refused_before_anything_is_measured(text, tmp_path, capsys):
     (tmp_path / "claims.json").write_text(text)
     assert cli.main(["reproduce", "--out", str(tmp_path)]) == 2
     assert f"{tmp_path / 'claims.json'} is damaged, or not from `fbl-gym reproduce` (" in capsys.readouterr().err

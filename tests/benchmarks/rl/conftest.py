@@ -1,4 +1,4 @@
-"""Small networks learn fastest on one thread, above all where others use the machine too."""
+"""One thread for torch: small networks learn fastest so, above all on a shared machine."""
 
 import importlib.util
 

@@ -1,26 +1,32 @@
-"""Training in a few hundred steps: what it writes, that it repeats, and that it goes on after a kill."""
+"""Training runs of a few hundred steps."""
 
 import csv
+import importlib.util
 import json
+import sys
+import types
 
 import numpy as np
 import pytest
 
-from benchmarks import cli
-from benchmarks.rl import train as training
-from benchmarks.rl.policy import ALGORITHMS, SavedAgent, describe, read
-from benchmarks.rl.settings import Settings, shipped_hyperparameters
-from benchmarks.rl.train import SPLITS, tracking_error, train
+from benchmarks.rl.agent_folder import SavedAgent, describe, read
+from benchmarks.rl.progress import Progress
+from benchmarks.rl.sb3 import ALGORITHMS
+from benchmarks.rl.train import train
+from benchmarks.rl.training_settings import TrainingSettings, shipped_hyperparameters
+from benchmarks.rl.validation import VALIDATION, tracking_error
+from benchmarks.seeds import SPLITS
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
-SHORT = scenarios.get("everything-2").replace(duration=0.2)
+SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
 PPO = {"lanes": 4, "steps": 640, "arguments": {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}}
 OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "buffer_size": 300, "learning_rate": 1e-3}}
 
 
 def settings(algorithm="ppo", **changes):
-    own = PPO if algorithm == "ppo" else OFF_POLICY
-    return Settings(**{"algorithm": algorithm, "scenario": SHORT, "hyperparameters": own, **changes})
+    hyperparameters = PPO if algorithm == "ppo" else OFF_POLICY
+    options = {"algorithm": algorithm, "scenario": SCENARIO, "hyperparameters": hyperparameters, **changes}
+    return TrainingSettings(**options)
 
 
 def curve(folder):
@@ -29,19 +35,18 @@ def curve(folder):
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_every_algorithm_leaves_an_agent(algorithm, tmp_path):
+def test_every_algorithm_writes_the_agent_that_it_validated(algorithm, tmp_path):
     if ALGORITHMS[algorithm].startswith("sb3_contrib"):
         pytest.importorskip("sb3_contrib")
     train(settings(algorithm), tmp_path, command="fbl-gym train", evaluations=2)
     description, points = describe(tmp_path), curve(tmp_path)
     assert description["command"] == "fbl-gym train"
     assert description["packages"]["stable-baselines3"]
-    assert description["scenario"] == SHORT.to_dict()
+    assert description["scenario"] == SCENARIO.to_dict()
     assert points[-1][0] == settings(algorithm).steps
     assert description["validation_mrad"] == min(error for _, error in points)
-    # What was validated is what was saved.
-    env = TwoLinkArmVectorEnv(len(training.VALIDATION), SHORT)
-    error = tracking_error(SavedAgent(env.interface, str(tmp_path)), env, training.VALIDATION).mean()
+    env = TwoLinkArmVectorEnv(len(VALIDATION), SCENARIO)
+    error = tracking_error(SavedAgent(env.interface, str(tmp_path)), env, VALIDATION).mean()
     assert error == pytest.approx(description["validation_mrad"], abs=2e-4)
 
 
@@ -56,19 +61,19 @@ def test_a_run_repeats_and_its_seed_matters(tmp_path):
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "td3"])
-def test_a_killed_run_goes_on(algorithm, tmp_path, monkeypatch):
-    """Killed while it writes its third validation; the same command finishes it from the checkpoint of the second."""
-    validate = training.Progress._validate
+def test_a_killed_run_resumes(algorithm, tmp_path, monkeypatch):
+    """The run is killed at its third validation and resumes from the checkpoint of the second."""
+    validate = Progress._validate
 
-    def dies(self, done):
+    def fail_at_the_third(self, fraction):
         if len(self.curve) == 2:
             raise KeyboardInterrupt
-        validate(self, done)
+        validate(self, fraction)
 
-    monkeypatch.setattr(training.Progress, "_validate", dies)
+    monkeypatch.setattr(Progress, "_validate", fail_at_the_third)
     with pytest.raises(KeyboardInterrupt):
         train(settings(algorithm), tmp_path, evaluations=4)
-    monkeypatch.setattr(training.Progress, "_validate", validate)
+    monkeypatch.setattr(Progress, "_validate", validate)
     before = curve(tmp_path)
     train(settings(algorithm), tmp_path, evaluations=4)
     after = curve(tmp_path)
@@ -76,75 +81,81 @@ def test_a_killed_run_goes_on(algorithm, tmp_path, monkeypatch):
     assert after[-1][0] == settings(algorithm).steps
     steps = [n for n, _ in after]
     assert steps == sorted(set(steps))
-    # Once more does nothing.
-    train(settings(algorithm), tmp_path, evaluations=4)
+    train(settings(algorithm), tmp_path, evaluations=4)  # a finished run stays
     assert curve(tmp_path) == after
 
 
-def test_other_settings_in_the_same_folder_are_refused(tmp_path):
+def test_a_folder_with_other_settings_is_refused(tmp_path):
     train(settings(), tmp_path, evaluations=1)
     with pytest.raises(ValueError, match="another run"):
         train(settings(seed=1), tmp_path)
 
 
-def test_a_folder_that_another_run_works_in_is_refused(tmp_path, monkeypatch):
-    """And is free again when that run has ended, even by an error."""
+def test_a_folder_is_refused_while_another_run_works_in_it(tmp_path, monkeypatch):
     pytest.importorskip("fcntl")
-    validate = training.Progress._validate
+    validate = Progress._validate
 
-    def second(*_):
-        monkeypatch.setattr(training.Progress, "_validate", validate)
+    def train_again(*_):
+        monkeypatch.setattr(Progress, "_validate", validate)
         train(settings(), tmp_path, evaluations=1)
 
-    monkeypatch.setattr(training.Progress, "_validate", second)
+    monkeypatch.setattr(Progress, "_validate", train_again)
     with pytest.raises(ValueError, match="folder must be one that no other run works in"):
         train(settings(), tmp_path, evaluations=1)
-    train(settings(), tmp_path, evaluations=1)
+    train(settings(), tmp_path, evaluations=1)  # the failed run has released it
     assert curve(tmp_path)[-1][0] == settings().steps
 
 
-def test_a_run_by_the_clock_ends(tmp_path):
+def test_a_run_with_a_wall_time_ends(tmp_path):
     train(settings(minutes=0.01), tmp_path, evaluations=2)
     assert describe(tmp_path)["wall_s"] < 60
 
 
-def test_no_training_episode_is_validated_or_tested_on():
-    assert set(training.VALIDATION) < set(SPLITS["validation"])
+def test_the_splits_of_seeds_do_not_overlap():
+    assert set(VALIDATION) < set(SPLITS["validation"])
     splits = list(SPLITS.values())
-    for i, a in enumerate(splits):
-        for b in splits[i + 1 :]:
-            assert a.stop <= b.start or b.stop <= a.start
+    for i, one in enumerate(splits):
+        for other in splits[i + 1 :]:
+            assert one.stop <= other.start or other.stop <= one.start
 
 
-def test_hyperparameters_say_what_they_were_tuned_with():
-    for algorithm in ALGORITHMS:
-        own = shipped_hyperparameters(algorithm)
-        assert set(own) == {"tuned", "lanes", "steps", "arguments"}
-        assert len(own["tuned"]) > 20
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_shipped_hyperparameters_state_their_tuning(algorithm):
+    hyperparameters = shipped_hyperparameters(algorithm)
+    assert set(hyperparameters) == {"tuned", "lanes", "steps", "arguments"}
+    assert len(hyperparameters["tuned"]) > 20
 
 
-def test_the_command(tmp_path, monkeypatch, capsys):
-    """As typed, but with hyper-parameters that make it short."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "own.json").write_text(json.dumps({"ppo": PPO}))
-    command = [
-        "train",
-        "ppo",
-        "--interface",
-        "residual",
-        "--history",
-        "1",
-        "--scenario",
-        "mixed-error-1",
-        "--radius",
-        "0.1",
-    ]
-    assert cli.main([*command, "--steps", "80", "--hyperparameters", "own.json"]) == 0
-    shown = capsys.readouterr()
-    assert "agent: runs/ppo-residual-history-1-0" in shown.out
-    assert "left" in shown.err
-    description = describe(tmp_path / "runs" / "ppo-residual-history-1-0")
-    assert description["interface"]["history"] == 1
-    assert description["scenario"]["parameter_error"]["radius"] == 0.1
-    assert cli.main(["train", "ppo", "--scenario", "mixed-eror-1"]) == 2
-    assert "did you mean 'mixed-error" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"algorithm": "ppp"}, "unknown algorithm 'ppp'; did you mean 'ppo'"),
+        ({"seed": -1}, "seed must be a whole number not below 0, got -1"),
+        ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
+        ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
+    ],
+)
+def test_wrong_settings_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        settings(**changes)
+
+
+def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
+    assert settings().steps == PPO["steps"]
+    assert settings(minutes=1.0).steps is None
+    assert TrainingSettings("ppo").steps == shipped_hyperparameters("ppo")["steps"]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("tensorboard") is None, reason="needs tensorboard")
+def test_tensorboard_gets_logs(tmp_path):
+    train(settings(), tmp_path, evaluations=1)
+    assert list((tmp_path / "tensorboard").rglob("events.*"))
+
+
+def test_weights_and_biases_gets_the_settings(tmp_path, monkeypatch):
+    calls = []
+    fake = types.SimpleNamespace(init=lambda **options: calls.append(options), __spec__=None)
+    monkeypatch.setitem(sys.modules, "wandb", fake)
+    train(settings(), tmp_path, evaluations=1, wandb="arms")
+    assert calls[0]["project"] == "arms"
+    assert calls[0]["config"] == json.loads((tmp_path / "run.json").read_text())

@@ -1,4 +1,4 @@
-"""The adapter is bit for bit SB3's own `DummyVecEnv` of as many single environments."""
+"""`ArmVecEnv` equals SB3's `DummyVecEnv` of single environments, bit for bit."""
 
 import gymnasium as gym
 import numpy as np
@@ -11,7 +11,7 @@ from benchmarks.rl.vec_env import ArmVecEnv
 from fbl_gym.wrappers import ErrorCoordinates, VectorErrorCoordinates
 
 LANES = 3
-# Some lanes diverge and some are cut off, and so not all at once.
+# Some lanes diverge, others are truncated, at different steps.
 OPTIONS = {"scenario": "everything-3", "duration": 0.4, "limits": {"velocity": 4.0}}
 
 
@@ -25,7 +25,7 @@ def singles():
     return DummyVecEnv([make] * LANES)
 
 
-def test_every_step_is_that_of_single_environments():
+def test_every_step_equals_that_of_single_environments():
     ours, theirs = batched(), singles()
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
@@ -41,12 +41,12 @@ def test_every_step_is_that_of_single_environments():
             for a, b in zip(one[:3], two[:3], strict=True):
                 np.testing.assert_array_equal(a, b)
                 assert a.dtype == b.dtype
-            for mine, his in zip(one[3], two[3], strict=True):
-                assert mine.keys() == his.keys()
-                assert mine["TimeLimit.truncated"] is bool(his["TimeLimit.truncated"])
-                if "terminal_observation" in his:
-                    np.testing.assert_array_equal(mine["terminal_observation"], his["terminal_observation"])
-                    ends[mine["TimeLimit.truncated"]] += 1
+            for info, single_info in zip(one[3], two[3], strict=True):
+                assert info.keys() == single_info.keys()
+                assert info["TimeLimit.truncated"] is bool(single_info["TimeLimit.truncated"])
+                if "terminal_observation" in single_info:
+                    np.testing.assert_array_equal(info["terminal_observation"], single_info["terminal_observation"])
+                    ends[info["TimeLimit.truncated"]] += 1
     assert min(ends.values()) > 0
 
 
@@ -57,7 +57,7 @@ def test_every_step_is_that_of_single_environments():
         (SAC, {"learning_starts": 30, "buffer_size": 300, "batch_size": 16, "train_freq": 4}),
     ],
 )
-def test_agents_learn_the_same_bits(algorithm, options):
+def test_agents_learn_the_same_bits_as_on_single_environments(algorithm, options):
     """On-policy use bootstraps from `terminal_observation`; off-policy use stores it in the replay buffer."""
     learned = []
     for env in (batched(), singles()):
@@ -68,7 +68,7 @@ def test_agents_learn_the_same_bits(algorithm, options):
         np.testing.assert_array_equal(a, b)
 
 
-def test_what_sb3_asks_of_an_environment():
+def test_attributes_and_methods_follow_sb3():
     env = batched()
     assert env.get_attr("render_mode") == [None] * LANES
     assert env.get_attr("interface", indices=1) == [env.env.unwrapped.interface]
@@ -81,11 +81,11 @@ def test_what_sb3_asks_of_an_environment():
     np.testing.assert_array_equal(third.masses, single.unwrapped.truth.masses)
     assert not env.has_attr("no_such_thing")
     for change in (lambda: env.set_attr("scenario", None), lambda: env.env_method("reset")):
-        with pytest.raises(AttributeError, match="share one environment"):
+        with pytest.raises(AttributeError, match="lanes share one environment"):
             change()
 
 
-def test_seeds_and_options_are_used_once():
+def test_seeds_and_options_hold_for_one_reset():
     env = batched()
     env.seed(4)
     first, second = env.reset(), env.reset()
@@ -95,7 +95,7 @@ def test_seeds_and_options_are_used_once():
         env.reset()
 
 
-def test_sb3s_monitor_takes_it():
+def test_sb3s_monitor_wraps_it():
     env = VecMonitor(batched())
     env.seed(0)
     env.reset()
@@ -108,7 +108,7 @@ def test_another_autoreset_mode_is_refused():
         ArmVecEnv(fbl_gym.TwoLinkArmVectorEnv(2))
 
 
-def test_frames_of_all_lanes():
+def test_render_shows_all_lanes():
     pytest.importorskip("pygame")
     env = ArmVecEnv(fbl_gym.TwoLinkArmVectorEnv(2, autoreset_mode="SameStep", render_mode="rgb_array", render_size=160))
     env.seed(0)

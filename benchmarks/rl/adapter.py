@@ -1,0 +1,191 @@
+"""The adapter between environment and agent: the agent's observation, and its action's torque."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import controllers
+from controllers.feedback_linearization import linearize
+from controllers.policy import State, TorqueLaw
+from fbl_gym.arm import Array
+from fbl_gym.batch import Truth
+from fbl_gym.checks import check_choice, check_number
+from fbl_gym.interface import Interface, Layout
+from fbl_gym.records import Record, choice, declared, number, pair, whole
+from fbl_gym.wrappers import ErrorScales
+
+ACTIONS = ("torque", "acceleration", "residual")
+
+SENSORS = ("position", "velocity", "acceleration")
+
+CONTEXT = ("m1", "m2", "L1", "L2", "payload")
+"""The true parameters that an agent with context observes, in this order."""
+
+_OBSERVED = (*SENSORS, *(f"reference_{name}" for name in SENSORS))
+
+_CASCADE_GAINS = (("kp", 10.0), ("velocity_p", (30.0, 35.0)), ("velocity_i", (13.0, 20.0)))
+
+
+def _check_base(name: str, value: object) -> str:
+    return check_choice(name, value, controllers.names())
+
+
+def _check_gains(_name: str, value: Any) -> dict[str, Any]:
+    return {name: tuple(gain) if isinstance(gain, list) else gain for name, gain in dict(value).items()}
+
+
+def _check_flag(name: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be True or False, got {value!r}")
+    return value
+
+
+def _check_scales(name: str, value: Any) -> tuple[float, ...]:
+    return tuple(check_number(f"{name}[{i}]", scale, above=0) for i, scale in enumerate(value))
+
+
+@dataclass(frozen=True)
+class AdapterSettings(Record):
+    """The settings of an agent's adapter, as plain data.
+
+    The agent observes tracking errors at a fixed scale, see `fbl_gym.wrappers.ErrorScales`. With
+    `history`, it also observes the errors and its own actions of earlier steps, the latest first;
+    steps before the episode are zeros. With `context`, it also observes the true parameters, see
+    `true_parameters`.
+
+    Args:
+        action: meaning of the action, which lies in [-1, 1] per joint.
+            "torque": the torque is `torque` times the action.
+            "acceleration": `acceleration` times the action is mapped to a torque by nominal feedback
+            linearisation.
+            "residual": `residual` times `torque` times the action is added to the torque of `base`.
+        torque: largest torque per joint.
+        acceleration: largest acceleration of both joints.
+        residual: largest residual, relative to `torque`.
+        base: name of the law under the residual.
+        gains: of the law `base`, written out, so that an agent keeps the law of its training.
+        history: number of earlier steps that the agent observes.
+        context: True lets the agent observe the true parameters. Its access is then "privileged".
+        scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
+    """
+
+    action: str = choice("torque", ACTIONS)
+    torque: tuple[float, float] = pair((2000.0, 800.0), unit="N m", above=0)
+    acceleration: float = number(100.0, unit="rad/s^2", above=0)
+    residual: float = number(0.5, above=0)
+    base: str = declared("cascade-flm", _check_base, "name of a law")
+    gains: Mapping[str, Any] = declared(_CASCADE_GAINS, _check_gains, "a dict of gains")
+    history: int = whole(0)
+    context: bool = declared(False, _check_flag, "True or False")
+    scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
+
+
+def true_parameters(truth: Truth, interface: Interface) -> Array:
+    """Return the true parameters as an agent with context observes them, clipped to [-10, 10].
+
+    Args:
+        truth: of the environment, one lane or n lanes.
+        interface: of the same environment.
+
+    Returns:
+        [n x 5]: log(real / nominal) of m1, m2, L1 and L2, and the payload now / nominal m2.
+    """
+    nominal = interface.nominal
+    real = np.concatenate([np.atleast_2d(truth.masses), np.atleast_2d(truth.lengths)], axis=-1)
+    ratios = real / np.array([nominal.m1, nominal.m2, nominal.L1, nominal.L2])
+    payload = np.reshape(truth.payload, (-1, 1)) / nominal.m2
+    return np.clip(np.concatenate([np.log(ratios), payload], axis=-1), -10.0, 10.0)
+
+
+class AgentAdapter:
+    """An adapter between one environment and an agent.
+
+    Its state is a tuple of arrays with one row per lane: the history, then the state of the law under
+    the residual.
+
+    Args:
+        settings: of the adapter.
+        interface: of the environment. The agent observes only its three sensors and the reference.
+
+    Attributes:
+        size: of the agent's observation.
+    """
+
+    def __init__(self, settings: AdapterSettings, interface: Interface) -> None:
+        self.settings, self.interface = settings, interface
+        layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in _OBSERVED))
+        self._errors = ErrorScales(dataclasses.replace(interface, layout=layout), *settings.scales)
+        self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
+        context_size = len(CONTEXT) if settings.context else 0
+        self.size = self._errors.size + settings.history * self._step_size + context_size
+        self._base: TorqueLaw | None = None
+        if settings.action == "residual":
+            base = controllers.make(settings.base, interface, **settings.gains)
+            if not isinstance(base, TorqueLaw):
+                raise ValueError(f"base must be a law that computes a torque, got {settings.base!r}")
+            self._base = base
+
+    def initial(self, observation: Array) -> State:
+        """Return the state at the start of an episode.
+
+        Args:
+            observation: of the environment, [n x size of its layout].
+        """
+        history = np.zeros((len(observation), self.settings.history * self._step_size))
+        return (history, *(() if self._base is None else self._base.initial(observation)))
+
+    def context(self, env: Any, lanes: int) -> Array:
+        """Return the true parameters of an environment now.
+
+        Args:
+            env: single or batched; not read without context.
+            lanes: n.
+
+        Returns:
+            [n x 5] with context, [n x 0] without.
+        """
+        if not self.settings.context:
+            return np.empty((lanes, 0))
+        parameters = true_parameters(env.unwrapped.truth, self.interface)
+        if len(parameters) != lanes:
+            raise ValueError(
+                f"the agent was made for an environment of {len(parameters)} lanes, since it observes their true "
+                f"parameters, got {lanes} observations"
+            )
+        return parameters
+
+    def observe(self, observation: Array, state: State, context: Array) -> Array:
+        """Return the agent's observation, [n x size].
+
+        Args:
+            observation: of the environment, [n x size of its layout].
+            state: of the adapter.
+            context: as returned by `context`.
+        """
+        return np.concatenate([self._errors(observation), state[0], context], axis=-1)
+
+    def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m of the agent's action, and the next state.
+
+        Args:
+            action: of the agent, [n x 2], clipped to [-1, 1].
+            observation: of the environment, [n x size of its layout].
+            state: of the adapter.
+        """
+        action = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
+        history, base_state = state[0], state[1:]
+        if self.settings.history:
+            history = np.concatenate([self._errors(observation), action, history[:, : -self._step_size]], axis=-1)
+        if self.settings.action == "acceleration":
+            q, v = (observation[:, self.interface.layout[name]] for name in ("position", "velocity"))
+            return linearize(self.interface.nominal, q, v, self.settings.acceleration * action), (history,)
+        limit = np.array(self.settings.torque)
+        if self._base is None:
+            return limit * action, (history,)
+        torque, base_state = self._base.torque(observation, base_state)
+        return self.interface.saturate(torque) + self.settings.residual * limit * action, (history, *base_state)

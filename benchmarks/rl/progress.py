@@ -1,0 +1,154 @@
+"""The progress of a training run: validation, the best agent, checkpoints, remaining time."""
+
+from __future__ import annotations
+
+import csv
+import os
+import platform
+import sys
+import time
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+from benchmarks.rl.agent import Agent
+from benchmarks.rl.agent_folder import replace_text, write
+from benchmarks.rl.export import export
+from benchmarks.rl.training_settings import TrainingSettings
+from benchmarks.rl.validation import VALIDATION, tracking_error
+from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+COLUMNS = ("steps", "wall_s", "validation_mrad")
+PACKAGES = ("fbl-gym", "gymnasium", "numpy", "torch", "stable-baselines3", "sb3-contrib")
+
+
+class Progress(BaseCallback):
+    """A callback that validates the agent, saves the best one and writes checkpoints.
+
+    Args:
+        settings: of the run.
+        folder: of the run.
+        command: that started the run.
+        evaluations: number of validations and checkpoints.
+
+    Attributes:
+        curve: steps, wall time [s] and error [mrad] of each validation so far.
+    """
+
+    def __init__(self, settings: TrainingSettings, folder: Path, command: str, evaluations: int) -> None:
+        super().__init__()
+        self.settings, self.folder, self.command, self.evaluations = settings, folder, command, evaluations
+        self.curve: list[tuple[int, float, float]] = []
+        self._begin = time.monotonic()
+        self._next_validation = 0.0
+
+    def resume(self, steps: int) -> None:
+        """Read the learning curve up to the checkpoint, which was written after `steps` steps."""
+        with (self.folder / "curve.csv").open() as file:
+            rows = [(int(n), float(wall), float(error)) for n, wall, error in list(csv.reader(file))[1:]]
+        self.curve = [row for row in rows if row[0] <= steps]
+        self._begin -= self.curve[-1][1]
+        self._next_validation = self.fraction(steps) + 1 / self.evaluations
+
+    def fraction(self, steps: int) -> float:
+        """Return the finished fraction of the run, in [0, 1], after a number of steps."""
+        if self.settings.minutes is not None:
+            return min(1.0, (time.monotonic() - self._begin) / (60 * self.settings.minutes))
+        return min(1.0, steps / self.settings.steps)  # type: ignore[operator]
+
+    def _on_step(self) -> bool:
+        return self.settings.minutes is None or self.fraction(self.num_timesteps) < 1.0
+
+    def _on_rollout_start(self) -> None:
+        fraction = self.fraction(self.num_timesteps)
+        if fraction >= self._next_validation:
+            self._next_validation = fraction + 1 / self.evaluations
+            self._validate(fraction)
+            self._save()
+
+    def _on_training_end(self) -> None:
+        self._validate(1.0)
+        self._save()
+
+    def _validate(self, fraction: float) -> None:
+        settings, actor = self.settings, export(self.model)
+        env = TwoLinkArmVectorEnv(len(VALIDATION), settings.scenario)
+        agent = Agent(env.interface, settings.adapter, actor, env if settings.adapter.context else None)
+        error = tracking_error(agent, env, VALIDATION).mean()
+        best = min((row[2] for row in self.curve), default=np.inf)
+        wall = time.monotonic() - self._begin
+        self.curve.append((self.num_timesteps, round(wall, 2), round(float(error), 4)))
+        if error < best:
+            write(self.folder, actor, self._description())
+        lines = [",".join(COLUMNS), *(",".join(map(str, row)) for row in self.curve)]
+        replace_text(self.folder / "curve.csv", "\n".join(lines) + "\n")
+        self.logger.record("validation/rms_mrad", float(error))
+        remaining = f", {_clock(wall * (1 - fraction) / fraction)} left" if fraction > 0 else ""
+        print(
+            f"{100 * fraction:3.0f} %  {self.num_timesteps:>11,} steps  validation {error:8.3f} mrad  "
+            f"best {min(error, best):8.3f} mrad  {_clock(wall)} elapsed{remaining}",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    def _description(self) -> dict[str, Any]:
+        settings = self.settings
+        steps, wall, error = self.curve[-1]
+        return {
+            "algorithm": settings.algorithm,
+            "interface": asdict(settings.adapter),
+            "command": self.command,
+            "seed": settings.seed,
+            "steps": steps,
+            "wall_s": wall,
+            "validation_mrad": error,
+            "scenario": settings.scenario.to_dict(),
+            "hyperparameters": settings.hyperparameters,
+            "packages": {name: version for name in PACKAGES if (version := _version(name))},
+            "python": platform.python_version(),
+            "machine": f"{platform.machine()} {platform.system()}, {torch.get_num_threads()} of {os.cpu_count()} cores",
+            "licence": "MIT",
+        }
+
+    def _save(self) -> None:
+        if isinstance(self.model, OffPolicyAlgorithm):
+            self.model.save_replay_buffer(self.folder / ".buffer.pkl")
+            (self.folder / ".buffer.pkl").replace(self.folder / "buffer.pkl")
+        self.model.save(self.folder / ".checkpoint.zip")
+        (self.folder / ".checkpoint.zip").replace(self.folder / "checkpoint.zip")
+
+
+class LinearDecay:
+    """A learning rate that falls linearly to zero over the run.
+
+    Args:
+        begin: learning rate at the start of the run.
+        progress: of the run.
+    """
+
+    def __init__(self, begin: float, progress: Progress) -> None:
+        self.begin, self.progress = begin, progress
+
+    def __call__(self, _: float) -> float:
+        """Return the learning rate now; SB3's measure of progress does not know `minutes`."""
+        return self.begin * (1.0 - self.progress.fraction(self.progress.num_timesteps))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return float, (self.begin,)  # a checkpoint holds the number only; training replaces it
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"

@@ -1,0 +1,121 @@
+"""Classes of stable-baselines3 and sb3-contrib, by algorithm or by archive; imported on use."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers.policy import Policy
+from fbl_gym.checks import check_choice
+from fbl_gym.interface import Interface
+
+ALGORITHMS = {
+    "ppo": "stable_baselines3:PPO",
+    "sac": "stable_baselines3:SAC",
+    "td3": "stable_baselines3:TD3",
+    "tqc": "sb3_contrib:TQC",
+    "crossq": "sb3_contrib:CrossQ",
+}
+"""Algorithms that `fbl-gym train` knows, with the place of their class."""
+
+_BY_NETWORK = {
+    "stable_baselines3.sac.policies": "stable_baselines3:SAC",
+    "stable_baselines3.td3.policies": "stable_baselines3:TD3",  # loads archives of DDPG too
+    "sb3_contrib.tqc.policies": "sb3_contrib:TQC",
+    "sb3_contrib.crossq.policies": "sb3_contrib:CrossQ",
+    "sb3_contrib.ars.policies": "sb3_contrib:ARS",
+    "sb3_contrib.common.recurrent.policies": "sb3_contrib:RecurrentPPO",
+}
+"""The class that loads an archive, by the module of the archive's network."""
+
+_SHARED_NETWORK = "stable_baselines3.common.policies"
+"""Module of the network that PPO, A2C and TRPO share."""
+
+_BY_SETTING = {"clip_range": "stable_baselines3:PPO", "cg_max_steps": "sb3_contrib:TRPO"}
+"""The class that loads an archive with the shared network, by a setting that no other has; else A2C."""
+
+
+def find_class(algorithm: str) -> Any:
+    """Return the class of an algorithm.
+
+    Args:
+        algorithm: one of `ALGORITHMS`.
+    """
+    return _import(algorithm, ALGORITHMS[check_choice("algorithm", algorithm, ALGORITHMS)])
+
+
+def _import(user: str, place: str) -> Any:
+    module, name = place.split(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as problem:
+        raise ValueError(f"{user} needs {module}, which is not installed: pip install 'fbl-gym[rl]'") from problem
+
+
+def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
+    """Return an SB3 model as a policy.
+
+    It must be trained on the environment's observations and actions, without a wrapper.
+
+    Args:
+        path: of the .zip that SB3's `save` wrote.
+        interface: of the environment in which the policy acts.
+        trust: loading an archive of SB3 runs the pickled code in it. True: you trust its source.
+    """
+    if not trust:
+        raise ValueError(
+            f"loading {str(path)!r} runs the code in it: give trust=True if you trust its source, got {trust!r}"
+        )
+    model = _class_of(path).load(path, device="cpu")
+    _check_spaces(model, interface)
+    return model
+
+
+def _class_of(path: str | Path) -> Any:
+    """Return the class that wrote an archive, without running the archive's code."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            data = json.loads(archive.read("data"))
+        module = data["policy_class"]["__module__"]
+    except (zipfile.BadZipFile, KeyError, TypeError, ValueError) as problem:
+        raise ValueError(f"{path} must be an archive that stable-baselines3's save wrote ({problem})") from None
+    if module == _SHARED_NETWORK:
+        place = next((place for key, place in _BY_SETTING.items() if key in data), "stable_baselines3:A2C")
+    elif module in _BY_NETWORK:
+        place = _BY_NETWORK[module]
+    elif "clip_range" in data and not module.startswith("sb3_contrib."):
+        place = "stable_baselines3:PPO"  # with a network from outside SB3
+    else:
+        known = ", ".join(sorted({place.partition(":")[2] for place in _BY_NETWORK.values()} | {"PPO", "A2C", "TRPO"}))
+        raise ValueError(f"{path} must hold a model of one of {known}, got one whose network is of {module}")
+    return _import(str(path), place)
+
+
+def _check_spaces(model: Any, interface: Interface) -> None:
+    """Refuse a model with other observations or actions; their precision may differ."""
+    advice = {
+        "observation_space": "observations as the environment gives them, without a wrapper such as ErrorCoordinates",
+        "action_space": f'action="{interface.action}"',
+    }
+    for name, right in advice.items():
+        given, expected = getattr(model, name), getattr(interface, name)
+        if given.shape != expected.shape:
+            raise ValueError(
+                f"the model's {name} must have the environment's shape {expected.shape}, got {given.shape}"
+            )
+        if not all(np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")):
+            raise ValueError(
+                f"the model's {name} must have the environment's bounds, {_bounds(expected)}, got {_bounds(given)}: "
+                f"train it with {right}"
+            )
+
+
+def _bounds(space: Any) -> str:
+    """Return the different bounds of a box as text, such as "-2000 to 2000, -800 to 800"."""
+    ends = [f"{low:.6g} to {high:.6g}" for low, high in zip(space.low.ravel(), space.high.ravel(), strict=True)]
+    return ", ".join(dict.fromkeys(ends))

@@ -1,0 +1,39 @@
+"""The tracking error on the validation seeds, by which training chooses the best agent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from benchmarks.seeds import SPLITS
+from controllers import Policy
+from fbl_gym.arm import Array
+from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+VALIDATION = SPLITS["validation"][:16]
+"""The seeds of the episodes."""
+
+
+def tracking_error(policy: Policy, env: TwoLinkArmVectorEnv, seeds: Iterable[int]) -> Array:
+    """Return the root mean square tracking error over one episode of each seed, [n] mrad.
+
+    From the step at which a run diverges, its error counts as pi.
+
+    Args:
+        policy: any policy for the environment.
+        env: with one lane per seed.
+        seeds: of the episodes, n.
+    """
+    observation, _ = env.reset(seed=list(seeds))
+    state: Any = None
+    squares, alive = np.zeros(env.num_envs), np.ones(env.num_envs, dtype=bool)
+    for _ in range(env.scenario.steps):
+        action, state = policy.predict(observation, state, deterministic=True)
+        observation, _, terminated, _, _ = env.step(action)
+        alive &= ~terminated
+        truth = env.truth
+        error = np.minimum(np.abs(truth.reference - truth.position), np.pi)
+        squares += np.where(alive, (error**2).mean(axis=-1), np.pi**2)
+    return 1e3 * np.sqrt(squares / env.scenario.steps)

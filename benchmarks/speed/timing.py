@@ -1,0 +1,65 @@
+"""Steps per second of several contestants, measured in turns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
+
+import gymnasium as gym
+import numpy as np
+
+Contestant: TypeAlias = Callable[[], int]
+"""A function that takes one step, and returns the number of environments that it stepped."""
+
+ROUND_S = 0.1
+"""Duration of a contestant's turn in each round [s]."""
+
+
+def single(env: gym.Env, action: object) -> Contestant:
+    """Return a contestant: a single environment with one action, reset at an episode's end."""
+    env.reset(seed=0)
+
+    def step() -> int:
+        _, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            env.reset()
+        return 1
+
+    return step
+
+
+def batch(env: gym.vector.VectorEnv, actions: np.ndarray) -> Contestant:
+    """Return a contestant: a batched environment with the same actions at every step."""
+    env.reset(seed=0)
+
+    def step() -> int:
+        env.step(actions)
+        return env.num_envs
+
+    return step
+
+
+def measure_rates(contestants: Mapping[str, Contestant], rounds: int) -> dict[str, list[float]]:
+    """Return the steps per second of each contestant in each round.
+
+    Args:
+        contestants: by name; each takes a turn in every round, after one step to warm up.
+        rounds: number of rounds.
+    """
+    for step in contestants.values():
+        step()
+    rates: dict[str, list[float]] = {name: [] for name in contestants}
+    for _ in range(rounds):
+        for name, step in contestants.items():
+            count, begin = 0, time.perf_counter()
+            while (elapsed := time.perf_counter() - begin) < ROUND_S:
+                for _ in range(10 if elapsed < 0.5 * ROUND_S else 1):
+                    count += step()
+            rates[name].append(count / elapsed)
+    return rates
+
+
+def median_rates(contestants: Mapping[str, Contestant], rounds: int) -> dict[str, float]:
+    """Return the median steps per second of each contestant; see `measure_rates`."""
+    return {name: float(np.median(rates)) for name, rates in measure_rates(contestants, rounds).items()}

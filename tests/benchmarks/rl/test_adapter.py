@@ -1,0 +1,88 @@
+"""The adapter between environment and agent."""
+
+import numpy as np
+import pytest
+
+from benchmarks.rl.adapter import ACTIONS, AdapterSettings
+from benchmarks.rl.agent import Agent
+from benchmarks.rl.vector_adapter import VectorAdapter
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+@pytest.mark.parametrize("history", [0, 3])
+@pytest.mark.parametrize("context", [False, True])
+def test_an_agent_acts_as_in_training(action, history, context):
+    """Closed loops on the plain environment and on the training environment are equal over several episodes."""
+    settings = AdapterSettings(action=action, history=history, context=context)
+    options = {**PAYLOAD_OPTIONS, "autoreset_mode": "SameStep"}
+    plain = TwoLinkArmVectorEnv(3, **options)
+    training = VectorAdapter(TwoLinkArmVectorEnv(3, **options), settings)
+    agent = Agent(plain.interface, settings, random_actor(settings, plain.interface), plain if context else None)
+    plain_observation, training_observation = plain.reset(seed=3)[0], training.reset(seed=3)[0]
+    state, starts = None, np.ones(3, dtype=bool)
+    episodes = 0
+    for _ in range(70):
+        actions, state = agent.predict(plain_observation, state, starts)
+        plain_observation, *outcome, _ = plain.step(actions)
+        training_observation, *training_outcome, infos = training.step(agent.actor(training_observation))
+        np.testing.assert_array_equal(outcome, training_outcome)
+        starts = outcome[1] | outcome[2]
+        for lane in np.flatnonzero(starts):
+            assert infos["final_obs"][lane].shape == (agent.adapter.size,)
+            episodes += 1
+    assert episodes == 6
+    np.testing.assert_array_equal(plain.truth.position, training.env.unwrapped.truth.position)
+
+
+def test_history_holds_the_errors_and_actions_of_the_last_steps():
+    env = VectorAdapter(TwoLinkArmVectorEnv(2, autoreset_mode="SameStep", duration=0.1), AdapterSettings(history=2))
+    observations, actions = [env.reset(seed=1)[0]], []
+    np.testing.assert_array_equal(observations[0][:, 12:], 0)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        actions.append(rng.uniform(-1, 1, (2, 2)).astype(np.float32))
+        observations.append(env.step(actions[-1])[0])
+    errors = [observation[:, :12] for observation in observations]
+    expected = np.concatenate([errors[5], errors[4], actions[4], errors[3], actions[3]], axis=-1)
+    np.testing.assert_array_equal(observations[5], expected)
+    for _ in range(5):
+        first, *_, infos = env.step(np.zeros((2, 2)))
+    np.testing.assert_array_equal(first[:, 12:], 0)  # a new episode
+    assert np.any(infos["final_obs"][0][12:] != 0)
+
+
+@pytest.mark.parametrize("kind", ["normalized", "torque", "acceleration"])
+def test_every_kind_of_action_gives_the_same_torque(kind):
+    settings = AdapterSettings(action="residual")
+    env = TwoLinkArmEnv("mixed-error-2", action=kind)
+    observation, _ = env.reset(seed=0)
+    agent = Agent(env.interface, settings, random_actor(settings, env.interface))
+    action, _ = agent.predict(observation)
+    torque, _ = agent.torque(observation[None], agent.initial(observation[None]))
+    position, velocity = observation[:2], observation[2:4]
+    np.testing.assert_allclose(
+        env.interface.torque_from_action(action, position, velocity), env.interface.saturate(torque[0]), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
+        ({"torque": (100.0, 0.0)}, r"torque\[1\] must be a finite number greater than 0, got 0.0"),
+        ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
+        ({"history": -1}, "history must be a whole number not below 0, got -1"),
+        ({"context": "no"}, "context must be True or False, got 'no'"),
+        ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),
+    ],
+)
+def test_wrong_settings_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        AdapterSettings(**settings)
+
+
+def test_another_autoreset_mode_is_refused():
+    with pytest.raises(ValueError, match="SameStep"):
+        VectorAdapter(TwoLinkArmVectorEnv(2), AdapterSettings())

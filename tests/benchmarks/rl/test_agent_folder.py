@@ -1,0 +1,42 @@
+"""The folder of a trained agent."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from benchmarks.rl.adapter import AdapterSettings
+from benchmarks.rl.agent_folder import SavedAgent, read, write
+from fbl_gym import TwoLinkArmEnv
+from tests.benchmarks.rl.agents import random_actor
+
+
+def write_agent(folder, interface, **changes):
+    settings = AdapterSettings(**changes)
+    actor = random_actor(settings, interface)
+    write(folder, actor, {"interface": dataclasses.asdict(settings)})
+    return settings, actor
+
+
+def test_a_folder_returns_the_agent_that_was_written(tmp_path):
+    interface = TwoLinkArmEnv().interface
+    settings, actor = write_agent(tmp_path, interface, action="residual", history=1)
+    read_settings, read_actor = read(tmp_path)
+    assert read_settings == settings
+    for layer, read_layer in zip(actor.layers, read_actor.layers, strict=True):
+        for values, read_values in zip(layer, read_layer, strict=True):
+            np.testing.assert_array_equal(values, read_values)
+    assert SavedAgent(interface, str(tmp_path)) == SavedAgent(interface, str(tmp_path))
+
+
+def test_weights_that_need_code_to_load_are_refused(tmp_path):
+    interface = TwoLinkArmEnv().interface
+    write_agent(tmp_path, interface)
+    np.savez(tmp_path / "weights.npz", weight_0=np.array([print], dtype=object))
+    with pytest.raises(ValueError, match="allow_pickle=False"):
+        SavedAgent(interface, str(tmp_path))
+
+
+def test_a_folder_without_an_agent_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"folder must hold an agent.json"):
+        SavedAgent(TwoLinkArmEnv().interface, str(tmp_path))

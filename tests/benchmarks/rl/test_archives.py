@@ -1,0 +1,112 @@
+"""Archives of stable-baselines3 as policies."""
+
+import importlib
+import json
+import zipfile
+
+import gymnasium
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.monitor import Monitor
+
+from benchmarks.policies import external
+from benchmarks.policies.spec import resolve
+from benchmarks.rl.sb3 import load_zip
+from fbl_gym import TwoLinkArmEnv
+from fbl_gym.wrappers import ErrorCoordinates
+
+
+def test_an_archive_is_loaded_only_with_trust(tmp_path):
+    env = TwoLinkArmEnv()
+    model = PPO("MlpPolicy", env, device="cpu")
+    model.save(tmp_path / "model.zip")
+    with pytest.raises(ValueError, match="runs the code in it"):
+        load_zip(tmp_path / "model.zip", env.interface)
+    policy = load_zip(tmp_path / "model.zip", env.interface, trust=True)
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(
+        policy.predict(observation, deterministic=True)[0], model.predict(observation, deterministic=True)[0]
+    )
+    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+        load_zip(tmp_path / "model.zip", TwoLinkArmEnv(preview=1).interface, trust=True)
+
+
+def save_model(folder, env, algorithm="PPO", module="stable_baselines3", **settings):
+    """Save a model that has not learned."""
+    policy = settings.pop("policy", "MlpPolicy")
+    model = getattr(importlib.import_module(module), algorithm)(policy, env, device="cpu", seed=0, **settings)
+    model.save(folder / "model.zip")
+    return model, folder / "model.zip"
+
+
+@pytest.mark.parametrize(
+    ("env", "message"),
+    [
+        (
+            lambda: ErrorCoordinates(TwoLinkArmEnv()),
+            "observation_space .* -25.1327 to 25.1327, .* got -10 to 10: train it",
+        ),
+        (lambda: TwoLinkArmEnv(action="torque"), 'got -2000 to 2000, -800 to 800: train it with action="normalized"'),
+        (lambda: TwoLinkArmEnv(action="acceleration"), 'got -100 to 100: train it with action="normalized"'),
+    ],
+)
+def test_an_archive_of_other_observations_or_actions_is_refused(env, message, tmp_path):
+    """Although their shapes are those of the environment."""
+    _, path = save_model(tmp_path, env())
+    with pytest.raises(ValueError, match=message):
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+
+
+@pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
+def test_a_zip_of_single_precision_or_monitored_by_sb3_acts_as_it_was_save_model(tmp_path):
+    plain = gymnasium.make("fbl_gym/TwoLinkArm-v0")
+    observation, _ = plain.reset(seed=0)
+    for env in (Monitor(plain), gymnasium.wrappers.DtypeObservation(plain, np.float32)):
+        model, path = save_model(tmp_path, env)
+        np.testing.assert_array_equal(
+            load_zip(path, plain.unwrapped.interface, trust=True).predict(observation, deterministic=True)[0],
+            model.predict(observation, deterministic=True)[0],
+        )
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "settings"),
+    [
+        ("A2C", {}),
+        ("SAC", {"buffer_size": 10}),
+        ("TD3", {"buffer_size": 10}),
+        ("DDPG", {"buffer_size": 10}),
+        ("TQC", {"module": "sb3_contrib", "buffer_size": 10}),
+        ("CrossQ", {"module": "sb3_contrib", "buffer_size": 10}),
+        ("TRPO", {"module": "sb3_contrib"}),
+        ("ARS", {"module": "sb3_contrib"}),
+        ("RecurrentPPO", {"module": "sb3_contrib", "policy": "MlpLstmPolicy"}),
+    ],
+)
+def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, tmp_path):
+    if settings.get("module"):
+        pytest.importorskip("sb3_contrib")
+    env = TwoLinkArmEnv()
+    model, path = save_model(tmp_path, env, algorithm, **settings)
+    external.trust(str(path))
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(
+        resolve(str(path)).make(env).predict(observation, deterministic=True)[0],
+        model.predict(observation, deterministic=True)[0],
+    )
+
+
+def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path):
+    path = tmp_path / "model.zip"
+    for data, message in (
+        ({"policy_class": {"__module__": "sbx.sac.policies"}}, "A2C, .* got one whose network is of sbx.sac.policies"),
+        ({}, "must be an archive that stable-baselines3's save wrote"),
+    ):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data", json.dumps(data))
+        with pytest.raises(ValueError, match=message):
+            load_zip(path, TwoLinkArmEnv().interface, trust=True)
+    path.write_bytes(b"PK")
+    with pytest.raises(ValueError, match="must be an archive that stable-baselines3's save wrote"):
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)

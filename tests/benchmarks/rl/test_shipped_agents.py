@@ -1,0 +1,59 @@
+"""The shipped agents match their descriptions."""
+
+import numpy as np
+import pytest
+
+from benchmarks.rl import policy
+from benchmarks.rl.agent_folder import describe
+from benchmarks.rl.policy import SHIPPED, best_seed, curves, shipped, shipped_agent
+from benchmarks.rl.validation import VALIDATION, tracking_error
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+
+
+def test_every_shipped_agent_has_a_factory():
+    factories = {
+        name.replace("_", "-") for name, value in vars(policy).items() if getattr(value, "kind", "") == "learned"
+    }
+    assert set(shipped()) == factories
+
+
+def test_agents_of_the_three_interfaces_have_five_training_seeds():
+    for interface in ("torque", "acceleration", "residual"):
+        assert shipped()[f"ppo-{interface}"] == (0, 1, 2, 3, 4)
+
+
+def test_the_agents_take_less_than_10_megabytes():
+    assert sum(path.stat().st_size for path in SHIPPED.rglob("*")) < 10e6
+
+
+def test_only_ppo_context_was_trained_with_context():
+    assert [name for name in shipped() if describe(SHIPPED / name / "0")["interface"].get("context")] == ["ppo-context"]
+    assert [name for name in shipped() if getattr(policy, name.replace("-", "_")).access == "privileged"] == [
+        "ppo-context"
+    ]
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_an_agent_has_the_validation_error_of_its_description(name):
+    """Within 2 %: `ppo-memory` tracks so closely that last bits decide whether joints stick, in 6 of the 16 runs."""
+    description = describe(SHIPPED / name / str(best_seed(name)))
+    env = TwoLinkArmVectorEnv(len(VALIDATION), Scenario.from_dict(description["scenario"]))
+    error = tracking_error(shipped_agent(name, env), env, VALIDATION).mean()
+    assert error == pytest.approx(description["validation_mrad"], rel=0.02)
+    assert description["command"].startswith("fbl-gym train")
+    assert description["licence"] == "MIT"
+    assert {"steps", "wall_s", "packages", "hyperparameters", "seed"} <= set(description)
+
+
+def test_learning_curves_end_far_below_their_start():
+    for rows in curves("ppo-torque").values():
+        assert rows.shape[1] == 3
+        assert np.all(np.diff(rows[:, 0]) > 0)
+        assert rows[-1, 2] < 0.01 * rows[0, 2]
+
+
+def test_unknown_agents_and_training_seeds_are_refused():
+    with pytest.raises(ValueError, match="unknown agent 'ppo-torq'; did you mean 'ppo-torque'"):
+        curves("ppo-torq")
+    with pytest.raises(ValueError, match="unknown training seed 9"):
+        policy.ppo_torque(TwoLinkArmEnv().interface, seed=9)
