@@ -98,7 +98,10 @@ class Board:
 
     @cached_property
     def rank(self) -> Estimate:
-        """Rank of each ranked policy, in the order of `ranked`; by score, or by error where there is no oracle."""
+        """Rank of each ranked policy, in the order of `ranked`.
+
+        By score, or by error where there is no oracle.
+        """
         better = self.errors if self.scores is None else -self.scores
         return statistics.ranks(statistics.mean(better[self.ranked], self.counts))
 
@@ -123,7 +126,7 @@ class Board:
         return {family: statistics.estimate(self.errors[:, indices], self.counts) for family, indices in families}
 
     def degradation(self, family: str, arm: str) -> tuple[list[int], Estimate] | None:
-        """Return the severities [k] and the interquartile mean of each policy's errors at each [p x k].
+        """Return severities [k] and the interquartile mean of each policy's errors [p x k].
 
         With fewer than two severities there is no curve, and the result is None.
 
@@ -147,7 +150,9 @@ def family_of(scenario: str) -> str:
 
 
 def assemble(results: Sequence[Result]) -> Board:
-    """Return the board of a suite's results. A policy that lacks a scenario, or failed, is left out and named.
+    """Return the board of a suite's results.
+
+    A policy that lacks a scenario, or failed, is left out and named.
 
     Args:
         results: of cells with the same seeds.

@@ -1,6 +1,7 @@
-"""Error of a policy within and beyond the uncertainty radius that agents are trained on, its generalization ranges.
+"""Generalization ranges: errors within and beyond the radius that agents are trained on.
 
-Every range is a cell of the store, run with the board's seeds; a shipped agent has one for each of its training seeds.
+Every range is a cell of the store, run with the board's seeds; a shipped agent has one for each of
+its training seeds.
 """
 
 from __future__ import annotations
@@ -38,9 +39,10 @@ class RangeErrors:
     """Errors of a board's policies in one generalization range.
 
     Args:
-        error: interquartile mean of each policy's errors [p] in %. Its interval is over the board's seeds, and over the
-            training seeds too where an agent has several.
-        diverged: share of each policy's runs that diverged [p]; the interquartile mean does not show a few of them.
+        error: interquartile mean of each policy's errors [p] in %. Its interval is over the board's
+            seeds, and over the training seeds too where an agent has several.
+        diverged: share of each policy's runs that diverged [p]; the interquartile mean does not
+            show a few of them.
     """
 
     error: Estimate
@@ -48,7 +50,10 @@ class RangeErrors:
 
 
 def range_cells(policy: PolicySpec | str, name: str, seeds: Sequence[int]) -> list[Cell]:
-    """Return the cells of a policy in a range of `RADII`: one for each training seed of an agent, as "ppo-memory@3"."""
+    """Return the cells of a policy in a range of `RADII`.
+
+    A shipped agent has one for each training seed, such as "ppo-memory@3".
+    """
     scenario = at_radius(scenarios.get(TRAINED_ON), RADII[name])
     spec = resolve(policy)
     training = shipped().get(spec.name, ())

@@ -1,4 +1,4 @@
-"""The uncertainty radius: how far the real parameters may lie from the nominal ones before a policy loses track."""
+"""The uncertainty radius up to which a policy tracks."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from fbl_gym import Scenario, scenarios
 from fbl_gym.arm import Array
 
 BOUND, SHARE, LARGEST = 5.0, 0.95, 10.0
-"""A seed tracks if its mean error is at most BOUND [%]. At the radius, the share SHARE of them must. LARGEST is the paper's
-largest radius, 1000 %."""
+"""A seed tracks if its mean error is at most BOUND [%]. At the radius, the share SHARE of them
+must. LARGEST is the paper's largest radius, 1000 %."""
 
 DIRECTIONS = ("larger", "smaller", "both")
 
@@ -28,8 +28,8 @@ def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
     Args:
         scenario: without parameter error.
         r: zero or more.
-        direction: "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1], "both" from
-            [1 / (1 + r), 1 + r]; all log-uniformly.
+        direction: "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1],
+            "both" from [1 / (1 + r), 1 + r]; all log-uniformly.
     """
     if direction == "both":
         return scenario.replace(parameter_error={"radius": r})
@@ -63,7 +63,9 @@ def search(errors: Callable[[float], Array], *, scan: int = 6, tolerance: float 
 def stored_radius(
     policy: PolicySpec | str, direction: str, store: Store, seeds: int = 64, tolerance: float = 0.05
 ) -> Radius:
-    """Return a policy's radius. Every radius that is tried is a cell of the store and is not computed again.
+    """Return a policy's radius.
+
+    Every radius that is tried is a cell of the store and is not computed again.
 
     Args:
         policy: its specification or name.

@@ -1,15 +1,18 @@
 """Statistics of the leaderboard: pure functions on arrays.
 
-Runs lie in arrays [... x s x n] of s scenarios and n seeds. Axes before these (policies, severities, training seeds) stay.
-A bootstrap resample is an array of counts, the weight of each run, and `resample` draws all counts of a bootstrap at once.
-Statistics with the same counts use the same resampled seeds, so policies are compared in pairs.
+Runs lie in arrays [... x s x n] of s scenarios and n seeds. Axes before these (policies,
+severities, training seeds) stay. A bootstrap resample is an array of counts, the weight of each
+run, and `resample` draws all counts of a bootstrap at once. Statistics with the same counts use the
+same resampled seeds, so policies are compared in pairs.
 
-Scenarios share seeds: seed 7 has the same motion everywhere, so a policy's errors in two scenarios are correlated. An interval
-of an aggregate must therefore resample whole seeds (`resample(n)`). Resampling the seeds of each scenario separately
-(`resample(n, strata=s)`; Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021)
-is right where scenarios have different seeds, and too narrow here.
+Scenarios share seeds: seed 7 has the same motion everywhere, so a policy's errors in two scenarios
+are correlated. An interval of an aggregate must therefore resample whole seeds (`resample(n)`).
+Resampling the seeds of each scenario separately (`resample(n, strata=s)`; Agarwal et al., "Deep
+Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021) is right where
+scenarios have different seeds, and too narrow here.
 
-Smaller errors are better. A run that diverged counts with its worst error and is never left out: NaN is refused.
+Smaller errors are better. A run that diverged counts with its worst error and is never left out:
+NaN is refused.
 """
 
 from __future__ import annotations
@@ -36,10 +39,12 @@ WORST_SCORE = -100.0
 """The score of a run that diverged, and the least score of any run."""
 
 ENOUGH_EPISODES = 256
-"""Test episodes that a claim about a failure rate needs: without any failure they bound it by 1.4 % (`failures`)."""
+"""Test episodes that a claim about a failure rate needs: without any failure they bound it by 1.4 %
+(`failures`)."""
 
 ENOUGH_TRAINING_SEEDS = 10
-"""An interval over fewer training seeds is labelled optimistic: it covers less often than its confidence."""
+"""An interval over fewer training seeds is labelled optimistic: it covers less often than its
+confidence."""
 
 ONCE = np.ones((1, 1, 1))
 """Counts of 1 for each run: with them a statistic is that of the data."""
@@ -48,7 +53,8 @@ Rng: TypeAlias = np.random.Generator | int
 """A generator, or the seed of one."""
 
 Statistic: TypeAlias = Callable[[Array, Array], Array]
-"""Runs [... x s x n] and counts [b x s x n] to one number per resample [b x ...]: `iqm` or `mean`."""
+"""Runs [... x s x n] and counts [b x s x n] to one number per resample [b x ...]: `iqm` or
+`mean`."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +75,15 @@ class Estimate:
 
 
 def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -> Array:
-    """Return how often each bootstrap resample counts each seed [b x strata x n]; each row of n sums to n.
+    """Return how often each bootstrap resample counts each seed [b x strata x n].
+
+    Each row of n sums to n.
 
     Args:
         n: seeds.
         rng: generator or seed.
-        strata: 1: all scenarios share the resampled seeds; their number: each scenario resamples its own.
+        strata: 1: all scenarios share the resampled seeds; their number: each scenario resamples
+            its own.
         resamples: b.
     """
     n, strata, b = (
@@ -101,7 +110,9 @@ def mean(runs: ArrayLike, counts: Array) -> Array:
 
 
 def iqm(runs: ArrayLike, counts: Array) -> Array:
-    """Return the interquartile mean of the runs of each resample [b x ...]: the mean of the middle half, scenarios pooled.
+    """Return the interquartile mean of the runs of each resample [b x ...].
+
+    This is the mean of the middle half of the runs of all scenarios.
 
     Args:
         runs: [... x s x n].
@@ -198,7 +209,9 @@ def wins(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Est
 
 
 def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
-    """Return the probability that a run of a errs less than a run of b on another seed, averaged over scenarios.
+    """Return the probability that a run of a errs less than a run of b on another seed.
+
+    It is averaged over scenarios.
 
     Args:
         a: runs of one policy [s x n].
@@ -208,7 +221,8 @@ def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL)
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     n = a.shape[-1]
-    # U / n^2 = sum_ij [a_i < b_j] / n^2, ties half: Mann and Whitney (1947), averaged over scenarios.
+    # U / n^2 = sum_ij [a_i < b_j] / n^2, ties half: Mann and Whitney (1947), averaged over
+    # scenarios.
     u = _beats(a[:, :, None], b[:, None, :])
     c = counts.swapaxes(0, 1)
     if len(c) == 1:
@@ -222,7 +236,9 @@ def _beats(a: Array, b: Array) -> Array:
 
 
 def profile(x: ArrayLike, tau: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
-    """Return the performance profile: the share of the runs with an error of at most tau [... x k], with a pointwise band.
+    """Return the performance profile [... x k] with a pointwise band.
+
+    This is the share of the runs with an error of at most tau.
 
     Args:
         x: [... x s x n].
@@ -250,10 +266,12 @@ def ranks(draws: Array, level: float = LEVEL) -> Estimate:
 
 
 def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayLike) -> Array:
-    """Return the score of each run: 0 for an arm that stays at its start, 100 for the oracle with the true parameters.
+    """Return the score of each run.
 
-    A run that diverged has WORST_SCORE, and no run has less. There is no upper bound: the oracle knows the arm, but its
-    gains are not optimal.
+    An arm that stays at its start has 0, the oracle with the true parameters 100.
+
+    A run that diverged has WORST_SCORE, and no run has less. There is no upper bound: the oracle
+    knows the arm, but its gains are not optimal.
 
     Args:
         error: of the policy [... x s x n].
@@ -272,7 +290,9 @@ def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayL
 
 
 def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estimate:
-    """Return the share of runs that failed with Clopper and Pearson's interval (1934), which covers at least its confidence.
+    """Return the share of runs that failed with Clopper and Pearson's interval (1934).
+
+    The interval covers at least as often as its confidence.
 
     Args:
         failed: number of runs that failed [...].
@@ -299,7 +319,8 @@ class Radius:
     """The largest radius up to which a policy tracks.
 
     Args:
-        value: largest radius tried below which none failed; NaN where the bracket's lower end failed.
+        value: largest radius tried below which none failed; NaN where the bracket's lower end
+            failed.
         fails: smallest radius that failed; infinite where none did, up to the bracket's upper end.
         tried: each radius with its share of successful seeds, in the order of the radii.
     """
@@ -329,12 +350,14 @@ def radius(
 ) -> Radius:
     """Return the largest radius up to which a policy tracks, by scan and bisection in log(1 + r).
 
-    Success need not fall with the radius, so the first failure is sought: `scan` radii are tried from below, evenly in
-    log(1 + r), up to the first that fails, and the step before it is bisected. A gap of failures narrower than a step of
-    the scan can be missed. Call this once for each direction of error (real parameters larger, or smaller, than nominal).
+    Success need not fall with the radius, so the first failure is sought: `scan` radii are tried
+    from below, evenly in log(1 + r), up to the first that fails, and the step before it is
+    bisected. A gap of failures narrower than a step of the scan can be missed. Call this once for
+    each direction of error (real parameters larger, or smaller, than nominal).
 
     Args:
-        success_share: share of seeds that track within the bound at a radius; the same seeds at each.
+        success_share: share of seeds that track within the bound at a radius; the same seeds at
+            each.
         bracket: least and largest radius.
         share: of seeds that must succeed.
         scan: steps of the scan; 1: bisection alone.
@@ -385,8 +408,9 @@ class Components:
 def components(x: ArrayLike) -> Components:
     """Return the variance components of runs of one scenario, or of a mean over some.
 
-    Every training seed meets the same worlds, so the two are crossed, not nested: y_tn = mu + a_t + w_n + e_tn. From mean
-    squares, negative estimates set to 0: Searle, Casella and McCulloch, "Variance Components" (1992), chapter 4.
+    Every training seed meets the same worlds, so the two are crossed, not nested: y_tn = mu + a_t +
+    w_n + e_tn. From mean squares, negative estimates set to 0: Searle, Casella and McCulloch,
+    "Variance Components" (1992), chapter 4.
 
     Args:
         x: [t x n], of t training seeds on the same n test seeds.
@@ -403,13 +427,17 @@ def components(x: ArrayLike) -> Components:
 
 
 def over_training(counts: Array, training_seeds: int, rng: Rng) -> Array:
-    """Return counts [b x t x s x n] that resample training seeds too, for runs [t x s x n] of a learned policy.
+    """Return counts [b x t x s x n] that resample training seeds too.
 
-    This is the bootstrap of crossed data (Owen, "The pigeonhole bootstrap", Annals of Applied Statistics 1, 2007): training
-    seeds are drawn, and independently the test seeds that all of them meet.
+    They are for runs [t x s x n] of a learned policy.
+
+    This is the bootstrap of crossed data (Owen, "The pigeonhole bootstrap", Annals of Applied
+    Statistics 1, 2007): training seeds are drawn, and independently the test seeds that all of them
+    meet.
 
     Args:
-        counts: [b x s x n] from `resample`; test seeds keep these counts, so that learned policies are compared in pairs too.
+        counts: [b x s x n] from `resample`; test seeds keep these counts, so that learned policies
+            are compared in pairs too.
         training_seeds: t.
         rng: generator or seed.
     """

@@ -24,7 +24,8 @@ KNOWN: Mapping[str, tuple[Callable[[], Iterable[str]], bool]] = {
     "suite": (lambda: SUITES, True),
     "only": (lambda: CLAIMS, False),
 }
-"""The names that complete an argument, by the argument's name, and whether files complete it too."""
+"""The names that complete an argument, by the argument's name, and whether files complete it
+too."""
 
 _BREAKS = "# So that POLICY@tuned is one word.\nCOMP_WORDBREAKS=${COMP_WORDBREAKS//@}"
 

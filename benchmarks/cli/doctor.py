@@ -41,7 +41,7 @@ def run(_arguments: argparse.Namespace) -> int:
 
 
 def origins() -> list[str]:
-    """Return where each package of fbl-gym was imported from, with a warning for each other package of that name."""
+    """Return the place of each package of fbl-gym, and a warning for each other of its name."""
     lines = []
     for package in (fbl_gym, controllers, benchmarks):
         name, folder = package.__name__, Path(str(package.__file__)).resolve().parent

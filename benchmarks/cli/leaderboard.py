@@ -112,7 +112,10 @@ def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]
 
 
 def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] = ()) -> list[Result]:
-    """Return the stored results of some cells, in their order, and one with its error for each cell that failed."""
+    """Return the stored results of some cells, in their order.
+
+    A cell that failed has a result with its error.
+    """
     errors = {outcome.id: outcome.error for outcome in outcomes if outcome.error}
     results = []
     for cell in cells:

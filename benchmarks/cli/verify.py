@@ -58,7 +58,8 @@ def compare(published: Result, now: Result) -> str:
     before, after = ([[row[name] for name in METRICS] for row in result.rows] for result in (published, now))
     if np.array_equal(before, after, equal_nan=True):
         return ""
-    # A metric that applies to one of the two only differs by infinity; one that applies to neither, by nothing.
+    # A metric that applies to one of the two only differs by infinity; one that applies to neither,
+    # by nothing.
     apart = np.abs(np.subtract(before, after))
     apart = np.where(np.isnan(apart), np.where(np.isnan(before) & np.isnan(after), 0.0, np.inf), apart)
     worst = apart.max(axis=0)

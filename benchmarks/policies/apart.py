@@ -78,7 +78,8 @@ class _Process:
 
 
 _PROCESSES: dict[tuple[int, str], _Process] = {}
-"""The process of each policy. A fork of this process starts others, so the identity of this process is part of the key."""
+"""The process of each policy. A fork of this process starts others, so the identity of this process
+is part of the key."""
 
 
 def _process(owner: str) -> _Process:

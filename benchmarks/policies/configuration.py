@@ -1,4 +1,7 @@
-"""The configuration of a policy as exact plain data: two policies differ exactly when their data does."""
+"""The configuration of a policy as exact plain data.
+
+Two policies have the same configuration exactly when they have the same data.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,9 @@ class Inexact(ValueError):
 
 
 def configuration(policy: Any) -> dict[str, Any]:
-    """Return the fields of a policy but its interface and environment, or its attribute `configuration`, as plain data.
+    """Return the configuration of a policy as plain data.
+
+    These are its fields without interface and environment, or its attribute `configuration`.
 
     Raises:
         Inexact: a field holds a value that cannot be compared exactly.
@@ -36,7 +41,9 @@ def configuration(policy: Any) -> dict[str, Any]:
 
 
 def exact(value: Any, name: str) -> Any:
-    """Return a value as data that JSON keeps exactly. Of an array, that is its type, shape and a hash of its bytes.
+    """Return a value as data that JSON keeps exactly.
+
+    An array becomes its type, shape and a hash of its bytes.
 
     Args:
         value: to convert.

@@ -1,6 +1,7 @@
 """Digests of code: equal for sources that differ only in comments, docstrings and layout.
 
-The modules that a result depends on are found by reading import statements, without running anything.
+The modules that a result depends on are found by reading import statements, without running
+anything.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ SKIPPED = (
     "fbl_gym.canvas",
     "fbl_gym.render",
 )
-"""Modules that choose a policy or draw pictures. They never change a number, so results do not depend on them."""
+"""Modules that choose a policy or draw pictures. They never change a number, so results do not
+depend on them."""
 
 _CORE = ("benchmarks.run", "controllers", "fbl_gym")
 _ROOT = Path(__file__).resolve().parents[2]
@@ -70,7 +72,7 @@ def _statements(source: str) -> Iterator[str]:
 
 
 def _tokens(source: str) -> Iterator[tuple[int, str]]:
-    """Kind and text of each token that is code; an f-string is one token on every version of Python."""
+    """Kind and text of each token that is code; an f-string is one token."""
     lines = source.splitlines(keepends=True)
     depth, begin = 0, (0, 0)
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
@@ -95,10 +97,11 @@ def _slice(lines: list[str], begin: tuple[int, int], end: tuple[int, int]) -> st
 
 
 def closure(roots: Mapping[str, Path], folder: Path | None = None) -> dict[str, Path]:
-    """Return some modules with all that they import, directly or through others, each a name and its file.
+    """Return some modules with all that they import, each a name and its file.
 
-    Only modules of fbl-gym and modules that lie in a folder are followed. A module outside of fbl-gym that contains the
-    name of a registered policy as a string, such as "cascade-flm", depends on the module of that policy.
+    Only modules of fbl-gym and modules that lie in a folder are followed. A module outside of
+    fbl-gym that contains the name of a registered policy as a string, such as "cascade-flm",
+    depends on the module of that policy.
 
     Args:
         roots: the modules to begin with.
@@ -142,7 +145,7 @@ def _imported(name: str, path: Path, folder: Path | None) -> Iterator[tuple[str,
 
 
 def _locate(base: str, attribute: str, folder: Path | None) -> list[str]:
-    """The modules behind `from base import attribute`; without an attribute, behind `import base`."""
+    """The modules behind `from base import attribute`, or behind `import base`."""
     module = f"{base}.{attribute}" if attribute and file_of(f"{base}.{attribute}", folder) else base
     parts = module.split(".")
     if parts[0] not in PACKAGES:

@@ -1,8 +1,9 @@
-"""External policies: loaded from files, modules, folders of agents and archives, each apart from the others.
+"""External policies, from files, modules, folders of agents and archives.
 
-A policy's digest covers its code, the modules that it imports and the data files that it reads while it is made. A file
-that is read later must be named in the attribute `data_files` of the policy's factory, so that it is part of the digest too.
-Reads by C libraries, the network, the clock and environment variables cannot be seen: the policy's author answers for them.
+A policy's digest covers its code, the modules that it imports and the data files that it reads
+while it is made. A file that is read later must be named in the attribute `data_files` of the
+policy's factory, so that it is part of the digest too. Reads by C libraries, the network, the clock
+and environment variables cannot be seen: the policy's author answers for them.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def is_file(text: str) -> bool:
 
 
 def is_agent(text: str) -> bool:
-    """Return whether a policy is a folder that `fbl-gym train` wrote. A folder is named by its path, such as ./name."""
+    """Return whether a policy is a folder of an agent, named by its path, such as ./name."""
     return (os.sep in text or "/" in text) and (Path(text) / "agent.json").is_file()
 
 
@@ -67,7 +68,7 @@ def is_external(text: str) -> bool:
 
 
 def check(text: str) -> None:
-    """Raise an error if the file or module of an external policy does not exist, or may not be loaded."""
+    """Raise an error if an external policy does not exist or may not be loaded."""
     if is_archive(text) or is_file(text):
         path = Path(text.partition(":")[0])
         if not path.is_file():
@@ -86,12 +87,18 @@ _HAS_LOADED: list[str] = []
 
 
 def has_loaded() -> bool:
-    """Return whether the code of an external policy ran in this process, and may have changed anything in it."""
+    """Return whether this process ran the code of an external policy.
+
+    Such code may have changed anything in the process.
+    """
     return bool(_HAS_LOADED)
 
 
 def load(text: str) -> Callable[..., Any]:
-    """Return the factory of an external policy that is code; a file is loaded again when its code has changed."""
+    """Return the factory of an external policy that is code.
+
+    A file is loaded again when its code has changed.
+    """
     _HAS_LOADED.append(text)
     source, _, name = text.partition(":")
     module = _load_file(Path(source)) if source.endswith(".py") else _load_module(source)
@@ -167,7 +174,10 @@ def forget(path: Path) -> None:
 
 
 class _Fresh(SourceFileLoader):
-    """A loader that compiles the source: Python's cache does not notice two edits within one second."""
+    """A loader that compiles the source.
+
+    Python's cache does not notice two edits within one second.
+    """
 
     def get_code(self, _fullname: str) -> CodeType:
         return self.source_to_code(self.get_data(self.path), self.path)
@@ -201,10 +211,11 @@ def _finding(modules: Mapping[str, Path]) -> Iterator[None]:
 
 
 def sources(text: str) -> dict[str, Path]:
-    """Return the code of an external policy: the name and file of each module, the policy's own first.
+    """Return the code of an external policy: the name and file of each module, its first.
 
-    For an entry point or a module in a package, that is the whole package. For a file or a single module, it is the file
-    and what it imports from its own folder. An archive or an agent has no code.
+    For an entry point or a module in a package, that is the whole package. For a file or a single
+    module, it is the file and what it imports from its own folder. An archive or an agent has no
+    code.
 
     Args:
         text: names the policy.
@@ -230,7 +241,7 @@ def sources(text: str) -> dict[str, Path]:
 
 
 def entry_module(name: str) -> str:
-    """Return the module of the entry point by which another package registers a policy; empty: there is none."""
+    """Return the module by which another package registers a policy; empty: there is none."""
     for point in entry_points():
         if point.name == name and point.module.partition(".")[0] not in PACKAGES:
             # A built-in policy of that name wins.
@@ -291,7 +302,9 @@ def watch() -> Iterator[set[Path]]:
 
 
 def data_files(reads: set[Path], code: dict[str, Path]) -> set[Path]:
-    """Return the files that hold a policy's data, out of those that were read: not code, not part of Python or a package.
+    """Return the files that hold a policy's data, out of those that were read.
+
+    Code, and files of Python and of other packages, are no data.
 
     Args:
         reads: from `watch`.

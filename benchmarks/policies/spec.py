@@ -2,7 +2,8 @@
 
 The text is one of:
 
-- a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed package;
+- a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed
+package;
 - "cascade-flm@tuned", with its tuned gains;
 - "ppo-memory@3", a shipped agent of one training seed;
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
@@ -86,12 +87,18 @@ class PolicySpec:
 
     @property
     def any_action(self) -> bool:
-        """Whether the policy works with each kind of action. An archive has the one that it was trained with."""
+        """Whether the policy works with each kind of action.
+
+        An archive has the one that it was trained with.
+        """
         return not external.is_archive(self.name)
 
     @property
     def identity(self) -> dict[str, Any]:
-        """All that tells this policy from others, as plain data. An external one may lie anywhere."""
+        """All that distinguishes this policy from others, as plain data.
+
+        The place of an external policy does not count.
+        """
         attribute = self.name.partition(":")[2] if external.is_external(self.name) else ""
         return {
             "policy": f"external:{attribute}" if external.is_external(self.name) else self.name,
@@ -156,7 +163,7 @@ class PolicySpec:
 
 
 def names() -> tuple[str, ...]:
-    """Return the name of every policy that needs no file: registered ones, then those with tuned gains."""
+    """Return the name of every registered policy, then those with tuned gains."""
     return (*controllers.names(), *controllers.tuned())
 
 
@@ -167,7 +174,8 @@ _RESOLVED: dict[str, tuple[PolicySpec, str]] = {}
 def resolve(policy: str | PolicySpec) -> PolicySpec:
     """Return the specification of a policy, once for each policy and process.
 
-    A file is resolved again when it has changed. A module keeps the state in which this process imported it.
+    A file is resolved again when it has changed. A module keeps the state in which this process
+    imported it.
 
     Args:
         policy: text, see the head of this module; a specification is returned as it is.
@@ -186,7 +194,10 @@ def resolve(policy: str | PolicySpec) -> PolicySpec:
 
 
 def resolve_apart(text: str) -> PolicySpec:
-    """Return the specification of a policy; an external policy's code runs in a process that only it uses."""
+    """Return the specification of a policy.
+
+    The code of an external policy runs in a process that only it uses.
+    """
     _check(text)
     runs_code = external.entry_module(text) if _registered(text) else not _weights(text)
     if not runs_code:
@@ -199,7 +210,10 @@ def resolve_apart(text: str) -> PolicySpec:
 
 
 def is_unchanged(spec: PolicySpec) -> bool:
-    """Return whether a policy still has the code, gains and data of a specification. No code of a file is run."""
+    """Return whether a policy still has the code, gains and data of a specification.
+
+    No code of a file is run.
+    """
     try:
         if external.is_file(spec.name) and not _registered(spec.name):
             data = {path: external.file_digest(Path(path)) for path in spec.data}
@@ -234,7 +248,7 @@ def _with_seed(text: str) -> tuple[str, dict[str, int]]:
 
 
 def _state(text: str) -> str:
-    """A hash of the files of an external policy, all but those of a module, which a process imports once."""
+    """A hash of the files of an external policy that may change while a process runs."""
     if _registered(text) or not (external.is_file(text) or _weights(text)):
         return ""
     files = {*external.sources(text).values(), *_weights(text)}
@@ -334,7 +348,7 @@ def _files(*modules: str) -> dict[str, Path]:
 
 
 def _digest(text: str, modules: Mapping[str, Path], weights: str = "") -> str:
-    """A hash of a policy's code, of what that imports, and of the code that every result depends on."""
+    """A hash of a policy's code with its imports, and of the code behind every result."""
     alone = external.is_file(text) or ":" in text
     folder = next(iter(modules.values())).parent if alone and modules else None
     return hashlib.sha256(

@@ -67,7 +67,7 @@ def compute(cell: Cell, store: Store, command: str) -> Outcome:
 
 
 def run_apart(cell: Cell, command: str = "") -> Result:
-    """Run a cell as `run_cell` does, in a process that only its policy uses; see `policies.apart`."""
+    """Run a cell as `run_cell` does, in a process that only its policy uses."""
     begin = time.perf_counter()
     owner = cell.policy.name if cell.policy.external else ""
     try:

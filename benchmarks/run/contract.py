@@ -21,8 +21,8 @@ from fbl_gym.arm import Array
 LANES, STEPS = 5, 30
 
 LAST_BITS = 1e-4
-"""Largest difference of the actions of a batch and of one arm, as a fraction of the limits. A network in single precision
-rounds differently for matrices of different sizes."""
+"""Largest difference of the actions of a batch and of one arm, as a fraction of the limits. A
+network in single precision rounds differently for matrices of different sizes."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def check(policy: PolicySpec | str) -> Iterator[Check]:
 
 
 def _place(policy: PolicySpec, problem: BaseException) -> str:
-    """The place in an external policy's files where an error was raised, such as " (my_law.py:12)"."""
+    """The place of an error in an external policy's files, such as " (my_law.py:12)"."""
     files = {str(file) for file in external.sources(policy.name).values()} if policy.external else set()
     lines = [frame for frame in traceback.extract_tb(problem.__traceback__) if frame.filename in files]
     return f" ({os.path.relpath(lines[-1].filename)}:{lines[-1].lineno})" if lines else ""
@@ -125,8 +125,8 @@ def _lanes(policy: PolicySpec) -> str:
     log = _loop(policy.make(batch), batch, seed=10)
     worst = 0.0
     for lane in range(LANES):
-        # The single arm repeats the lane's actions and the policy gets the lane's readings: a closed loop would amplify
-        # the last bits, in which a batch may differ.
+        # The single arm repeats the lane's actions and the policy gets the lane's readings: a
+        # closed loop would amplify the last bits, in which a batch may differ.
         env = TwoLinkArmEnv("everything-2")
         env.reset(seed=10 + lane)
         alone, state = policy.make(env), None

@@ -1,4 +1,4 @@
-"""Current results: those that a run of today would find, since code, data and scenario have not changed."""
+"""Current results: those whose code, data and scenario have not changed."""
 
 from __future__ import annotations
 

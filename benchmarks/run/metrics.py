@@ -1,7 +1,7 @@
 """Metrics of a trace, one row for each seed. Pure functions.
 
-A diverged run counts: from the sample at which it ended on, the error of both joints is half a turn, the largest error of any
-sample. No policy gains by diverging.
+A diverged run counts: from the sample at which it ended on, the error of both joints is half a
+turn, the largest error of any sample. No policy gains by diverging.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ WORST_ERROR = np.pi
 """Largest error of a joint [rad]; a joint whose run has diverged has it too."""
 
 REST = 0.2
-"""A reference rests when it stands still at least this long [s]; steady-state error is that of a rest's last quarter."""
+"""A reference rests when it stands still at least this long [s]; steady-state error is that of a
+rest's last quarter."""
 
 BAND = 0.02
 """A step has settled when the joint stays within this share of the step."""
@@ -42,19 +43,25 @@ METRICS: dict[str, str] = {
 
 
 def errors(trace: Trace) -> Array:
-    """Return the absolute tracking error [T + 1 x n x 2] rad; diverged runs have the worst error."""
+    """Return the absolute tracking error [T + 1 x n x 2] rad; diverged runs have the worst."""
     error = np.abs(trace.reference - trace.position)
     return np.where(trace.alive[..., None], np.minimum(error, WORST_ERROR), WORST_ERROR)
 
 
 def amplitude(trace: Trace) -> Array:
-    """Return the reference's largest distance from the arm's start [n x 2] rad; 1 for a joint that shall stand still."""
+    """Return the reference's largest distance from the arm's start [n x 2] rad.
+
+    It is 1 for a joint that shall stand still.
+    """
     size = np.abs(trace.reference - trace.position[0]).max(axis=0)
     return np.where(size > 1e-9, size, 1.0)
 
 
 def measure(trace: Trace) -> list[dict[str, float]]:
-    """Return the metrics of each seed, in the seeds' order; NaN where a metric does not apply to the trace."""
+    """Return the metrics of each seed, in the seeds' order.
+
+    A metric that does not apply to the trace is NaN.
+    """
     error, size = errors(trace), amplitude(trace)
     alive = trace.alive[..., None]
     count = np.maximum(trace.alive.sum(axis=0), 1)
@@ -84,7 +91,7 @@ def measure(trace: Trace) -> list[dict[str, float]]:
 
 
 def _steady(trace: Trace, error: Array) -> Array:
-    """Mean error [n x 2] over the last quarter of each rest of the reference; NaN where it never rests."""
+    """Mean error [n x 2] over the last quarter of each rest of the reference, or NaN."""
     dt = trace.scenario.control_dt
     still = np.abs(np.diff(trace.reference, axis=0)) < 1e-4 * dt
     steady = np.full(error.shape[1:], np.nan)
@@ -100,7 +107,7 @@ def _steady(trace: Trace, error: Array) -> Array:
 
 
 def _steps(trace: Trace) -> tuple[Array, Array]:
-    """Largest overshoot [n] in % of its step, and mean settling time [n] s; NaN for references without steps."""
+    """Largest overshoot [n] in % of its step and mean settling time [n] s, or NaN."""
     reference = trace.scenario.reference
     n = len(trace.seeds)
     if not isinstance(reference, Steps | FilteredSteps):
@@ -131,7 +138,7 @@ def _steps(trace: Trace) -> tuple[Array, Array]:
 
 
 def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Return the mean of each metric over the seeds, diverged ones included; NaN where it applies to none."""
+    """Return the mean of each metric over all seeds; NaN where it applies to none."""
     return {name: _mean([row[name] for row in rows]) for name in METRICS}
 
 

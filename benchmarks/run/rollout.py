@@ -30,11 +30,13 @@ class Trace:
         position, velocity, reference: [T + 1 x n x 2] rad, rad/s, rad.
         torque: applied torque [T + 1 x n x 2] N m.
         disturbance: [T + 1 x n x 2] N m.
-        alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the reference still belongs
-            to the episode.
-        decision_time: wall time of the policy for one decision of one lane [s], the median over the steps.
+        alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the
+            reference still belongs to the episode.
+        decision_time: wall time of the policy for one decision of one lane [s], the median over the
+            steps.
         lengths: true link lengths of each seed's first episode [n x 2] m.
-        watched: the signals of `rollout`'s argument `watch`, by name; [T x n x ...], from sample 1 on.
+        watched: the signals of `rollout`'s argument `watch`, by name; [T x n x ...], from sample 1
+            on.
     """
 
     scenario: Scenario
@@ -52,7 +54,7 @@ class Trace:
 
 
 def make_env(policy: PolicySpec, scenario: Scenario, lanes: int) -> TwoLinkArmVectorEnv:
-    """Return the environment of an evaluation, with as much preview of the reference as the policy declares.
+    """Return the environment of an evaluation, with the preview that the policy declares.
 
     Args:
         policy: to be evaluated.
@@ -70,7 +72,7 @@ _SIGNALS = ("position", "velocity", "reference", "torque", "disturbance")
 
 
 def action_of(scenario: Scenario) -> str:
-    """Return the kind of action of an evaluation: "normalized" with a torque limit, "torque" without."""
+    """Return the kind of action: "normalized" with a torque limit, "torque" without."""
     return "torque" if scenario.actuator.torque_limit is None else "normalized"
 
 
@@ -130,7 +132,7 @@ def rollout(
 
 
 def _reference(scenario: Scenario, seeds: Sequence[int]) -> Array:
-    """The reference of each seed over the whole episode [T + 1 x n x 2], also where the arm diverged."""
+    """The reference of each seed over the whole episode [T + 1 x n x 2]."""
     calm = scenario.replace(parameter_error=None, friction=None, disturbance=None, actuator=None, initial_error=0.0)
     env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
     env.reset(seed=list(seeds))

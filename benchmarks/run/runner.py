@@ -1,7 +1,7 @@
 """Runs the cells that a store lacks, through joblib: on this machine, or on a Ray or Dask cluster.
 
-The worker that computed a cell writes it into the store, so nothing is lost with a worker or with the run itself. A run goes
-on until no cell is missing or no further cell gets done.
+The worker that computed a cell writes it into the store, so nothing is lost with a worker or with
+the run itself. A run goes on until no cell is missing or no further cell gets done.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ def run(
             pass
         after = [cell for cell in missing(left, store) if cell.id not in failed]
         if len(after) == len(left):
-            # A worker died before any cell was done: try the cells one by one, and go on without the one to blame.
+            # A worker died before any cell was done: try the cells one by one, and go on without
+            # the one to blame.
             outcomes: list[Outcome] = []
             while after and not any(outcome.error for outcome in outcomes):
                 outcomes = list(_alone(after.pop(0), store, backend, address, command))
@@ -103,7 +104,8 @@ def _pool(
         if backend != "ray":
             yield from Parallel(return_as="generator_unordered")(jobs)
             return
-        # Ray's backend returns lists only. Short ones show progress, and little is lost with a worker.
+        # Ray's backend returns lists only. Short ones show progress, and little is lost with a
+        # worker.
         for first in range(0, len(jobs), _ROUND):
             yield from Parallel()(jobs[first : first + _ROUND])
 

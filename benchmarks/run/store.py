@@ -1,8 +1,8 @@
 """Results on disk: a folder with one file for each finished cell.
 
-A file's name says what was run and ends in the cell's key, a hash of all that the result depends on. A file is written beside
-its place and renamed into it, so it is complete or absent, on a cluster's shared file system too. A result that is there is
-not computed again.
+A file's name says what was run and ends in the cell's key, a hash of all that the result depends
+on. A file is written beside its place and renamed into it, so it is complete or absent, on a
+cluster's shared file system too. A result that is there is not computed again.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Result:
 
 
 def provenance(command: str) -> dict[str, Any]:
-    """Return where and how a result is computed: packages, Python, machine, time, and the command that was typed."""
+    """Return packages, Python, machine, time and the command that was typed."""
     return {
         "command": command,
         "python": platform.python_version(),
@@ -92,7 +92,7 @@ class Store:
         return self.folder / f"{name}--{cell.key}.json"
 
     def save(self, result: Result) -> Path:
-        """Write a result into its place, complete or not at all. A failed one does not count as finished."""
+        """Write a result into its place. A failed one does not count as finished."""
         path = self.path(result.cell)
         failed = path.with_suffix(".error")
         _write(failed if result.error else path, _document(result))
@@ -101,7 +101,10 @@ class Store:
         return path
 
     def find(self, cell: Cell) -> Result | None:
-        """Return the result of a cell; None if there is none. A damaged one is moved aside, with a warning."""
+        """Return the result of a cell, or None.
+
+        A damaged one is moved aside, with a warning.
+        """
         path = self.path(cell)
         if not path.exists():
             return None
@@ -145,7 +148,9 @@ class Store:
             raise Damaged(f"{path} is damaged ({problem})") from None
 
     def results(self, failed: bool = False) -> Iterator[Result]:
-        """Yield every result, in the order of the files' names. A damaged one is moved aside, with a warning.
+        """Yield every result, in the order of the files' names.
+
+        A damaged one is moved aside, with a warning.
 
         Args:
             failed: whether failed cells are included.
@@ -210,7 +215,9 @@ def _write(path: Path, document: dict[str, Any]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file, complete or not at all: beside its place, flushed to the disk, and renamed into it.
+    """Write a file, complete or not at all.
+
+    It is written beside its place, flushed to the disk, and renamed into it.
 
     Args:
         path: the file; its folder is created.

@@ -1,4 +1,4 @@
-"""Cells as data, each one policy on one scenario over a batch of seeds; and the suites that have names."""
+"""Cells as data, each one policy on one scenario over a batch of seeds; and suites."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def _hash(data: Any) -> str:
 class Suite:
     """A set of cells: every policy on every scenario with the same seeds.
 
-    Scenarios that share a name and differ in an option get distinct names, such as "nominal~3f9a20". A scenario or policy
-    that is given twice counts once.
+    Scenarios that share a name and differ in an option get distinct names, such as
+    "nominal~3f9a20". A scenario or policy that is given twice counts once.
 
     Args:
         name: of the suite.
@@ -125,7 +125,9 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
 
 
 def leaderboard_scenarios(arms: Sequence[str] = (), severities: Sequence[int] = scenarios.SEVERITIES[1:]) -> list[str]:
-    """Return the names of the leaderboard's scenarios: for each arm the nominal one, then every family at the severities.
+    """Return the names of the leaderboard's scenarios.
+
+    For each arm, the nominal scenario comes first, then every family at the severities.
 
     Args:
         arms: out of `scenarios.arms()`; empty: all.
@@ -177,8 +179,9 @@ def load(name: str) -> Suite:
     """Return a suite by name, or from a TOML file.
 
     Args:
-        name: one of `SUITES`, or the path of a file that ends in .toml. The file has `policies` and `scenarios` (names,
-            families, or tables with the options of a scenario), and may have `seeds` (64) and `control_dt` [s] for all.
+        name: one of `SUITES`, or the path of a file that ends in .toml. The file has `policies` and
+            `scenarios` (names, families, or tables with the options of a scenario), and may have
+            `seeds` (64) and `control_dt` [s] for all.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -210,8 +213,8 @@ def narrow(
     Args:
         suite: to start from.
         policies: specifications, or texts that `resolve` understands; empty: the suite's.
-        scenario_names: names of scenarios, or of families, which stand for all their severities on both arms, or tables of
-            options; empty: the suite's.
+        scenario_names: names of scenarios, or of families, which stand for all their severities on
+            both arms, or tables of options; empty: the suite's.
         seeds: how many test seeds; None: the suite's.
     """
     specs = tuple(resolve_apart(policy) if isinstance(policy, str) else policy for policy in policies)

@@ -1,13 +1,15 @@
 """Tunes the gains of a policy on the tuning seeds, with Optuna, and counts the cost.
 
-The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter). Error is the mean error_pct of the seeds; a
-diverged run counts as half a turn from then on. Chatter is the torque's total variation in full swings of both limits per
-second. Because of the logarithms, a scenario counts by the relative change of its error.
+The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter). Error is the mean
+error_pct of the seeds; a diverged run counts as half a turn from then on. Chatter is the torque's
+total variation in full swings of both limits per second. Because of the logarithms, a scenario
+counts by the relative change of its error.
 
-Trials use few scenarios and seeds, so they miss a divergence in some hundred runs. The best trials and the defaults
-are therefore judged once more: on more scenarios, those of severity 3 among them, and on tuning seeds that no trial used.
-There each percent of diverged runs adds to the objective, since the logarithms hardly count a few of them in a scenario.
-The gains that are judged best are shipped.
+Trials use few scenarios and seeds, so they miss a divergence in some hundred runs. The best trials
+and the defaults are therefore judged once more: on more scenarios, those of severity 3 among them,
+and on tuning seeds that no trial used. There each percent of diverged runs adds to the objective,
+since the logarithms hardly count a few of them in a scenario. The gains that are judged best are
+shipped.
 """
 
 from __future__ import annotations
@@ -98,7 +100,10 @@ class Task:
         return {"scenarios": list(self.names), "seeds": [self.seeds.start, self.seeds.stop]}
 
     def cost(self, gains: Mapping[str, float]) -> tuple[float, float]:
-        """Return the objective (lower is better) and the diverged runs [%]. Gains left out take their defaults."""
+        """Return the objective (lower is better) and the diverged runs [%].
+
+        Gains left out take their defaults.
+        """
         costs, diverged = [], []
         for task in self.tasks:
             mean = summarize(measure(rollout(self.policy, task, self.seeds, gains)))
@@ -110,7 +115,7 @@ class Task:
 
 
 def seeds(trial: int, fresh: int) -> tuple[range, range]:
-    """Return tuning seeds for the trials, from the split's start, and others to judge on, from its end.
+    """Return tuning seeds for the trials, and others to judge on.
 
     Args:
         trial: how many for the trials.
@@ -127,14 +132,17 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
 def tune(
     task: Task, trials: int, storage: Path, also: Mapping[str, float] | None = None, sampler_seed: int | None = None
 ) -> optuna.Study:
-    """Go on with a study until it has enough finished trials. Several processes may share the storage.
+    """Go on with a study until it has enough finished trials.
+
+    Several processes may share the storage.
 
     Args:
         task: the policy, scenarios and seeds.
         trials: number of trials, those of earlier runs counted.
         storage: file of the study.
         also: gains to try as one of them, such as those of an earlier study.
-        sampler_seed: seed of the sampler; None: a new one for each run and process, so that no trial is repeated.
+        sampler_seed: seed of the sampler; None: a new one for each run and process, so that no
+            trial is repeated.
     """
     ranges = task.ranges
     for name, value in (also or {}).items():
@@ -176,7 +184,7 @@ def _process() -> str:
 
 
 def _close_stale(study: optuna.Study, including: str = "") -> None:
-    """Mark as failed the running trials of processes on this machine that have ended, and of one that ends now."""
+    """Mark trials as failed whose process has ended, and those of one that ends now."""
     for trial in study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.RUNNING,)):
         process = trial.user_attrs.get("process", "")
         machine, _, pid = process.rpartition(" ")
@@ -201,7 +209,9 @@ def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
 
 
 def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, Any]]:
-    """Judge the best trials and the defaults (trial 0) on a task that no trial used, and return verdicts, best first.
+    """Judge the best trials and the defaults (trial 0) on a task that no trial used.
+
+    The verdicts are returned best first.
 
     Each verdict is written into the study and read from there the next time.
 
@@ -267,7 +277,7 @@ def summary(
 
 
 def ship(summary: dict[str, Any], folder: Path = TUNED) -> Path:
-    """Write the gains of a summary, and their verdict and cost, where `controllers` reads them as POLICY@tuned.
+    """Write gains, verdict and cost where `controllers` reads them as POLICY@tuned.
 
     Of the judged trials, the file has the number and the errors of the best and of the defaults.
 
