@@ -71,7 +71,7 @@ def measure_ranges(board: Board, store: Store, workers: int) -> dict[str, RangeE
     """
     cells = {(spec.name, name): range_cells(spec, name, board.seeds) for spec in board.specs for name in RADII}
     every = [cell for some in cells.values() for cell in some]
-    for outcome in run(every, store, workers=workers, command="fbl-gym report --splits"):
+    for outcome in run(every, store, workers=workers, command="fbl-gym report --generalization"):
         if outcome.error:
             raise ValueError(f"{outcome.id} failed: {outcome.error}")
     results = {key: [store.find(cell) for cell in some] for key, some in cells.items()}

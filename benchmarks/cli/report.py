@@ -13,7 +13,7 @@ from benchmarks.analysis.robustness import stored_radii
 from benchmarks.cli.common import command_line, console, count, trust
 from benchmarks.cli.leaderboard import add_suite, results_of, suite_of
 from benchmarks.report import markdown, terminal
-from benchmarks.report.export import write_csv, write_splits
+from benchmarks.report.export import write_csv, write_generalization
 from benchmarks.report.page import contents, write_page
 from benchmarks.report.scenes import selected
 from benchmarks.run.store import Store, write_text
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--radius", action="store_true", help="also measure the uncertainty radius of every policy (minutes)"
     )
     parser.add_argument(
-        "--splits",
+        "--generalization",
         action="store_true",
         help="add columns of the error within and beyond the radius that agents are trained on (minutes)",
     )
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=count,
         default=os.cpu_count() or 1,
         metavar="N",
-        help="processes for --radius, --splits and --learned (one per core)",
+        help="processes for --radius, --generalization and --learned (one per core)",
     )
 
 
@@ -67,9 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
         )
     board = assemble(results)
     radii = stored_radii(board.specs, store, arguments.workers) if arguments.radius else {}
-    splits = measure_ranges(board, store, arguments.workers) if arguments.splits else {}
+    ranges = measure_ranges(board, store, arguments.workers) if arguments.generalization else {}
     terminal.leaderboard(console(), board)
-    table = markdown.leaderboard(board, splits)
+    table = markdown.leaderboard(board, ranges)
     write_text(arguments.out / "board.md", table)
     write_csv(arguments.out / "board.csv", results)
     tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
@@ -77,10 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
         {board.policies[i]: trace_of(Cell(board.specs[i], tasks[name], board.seeds[:1]), store) for i in board.order}
         for name in selected(list(tasks))
     ]
-    write_page(arguments.out / "board.html", contents(board, results, traces, radii, splits, command_line()))
-    if splits:
-        terminal.splits(console(), board, splits)
-        write_splits(arguments.out / "splits.csv", board, splits)
+    write_page(arguments.out / "board.html", contents(board, results, traces, radii, ranges, command_line()))
+    if ranges:
+        terminal.generalization(console(), board, ranges)
+        write_generalization(arguments.out / "generalization.csv", board, ranges)
     if arguments.learned:
         rows = measure_learned(list(tasks.values()), board.seeds, store, arguments.workers)
         write_text(arguments.out / "learned.md", markdown.learned_table(rows))

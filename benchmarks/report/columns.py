@@ -73,12 +73,12 @@ def fixed(digits: int) -> Callable[[float], str]:
     return lambda x: f"{x:.{digits}f}"
 
 
-def columns(board: Board, splits: Mapping[str, RangeErrors]) -> list[Column]:
+def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
     """Return the columns of a board, from left to right.
 
     Args:
         board: Source of the numbers.
-        splits: Errors at each radius of the parameters' error; may be empty.
+        ranges: Errors at each radius of the parameters' error; may be empty.
     """
     policies = board.policies
     rank: list[Value] = [None] * len(policies)
@@ -123,11 +123,11 @@ def columns(board: Board, splits: Mapping[str, RangeErrors]) -> list[Column]:
         ),
         *(
             estimated(
-                f"split-{name}", name, f"Error % on {MEANING[name]}, and the share of runs that diverged. An agent counts "
-                "with all its training seeds.", split.error, best=-1, form=fixed(3),
-                notes=[f"{100 * share:.2g} % diverged" if share else "" for share in split.diverged],
+                f"range-{name}", name, f"Error % on {MEANING[name]}, and the share of runs that diverged. An agent counts "
+                "with all its training seeds.", errors.error, best=-1, form=fixed(3),
+                notes=[f"{100 * share:.2g} % diverged" if share else "" for share in errors.diverged],
             )
-            for name, split in splits.items()
+            for name, errors in ranges.items()
         ),
         Column(
             "decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].",

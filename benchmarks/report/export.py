@@ -46,15 +46,13 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
     write_text(path, text.getvalue())
 
 
-def write_splits(path: Path, board: Board, splits: Mapping[str, RangeErrors]) -> None:
+def write_generalization(path: Path, board: Board, ranges: Mapping[str, RangeErrors]) -> None:
     """Write each policy's error in % at each radius, its interval and its diverged share as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ["policy", *(f"{split}{part}" for split in splits for part in ("", ": low", ": high", ": diverged"))]
-    )
+    writer.writerow(["policy", *(f"{name}{part}" for name in ranges for part in ("", ": low", ": high", ": diverged"))])
     for i in board.order:
-        numbers = (x[i] for s in splits.values() for x in (s.error.value, s.error.low, s.error.high, s.diverged))
+        numbers = (x[i] for s in ranges.values() for x in (s.error.value, s.error.low, s.error.high, s.diverged))
         writer.writerow([board.policies[i], *(f"{x:.7g}" for x in numbers)])
     write_text(path, text.getvalue())
 

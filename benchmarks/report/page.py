@@ -87,7 +87,7 @@ def contents(
     results: Sequence[Result],
     traces: Sequence[Mapping[str, Trace]],
     radii: Mapping[tuple[str, str], Radius],
-    splits: Mapping[str, RangeErrors],
+    ranges: Mapping[str, RangeErrors],
     command: str,
 ) -> Page:
     """Return what the page shows of a board.
@@ -97,7 +97,7 @@ def contents(
         results: Results of the cells, for their provenance.
         traces: Traces of one seed, for each scene and policy; may be empty.
         radii: Uncertainty radius of each policy and direction; may be empty.
-        splits: Errors at each radius of the parameters' error; may be empty.
+        ranges: Errors at each radius of the parameters' error; may be empty.
         command: Command that makes the page.
     """
     latest = max(results, key=lambda result: result.provenance.get("time", ""))
@@ -120,7 +120,7 @@ def contents(
         "summaries": [spec.summary for spec in board.specs],
         "order": [board.policies[i] for i in board.order],
         "ranked": [board.policies[i] for i in board.ranked],
-        "columns": columns(board, splits),
+        "columns": columns(board, ranges),
         "figures": {
             "degradation": figures.degradation(board),
             "radius": figures.radius(board, radii),

@@ -84,7 +84,7 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
     return table
 
 
-def splits(console: Console, board: Board, measured: Mapping[str, RangeErrors]) -> None:
+def generalization(console: Console, board: Board, measured: Mapping[str, RangeErrors]) -> None:
     """Print each policy's error within and beyond the radius that agents are trained on."""
     table = Table(title="Error % over the uncertainty radius", title_style="bold", box=SIMPLE_HEAD)
     table.add_column("policy", no_wrap=True)
@@ -93,9 +93,9 @@ def splits(console: Console, board: Board, measured: Mapping[str, RangeErrors]) 
     for i in board.order:
         privileged = not board.specs[i].ranked
         cells = []
-        for split in measured.values():
-            value, low, high = (_number(x[i]) for x in (split.error.value, split.error.low, split.error.high))
-            diverged = f" [red]{100 * split.diverged[i]:.2g} %[/red]" if split.diverged[i] else ""
+        for errors in measured.values():
+            value, low, high = (_number(x[i]) for x in (errors.error.value, errors.error.low, errors.error.high))
+            diverged = f" [red]{100 * errors.diverged[i]:.2g} %[/red]" if errors.diverged[i] else ""
             cells.append(f"{value} [dim]{low}-{high}[/dim]{diverged}")
         table.add_row(
             f"({board.policies[i]})" if privileged else board.policies[i], *cells, style="dim" if privileged else ""

@@ -1,4 +1,4 @@
-"""The splits of the uncertainty radius: their cells, their columns, and that they are kept in the store."""
+"""The ranges of the uncertainty radius: their cells, their columns, and that they are kept in the store."""
 
 import csv
 
@@ -26,8 +26,8 @@ POLICIES = ("cascade-flm", "ppo-residual", "oracle-flm")
 
 def test_a_split_is_the_scenario_of_training_at_its_radius():
     assert [*RADII] == ["interpolation", "in distribution", "extrapolation", "far extrapolation"]
-    for split, radius in RADII.items():
-        (cell,) = range_cells("cascade-flm", split, SEEDS)
+    for name, radius in RADII.items():
+        (cell,) = range_cells("cascade-flm", name, SEEDS)
         env = TwoLinkArmVectorEnv(400, cell.scenario)
         env.reset(seed=0)
         ratios = np.hstack([env.truth.masses / [20.0, 15.0], env.truth.lengths / [0.7, 0.5]])
@@ -69,24 +69,24 @@ def test_columns_against_their_definition_and_kept_in_the_store(tmp_path, monkey
     assert found["extrapolation"].error.value[1] == pytest.approx(
         iqm([[run] for run in runs], once[None])[0], rel=1e-12
     )
-    for split in found.values():
-        assert split.error.value.shape == split.diverged.shape == (len(POLICIES),)
-        assert np.all((split.error.low <= split.error.value) & (split.error.value <= split.error.high))
+    for measured in found.values():
+        assert measured.error.value.shape == measured.diverged.shape == (len(POLICIES),)
+        assert np.all((measured.error.low <= measured.error.value) & (measured.error.value <= measured.error.high))
     monkeypatch.setattr(runner, "compute", lambda *_: pytest.fail("it was run again"))
     again = measure_ranges(board, store, workers=1)
-    for split in RADII:
-        np.testing.assert_array_equal(again[split].error.value, found[split].error.value)
-        np.testing.assert_array_equal(again[split].error.low, found[split].error.low)
+    for name in RADII:
+        np.testing.assert_array_equal(again[name].error.value, found[name].error.value)
+        np.testing.assert_array_equal(again[name].error.low, found[name].error.low)
 
 
 def test_runs_that_diverge_are_counted_and_said(tmp_path):
-    """An arm without torque falls now and then; of the arms of the last split, more often."""
+    """An arm without torque falls now and then; of the arms of the last range, more often."""
     store, seeds = Store(tmp_path / "store"), tuple(range(24))
     board = assemble([run_cell(Cell("zero", "everything-2", seeds))])
     found = measure_ranges(board, store, workers=1)
-    for name, split in found.items():
+    for name, measured in found.items():
         trace = rollout("zero", range_cells("zero", name, seeds)[0].scenario, seeds)
-        assert split.diverged[0] == (~trace.alive[-1]).mean()
+        assert measured.diverged[0] == (~trace.alive[-1]).mean()
     assert found["far extrapolation"].diverged[0] > 0
     assert f"{100 * found['far extrapolation'].diverged[0]:.2g} % diverged" in markdown.leaderboard(board, found)
 
@@ -96,25 +96,25 @@ def test_every_report_has_the_columns(tmp_path, capsys):
     some = ["--policies", *POLICIES, "--scenarios", "nominal", "--seeds", "2", "--store", store, "--workers", "1"]
     assert cli.main(["leaderboard", *some]) == 0
     capsys.readouterr()
-    assert cli.main(["report", *some, "--out", str(out), "--splits"]) == 0
+    assert cli.main(["report", *some, "--out", str(out), "--generalization"]) == 0
     shown = capsys.readouterr().out
     header = (out / "board.md").read_text().splitlines()[0]
     assert header.endswith("| nominal | interpolation | in distribution | extrapolation | far extrapolation |")
-    with (out / "splits.csv").open() as file:
+    with (out / "generalization.csv").open() as file:
         rows = {row["policy"]: row for row in csv.DictReader(file)}
     assert set(rows) == set(POLICIES)
     page = (out / "board.html").read_text()
-    for split, radius in RADII.items():
-        assert split in shown
-        assert f'data-sort="split-{split}"' in page
+    for name, radius in RADII.items():
+        assert name in shown
+        assert f'data-sort="range-{name}"' in page
         assert f"off by factors of up to {1 + radius:g}" in page
-        low, value, high = (float(rows["ppo-residual"][f"{split}{end}"]) for end in (": low", "", ": high"))
-        assert rows["ppo-residual"][f"{split}: diverged"] == "0"
+        low, value, high = (float(rows["ppo-residual"][f"{name}{end}"]) for end in (": low", "", ": high"))
+        assert rows["ppo-residual"][f"{name}: diverged"] == "0"
         assert 0.0 < low <= value <= high
     # A number can be checked as any row of the board.
     assert cli.main(["verify", "ppo-residual@3/everything-2, radius 1", "--store", store]) == 0
     assert "holds, bit for bit" in capsys.readouterr().out
     # Without the option, nothing of it.
     assert cli.main(["report", *some, "--out", str(tmp_path / "plain")]) == 0
-    assert not (tmp_path / "plain" / "splits.csv").exists()
+    assert not (tmp_path / "plain" / "generalization.csv").exists()
     assert "extrapolation" not in (tmp_path / "plain" / "board.md").read_text()

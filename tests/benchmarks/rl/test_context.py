@@ -121,7 +121,7 @@ def test_commands_take_an_agent_with_context(name, tmp_path, capsys):
     assert resolve(name).access == "privileged"
     assert resolve(name).kind == "learned"
     assert cli.main(["check-policy", name]) == 0
-    assert "not so" in capsys.readouterr().out
+    assert "no: it knows the truth" in capsys.readouterr().out
     assert cli.main(["evaluate", name, "--seeds", "1"]) == 0
     arguments = ["--policies", "oracle-flm", name, "--scenarios", "everything-2", "--seeds", "2", "--workers", "1"]
     assert cli.main(["leaderboard", *arguments, "--store", str(tmp_path)]) == 0
