@@ -3,7 +3,7 @@
 The text is one of:
 
 - a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed
-package;
+  package;
 - "cascade-flm@tuned", with its tuned gains;
 - "ppo-memory@3", a shipped agent of one training seed;
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
@@ -40,6 +40,10 @@ from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
 RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout")
 """Modules that every result depends on, the kernel among what they import."""
+
+
+class BadDeclaration(ValueError):
+    """A policy's factory declares something that is not allowed."""
 
 
 class Changed(ValueError):
@@ -102,6 +106,7 @@ class PolicySpec:
         attribute = self.name.partition(":")[2] if external.is_external(self.name) else ""
         return {
             "policy": f"external:{attribute}" if external.is_external(self.name) else self.name,
+            "access": self.access,
             "code": self.digest,
             "data": sorted(self.data.values()),
             "configuration": dict(self.configuration),
@@ -132,7 +137,7 @@ class PolicySpec:
             external.trust(self.name)
         now = resolve(self.name).identity
         if now != self.identity:
-            parts = [part for part in ("code", "data", "configuration") if now[part] != self.identity[part]]
+            parts = [part for part in now if now[part] != self.identity[part]]
             raise Changed(f"the {' and '.join(parts)} of {self.name} changed since it was resolved; run it again")
         if self.external and not _weights(self.name):
             for path in sorted(external.data_files(set(reads), external.sources(self.name))):
@@ -217,7 +222,7 @@ def is_unchanged(spec: PolicySpec) -> bool:
     try:
         if external.is_file(spec.name) and not _registered(spec.name):
             data = {path: external.file_digest(Path(path)) for path in spec.data}
-            return _digest(spec.name, external.sources(spec.name)) == spec.digest and data == spec.data
+            return _digest(external.sources(spec.name)) == spec.digest and data == spec.data
         now = _trained(spec.name) if _weights(spec.name) else resolve_apart(spec.name)
     except (ValueError, OSError):
         return False
@@ -277,12 +282,12 @@ def _resolve(text: str) -> PolicySpec:
         with external.watch() as reads:
             modules = external.sources(text) if is_external else {}
             factory = _factory(text)
-            spec = _declared(spec, factory)
             modules = modules or _files(factory.__module__)
+            spec = _declared(spec, factory)
             spec = dataclasses.replace(spec, configuration=configuration(_make(text, _example(spec), {})))
     except external.NotFound:
         raise
-    except Inexact as problem:
+    except (BadDeclaration, Inexact) as problem:
         spec = dataclasses.replace(spec, problem=str(problem))
     except (Exception, SystemExit):
         pass  # an error of the policy: making it for a cell raises it again, and other policies must not suffer
@@ -290,7 +295,7 @@ def _resolve(text: str) -> PolicySpec:
     first = next(iter(modules.values()), Path())
     data |= {(first.parent / file).resolve() for file in spec.data}
     return dataclasses.replace(
-        spec, digest=_digest(text, modules), data={str(path): external.file_digest(path) for path in sorted(data)}
+        spec, digest=_digest(modules), data={str(path): external.file_digest(path) for path in sorted(data)}
     )
 
 
@@ -299,16 +304,19 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     name = _registered(spec.name)
     kind = controllers.kind(name) if name else getattr(factory, "kind", "classical")
     tuning = "tuned" if spec.name.endswith("@tuned") else "default gains"
-    return dataclasses.replace(
-        spec,
-        kind=check_choice(f"kind of {spec.name}", kind, KINDS),
-        access=controllers.access(name or factory),
-        needs=tuple(getattr(factory, "needs", ())),
-        preview=float(getattr(factory, "preview", 0.0)),
-        tuning="trained" if kind == "learned" else tuning,
-        summary=controllers.summary(name) if name else (factory.__doc__ or "").strip().partition("\n")[0],
-        data=dict.fromkeys(getattr(factory, "data_files", ()), ""),
-    )
+    try:
+        return dataclasses.replace(
+            spec,
+            kind=check_choice(f"kind of {spec.name}", kind, KINDS),
+            access=controllers.access(name or factory),
+            needs=tuple(getattr(factory, "needs", ())),
+            preview=float(getattr(factory, "preview", 0.0)),
+            tuning="trained" if kind == "learned" else tuning,
+            summary=controllers.summary(name) if name else (factory.__doc__ or "").strip().partition("\n")[0],
+            data=dict.fromkeys(getattr(factory, "data_files", ()), ""),
+        )
+    except (ValueError, TypeError) as problem:
+        raise BadDeclaration(str(problem)) from problem
 
 
 def _trained(text: str) -> PolicySpec:
@@ -317,7 +325,7 @@ def _trained(text: str) -> PolicySpec:
     weights = hashlib.sha256("".join(external.file_digest(path) for path in _weights(text)).encode()).hexdigest()
     return PolicySpec(
         text, "learned", "nominal" if archive else access_of(Path(text)), tuning="trained", external=True,
-        digest=_digest(text, _files((load_zip if archive else saved_agent).__module__), weights), trusted=archive,
+        digest=_digest(_files((load_zip if archive else saved_agent).__module__), weights), trusted=archive,
     )  # fmt: skip
 
 
@@ -347,10 +355,7 @@ def _files(*modules: str) -> dict[str, Path]:
     return {module: file for module, file in files.items() if file is not None}
 
 
-def _digest(text: str, modules: Mapping[str, Path], weights: str = "") -> str:
+def _digest(modules: Mapping[str, Path], weights: str = "") -> str:
     """A hash of a policy's code with its imports, and of the code behind every result."""
-    alone = external.is_file(text) or ":" in text
-    folder = next(iter(modules.values())).parent if alone and modules else None
-    return hashlib.sha256(
-        f"{code_digest(closure({**_files(*RESULTS), **modules}, folder))} {weights}".encode()
-    ).hexdigest()
+    code = code_digest(closure({**_files(*RESULTS), **modules}))
+    return hashlib.sha256(f"{code} {weights}".encode()).hexdigest()

