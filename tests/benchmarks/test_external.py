@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from benchmarks import cli
+from benchmarks.policies.spec import resolve_apart
 from benchmarks.run.runner import run
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
@@ -68,5 +69,5 @@ def test_a_policy_that_kills_its_process_while_it_loads_is_a_failed_cell(tmp_pat
 def test_what_a_policy_prints_and_reads_stays_with_it(tmp_path):
     law = tmp_path / "prints.py"
     law.write_text("from controllers.simple import Zero as make_policy\nimport sys\nprint('hello', sys.stdin.read())\n")
-    outcomes = list(run([Cell(str(law), "nominal", (0,))], Store(tmp_path / "store")))
+    outcomes = list(run([Cell(resolve_apart(str(law)), "nominal", (0,))], Store(tmp_path / "store")))
     assert [outcome.error for outcome in outcomes] == [""]
