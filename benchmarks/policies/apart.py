@@ -63,7 +63,7 @@ class _Process:
     def call(self, function: str, arguments: tuple[Any, ...]) -> tuple[BaseException | None, Any]:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        pickle.dump((function, arguments), self.process.stdin)
+        pickle.dump((os.getcwd(), function, arguments), self.process.stdin)
         self.process.stdin.flush()
         answer: tuple[BaseException | None, Any] = pickle.load(self.process.stdout)
         return answer
@@ -109,9 +109,10 @@ def serve() -> None:
     os.dup2(2, 1)
     while True:
         try:
-            function, arguments = pickle.load(requests)
+            folder, function, arguments = pickle.load(requests)
         except EOFError:
             return
+        os.chdir(folder)  # the policy may be named by a relative path
         module, _, name = function.partition(":")
         try:
             answer = pickle.dumps((None, getattr(importlib.import_module(module), name)(*arguments)))

@@ -259,7 +259,8 @@ def _state(text: str) -> str:
     files = {*external.sources(text).values(), *_weights(text)}
     if text in _RESOLVED:
         files |= {Path(path) for path in _RESOLVED[text][0].data}
-    return hashlib.sha256("".join(external.file_digest(path) for path in sorted(files)).encode()).hexdigest()
+    digests = [str(Path.cwd()), *(external.file_digest(path) for path in sorted(files))]
+    return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
 def _weights(text: str) -> list[Path]:

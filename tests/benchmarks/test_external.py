@@ -71,3 +71,14 @@ def test_what_a_policy_prints_and_reads_stays_with_it(tmp_path):
     law.write_text("from controllers.simple import Zero as make_policy\nimport sys\nprint('hello', sys.stdin.read())\n")
     outcomes = list(run([Cell(resolve_apart(str(law)), "nominal", (0,))], Store(tmp_path / "store")))
     assert [outcome.error for outcome in outcomes] == [""]
+
+
+def test_a_relative_path_is_that_of_the_present_folder(tmp_path, monkeypatch):
+    for folder, law in (("one", "Zero"), ("two", "PdGravity")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "law.py").write_text(f"from controllers.simple import {law} as make_policy\n")
+    digests = []
+    for folder in ("one", "two"):
+        monkeypatch.chdir(tmp_path / folder)
+        digests.append(resolve_apart("law.py").digest)
+    assert digests[0] != digests[1]
