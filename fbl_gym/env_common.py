@@ -11,10 +11,11 @@ from gymnasium import error, logger
 from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.checks import Pair, check_whole, unknown
 from fbl_gym.interface import Interface, Layout
+from fbl_gym.memory import NO_AUTORESET
+from fbl_gym.program import Program, make_program
 from fbl_gym.records import build, declarations
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario, as_scenario
-from fbl_gym.settings import NO_AUTORESET, Program, make_program
 
 MAX_SEED = 2**64 - 1
 MIN_RENDER_SIZE = 160

@@ -25,9 +25,9 @@ from fbl_gym.env_common import (
     configure,
     frame_rate,
 )
+from fbl_gym.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
-from fbl_gym.settings import NEXT_STEP, NO_AUTORESET, SAME_STEP
 
 if TYPE_CHECKING:
     from fbl_gym.render import Frame, View
@@ -177,7 +177,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         if not done.any():
             return {}
         final = np.full(self.num_envs, None, dtype=object)
-        lasts = self._batch.lasts
+        lasts = self._batch.final_observations
         for lane in np.flatnonzero(done):
             final[lane] = lasts[lane].copy()
         return {"final_obs": final, "_final_obs": done, "final_info": {}, "_final_info": done.copy()}

@@ -15,7 +15,8 @@ from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
 
 REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED = "reproduced", "under assumptions", "not reproduced"
-"""The verdicts. "under assumptions": the paper is misprinted, ambiguous or silent, and the claim holds
+"""The verdicts. "under assumptions": the paper is misprinted, ambiguous or silent, and
+the claim holds
 under the assumptions that are named."""
 
 ARMS = {"section-2-2": SECTION_2_2, "table-1": TABLE_1}
@@ -93,7 +94,7 @@ def scaled(arm: ArmParameters, factor: float) -> ArmParameters:
 
 
 def with_estimate(scenario: Scenario, real: ArmParameters, factor: float) -> Scenario:
-    """Return the scenario with a real arm, and with nominal parameters `factor` times the real ones."""
+    """Return the scenario with a real arm, and with nominal parameters `factor` times them."""
     return scenario.replace(arm=scaled(real, factor), parameter_error=1.0 / factor)
 
 

@@ -28,7 +28,6 @@ def errors(policy: str, scenario: Scenario, seeds: int) -> Array:
 
 def measured_radius(policy: str, scenario: Scenario, direction: str, seeds: int, effort: Effort) -> Radius:
     """Return the largest radius at which 95 % of the seeds track within 5 %."""
-
     return search(
         lambda r: errors(policy, with_radius(scenario, r, direction), seeds),
         scan=effort.ratios // 2 + 1, tolerance=0.6 / effort.ratios,
