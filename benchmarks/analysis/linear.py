@@ -11,19 +11,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
-from pathlib import Path
 from typing import Any
 
 import control
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from scipy.linalg import block_diag, expm
 from threadpoolctl import threadpool_limits
 
-from benchmarks.policies import resolve
-from benchmarks.report.plot import COLORS
+from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env
 from fbl_gym.arm import Array, forward_dynamics, inertia_matrix
 from fbl_gym.batch import Truth
@@ -282,10 +277,11 @@ def linearize(
         scenario = scenario.replace(reference=reference, initial_error=0.0)
     looks = steps or [round(time / dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
     scenario = scenario.replace(duration=(max(looks) + 1) * dt)
-    env = make_env(policy, scenario, 1)
-    actor = resolve.make(policy, env, **(gains or {}))
-    if resolve.access(policy) == "privileged":
+    spec = resolve(policy)
+    if not spec.ranked:
         raise NotLinear("the policy reads the true state")
+    env = make_env(spec, scenario, 1)
+    actor = spec.make(env, **(gains or {}))
     observation, _ = env.reset(seed=[seed])
     state: Any = None
     loops = {}
@@ -432,28 +428,3 @@ def _minimal(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
             basis, block = np.hstack([basis, new]), a @ new
         a, b, c = (basis.T @ a @ basis).T, (c @ basis).T, (basis.T @ b).T
     return a, b, c
-
-
-def plot_loops(loops: Mapping[str, LinearLoop], path: Path) -> None:
-    """Draw |L| and |S| of each joint over the frequency.
-
-    Args:
-        loops: by their names in the legend.
-        path: of the picture: .png, .svg or .pdf.
-    """
-    figure = Figure(figsize=(10, 7), layout="constrained")
-    panels = figure.subplots(2, 2, sharex=True)
-    for joint in (0, 1):
-        for color, (name, loop) in zip(cycle(COLORS), loops.items(), strict=False):
-            frequencies, transfer = loop.response(joint)
-            panels[0, joint].loglog(frequencies, np.abs(transfer), color=color, label=name)
-            panels[1, joint].loglog(frequencies, np.abs(1.0 / (1.0 + transfer)), color=color)
-        panels[0, joint].set_title(f"joint {joint + 1}")
-        panels[1, joint].set_xlabel("frequency [rad/s]")
-        for panel in panels[:, joint]:
-            panel.axhline(1.0, color="0.6", linewidth=0.8)
-            panel.grid(alpha=0.3)
-    panels[0, 0].set_ylabel("loop transfer |L|")
-    panels[1, 0].set_ylabel("sensitivity |S|")
-    panels[0, 1].legend(fontsize="small")
-    FigureCanvasAgg(figure).print_figure(path)

@@ -8,8 +8,9 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from benchmarks.analysis.linear import POINT, LinearLoop, NotLinear, linearize, plot_loops
+from benchmarks.analysis.linear import POINT, LinearLoop, NotLinear, linearize
 from benchmarks.cli.common import console, picture, policy_name
+from benchmarks.report.plot import plot_loops
 from fbl_gym import scenarios
 
 
@@ -65,6 +66,6 @@ def run(arguments: argparse.Namespace) -> int:
         screen.print(f"no margins of {escape(policy)}: {reason}")
     screen.print("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
     if arguments.plot is not None and loops:
-        plot_loops(loops, arguments.plot)
+        plot_loops(loops, f"{scenario.name}, {place}", arguments.plot)
         screen.print(f"plot: {arguments.plot}")
     return 0
