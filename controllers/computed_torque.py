@@ -39,13 +39,7 @@ class ComputedTorque(TorqueLaw):
         return linearize(self.interface.nominal, q, v, self.acceleration(observation, q, v)), state
 
     def acceleration(self, observation: Array, q: Array, v: Array) -> Array:
-        """Return a, the desired acceleration [n x 2] rad/s^2.
-
-        Args:
-            observation: for the reference, [n x size].
-            q: position [n x 2] rad.
-            v: velocity [n x 2] rad/s.
-        """
+        """Return a, the desired acceleration [n x 2] rad/s^2."""
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         w = np.array(self.frequency)
         return r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v)

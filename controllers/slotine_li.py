@@ -102,11 +102,7 @@ class SlotineLi(TorqueLaw):
         return torque, (estimate, new_momentum, new_drift, w, filtered, applied, np.ones_like(started))
 
     def project(self, estimate: Array) -> Array:
-        """Return the estimate [n x 5], clipped to be within reach and physical: p1 p2 > p3^2.
-
-        Args:
-            estimate: [n x 5].
-        """
+        """Return the estimate [n x 5], clipped to be within reach and physical: p1 p2 > p3^2."""
         nominal = self.interface.nominal.lumped
         projected = np.clip(estimate, nominal / self.reach, nominal * self.reach)
         projected[:, 2] = np.minimum(projected[:, 2], 0.95 * np.sqrt(projected[:, 0] * projected[:, 1]))

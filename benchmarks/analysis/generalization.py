@@ -50,10 +50,7 @@ class RangeErrors:
 
 
 def range_cells(policy: PolicySpec | str, name: str, seeds: Sequence[int]) -> list[Cell]:
-    """Return the cells of a policy in a range of `RADII`.
-
-    A shipped agent has one for each training seed, such as "ppo-memory@3".
-    """
+    """Return the cells of a policy in a range of `RADII`, one for each training seed."""
     scenario = at_radius(scenarios.get(TRAINED_ON), RADII[name])
     spec = resolve(policy)
     training = shipped().get(spec.name, ())
@@ -62,13 +59,7 @@ def range_cells(policy: PolicySpec | str, name: str, seeds: Sequence[int]) -> li
 
 
 def measure_ranges(board: Board, store: Store, workers: int) -> dict[str, RangeErrors]:
-    """Measure each generalization range. Results in the store are not computed again.
-
-    Args:
-        board: for its policies and seeds.
-        store: for the cells.
-        workers: processes.
-    """
+    """Measure each generalization range on the board's seeds."""
     cells = {(spec.name, name): range_cells(spec, name, board.seeds) for spec in board.specs for name in RADII}
     every = [cell for some in cells.values() for cell in some]
     for outcome in run(every, store, workers=workers, command="fbl-gym report --generalization"):

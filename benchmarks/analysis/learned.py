@@ -21,12 +21,11 @@ class Learned:
     """A shipped agent over all its training seeds on one scenario.
 
     Attributes:
-        policy: Name of the agent.
-        scenario: Name of the scenario.
-        training_seeds: Number of training seeds.
-        error: Interquartile mean of the error in % over training and test seeds; its interval
-            resamples both.
-        parts: Variances of the logarithm of the error: training, world, and neither alone.
+        policy: name of the agent.
+        scenario: name of the scenario.
+        training_seeds: number of training seeds.
+        error: interquartile mean of the error in %, with an interval over training and test seeds.
+        parts: variances of the logarithm of the error: training, world, and neither alone.
     """
 
     policy: str
@@ -41,17 +40,7 @@ def measure_learned(
 ) -> list[Learned]:
     """Measure each shipped agent with two training seeds or more on each scenario.
 
-    Each training seed is a cell, such as "ppo-memory@3". Cells of the store are not run again.
-
-    Args:
-        scenarios: Tasks.
-        seeds: Test seeds, the same for every agent.
-        store: Store of the cells.
-        workers: Number of processes.
-        rng: Seed of the bootstrap.
-
-    Raises:
-        ValueError: If a cell fails.
+    Each training seed is a cell, such as "ppo-memory@3". `rng` is the seed of the bootstrap.
     """
     agents = {policy: training for policy, training in shipped().items() if len(training) > 1}
     cells = {

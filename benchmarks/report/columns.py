@@ -25,15 +25,14 @@ class Column:
     """One column of the board, with an entry for each policy [p].
 
     Attributes:
-        key: Short name, which is also the anchor that sorts by this column.
-        title: Head of the column.
-        meaning: One sentence for the reader.
-        values: Number or text of each policy; None where a policy has none.
-        low: Lower ends of the 95 % intervals; empty without intervals.
-        high: Upper ends of the 95 % intervals.
-        notes: Text below the number of each policy; empty without notes.
+        key: short name, which is also the anchor that sorts by this column.
+        title: head of the column.
+        meaning: one sentence for the reader.
+        values: number or text of each policy; None where a policy has none.
+        low, high: ends of the 95 % intervals; empty without intervals.
+        notes: text below the number of each policy; empty without notes.
         best: 1 if larger is better, -1 if smaller is better, 0 if neither.
-        form: Function that prints a number.
+        form: function that prints a number.
     """
 
     key: str
@@ -74,12 +73,7 @@ def fixed(digits: int) -> Callable[[float], str]:
 
 
 def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
-    """Return the columns of a board, from left to right.
-
-    Args:
-        board: Source of the numbers.
-        ranges: Errors at each radius of the parameters' error; may be empty.
-    """
+    """Return the columns of a board, from left to right, one for each generalization range."""
     policies = board.policies
     rank: list[Value] = [None] * len(policies)
     ends: list[list[Value]] = [rank[:], rank[:]]

@@ -28,18 +28,9 @@ def selected(scenarios: Sequence[str]) -> list[str]:
 def scene(traces: Mapping[str, Trace], lane: int = 0) -> dict[str, Any]:
     """Return one lane of some traces, thinned so that the page stays small.
 
-    Args:
-        traces: Trace of each policy, all of one scenario and the same seeds.
-        lane: Index of the seed.
-
-    Returns:
-        The scenario's name and description, the seed, `time` [s] of k samples, `lengths` [m],
-        `reference` [rad] and `disturbance` [N m], [2 x k], and `runs`. A run has the policy,
-        `position` [rad] and `torque` [N m], [2 x k] and NaN after it diverged, `error_pct`, and
-        `diverged`, the time [s] or None.
-
-    Raises:
-        ValueError: If the traces are of different scenarios or seeds.
+    Time is in s, `lengths` in m. `reference` and `disturbance` are [2 x k], in rad and N m. So are
+    `position` and `torque` of each run, which are NaN after it diverged; `diverged` is the time of
+    that, or None.
     """
     first = next(iter(traces.values()))
     for policy, trace in traces.items():

@@ -29,16 +29,9 @@ _WRITER: dict[str, dict[str, Any]] = {
 
 
 def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size: int = 480) -> None:
-    """Film one seed of some traces, at a constant frame rate and in real time.
+    """Film one seed of some traces of one scenario, at a constant frame rate and in real time.
 
-    Args:
-        traces: Trace of each policy, all of one scenario and the same seeds.
-        path: File, whose ending gives the format, .mp4 or .gif.
-        lane: Index of the seed.
-        size: Side of each arm's square [pixels], even.
-
-    Raises:
-        ValueError: If the ending, the size, the lane or the traces do not fit.
+    The path ends in .mp4 or .gif. Each arm has a square of `size` pixels, an even number.
     """
     ending = path.suffix.lower()
     if ending not in FPS:

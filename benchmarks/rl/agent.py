@@ -40,11 +40,11 @@ class Agent(TorqueLaw):
         return AgentAdapter(self.settings, self.interface)
 
     def initial(self, observation: Array) -> State:
-        """Return the state at the start of an episode; see `TorqueLaw.initial`."""
+        """Return the state at the start of an episode."""
         return self.adapter.initial(observation)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m and the next state; see `TorqueLaw.torque`."""
+        """Return the torque [n x 2] N m and the next state."""
         context = self.adapter.context(self.env, len(observation))
         action = self.actor(self.adapter.observe(observation, state, context))
         return self.adapter.torque(action, observation, state)

@@ -1,8 +1,7 @@
 """The folder of a trained agent.
 
 `agent.json` describes the agent, `weights.npz` holds its network in single precision. Both are
-plain
-data: reading them runs no code.
+plain data: reading them runs no code.
 """
 
 from __future__ import annotations
@@ -29,10 +28,7 @@ DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
 def write(folder: Path, actor: Actor, description: dict[str, Any]) -> None:
     """Write an agent to a folder.
 
-    Args:
-        folder: is created if it does not exist.
-        actor: network of the agent.
-        description: plain data; its entry `interface` holds the fields of the `AdapterSettings`.
+    The description is plain data; its entry `interface` holds the fields of the `AdapterSettings`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     arrays: dict[str, Any] = {}
@@ -106,23 +102,16 @@ class SavedAgent(TorqueLaw):
         return {"agent": hashlib.sha256(content).hexdigest()}
 
     def initial(self, observation: Array) -> State:
-        """Return the state at the start of an episode; see `TorqueLaw.initial`."""
+        """Return the state at the start of an episode."""
         return self.agent.initial(observation)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m and the next state; see `TorqueLaw.torque`."""
+        """Return the torque [n x 2] N m and the next state."""
         return self.agent.torque(observation, state)
 
 
 def saved_agent(env: Any, folder: str) -> SavedAgent:
-    """Return the agent of a folder.
-
-    Only an agent with context gets the environment; all others get its interface.
-
-    Args:
-        env: the environment, single or batched, wrapped or not; or its interface.
-        folder: with `agent.json` and `weights.npz`.
-    """
+    """Return the agent of a folder; only one with context gets the environment itself."""
     if isinstance(env, Interface):
         return SavedAgent(env, folder)
     privileged = access_of(Path(folder)) == "privileged"

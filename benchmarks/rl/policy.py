@@ -26,14 +26,7 @@ def shipped() -> dict[str, tuple[int, ...]]:
 
 
 def curves(name: str) -> dict[int, Array]:
-    """Return the learning curves of a shipped agent, by training seed.
-
-    Args:
-        name: one of `shipped()`.
-
-    Returns:
-        For each training seed [n x 3]: steps, wall time [s], validation error [mrad].
-    """
+    """Return steps, wall time [s] and validation error [mrad], [n x 3], by training seed."""
     _check_name(name)
     rows = {}
     for seed in shipped()[name]:
@@ -48,13 +41,7 @@ def best_seed(name: str) -> int:
 
 
 def shipped_agent(name: str, env: Any, seed: int | None = None) -> SavedAgent:
-    """Return a shipped agent.
-
-    Args:
-        name: one of `shipped()`.
-        env: the environment, or its interface; see `saved_agent`.
-        seed: training seed; None: the one with the smallest error on the validation seeds.
-    """
+    """Return a shipped agent, by default that with the smallest validation error."""
     _check_name(name)
     if seed is not None and seed not in shipped()[name]:
         raise unknown("training seed", seed, map(str, shipped()[name]))

@@ -14,13 +14,10 @@ from fbl_gym.env_common import check_reset_options
 
 
 class ArmVecEnv(VecEnv):
-    """A `VecEnv` of SB3 over a `TwoLinkArmVectorEnv`.
+    """A `VecEnv` of SB3 over a `TwoLinkArmVectorEnv`, equal to a `DummyVecEnv` bit for bit.
 
-    It equals a `DummyVecEnv` of single environments, bit for bit.
-
-    Args:
-        env: wrapped or not, in SAME_STEP mode: the last step of an episode returns the first
-            observation of the next.
+    The environment, wrapped or not, is in SAME_STEP mode: the last step of an episode returns the
+    first observation of the next.
     """
 
     def __init__(self, env: VectorEnv) -> None:

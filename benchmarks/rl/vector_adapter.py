@@ -15,12 +15,7 @@ from fbl_gym.interface import Interface
 
 
 class VectorAdapter(VectorWrapper):
-    """A wrapper with an agent's observations and actions.
-
-    Args:
-        env: a `TwoLinkArmVectorEnv` in SAME_STEP mode, without other wrappers.
-        settings: of the adapter.
-    """
+    """A wrapper with an agent's observations and actions, for an environment in SAME_STEP mode."""
 
     def __init__(self, env: VectorEnv, settings: AdapterSettings) -> None:
         super().__init__(env)
