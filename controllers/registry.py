@@ -42,11 +42,7 @@ _REGISTRY: dict[str, _Entry] = {}
 
 
 def register(
-    name: str,
-    factory: str | Callable[..., Any],
-    summary: str,
-    access: str | None = None,
-    kind: str = "classical",
+    name: str, factory: str | Callable[..., Any], summary: str, access: str | None = None, kind: str = "classical"
 ) -> None:
     """Add a policy to the registry.
 

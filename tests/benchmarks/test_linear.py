@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.analysis.linear import POINT, NotLinear, linearize
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env
 from fbl_gym.scenarios import Scenario, get
 
