@@ -69,12 +69,13 @@ for _name, _path, _summary in catalogue.LAWS:
 
 
 @lru_cache(maxsize=1)
-def _entry_points() -> tuple[metadata.EntryPoint, ...]:
+def entry_points() -> tuple[metadata.EntryPoint, ...]:
+    """Return the entry points by which installed packages register policies."""
     return tuple(metadata.entry_points(group=ENTRY_POINTS))
 
 
 def _external() -> dict[str, metadata.EntryPoint]:
-    return {point.name: point for point in _entry_points() if point.name not in _REGISTRY}
+    return {point.name: point for point in entry_points() if point.name not in _REGISTRY}
 
 
 def _entry(name: str) -> _Entry:

@@ -46,9 +46,6 @@ ENOUGH_TRAINING_SEEDS = 10
 """An interval over fewer training seeds is labelled optimistic: it covers less often than its
 confidence."""
 
-ONCE = np.ones((1, 1, 1))
-"""Counts of 1 for each run: with them a statistic is that of the data."""
-
 Rng: TypeAlias = np.random.Generator | int
 """A generator, or the seed of one."""
 
@@ -80,12 +77,9 @@ def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -
     With 1 stratum, all scenarios share the resampled seeds. With one for each scenario, each
     resamples its own.
     """
-    n, strata, b = (
-        check_whole("n", n, low=1),
-        check_whole("strata", strata, low=1),
-        check_whole("resamples", resamples, low=1),
-    )
-    return np.random.default_rng(rng).multinomial(n, np.full(n, 1 / n), size=(b, strata)).astype(float)
+    for name, value in (("n", n), ("strata", strata), ("resamples", resamples)):
+        check_whole(name, value, low=1)
+    return np.random.default_rng(rng).multinomial(n, np.full(n, 1 / n), size=(resamples, strata)).astype(float)
 
 
 def mean(runs: ArrayLike, counts: Array) -> Array:
@@ -151,11 +145,8 @@ def estimate(x: ArrayLike, counts: Array, statistic: Statistic = iqm, level: flo
 
     With runs [families x severities x arms x n] it is a degradation curve with its pointwise band.
     """
-    return interval(statistic(np.asarray(x), _once(counts))[0], statistic(np.asarray(x), counts), level)
-
-
-def _once(counts: Array) -> Array:
-    return np.ones((1,) * counts.ndim)
+    once = np.ones((1,) * counts.ndim)  # counts each run once
+    return interval(statistic(np.asarray(x), once)[0], statistic(np.asarray(x), counts), level)
 
 
 def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
@@ -163,9 +154,8 @@ def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic =
 
     Below 0, a errs less.
     """
-    a, b = np.asarray(a), np.asarray(b)
-    value = statistic(a, _once(counts)) - statistic(b, _once(counts))
-    return interval(value[0], statistic(a, counts) - statistic(b, counts), level)
+    runs = np.stack([np.asarray(a), np.asarray(b)])
+    return estimate(runs, counts, lambda x, counts: statistic(x[0], counts) - statistic(x[1], counts), level)
 
 
 def wins(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:

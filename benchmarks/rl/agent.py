@@ -14,7 +14,7 @@ from fbl_gym.arm import Array
 
 @dataclass(frozen=True, eq=False)
 class Agent(TorqueLaw):
-    """An agent that takes the environment's observation and returns any of its kinds of action.
+    """An agent as a policy of the environment, for any kind of action.
 
     Args:
         settings: of the adapter.

@@ -6,20 +6,15 @@ plain data: reading them runs no code.
 
 from __future__ import annotations
 
-import hashlib
 import json
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from benchmarks.rl.adapter import SENSORS, AdapterSettings
+from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.agent import Agent
 from benchmarks.rl.network import Actor
-from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array
 from fbl_gym.interface import Interface
 
 DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
@@ -71,48 +66,9 @@ def access_of(folder: Path) -> str:
     return "privileged" if describe(folder)["interface"].get("context") else "nominal"
 
 
-@dataclass(frozen=True)
-class SavedAgent(TorqueLaw):
-    """An agent from a folder that `fbl-gym train` wrote.
-
-    Args:
-        folder: with `agent.json` and `weights.npz`.
-        env: the environment in which an agent with context acts; None for all other agents.
-    """
-
-    folder: str
-    env: Any = None
-
-    needs: ClassVar[tuple[str, ...]] = SENSORS
-
-    def validate(self) -> None:
-        """Read the agent, so that a folder without an agent is an error now."""
-        super().validate()
-        _ = self.agent
-
-    @cached_property
-    def agent(self) -> Agent:
-        """The agent of the folder."""
-        return Agent(self.interface, *read(Path(self.folder)), self.env)
-
-    @property
-    def configuration(self) -> dict[str, str]:
-        """A hash of the agent's files, which identifies it wherever its folder lies."""
-        content = b"".join((Path(self.folder) / name).read_bytes() for name in (DESCRIPTION, WEIGHTS))
-        return {"agent": hashlib.sha256(content).hexdigest()}
-
-    def initial(self, observation: Array) -> State:
-        """Return the state at the start of an episode."""
-        return self.agent.initial(observation)
-
-    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m and the next state."""
-        return self.agent.torque(observation, state)
-
-
-def saved_agent(env: Any, folder: str) -> SavedAgent:
+def saved_agent(env: Any, folder: str) -> Agent:
     """Return the agent of a folder; only one with context gets the environment itself."""
+    settings, actor = read(Path(folder))
     if isinstance(env, Interface):
-        return SavedAgent(env, folder)
-    privileged = access_of(Path(folder)) == "privileged"
-    return SavedAgent(env.unwrapped.interface, folder, env.unwrapped if privileged else None)
+        return Agent(env, settings, actor)
+    return Agent(env.unwrapped.interface, settings, actor, env.unwrapped if settings.context else None)

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rl.agent_folder import SavedAgent, describe, saved_agent
+from benchmarks.rl.agent import Agent
+from benchmarks.rl.agent_folder import describe, saved_agent
 from fbl_gym.arm import Array
 from fbl_gym.checks import unknown
 
@@ -40,7 +41,7 @@ def best_seed(name: str) -> int:
     return min(shipped()[name], key=lambda seed: describe(SHIPPED / name / str(seed))["validation_mrad"])
 
 
-def shipped_agent(name: str, env: Any, seed: int | None = None) -> SavedAgent:
+def shipped_agent(name: str, env: Any, seed: int | None = None) -> Agent:
     """Return a shipped agent, by default that with the smallest validation error."""
     _check_name(name)
     if seed is not None and seed not in shipped()[name]:
@@ -53,10 +54,10 @@ def _check_name(name: str) -> None:
         raise unknown("agent", name, shipped())
 
 
-def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., SavedAgent]:
+def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., Agent]:
     """Return the factory of an agent; a privileged one receives the environment."""
 
-    def factory(env: Any, seed: int | None = None) -> SavedAgent:
+    def factory(env: Any, seed: int | None = None) -> Agent:
         return shipped_agent(name, env, seed)
 
     vars(factory).update(kind="learned", access=access)

@@ -6,7 +6,6 @@ from scipy import stats
 
 from benchmarks.analysis.statistics import (
     ENOUGH_EPISODES,
-    ONCE,
     WORST_SCORE,
     components,
     difference,
@@ -29,6 +28,8 @@ from benchmarks.analysis.statistics import (
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from fbl_gym import scenarios
+
+ONCE = np.ones((1, 1, 1))
 
 
 def runs(*shape, seed=0):
