@@ -38,9 +38,8 @@ class AdaptiveFlm(CascadeFlm):
     apart and the result is physical. The accelerometer must be free of noise: with sigma = 0.01
     rad/s^2, three samples a millisecond apart are useless. `AdaptiveFlmLs` works with noise.
 
-    Sensors: position, velocity and acceleration.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §4.
+    Sensors: position, velocity and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering
+    3:1173529, 2016, §4.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.

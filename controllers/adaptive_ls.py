@@ -37,10 +37,8 @@ class AdaptiveFlmLs(RobustFlm):
     forward. All that the model cannot explain biases the estimate: under a large disturbance torque
     the law is worse than no adaptation.
 
-    Sensors: position and acceleration.
-
-    Source: Slotine and Li, "Applied Nonlinear Control", 1991, §8.7; Ljung, "System Identification",
-    1999, §11.2.
+    Sensors: position and acceleration. Source: Slotine and Li, "Applied Nonlinear Control", 1991,
+    §8.7; Ljung, "System Identification", 1999, §11.2.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.

@@ -27,10 +27,9 @@ class Adrc(TorqueLaw):
     inertia; a diagonal b0 would leave the coupling of the joints to the observer. The observer gets
     the torque within its limits, so saturation is no disturbance to it.
 
-    Sensors: position.
-
-    Source: Han, "From PID to active disturbance rejection control", IEEE TIE 56(3), 2009, in the
-    linear form of Gao, "Scaling and bandwidth-parameterization based controller tuning", ACC 2003.
+    Sensors: position. Source: Han, "From PID to active disturbance rejection control", IEEE TIE
+    56(3), 2009, in the linear form of Gao, "Scaling and bandwidth-parameterization based controller
+    tuning", ACC 2003.
 
     Args:
         controller_bandwidth: wc [rad/s], per joint: both poles of the tracking error are -wc.

@@ -23,9 +23,8 @@ class CascadeFlm(TorqueLaw):
     the outer one the pole -Kp. As in the paper, r'' is not fed forward. The integral pauses where
     the torque saturates.
 
-    Sensors: position and velocity.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3.1, equation (8).
+    Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
+    2016, §3.1, equation (8).
 
     Args:
         kp: Kp of the outer loop [1/s], per joint. The paper leaves it open.

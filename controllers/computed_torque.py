@@ -22,10 +22,8 @@ class ComputedTorque(TorqueLaw):
     With an exact model the error obeys e'' + 2 w e' + w^2 e = 0. An inertia k times smaller than
     the model's is stable for k w dt < 1, dt the control interval.
 
-    Sensors: position and velocity.
-
-    Source: Siciliano, Sciavicco, Villani and Oriolo, "Robotics: Modelling, Planning and Control",
-    2009, §8.5.2.
+    Sensors: position and velocity. Source: Siciliano, Sciavicco, Villani and Oriolo, "Robotics:
+    Modelling, Planning and Control", 2009, §8.5.2.
 
     Args:
         frequency: w [rad/s], per joint.

@@ -108,9 +108,8 @@ class RobustFlm(CascadeFlm):
     position error of about b (position_sigma / acceleration_sigma). At 100 Hz the acceleration
     changes within a sample, and the error is larger than that of the cascade without noise.
 
-    Sensors: position and acceleration.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3.
+    Sensors: position and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
+    2016, §3.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.

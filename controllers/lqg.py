@@ -52,9 +52,7 @@ class Lqg(TorqueLaw):
     The poles are those of the regulator and of the filter, each designed alone. The integral pauses
     where the torque saturates.
 
-    Sensors: position and acceleration.
-
-    Source: Anderson and Moore, "Optimal Control", 1990, §2.4.
+    Sensors: position and acceleration. Source: Anderson and Moore, "Optimal Control", 1990, §2.4.
 
     Args:
         integral: weight of z [1/s^3], per joint, against 1 for acceleration.

@@ -138,9 +138,7 @@ class Nmpc(TorqueLaw):
     beyond (or without preview), the reference's acceleration is held. The real-time iteration makes
     one Gauss-Newton step for each plan, so it is a local method.
 
-    Sensors: position. CasADi must be installed.
-
-    Source: Diehl et al. 2002; see the module.
+    Sensors: position. CasADi must be installed. Source: Diehl et al. 2002; see the module.
 
     Args:
         position: weight of the error [1/s^2], per joint, against 1 for its acceleration.

@@ -66,10 +66,8 @@ class RbfAdaptive(TorqueLaw):
     Forgetting (e-modification) keeps |W_i| below max |phi| / forget without excitation. A joint's
     weights are held while its torque is cut off and s asks for more.
 
-    Sensors: position and velocity.
-
-    Source: Lewis, Jagannathan and Yesildirek, "Neural Network Control of Robot Manipulators and
-    Nonlinear Systems", 1999, ch. 4.
+    Sensors: position and velocity. Source: Lewis, Jagannathan and Yesildirek, "Neural Network
+    Control of Robot Manipulators and Nonlinear Systems", 1999, ch. 4.
 
     Args:
         error_rate: l [1/s], per joint: the error's pole where s = 0 is -l.

@@ -30,10 +30,8 @@ class SlotineLi(TorqueLaw):
     normalised by the regressor's size (Slotine and Li, "Composite adaptive control of robot
     manipulators", Automatica 25(4), 1989). The prediction uses momentum in place of acceleration.
 
-    Sensors: position and velocity.
-
-    Source: Slotine and Li, "On the adaptive control of robot manipulators", Int. J. Robotics
-    Research 6(3), 1987; "Applied Nonlinear Control", 1991, §9.2.
+    Sensors: position and velocity. Source: Slotine and Li, "On the adaptive control of robot
+    manipulators", Int. J. Robotics Research 6(3), 1987; "Applied Nonlinear Control", 1991, §9.2.
 
     Args:
         slope: of the sliding surface [1/s], per joint.

@@ -77,9 +77,8 @@ def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -
     With 1 stratum, all scenarios share the resampled seeds. With one for each scenario, each
     resamples its own.
     """
-    for name, value in (("n", n), ("strata", strata), ("resamples", resamples)):
-        check_whole(name, value, low=1)
-    return np.random.default_rng(rng).multinomial(n, np.full(n, 1 / n), size=(resamples, strata)).astype(float)
+    n, strata, b = (check_whole(*x, low=1) for x in (("n", n), ("strata", strata), ("resamples", resamples)))
+    return np.random.default_rng(rng).multinomial(n, np.full(n, 1 / n), size=(b, strata)).astype(float)
 
 
 def mean(runs: ArrayLike, counts: Array) -> Array:

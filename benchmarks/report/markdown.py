@@ -62,15 +62,8 @@ def _cell(column: Column, i: int) -> str:
 
 def learned_table(rows: Sequence[Learned]) -> str:
     """Return a table of agents over all their training seeds."""
-    header = (
-        "policy",
-        "scenario",
-        "training seeds",
-        "error %",
-        "of the variance of log error: training",
-        "world",
-        "neither",
-    )
+    variance = ("of the variance of log error: training", "world", "neither")
+    header = ("policy", "scenario", "training seeds", "error %", *variance)
     lines = []
     for row in rows:
         parts = np.array([row.parts.training, row.parts.world, row.parts.rest])

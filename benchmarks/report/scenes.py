@@ -25,6 +25,20 @@ def selected(scenarios: Sequence[str]) -> list[str]:
     return [name for name in scenarios if name.endswith(("nominal", "-2"))][:SCENES]
 
 
+def first_of(traces: Mapping[str, Trace]) -> Trace:
+    """Return the first of some traces; all must be of one scenario and the same seeds."""
+    if not traces:
+        raise ValueError("traces must have at least one trace, got none")
+    first = next(iter(traces.values()))
+    for policy, trace in traces.items():
+        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
+            raise ValueError(
+                f"traces must be of one scenario and the same seeds, got {first.scenario.name!r} with seeds {first.seeds} "
+                f"and, for {policy}, {trace.scenario.name!r} with seeds {trace.seeds}"
+            )
+    return first
+
+
 def scene(traces: Mapping[str, Trace], lane: int = 0) -> dict[str, Any]:
     """Return one lane of some traces, thinned so that the page stays small.
 
@@ -32,13 +46,7 @@ def scene(traces: Mapping[str, Trace], lane: int = 0) -> dict[str, Any]:
     `position` and `torque` of each run, which are NaN after it diverged; `diverged` is the time of
     that, or None.
     """
-    first = next(iter(traces.values()))
-    for policy, trace in traces.items():
-        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
-            raise ValueError(
-                f"traces must be of one scenario and the same seeds, got {trace.scenario.name!r} with seeds {trace.seeds} "
-                f"for {policy}, and {first.scenario.name!r} with {first.seeds}"
-            )
+    first = first_of(traces)
     samples = slice(0, None, math.ceil((len(first.time) - 1) / (POINTS - 1)))
     runs = []
     for policy, trace in traces.items():

@@ -9,6 +9,7 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 
+from benchmarks.report.scenes import first_of
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import ArmParameters, joint_positions
@@ -55,17 +56,9 @@ def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size:
 
 def film(traces: Mapping[str, Trace], fps: float, *, lane: int = 0, size: int = 480) -> Iterator[Frame]:
     """Yield the frames of `write_video`, one for each 1 / fps seconds of the episode."""
-    if not traces:
-        raise ValueError("traces must have at least one trace, got none")
-    first = next(iter(traces.values()))
+    first = first_of(traces)
     if not 0 <= lane < len(first.seeds):
         raise ValueError(f"lane must be one of the {len(first.seeds)} seeds' places, counted from 0, got {lane}")
-    for name, trace in traces.items():
-        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
-            raise ValueError(
-                f"traces must be of one scenario and the same seeds, got {first.scenario.name} with seeds {first.seeds} and, "
-                f"of {name}, {trace.scenario.name} with seeds {trace.seeds}"
-            )
     scenes = [Scene(name, trace, lane) for name, trace in traces.items()]
     header = Canvas(len(traces) * size, 2 * round(0.04 * size))
     header.write(f"{first.scenario.name}, seed {first.seeds[lane]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
