@@ -34,9 +34,8 @@ def gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
     kalman.H = np.array([[1.0, 0.0]])
     kalman.Q = Q_discrete_white_noise(2, dt, acceleration_sigma**2)
     kalman.R = np.array([[position_sigma**2]])
-    kalman.P = np.diag(
-        [position_sigma**2, 0.01]
-    )  # the first position is a reading, the first velocity within 0.1 rad/s
+    # The first position is a reading, the first velocity within 0.1 rad/s.
+    kalman.P = np.diag([position_sigma**2, 0.01])
     rows: list[Array] = []
     while len(rows) < 200_000:
         kalman.predict()

@@ -75,7 +75,7 @@ def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -
     """Return the weight of each seed in each resample, [b x strata x n]; each row of n sums to n.
 
     With 1 stratum, all scenarios share the resampled seeds. With one for each scenario, each
-    resamples its own.
+    resamples separately.
     """
     n, strata, b = (check_whole(*x, low=1) for x in (("n", n), ("strata", strata), ("resamples", resamples)))
     return np.random.default_rng(rng).multinomial(n, np.full(n, 1 / n), size=(b, strata)).astype(float)

@@ -1,7 +1,4 @@
-"""Processes for external policies, one for each, since a policy may change anything in its process.
-
-Examples are `np.seterr`, and a class of fbl-gym that a policy replaces.
-"""
+"""A process for each external policy, which may change anything in it, such as `np.seterr`."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ import sys
 from typing import Any
 
 ATTEMPTS = 2
-"""How often a process may die over one call before the call fails."""
+"""Number of processes that may die over one call before the call fails."""
 
 LARGEST = 3
 """Processes that wait for further calls."""

@@ -67,11 +67,6 @@ def number(x: float) -> str:
     return f"{x:.{max(0, 2 - math.floor(math.log10(abs(x))))}f}"
 
 
-def fixed(digits: int) -> Callable[[float], str]:
-    """Return a function that prints a number with a fixed number of decimals."""
-    return lambda x: f"{x:.{digits}f}"
-
-
 def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
     """Return the columns of a board, from left to right, one for each generalization range."""
     policies = board.policies
@@ -95,7 +90,7 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
         *(
             [] if board.score is None else [estimated(
                 "score", "score", "Mean of the runs' scores: 0 is an arm that stays at its start, 100 is the oracle, −100 a "
-                "run that diverged.", board.score, best=1, form=fixed(1),
+                "run that diverged.", board.score, best=1, form="{:.1f}".format,
             )]
         ),
         estimated(
@@ -118,7 +113,7 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
         *(
             estimated(
                 f"range-{name}", name, f"Error % on {MEANING[name]}, and the share of runs that diverged. An agent counts "
-                "with all its training seeds.", errors.error, best=-1, form=fixed(3),
+                "with all its training seeds.", errors.error, best=-1, form="{:.3f}".format,
                 notes=[f"{100 * share:.2g} % diverged" if share else "" for share in errors.diverged],
             )
             for name, errors in ranges.items()

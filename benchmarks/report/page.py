@@ -211,7 +211,7 @@ def _chip(name: str, place: int) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return JSON's own types, with few digits; NaN and infinity become null."""
+    """Return JSON's types, with few digits; NaN and infinity become null."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

@@ -6,9 +6,10 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from stable_baselines3.common.vec_env import VecEnv
 
+from benchmarks.rl.vector_adapter import check_same_step
 from fbl_gym.arm import Array
 from fbl_gym.env_common import check_reset_options
 
@@ -21,9 +22,7 @@ class ArmVecEnv(VecEnv):
     """
 
     def __init__(self, env: VectorEnv) -> None:
-        mode = env.metadata["autoreset_mode"]
-        if mode != AutoresetMode.SAME_STEP:
-            raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
+        check_same_step(env)
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata = dict(env.metadata)

@@ -14,14 +14,19 @@ from fbl_gym.arm import Array
 from fbl_gym.interface import Interface
 
 
+def check_same_step(env: VectorEnv) -> None:
+    """Refuse an environment whose last step of an episode does not start the next one."""
+    mode = env.metadata["autoreset_mode"]
+    if mode != AutoresetMode.SAME_STEP:
+        raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
+
+
 class VectorAdapter(VectorWrapper):
     """A wrapper with an agent's observations and actions, for an environment in SAME_STEP mode."""
 
     def __init__(self, env: VectorEnv, settings: AdapterSettings) -> None:
         super().__init__(env)
-        mode = env.metadata["autoreset_mode"]
-        if mode != AutoresetMode.SAME_STEP:
-            raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
+        check_same_step(env)
         self._interface: Interface = env.unwrapped.interface  # type: ignore[attr-defined]
         self._adapter = AgentAdapter(settings, self._interface)
         self.single_observation_space = spaces.Box(-10.0, 10.0, (self._adapter.size,), dtype=np.float64)
