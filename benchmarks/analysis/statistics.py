@@ -30,7 +30,10 @@ from fbl_gym.arm import Array
 from fbl_gym.checks import check_number, check_whole
 
 LEVEL = 0.95
-"""Default confidence of every interval."""
+"""Confidence of every interval."""
+
+TAIL = (1 - LEVEL) / 2
+"""Share of the draws on each side of an interval."""
 
 RESAMPLES = 2000
 """Default number of bootstrap resamples."""
@@ -132,37 +135,36 @@ def _runs(runs: ArrayLike, counts: Array) -> Array:
     return x
 
 
-def interval(value: ArrayLike, draws: Array, level: float = LEVEL) -> Estimate:
+def interval(value: ArrayLike, draws: Array) -> Estimate:
     """Return a value [...] with the percentile interval of its bootstrap draws [b x ...]."""
-    tail = (1 - check_number("level", level, above=0, high=1)) / 2
-    low, high = np.quantile(draws, (tail, 1 - tail), axis=0)
+    low, high = np.quantile(draws, (TAIL, 1 - TAIL), axis=0)
     return Estimate(np.asarray(value)[()], low, high)
 
 
-def estimate(x: ArrayLike, counts: Array, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
+def estimate(x: ArrayLike, counts: Array, statistic: Statistic = iqm) -> Estimate:
     """Return a statistic of the runs [... x s x n] with its interval, each [...].
 
     With runs [families x severities x arms x n] it is a degradation curve with its pointwise band.
     """
     once = np.ones((1,) * counts.ndim)  # counts each run once
-    return interval(statistic(np.asarray(x), once)[0], statistic(np.asarray(x), counts), level)
+    return interval(statistic(np.asarray(x), once)[0], statistic(np.asarray(x), counts))
 
 
-def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
+def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = iqm) -> Estimate:
     """Return the statistic of runs a minus that of runs b on the same resampled seeds.
 
     Below 0, a errs less.
     """
     runs = np.stack([np.asarray(a), np.asarray(b)])
-    return estimate(runs, counts, lambda x, counts: statistic(x[0], counts) - statistic(x[1], counts), level)
+    return estimate(runs, counts, lambda x, counts: statistic(x[0], counts) - statistic(x[1], counts))
 
 
-def wins(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
+def wins(a: ArrayLike, b: ArrayLike, counts: Array) -> Estimate:
     """Return the share of the runs in which a errs less than b on the same seed; ties are half."""
-    return estimate(_beats(np.asarray(a), np.asarray(b)), counts, mean, level)
+    return estimate(_beats(np.asarray(a), np.asarray(b)), counts, mean)
 
 
-def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
+def improvement(a: ArrayLike, b: ArrayLike, counts: Array) -> Estimate:
     """Return the probability that a run of a errs less than a run of b on another seed.
 
     a and b are [s x n]; the probability is averaged over scenarios. Both policies met the same
@@ -177,32 +179,31 @@ def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL)
     if len(c) == 1:
         u = u.mean(axis=0, keepdims=True)
     draws = ((c @ u) * c).sum(axis=-1).mean(axis=0) / n**2
-    return interval(u.mean(), draws, level)
+    return interval(u.mean(), draws)
 
 
 def _beats(a: Array, b: Array) -> Array:
     return (a < b) + 0.5 * (a == b)
 
 
-def profile(x: ArrayLike, tau: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
+def profile(x: ArrayLike, tau: ArrayLike, counts: Array) -> Estimate:
     """Return the share of the runs [... x s x n] with an error of at most tau [k], as [... x k].
 
     This is the performance profile, with a pointwise band. For a score, where larger is better,
     give -x and -tau.
     """
     reached = np.asarray(x)[..., None, :, :] <= np.asarray(tau)[:, None, None]
-    return estimate(reached, counts, mean, level)
+    return estimate(reached, counts, mean)
 
 
-def ranks(draws: Array, level: float = LEVEL) -> Estimate:
+def ranks(draws: Array) -> Estimate:
     """Return median and interval of each policy's rank over the resamples.
 
     Rank 1 has the smallest number of a draw [b x p], and ties share their mean. Bounds and median
     are ranks that occurred.
     """
-    tail = (1 - check_number("level", level, above=0, high=1)) / 2
     rank = stats.rankdata(draws, axis=-1)
-    low, median, high = np.quantile(rank, (tail, 0.5, 1 - tail), axis=0, method="inverted_cdf")
+    low, median, high = np.quantile(rank, (TAIL, 0.5, 1 - TAIL), axis=0, method="inverted_cdf")
     return Estimate(median, low, high)
 
 
@@ -223,7 +224,7 @@ def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayL
     return np.where(np.asarray(diverged, dtype=bool), WORST_SCORE, np.maximum(scores, WORST_SCORE))
 
 
-def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estimate:
+def failures(failed: ArrayLike, runs: ArrayLike) -> Estimate:
     """Return the share of runs that failed with Clopper and Pearson's interval (1934).
 
     The interval covers at least as often as its confidence. The numbers of failed and of all runs
@@ -232,10 +233,9 @@ def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estima
     k, n = np.asarray(failed, dtype=float), np.asarray(runs, dtype=float)
     if np.any((k < 0) | (k > n) | (n < 1)):
         raise ValueError(f"failed must lie between 0 and runs, and runs be positive, got {failed!r} of {runs!r}")
-    tail = (1 - check_number("level", level, above=0, high=1)) / 2
     with np.errstate(invalid="ignore"):
-        low = np.where(k > 0, stats.beta.ppf(tail, k, n - k + 1), 0.0)
-        high = np.where(k < n, stats.beta.ppf(1 - tail, k + 1, n - k), 1.0)
+        low = np.where(k > 0, stats.beta.ppf(TAIL, k, n - k + 1), 0.0)
+        high = np.where(k < n, stats.beta.ppf(1 - TAIL, k + 1, n - k), 1.0)
     return Estimate(k / n, low, high)
 
 
@@ -357,8 +357,8 @@ def over_training(counts: Array, training_seeds: int, rng: Rng) -> Array:
     return drawn[:, :, None, None] * counts[:, None]
 
 
-def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
+def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = iqm) -> Estimate:
     """Return a statistic of a learned policy's runs [t x s x n] over training and test seeds."""
     t = np.asarray(x).shape[0]
-    result = estimate(x, over_training(counts, t, rng), statistic, level)
+    result = estimate(x, over_training(counts, t, rng), statistic)
     return replace(result, label="optimistic" if t < ENOUGH_TRAINING_SEEDS else "")
