@@ -22,9 +22,6 @@ class Learned:
     """A shipped agent over all its training seeds on one scenario.
 
     Attributes:
-        policy: name of the agent.
-        scenario: name of the scenario.
-        training_seeds: number of training seeds.
         error: interquartile mean of the error in %, with an interval over training and test seeds.
         parts: variances of the logarithm of the error: training, world, and neither alone.
     """

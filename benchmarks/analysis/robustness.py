@@ -45,13 +45,11 @@ def search(errors: Callable[[float], Array], *, scan: int = 6, tolerance: float 
 
     `errors` returns the error of each seed at a radius [%]; the rest is as in `statistics.radius`.
     """
-    return radius(
-        lambda r: float(np.mean(errors(r) <= BOUND)),
-        bracket=(0.0, LARGEST),
-        share=SHARE,
-        scan=scan,
-        tolerance=tolerance,
-    )
+
+    def success_share(r: float) -> float:
+        return float(np.mean(errors(r) <= BOUND))
+
+    return radius(success_share, bracket=(0.0, LARGEST), share=SHARE, scan=scan, tolerance=tolerance)
 
 
 def stored_radius(

@@ -58,9 +58,8 @@ def form_of(text: str) -> str:
 
 def weights(text: str) -> list[Path]:
     """Return the files of a trained policy, an archive or an agent; none for code."""
-    if form_of(text) == "archive":
-        return [Path(text)]
-    return [Path(text) / name for name in ("agent.json", "weights.npz")] if form_of(text) == "agent" else []
+    form, path = form_of(text), Path(text)
+    return {"archive": [path], "agent": [path / "agent.json", path / "weights.npz"]}.get(form, [])
 
 
 _TRUSTED: set[Path] = set()

@@ -57,14 +57,12 @@ class Page(TypedDict):
     """Contents of the page; a section with an empty list is left out.
 
     Attributes:
-        title: of the page.
         summary: text above the board.
         facts: name and value of each fact about the results' origin.
         policies: names [p], in the order of the columns' entries.
         summaries: one line on each policy [p].
         order: names of the policies, the best first.
         ranked: names of the policies that have a rank.
-        columns: of the board.
         figures: of each section.
         scenes: moving arms, see `scenes.scene`.
     """

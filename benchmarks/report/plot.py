@@ -25,7 +25,6 @@ class Line:
 
     Attributes:
         x, y: points [n].
-        label: text in the legend.
         color: None for the next of `COLORS`.
         style: Matplotlib's line style, such as "-", "--" or ":".
         low, high: edges of a band [n], or None.
@@ -45,9 +44,7 @@ class Panel:
     """A pair of axes.
 
     Attributes:
-        title: above the axes.
         x, y: labels of the axes, with their units.
-        lines: in the order of the legend.
         scales: of each axis, "linear" or "log".
         bounds: of the y axis; None to fit the lines.
         marks: horizontal lines, each with its height and its label.
@@ -107,24 +104,23 @@ def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 2, sharex=True)
     limit = None if trace.scenario.actuator.torque_limit is None else np.array(trace.scenario.actuator.torque_limit)
+    signals = (trace.reference, trace.position, trace.torque, trace.disturbance)
     for joint in (0, 1):
-        reference, position = trace.reference[:end, lane, joint], trace.position[:end, lane, joint]
-        motion, error, torque, disturbance = axes[:, joint]
-        motion.set_title(f"joint {joint + 1}")
-        motion.plot(t, reference, color="tab:blue", label="reference")
-        motion.plot(t, position, color="tab:red", linestyle="--", label="motion")
-        motion.set_ylabel("angle [rad]")
-        error.plot(t, 1e3 * (reference - position), color="tab:purple")
-        error.axhline(0.0, color="0.7", linewidth=0.8)
-        error.set_ylabel("error [mrad]")
-        torque.step(t, trace.torque[:end, lane, joint], color="tab:orange", where="pre")
-        torque.set_ylabel("torque [N m]")
-        if limit is not None and np.abs(trace.torque[:end, lane, joint]).max() > 0.8 * limit[joint]:
+        reference, position, torque, disturbance = (signal[:end, lane, joint] for signal in signals)
+        first, second, third, fourth = axes[:, joint]
+        first.set(title=f"joint {joint + 1}", ylabel="angle [rad]")
+        first.plot(t, reference, color="tab:blue", label="reference")
+        first.plot(t, position, color="tab:red", linestyle="--", label="motion")
+        second.set(ylabel="error [mrad]")
+        second.plot(t, 1e3 * (reference - position), color="tab:purple")
+        second.axhline(0.0, color="0.7", linewidth=0.8)
+        third.set(ylabel="torque [N m]")
+        third.step(t, torque, color="tab:orange", where="pre")
+        if limit is not None and np.abs(torque).max() > 0.8 * limit[joint]:
             for bound in (-limit[joint], limit[joint]):
-                torque.axhline(bound, color="0.5", linestyle=":", linewidth=1.0)
-        disturbance.step(t, trace.disturbance[:end, lane, joint], color="tab:green", where="post")
-        disturbance.set_ylabel("disturbance [N m]")
-        disturbance.set_xlabel("time [s]")
+                third.axhline(bound, color="0.5", linestyle=":", linewidth=1.0)
+        fourth.set(ylabel="disturbance [N m]", xlabel="time [s]")
+        fourth.step(t, disturbance, color="tab:green", where="post")
         for axis in axes[:, joint]:
             axis.grid(alpha=0.25)
             axis.margins(x=0)
