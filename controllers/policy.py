@@ -22,6 +22,11 @@ ACCESS = ("none", "nominal", "privileged")
 """A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked)."""
 
 
+def where_lanes(lanes: Array, new: State, old: State) -> State:
+    """Return the new state in some lanes [n] and the old one in all others."""
+    return tuple(np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y) for x, y in zip(new, old, strict=True))
+
+
 class Policy(Protocol):
     """A policy, classical or learned."""
 
@@ -126,11 +131,7 @@ class TorqueLaw(Record):
             state = self.initial(batch)
         elif episode_start is not None and np.any(episode_start):
             starts = np.broadcast_to(np.asarray(episode_start, dtype=bool), len(batch))
-            fresh = self.initial(batch)
-            state = tuple(
-                np.where(starts.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-                for new, old in zip(fresh, state, strict=True)
-            )
+            state = where_lanes(starts, self.initial(batch), state)
         torque, state = self.torque(batch, state)
         position = batch[..., self.interface.layout["position"]]
         velocity = (

@@ -12,6 +12,11 @@ The text is one of:
 - "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`.
 
 A registered name wins over a file or folder of the same name.
+
+A file is resolved in the process of its policy (`apart.py`). `external.load` imports it, and the
+policy is made once for an example, while `external.watch` collects the files that it reads.
+`digest.py` hashes its code with all imports, `configuration.py` returns its gains.
+`PolicySpec.make` makes the policy for an environment, unless any of these has changed.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
+from controllers.policy import where_lanes
 from fbl_gym.arm import Array
 from fbl_gym.interface import Interface
 
@@ -54,11 +55,7 @@ class VectorAdapter(VectorWrapper):
                 # before.
                 lane_state, context = tuple(part[lane : lane + 1] for part in state), self._context[lane : lane + 1]
                 final[lane] = self._adapter.observe(final[lane][None], lane_state, context)[0]
-            initial = self._adapter.initial(self._observation)
-            state = tuple(
-                np.where(done.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-                for new, old in zip(initial, state, strict=True)
-            )
+            state = where_lanes(done, self._adapter.initial(self._observation), state)
         self._state = state
         return self._observe(), rewards, terminated, truncated, infos
 
