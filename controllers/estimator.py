@@ -38,7 +38,7 @@ def plausible(lumped: Array) -> NDArray[np.bool_]:
 
 
 def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity: float = STANDARD_GRAVITY) -> Array:
-    """Return m1, m2 [kg], L1 and L2 [m] of point masses with lumped parameters [n x 5], [n x 4].
+    """Return m1, m2 [kg], L1 and L2 [m] [n x 4] of point masses, from lumped parameters [n x 5].
 
     With the total mass m1 + m2 known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and
     m1 = mass - m2, for Y1 = p2, Y2 = p3 and Y3 = p5 / g. Without it, from the rest of the same
@@ -53,7 +53,7 @@ def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity
 
 
 def lumped_of(parameters: Array, gravity: float = STANDARD_GRAVITY) -> Array:
-    """Return the lumped parameters [n x 5] of point masses m1, m2 [kg], L1, L2 [m], [n x 4]."""
+    """Return the lumped parameters [n x 5] of point masses m1, m2 [kg], L1, L2 [m] [n x 4]."""
     m1, m2, L1, L2 = (parameters[..., i] for i in range(4))
     both = m1 + m2
     return np.stack([both * L1**2, m2 * L2**2, m2 * L1 * L2, both * L1 * gravity, m2 * L2 * gravity], axis=-1)

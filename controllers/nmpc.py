@@ -161,9 +161,8 @@ class Nmpc(TorqueLaw):
     @property
     def observer(self) -> ExtendedStateObserver:
         """The extended state observer of both joints."""
-        return ExtendedStateObserver(
-            self.interface.control_dt, check_pair("observer_bandwidth", self.observer_bandwidth)
-        )
+        bandwidth = check_pair("observer_bandwidth", self.observer_bandwidth)
+        return ExtendedStateObserver(self.interface.control_dt, bandwidth)
 
     def initial(self, observation: Array) -> State:
         """Return the state: the observer's prediction, a plan at rest, and a count of steps."""

@@ -15,8 +15,8 @@ from typing import Any
 ATTEMPTS = 2
 """Number of processes that may die over one call before the call fails."""
 
-LARGEST = 3
-"""Processes that wait for further calls."""
+MOST_PROCESSES = 3
+"""Largest number of processes that wait for further calls."""
 
 
 class Died(RuntimeError):
@@ -61,7 +61,7 @@ def _process(key: tuple[int, str]) -> subprocess.Popen[bytes]:
     """Return the process of a policy. It ends with its parent, since its input ends then."""
     if key not in _PROCESSES:
         waiting = _ours()
-        if len(waiting) >= LARGEST:
+        if len(waiting) >= MOST_PROCESSES:
             _end(waiting[0])
         code = f"import sys; sys.path[:] = {sys.path!r}; from benchmarks.policies.apart import serve; serve()"
         command = [sys.executable, "-c", code]

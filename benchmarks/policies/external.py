@@ -26,6 +26,7 @@ from typing import Any
 
 import controllers
 from benchmarks.policies.digest import PACKAGES, closure, code_digest
+from benchmarks.rl.agent import DESCRIPTION, WEIGHTS
 from controllers import registry
 from fbl_gym.checks import unknown
 
@@ -53,13 +54,13 @@ def form_of(text: str) -> str:
     if ":" in text:
         return "module"
     has_folder = os.sep in text or "/" in text
-    return "agent" if has_folder and (Path(text) / "agent.json").is_file() else "name"
+    return "agent" if has_folder and (Path(text) / DESCRIPTION).is_file() else "name"
 
 
 def weights(text: str) -> list[Path]:
     """Return the files of a trained policy, an archive or an agent; none for code."""
     form, path = form_of(text), Path(text)
-    return {"archive": [path], "agent": [path / "agent.json", path / "weights.npz"]}.get(form, [])
+    return {"archive": [path], "agent": [path / DESCRIPTION, path / WEIGHTS]}.get(form, [])
 
 
 _TRUSTED: set[Path] = set()

@@ -34,7 +34,7 @@ from benchmarks.policies import external
 from benchmarks.policies.apart import Died, call_apart
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
-from benchmarks.rl.agent_folder import access_of, saved_agent
+from benchmarks.rl.agent import access_of, saved_agent
 from benchmarks.rl.policy import shipped
 from benchmarks.rl.sb3 import load_zip
 from controllers.registry import KINDS

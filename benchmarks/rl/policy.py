@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rl.agent import Agent
-from benchmarks.rl.agent_folder import describe, saved_agent
+from benchmarks.rl.agent import Agent, describe, saved_agent
 from fbl_gym.arm import Array
 from fbl_gym.checks import unknown
 

@@ -17,8 +17,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from benchmarks.rl.agent import Agent
-from benchmarks.rl.agent_folder import replace_text, write
+from benchmarks.rl.agent import Agent, replace_text, write
 from benchmarks.rl.export import export
 from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.rl.validation import VALIDATION, tracking_error

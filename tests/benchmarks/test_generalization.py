@@ -12,7 +12,7 @@ from benchmarks.analysis.statistics import iqm
 from benchmarks.policies.configuration import configuration
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown
-from benchmarks.rl.agent_folder import saved_agent
+from benchmarks.rl.agent import saved_agent
 from benchmarks.rl.policy import SHIPPED, shipped
 from benchmarks.run import runner
 from benchmarks.run.cell import run_cell

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.policies.configuration import configuration
 from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.agent_folder import read, saved_agent, write
+from benchmarks.rl.agent import read, saved_agent, write
 from fbl_gym import TwoLinkArmEnv
 from tests.benchmarks.rl.agents import random_actor
 

@@ -9,8 +9,7 @@ from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.policies.spec import resolve
 from benchmarks.rl.adapter import CONTEXT, AdapterSettings
-from benchmarks.rl.agent import Agent
-from benchmarks.rl.agent_folder import saved_agent, write
+from benchmarks.rl.agent import Agent, saved_agent, write
 from benchmarks.rl.policy import SHIPPED
 from benchmarks.rl.vector_adapter import VectorAdapter
 from benchmarks.run.cell import run_cell

@@ -9,7 +9,7 @@ import types
 import numpy as np
 import pytest
 
-from benchmarks.rl.agent_folder import describe, read, saved_agent
+from benchmarks.rl.agent import describe, read, saved_agent
 from benchmarks.rl.progress import Progress
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
