@@ -64,6 +64,7 @@ COMMANDS: dict[str, Command] = {
         "a script that lets a shell complete commands, options and names",
         "bash > ~/.local/share/bash-completion/completions/fbl-gym",
     ),
+    "warm-up": Command("warm_up", "compile everything now, so that no first step has to wait"),
     "doctor": Command("doctor", "versions, extras, compile cache and a self-check"),
 }
 

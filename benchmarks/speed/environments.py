@@ -98,13 +98,11 @@ def measure_environments(rounds: int = 7) -> list[Speed]:
     contestants = _contestants()
     rates = measure_rates({name: step for name, (step, _) in contestants.items()}, rounds)
     values = {name: np.array(of_rounds) for name, of_rounds in rates.items()}
-    return [
-        Speed(
-            name, float(np.median(values[name])), float(values[name].min()), float(values[name].max()),
-            float(np.median(values[name] / values[peer or name])), peer,
-        )  # fmt: skip
-        for name, (_, peer) in contestants.items()
-    ]
+    rows = []
+    for name, (_, peer) in contestants.items():
+        rate, ratio = values[name], float(np.median(values[name] / values[peer or name]))
+        rows.append(Speed(name, float(np.median(rate)), float(rate.min()), float(rate.max()), ratio, peer))
+    return rows
 
 
 def to_plain(rows: list[Speed]) -> list[dict[str, Any]]:

@@ -69,7 +69,7 @@ def _move(block, queue, waypoints, settings, tables, actions, count, width):
         if settings.payload_mass != 0.0:
             carry_payload(block, settings, width, substep)
         advance(block, settings, width)
-    for lane in range(LANES):
+    for lane in range(width):
         block.step[lane] += _ONE
     sense(block, settings, width)
     refer(block, waypoints, settings, tables, width)
@@ -84,7 +84,7 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
     for lane in range(count):
         memory[settings.rewards + first + lane] = block.reward[lane]
         flags[0, first + lane] = flags[1, first + lane] = 0
-    for lane in range(LANES):
+    for lane in range(count):
         events += (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != RUNNING)
     if events == 0:
         return
@@ -150,10 +150,10 @@ def _compile(fingerprint):
                 _move(block, queue, waypoints, settings, tables, actions, count, width)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
-            for lane in range(LANES):
+            for lane in range(width):
                 restarts += block.status[lane] == RESTART
             if restarts > 0:
-                for lane in range(LANES):
+                for lane in range(width):
                     if block.status[lane] == RESTART:
                         start(block, queue, waypoints, settings, tables, lane)
                 sense(block, settings, width)
