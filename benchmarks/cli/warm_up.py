@@ -22,7 +22,7 @@ def run(_arguments: argparse.Namespace) -> int:
     _ = env.truth
     for name in ("adaptive-flm", "adaptive-flm-ls"):  # together they use every compiled solver
         policy, state = controllers.make(name, env), None
-        for _ in range(3):
+        for _ in range(300):  # until the arms have moved enough to be estimated
             action, state = policy.predict(observation, state)
             observation = env.step(action)[0]
     print(f"compiled code is kept in {doctor._cache()}, ready after {time.perf_counter() - begin:.1f} s")
