@@ -115,7 +115,8 @@ def compare(rows: list[Speed], baseline: list[dict[str, Any]]) -> dict[str, floa
 
     Args:
         rows: as returned by `measure_environments`.
-        baseline: earlier rows as plain data; contestants that it lacks are left out.
+        baseline: earlier rows as plain data; contestants that it lacks, or compares with another
+            peer, are left out.
     """
-    before = {row["name"]: row["ratio"] for row in baseline if row["peer"]}
-    return {row.name: row.ratio / before[row.name] for row in rows if row.peer and row.name in before}
+    before = {(row["name"], row["peer"]): row["ratio"] for row in baseline if row["peer"]}
+    return {row.name: row.ratio / before[row.name, row.peer] for row in rows if (row.name, row.peer) in before}
