@@ -40,6 +40,9 @@ Settings = NDArray[np.void]
 MAX_NUMBERS = 2**27
 """Largest count of numbers that a single option may add to a block of lanes: 1 GiB."""
 
+MAX_BATCH_NUMBERS = 2**31
+"""Largest count of numbers in a batch: 16 GiB."""
+
 _PAIR = 2 * LANES  # numbers of a pair of rows: both joints of a block
 
 _FIELDS = {
@@ -178,8 +181,8 @@ def _pack_arm(settings: Settings, scenario: Scenario) -> None:
     payload = error.payload
     if isinstance(payload, Payload):
         settings["payload_mass"] = payload.mass
-        settings["payload_pick_up"] = round(payload.pick_up / scenario.physics_dt)
-        settings["payload_drop"] = np.inf if payload.drop is None else round(payload.drop / scenario.physics_dt)
+        settings["payload_pick_up"] = np.rint(payload.pick_up / scenario.physics_dt)
+        settings["payload_drop"] = np.inf if payload.drop is None else np.rint(payload.drop / scenario.physics_dt)
 
 
 def _pack_noise(settings: Settings, scenario: Scenario) -> None:
@@ -318,7 +321,7 @@ def _pack_reward(settings: Settings, reward: Reward) -> None:
     logarithmic = reward.tracking == "log"
     settings["reward_logarithmic"] = logarithmic
     settings["reward_scale"] = 1 / reward.resolution if logarithmic else 1 / reward.worst
-    settings["reward_norm"] = 1 / _log1p(reward.worst / reward.resolution)
+    settings["reward_norm"] = 1 / _log1p(reward.worst / reward.resolution) if logarithmic else 0.0
     settings["weight_tracking"] = reward.weight_tracking / total
     settings["weight_effort"] = reward.weight_effort / total
     settings["weight_chatter"] = reward.weight_chatter / total
