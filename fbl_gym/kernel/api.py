@@ -66,7 +66,7 @@ def _move(block, queue, waypoints, settings, tables, actions, count, width):
     for substep in range(settings.substeps):
         if substep == 0 or settings.torque_varies:
             apply_torque(block, queue, settings, tables, width, substep)
-        if settings.payload_mass != 0.0:
+        if settings.has_payload:
             carry_payload(block, settings, width, substep)
         advance(block, settings, width)
     for lane in range(LANES):
@@ -144,7 +144,7 @@ def _compile(fingerprint):
             started = False
             for lane in range(LANES):
                 if block.status[lane] == RESTART:
-                    start(block, queue, waypoints, settings, tables, lane)
+                    start(block, rows, queue, waypoints, settings, tables, lane)
                     started = True
             if started:
                 sense(block, settings, width)
@@ -179,7 +179,7 @@ def _compile(fingerprint):
             block, rows = record_at(memory, place, BLOCK), array_at(memory, place, (ROWS, LANES), np.float64)
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
-            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, settings.friction_law)
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, lane, settings.friction_law)
             expected1, expected2 = nominal_acceleration(block, settings, lane)
             out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
             out[i, column + 1], out[i, column + 2] = a1, a2

@@ -43,7 +43,7 @@ def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
 
 
 @inline_njit
-def _runge_kutta(block, lane, h, friction, law):
+def _runge_kutta(block, lane, h, law):
     """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
 
     Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
@@ -59,6 +59,10 @@ def _runge_kutta(block, lane, h, friction, law):
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     p1, p2, p3 = block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane]
     p4, p5 = block.lumped[3, lane], block.lumped[4, lane]
+    friction = (
+        block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
+        block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
+    )  # fmt: skip
     tau_start1, tau_start2 = block.tau_start[0, lane], block.tau_start[1, lane]
     dry1, dry2 = 0.0, 0.0  # friction torque held over the step
     free1, free2 = 1.0, 1.0  # 0 where a joint sticks throughout the step
@@ -106,24 +110,20 @@ def _runge_kutta(block, lane, h, friction, law):
 def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
     h, law = settings.physics_dt, settings.friction_law
-    friction = (
-        settings.viscous[0], settings.viscous[1], settings.coulomb[0], settings.coulomb[1],
-        settings.stiction[0], settings.stiction[1], settings.v_s[0], settings.v_s[1],
-    )  # fmt: skip
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, NO_FRICTION)
+            _runge_kutta(block, lane, h, NO_FRICTION)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, EXACT_FRICTION)
+            _runge_kutta(block, lane, h, EXACT_FRICTION)
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, LITERAL_FRICTION)
+            _runge_kutta(block, lane, h, LITERAL_FRICTION)
 
 
 @inline_njit
-def acceleration_and_friction(block, settings, lane, law):
+def acceleration_and_friction(block, lane, law):
     """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     m11, m12, m22, load1, load2 = load_on_joints(
@@ -133,11 +133,11 @@ def acceleration_and_friction(block, settings, lane, law):
     )  # fmt: skip
     bound1, bound2 = 0.0, 0.0
     if law != NO_FRICTION:
-        bound1 = dry_friction(v1, settings.coulomb[0], settings.stiction[0], settings.v_s[0])
-        bound2 = dry_friction(v2, settings.coulomb[1], settings.stiction[1], settings.v_s[1])
+        bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
+        bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
     # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
-    friction1 = settings.viscous[0] * v1 + bound1 * sign(v1)
-    friction2 = settings.viscous[1] * v2 + bound2 * sign(v2)
+    friction1 = block.viscous[0, lane] * v1 + bound1 * sign(v1)
+    friction2 = block.viscous[1, lane] * v2 + bound2 * sign(v2)
     load1, load2 = load1 - friction1, load2 - friction2
     if law != EXACT_FRICTION:
         a1, a2 = solve_terms(m11, m12, m22, load1, load2)
@@ -152,8 +152,8 @@ def carry_payload(block, settings, width, substep):
     """Put the payload on the tip while it is carried."""
     for lane in range(width):
         now = float(np.int64(block.step[lane])) * settings.substeps + substep
-        carried = settings.payload_pick_up <= now and now < settings.payload_drop
-        payload = settings.payload_mass if carried else 0.0
+        carried = block.payload_pick_up[lane] <= now and now < block.payload_drop[lane]
+        payload = block.payload_mass[lane] if carried else 0.0
         if payload != block.payload[lane]:
             block.payload[lane] = payload
             lump(block, settings, lane)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
-from fbl_gym.checks import Pair, check_choice, unknown
+from fbl_gym.checks import check_choice, unknown
 from fbl_gym.interface import Limits
-from fbl_gym.records import Record, build, choices, declared, number, one_of, pair, record
+from fbl_gym.records import Numbers, Record, build, choices, declared, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
     DISTURBANCES,
@@ -62,6 +62,7 @@ class Scenario(Record):
         physics_dt: integration step; divides control_dt.
         duration: length of an episode, a multiple of control_dt.
         initial_error: difference between the arm's first position and the reference's.
+        initial_velocity: likewise for the velocity.
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
     """
 
@@ -85,7 +86,8 @@ class Scenario(Record):
     control_dt: float = number(0.01, unit="s", above=0)
     physics_dt: float = number(0.001, unit="s", above=0)
     duration: float = number(10.0, unit="s", above=0)
-    initial_error: Pair | float = pair(0.0, unit="rad")
+    initial_error: Numbers = pair(0.0, unit="rad", varies=True)
+    initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True)
     limits: Limits = record(Limits, Limits())
 
     def validate(self) -> None:
@@ -102,7 +104,8 @@ class Scenario(Record):
             )
         self._check_multiple("control_dt", self.control_dt, "physics_dt")
         self._check_multiple("duration", self.duration, "control_dt", least=1)
-        self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
+        if isinstance(self.actuator.delay, float):
+            self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
         self._check_reference()
         self._check_disturbance()
 
