@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from typing import Any, TypeAlias, TypeVar
@@ -257,6 +258,13 @@ def ends(value: Any) -> Range:
         return min(low for low, _ in each), max(high for _, high in each)
     values = value.values if isinstance(value, Distribution) else (value,)
     return min(values), max(values)
+
+
+def middle(value: Any) -> float:
+    """Return the middle of a number or distribution: of the logarithms, if it is log-uniform."""
+    low, high = ends(value)
+    logarithmic = isinstance(value, Distribution) and value.log_uniform is not None
+    return math.sqrt(low * high) if logarithmic else (low + high) / 2
 
 
 def _check_varying(name: str, value: object, **bounds: Any) -> float | Distribution:

@@ -24,6 +24,7 @@ from fbl_gym.arm import Array, forward_dynamics, inertia_matrix
 from fbl_gym.batch import Truth
 from fbl_gym.checks import Pair, check_number, check_pair
 from fbl_gym.interface import Interface
+from fbl_gym.records import middle
 from fbl_gym.references import ArrayReference
 from fbl_gym.scenarios import Scenario, as_scenario
 from fbl_gym.uncertainty import Friction, Payload
@@ -316,7 +317,7 @@ def _loop(
     scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any
 ) -> LinearLoop:
     """Linearise at a true state, and at an observation [size] with the policy's state."""
-    viscous = np.zeros(2) if scenario.friction is None else np.array(scenario.friction.viscous)
+    viscous = truth.viscous
 
     def acceleration(x: Array) -> Array:
         return forward_dynamics(truth.lumped, x[:, :2], x[:, 2:], truth.applied_torque - viscous * x[:, 2:])
@@ -329,8 +330,8 @@ def _loop(
         raise NotLinear("the law changes from sample to sample")
     loop = LinearLoop(
         control_dt=scenario.control_dt,
-        delay=drive.delay,
-        lag=drive.lag,
+        delay=middle(drive.delay),
+        lag=middle(drive.lag),
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
         inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]),
         matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),

@@ -91,12 +91,18 @@ def pick_disturbance(block, settings, tables, lane, substep):
 @kernel_njit
 def apply_torque(block, queue, settings, tables, width, substep):
     """Set the applied torque, and the torque less disturbance over a physics step."""
+    # The command that the delay lets through now, and the lag behind it.
     for joint in range(2):
         for lane in range(width):
-            # The command that the delay lets through now, and the lag behind it.
+            block.tau_start[joint, lane] = queue[0, joint, lane]
+    if settings.delay_steps > 0:
+        for lane in range(width):
             age = np.int64(np.ceil((block.delay[lane] - substep) / settings.substeps))
+            block.tau_start[0, lane], block.tau_start[1, lane] = queue[age, 0, lane], queue[age, 1, lane]
+    for joint in range(2):
+        for lane in range(width):
             start, half, end = block.lag_start[lane], block.lag_half[lane], block.lag_end[lane]
-            target = block.gain[joint, lane] * queue[age, joint, lane]
+            target = block.gain[joint, lane] * block.tau_start[joint, lane]
             gap = block.torque[joint, lane] - target
             block.tau_start[joint, lane] = target + start * gap
             block.tau_half[joint, lane] = target + half * gap
