@@ -24,6 +24,7 @@ from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import (
     Actuator,
     ArrayDisturbance,
+    Encoder,
     Friction,
     Noise,
     ParameterError,
@@ -45,6 +46,7 @@ __all__ = [
     "ArrayDisturbance",
     "ArrayReference",
     "Distribution",
+    "Encoder",
     "FilteredSteps",
     "FourierReference",
     "Friction",

@@ -256,7 +256,7 @@ class VectorResidual(VectorWrapper):
         """
         mask = (options or {}).get("reset_mask")
         observations, infos = self.env.reset(seed=seed, options=options)
-        starts = np.ones(self.num_envs, dtype=bool) if mask is None else mask
+        starts = np.ones(self.num_envs, dtype=bool) if mask is None else mask.copy()
         self._done = np.where(starts, False, self._done)
         self._base.begin(observations, starts)
         return observations, infos
