@@ -64,8 +64,8 @@ class ErrorScales:
         if "velocity" in layout:
             parts.append(observations[..., layout["velocity"]])
         parts.append(observations[..., layout["reference_acceleration"]] / self.scales["acceleration"])
-        if "previous_action" in layout:
-            parts.append(observations[..., layout["previous_action"]] / self.action_limit)
+        if "previous_actions" in layout:
+            parts.append(observations[..., layout["previous_actions"]] / self.action_limit)
         if "preview" in layout:
             parts.append(self._preview(observations))
         return np.clip(np.concatenate(parts, axis=-1), -_CLIP, _CLIP)

@@ -15,7 +15,7 @@ from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.interface import Limits
 from fbl_gym.records import Numbers, Record, build, choices, declared, ends, number, one_of, pair, record
-from fbl_gym.references import REFERENCES, FilteredSteps, MinimumJerk, Reference, Steps
+from fbl_gym.references import REFERENCES, ArrayReference, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
     DISTURBANCES,
     SENSORS,
@@ -133,11 +133,17 @@ class Scenario(Record):
     def _check_reference(self) -> None:
         """Refuse a reference beyond the limits, and moves and levels shorter than a step."""
         reference, limit = self.reference, self.limits.position
-        low, high = np.array(reference.range)
-        if (high - low).max() > limit or np.abs([low, high]).max() > 2 * limit:
+        low, high = reference.range
+        if np.abs([low, high]).max() > 2 * limit:
             raise ValueError(
-                f"reference must move by at most limits.position={limit:g} rad, within twice that, "
-                f"got a range from {low} to {high} rad"
+                f"reference must stay within the sensors' range, 2 limits.position = {2 * limit:g} rad, "
+                f"got positions from {low} to {high} rad"
+            )
+        points = reference.position if isinstance(reference, ArrayReference) else getattr(reference, "points", None)
+        if points is not None and np.abs(np.array(points) - points[0]).max() > limit:
+            raise ValueError(
+                f"reference must stay within limits.position={limit:g} rad of its start {points[0]}, "
+                f"got positions from {low} to {high} rad"
             )
         if isinstance(reference, MinimumJerk):
             name, duration = "move_time + hold_time", reference.move_time + reference.hold_time

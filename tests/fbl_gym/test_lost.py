@@ -76,12 +76,12 @@ def test_lanes_are_lost_one_by_one():
     ("options", "message"),
     [
         (
-            {"reference": {"kind": "sine", "amplitude": 7.0}},
-            "reference must move by at most limits.position=12.5664 rad",
+            {"reference": {"kind": "sine", "amplitude": 24.0}},
+            r"reference must stay within the sensors' range, 2 limits.position = 25.1327 rad, got positions from \(-25.5",
         ),
-        ({"reference": {"kind": "steps", "low": 26.0, "high": 27.0}}, "within twice that, got a range from"),
-        ({"reference": {"kind": "array", "position": [(0, 0), (0, 13.0)]}}, "got a range from"),
-        ({"limits": {"position": 0.5}}, "reference must move by at most limits.position=0.5 rad"),
+        ({"reference": {"kind": "steps", "low": 25.0, "high": 26.0}}, "got positions from .* to .26.0, 26.0. rad"),
+        ({"reference": {"kind": "array", "position": [(1, 0), (0, 13.0)]}}, "limits.position=12.5664 rad of its start"),
+        ({"limits": {"position": 0.5}}, "reference must stay within the sensors' range, 2 limits.position = 1 rad"),
         (
             {"disturbance": {"kind": "sine", "amplitude": 1.0, "frequency": 251.0}},
             "disturbance.frequency must be at most 250 Hz, a quarter of 1 / physics_dt, got 251 Hz",
