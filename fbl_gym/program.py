@@ -115,7 +115,7 @@ def make_program(
     waypoints = _pack_reference(settings, tables, scenario)
     settings["waypoints"] = waypoints
     past_row = memory.ROWS + 2 * (int(settings["delay_steps"]) + 1 + waypoints)
-    settings["past_row"], settings["past_actions"] = past_row, _past_actions(settings, scenario)
+    settings["past_row"] = past_row
     settings["history_row"] = past_row + 2 * settings["past_actions"]
     settings["block_size"] = LANES * (settings["history_row"] + 4 * settings["history"])
     preview = check_whole("preview", preview)
@@ -182,12 +182,6 @@ def _check_size(option: str, value: float, unit: str, numbers: int) -> None:
             f"{option} must be at most some {MAX_NUMBERS / (numbers / value):.3g}{unit} here, which take "
             f"{MAX_NUMBERS / 2**27:g} GiB for {LANES} arms, got {value!r}{unit}"
         )
-
-
-def _past_actions(settings: Settings, scenario: Scenario) -> int:
-    """Return the number of previous actions on their way through the actuator."""
-    slow = ends(scenario.actuator.lag)[1] > 0 or scenario.actuator.rate_limit is not None
-    return int(settings["delay_steps"]) + slow
 
 
 def _make_interface(scenario: Scenario, action: str, limits: Limits, past_actions: int, preview: int) -> Interface:
@@ -323,16 +317,20 @@ def _pack_actuator(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
     settings["torque_limit"] = np.inf if actuator.torque_limit is None else actuator.torque_limit
     longest, scale = ends(actuator.delay)[1], 1 / scenario.physics_dt
     samples = actuator.delay_samples
-    steps = samples - (-round(longest * scale) // scenario.substeps)
+    delay = samples * scenario.substeps + round(longest * scale)
+    steps = -(-delay // scenario.substeps)
     _check_size("actuator.delay", longest, " s", 2 * _PAIR * (steps - samples))
     _check_size("actuator.delay_samples", samples, "", 2 * _PAIR * samples)
     settings["delay_steps"], settings["computation_delay"] = steps, samples * scenario.substeps
+    # The state has the actions on their way, and the one that a slow drive still follows.
+    slow = ends(actuator.lag)[1] > 0 or actuator.rate_limit is not None
+    settings["past_actions"] = delay // scenario.substeps + 1 if slow else steps
     rate = (np.inf, np.inf) if actuator.rate_limit is None else actuator.rate_limit
     numbers.set("rate_limit", rate, "actuator.rate_limit", scale=scenario.physics_dt)
     numbers.set("gain", actuator.gain, "actuator.gain")
     numbers.set("delay", actuator.delay, "actuator.delay", scale=scale)
     numbers.set("lag", actuator.lag, "actuator.lag", scale=scale)
-    settings["torque_varies"] = steps > 0 or ends(actuator.lag)[1] > 0 or actuator.rate_limit is not None
+    settings["torque_varies"] = steps > 0 or slow
 
 
 def _pack_disturbance(settings: Settings, numbers: _Numbers, tables: list[float], scenario: Scenario) -> None:

@@ -101,6 +101,7 @@ def test_delay_samples_delay_by_whole_control_steps():
         ({"lag": 0.01}, 1),
         ({"rate_limit": 100.0}, 1),
         ({"delay": 0.02, "lag": 0.01}, 3),
+        ({"delay": 0.013, "lag": 0.01}, 2),
     ],
     ids=str,
 )
