@@ -14,7 +14,7 @@ from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
-from fbl_gym import Scenario
+from fbl_gym import Scenario, scenarios
 from fbl_gym.arm import Array
 
 ORACLE = "oracle-flm"
@@ -125,22 +125,31 @@ class Board:
     def degradation(self, family: str, arm: str) -> tuple[list[int], Estimate] | None:
         """Return severities [k] and the interquartile mean of each policy's errors [p x k].
 
-        The result is None where fewer than two severities have run. `arm` is the beginning of the
-        scenarios' names: "" for Table 1's arm, or "section-2-2/".
+        The result is None where fewer than two severities have run.
+
+        Args:
+            family: one of `scenarios.families()`.
+            arm: one of `scenarios.arms()`.
         """
-        named = {severity: f"{arm}{family}-{severity}" for severity in (1, 2, 3)} | {0: f"{arm}nominal"}
-        at = {s: self.scenarios.index(named[s]) for s in range(4) if named[s] in self.scenarios}
-        if len(at) < 2:
+        indices: dict[int, int] = {}
+        for i, name in enumerate(self.scenarios):
+            member = scenarios.member(name)
+            if member and member.arm == arm and member.family in (family, "nominal"):
+                indices.setdefault(member.severity, i)
+        if len(indices) < 2:
             return None
-        runs = self.errors[:, list(at.values())][:, :, None]
-        return list(at), statistics.estimate(runs, self.counts)
+        severities = sorted(indices)
+        runs = self.errors[:, [indices[severity] for severity in severities]][:, :, None]
+        return severities, statistics.estimate(runs, self.counts)
 
 
 def family_of(scenario: str) -> str:
-    """Return the family of a scenario's name: "mass-error" of "section-2-2/mass-error-2@1000Hz"."""
-    name = scenario.rpartition("/")[2].partition("@")[0]
-    family, _, severity = name.rpartition("-")
-    return family if family and severity.isdigit() else name
+    """Return the family of a scenario's name; one that belongs to no family stands for itself.
+
+    "section-2-2/mass-error-2@1000Hz" is of the family "mass-error". The rate is left out.
+    """
+    member = scenarios.member(scenario)
+    return scenario.partition("@")[0] if member is None else member.family
 
 
 def assemble(results: Sequence[Result]) -> Board:

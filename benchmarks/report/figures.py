@@ -80,7 +80,7 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 def degradation(board: Board) -> list[Figure]:
     """Return error against severity, a figure for each arm and family."""
     figures = []
-    for arm in ("", "section-2-2/"):
+    for arm in scenarios.arms():
         for family in board.families:
             curve = board.degradation(family, arm)
             if family == "nominal" or curve is None:
@@ -88,7 +88,7 @@ def degradation(board: Board) -> list[Figure]:
             severities, estimate = curve
             data, text = _curves(board, severities, estimate), scenarios.families().get(family, "")
             axes = {"xaxis": {"dtick": 1}, "yaxis": LOG}
-            figures.append(_figure(f"{arm}{family}", text, data, "severity", "tracking error [%]", **axes))
+            figures.append(_figure(family if arm == "table-1" else f"{arm}/{family}", text, data, "severity", "tracking error [%]", **axes))
     return figures
 
 

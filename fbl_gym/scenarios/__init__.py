@@ -10,11 +10,22 @@ from typing import Any
 
 from fbl_gym.checks import unknown
 from fbl_gym.records import build
-from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, arms, families, family
+from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, Member, arms, families, family, member
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.scenario import Scenario
 
-__all__ = ["SEVERITIES", "Scenario", "arms", "as_scenario", "families", "family", "get", "names"]
+__all__ = [
+    "SEVERITIES",
+    "Member",
+    "Scenario",
+    "arms",
+    "as_scenario",
+    "families",
+    "family",
+    "get",
+    "member",
+    "names",
+]
 
 
 def names() -> tuple[str, ...]:
