@@ -1,4 +1,4 @@
-"""The board: score, errors, failures and rank of each policy of a suite, with intervals."""
+"""The board: score, errors, diverged share and rank of each policy of a suite, with intervals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ORACLE = "oracle-flm"
 UNSCORED = f"No scores, since they need the errors of {ORACLE}, which is not on this board; ranked by the mean error."
 """The remark on a board without the oracle."""
 
-CHANCE = 0
+BOOTSTRAP_SEED = 0
 """Seed of the bootstrap."""
 
 
@@ -65,7 +65,7 @@ class Board:
     @cached_property
     def counts(self) -> Array:
         """Weight of each seed in each resample; see `statistics.resample`."""
-        return statistics.resample(len(self.seeds), CHANCE)
+        return statistics.resample(len(self.seeds), BOOTSTRAP_SEED)
 
     @cached_property
     def scores(self) -> Array | None:
@@ -77,7 +77,7 @@ class Board:
 
     @cached_property
     def score(self) -> Estimate | None:
-        """Mean score of each policy [p]. The mean, not the median, so that rare failures count."""
+        """Mean score of each policy [p]; the mean, so that rare divergence counts."""
         return None if self.scores is None else statistics.estimate(self.scores, self.counts, statistics.mean)
 
     @cached_property
@@ -91,10 +91,10 @@ class Board:
         return statistics.estimate(self.errors, self.counts, statistics.mean)
 
     @cached_property
-    def failures(self) -> Estimate:
+    def diverged(self) -> Estimate:
         """Share of each policy's runs that diverged [p]."""
         diverged = self.runs["diverged"]
-        return statistics.failures(diverged.sum(axis=(1, 2)), np.full(len(diverged), diverged[0].size))
+        return statistics.diverged_share(diverged.sum(axis=(1, 2)), np.full(len(diverged), diverged[0].size))
 
     @cached_property
     def rank(self) -> Estimate:

@@ -1,4 +1,4 @@
-"""`fbl-gym list`."""
+"""`fbl-gym list`: all names with one line each, and the documentation's page of options."""
 
 from __future__ import annotations
 

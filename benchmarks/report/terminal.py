@@ -68,7 +68,7 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
         privileged = not board.specs[i].ranked
         cells = [f"({board.policies[i]})" if privileged else board.policies[i]]
         if summary:
-            diverged = 100 * board.failures.value[i]
+            diverged = 100 * board.diverged.value[i]
             cells += [
                 "" if privileged else _range(*ranks[i]),
                 "" if board.score is None else f"{board.score.value[i]:.1f}",

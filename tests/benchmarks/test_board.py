@@ -151,7 +151,7 @@ def test_report_and_query_commands(tmp_path, capsys):
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
-    assert short.splitlines()[0] == "| policy | rank | error % | diverged % | effort kN m/s |"
+    assert short.splitlines()[0] == "| policy | rank | error % | diverged % | torque variation kN m/s |"
     assert table in (tmp_path / "docs" / "board.md").read_text()
     for line, whole in zip(short.splitlines()[2:], table.splitlines()[2:], strict=True):
         policy, rank, *numbers = (cell.strip() for cell in line.strip("|").split("|"))

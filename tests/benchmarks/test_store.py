@@ -14,8 +14,8 @@ import pytest
 from benchmarks.run import cell as cell_module
 from benchmarks.run import store as store_module
 from benchmarks.run.cell import run_cell
-from benchmarks.run.runner import run
 from benchmarks.run.metrics import METRICS
+from benchmarks.run.runner import run
 from benchmarks.run.store import Damaged, OtherFormat, Store
 from benchmarks.run.suite import Cell, named, narrow
 
@@ -87,7 +87,9 @@ def test_a_damaged_file_is_moved_aside_named_and_computed_again(tmp_path):
     victim.write_text(victim.read_text().replace('"seeds":[0,1,2]', '"seeds":[0,1,3]'))
     with pytest.raises(Damaged, match=rf"{victim.name} is damaged \(its checksum is wrong\)"):
         store.load(victim)
-    with pytest.warns(UserWarning, match=rf"{victim.name} is damaged .* moved to .*; `fbl-gym leaderboard` computes its cell again"):
+    with pytest.warns(
+        UserWarning, match=rf"{victim.name} is damaged .* moved to .*; `fbl-gym leaderboard` computes its cell again"
+    ):
         assert [o.done for o in finish(cells(), tmp_path)].count("computed") == 1
     assert (tmp_path / "damaged" / victim.name).is_file()
     assert len(list(store.results())) == len(cells())
