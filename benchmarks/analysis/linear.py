@@ -41,7 +41,10 @@ SETTLING = 60.0
 """An arm that is not at rest after so long [s] has no operating point."""
 
 UNIT_CIRCLE = 1.0 + 1e-6
-"""The largest stable eigenvalue. Rounding moves the eigenvalue 1 of a constant state."""
+"""Largest modulus of an eigenvalue that counts as stable.
+
+Rounding moves the eigenvalue 1 of a constant state.
+"""
 
 LONGEST_DELAY = 1.0
 """The longest delay that is tried [s]."""
@@ -98,7 +101,8 @@ class LinearLoop:
         control_dt: sample time [s].
         delay, lag: of the drive [s].
         stiffness: derivative of the acceleration by (q, v), [2 x 4].
-        inverse_inertia: derivative of the acceleration by the torque, [2 x 2].
+        inverse_inertia: derivative of the acceleration by the commanded torque, [2 x 2]; the drive's
+            gain is part of it.
         matrices: A, B, C, D of K.
         readings: names of y, as in `Layout.names`.
         action_scale: torque of an action of 1, [2] N m.
@@ -292,12 +296,21 @@ def linearize(
 
 
 def _calm(scenario: Scenario) -> Scenario:
-    """Return the scenario without noise, disturbance, dry friction and changes of its payload."""
+    """Return the scenario without what is not linear for small deviations.
+
+    That is noise, rounding, disturbance, dry friction and changes of the payload.
+
+    Raises:
+        NotLinear: the loop would need states for the encoder.
+    """
+    encoder = scenario.encoder
+    if encoder is not None and (encoder.latency or encoder.difference is not None):
+        raise NotLinear("the encoder has a latency or computes the velocity, which the loop does not describe")
     error = scenario.parameter_error
     if error is not None and isinstance(error.payload, Payload):
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
-    return scenario.replace(parameter_error=error, friction=friction, noise=None, disturbance=None)
+    return scenario.replace(parameter_error=error, friction=friction, noise=None, encoder=None, disturbance=None)
 
 
 def _loop(
@@ -320,7 +333,7 @@ def _loop(
         delay=middle(drive.delay) + drive.delay_samples * scenario.control_dt,
         lag=middle(drive.lag),
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
-        inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]),
+        inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]) * truth.gain[0],
         matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
         readings=tuple(layout.names[i] for i in entries),
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
@@ -345,7 +358,7 @@ def _law(
     cuts = np.cumsum([m, *(parts[i].size for i in real)])
 
     def step(points: Array, later: int = 0) -> Array:
-        """Return torque and next state [n x ...], by counts that are `later` samples later."""
+        """Return torque and next state [n x ...], with the state's counters increased by `later`."""
         n = len(points)
         observations = np.tile(observation, (n, 1))
         observations[:, entries] = points[:, :m]
