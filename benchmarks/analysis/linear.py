@@ -101,8 +101,8 @@ class LinearLoop:
         control_dt: sample time [s].
         delay, lag: of the drive [s].
         stiffness: derivative of the acceleration by (q, v), [2 x 4].
-        inverse_inertia: derivative of the acceleration by the commanded torque, [2 x 2]; the drive's
-            gain is part of it.
+        inverse_inertia: derivative of the acceleration by the commanded torque, [2 x 2]; the
+            drive's gain is part of it.
         matrices: A, B, C, D of K.
         readings: names of y, as in `Layout.names`.
         action_scale: torque of an action of 1, [2] N m.
@@ -358,7 +358,7 @@ def _law(
     cuts = np.cumsum([m, *(parts[i].size for i in real)])
 
     def step(points: Array, later: int = 0) -> Array:
-        """Return torque and next state [n x ...], with the state's counters increased by `later`."""
+        """Return torque and next state [n x ...]; the state's counters are increased by `later`."""
         n = len(points)
         observations = np.tile(observation, (n, 1))
         observations[:, entries] = points[:, :m]

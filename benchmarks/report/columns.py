@@ -1,6 +1,6 @@
 """The board's columns: the page prints all of them, `markdown.py` those that it names.
 
-The terminal has a table of its own in `terminal.py`, with fewer digits.
+`terminal.py` has a table with fewer columns, which uses the same format of numbers.
 """
 
 from __future__ import annotations
