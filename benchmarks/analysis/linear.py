@@ -49,8 +49,8 @@ Rounding moves the eigenvalue 1 of a constant state.
 LONGEST_DELAY = 1.0
 """The longest delay that is tried [s]."""
 
-GAINS = np.geomspace(1.0, 1e3, 61)[1:]
-"""The gains that are tried."""
+GAIN_FACTORS = np.geomspace(1.0, 1e3, 61)[1:]
+"""The factors of the loop's gain that are tried."""
 
 STEPS = (1e-5, 1e-6)
 """Steps of the difference quotients: shares of each quantity, absolute where it is below 1."""
@@ -215,8 +215,8 @@ class LinearLoop:
 
         sensitivity = 1.0 / (1.0 + self.response(joint)[1])
         return JointMargins(
-            gain_lower=1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAINS),
-            gain_upper=_edge(stable, 1.0, GAINS),
+            gain_lower=1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAIN_FACTORS),
+            gain_upper=_edge(stable, 1.0, GAIN_FACTORS),
             phase=_edge(lambda x: stable(np.exp(-1j * np.radians(x))), 0.0, np.arange(2.0, 181.0, 2.0)),
             sensitivity=np.abs(sensitivity).max(),
             complementary=np.abs(1.0 - sensitivity).max(),
@@ -377,8 +377,9 @@ def _law(
 def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, slope: Array) -> None:
     """Raise `NotLinear` if the law departs from its linearisation while a linear plant moves.
 
-    An estimator may switch at any amplitude, but only for signals that belong to a motion. The
-    plant is delayed, or an estimator with an exact model would find that model again.
+    A derivative alone does not show this: `adaptive-flm` takes new estimates only from samples that
+    fit a motion, however small it is. The plant is delayed, since an estimator with an exact model
+    would find that model again.
     """
     a, b, c = loop._plant(1.5 * loop.control_dt)
     m, centre = len(c), step(point[None])[0]

@@ -3,7 +3,7 @@
 A policy's digest covers its code, the modules that it imports and the data files that it reads
 while it is made. A file that is read later must be named in the attribute `data_files` of the
 policy's factory, so that it is part of the digest too. Reads by C libraries, the network, the clock
-and environment variables cannot be seen: the policy's author answers for them.
+and environment variables are not noticed.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ def _load_file(path: Path) -> ModuleType:
 
 
 def forget(path: Path) -> None:
-    """Load a file again when it is needed next, since data that it read has changed."""
+    """Forget a loaded file, so that it is loaded again when it is needed next."""
     for name in [name for name in sys.modules if name.startswith(_prefix(path.resolve()))]:
         del sys.modules[name]
 

@@ -30,8 +30,8 @@ class Trace:
         position, velocity, reference: [T + 1 x n x 2] rad, rad/s, rad.
         torque: applied torque [T + 1 x n x 2] N m.
         disturbance: [T + 1 x n x 2] N m.
-        alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the
-            reference still belongs to the episode.
+        alive: [T + 1 x n]; False from the sample at which a lane diverged. From there, only
+            `reference` is of this episode.
         decision_time: wall time of the policy for one decision of one lane [s], the median over the
             steps.
         payload: mass carried at the tip [T + 1 x n] kg.

@@ -45,7 +45,7 @@ class Cell:
 
     @property
     def id(self) -> str:
-        """A readable name that leads to the settings, such as "cascade-flm/mass-error-2"."""
+        """Policy and scenario, such as "cascade-flm/mass-error-2"."""
         return f"{self.policy.name}/{self.scenario.name}"
 
     @cached_property
