@@ -377,9 +377,9 @@ def _law(
 def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, slope: Array) -> None:
     """Raise `NotLinear` if the law departs from its linearisation while a linear plant moves.
 
-    A derivative alone does not show this: `adaptive-flm` takes new estimates only from samples that
-    fit a motion, however small it is. The plant is delayed, since an estimator with an exact model
-    would find that model again.
+    An estimator, such as that of `adaptive-flm`, may switch at any amplitude, but only if its
+    samples are those of a moving arm. Separate small changes of the signals do not show this. The
+    plant is delayed, since an estimator with an exact model would find that model again.
     """
     a, b, c = loop._plant(1.5 * loop.control_dt)
     m, centre = len(c), step(point[None])[0]
