@@ -334,6 +334,8 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
             raise ValueError(f"{name} must give {_either(lacking, 'and')}, got {dict(value)!r}")
         try:
             return cls(**value)
+        except TypeError as problem:
+            raise ValueError(f"{name} must have the fields of {cls.__name__}: {problem}; got {dict(value)!r}") from None
         except ValueError as problem:
             raise ValueError(f"{name}: {problem}") from None
     if scalar is not None and not isinstance(value, str):
