@@ -63,7 +63,8 @@ class CascadeFlm(TorqueLaw):
             q: measured or estimated position [n x 2] rad.
             v: measured or estimated velocity [n x 2] rad/s.
             integral: of the inner loops' errors [n x 2].
-            model: the arm to linearise with, or estimated lumped parameters [n x 5].
+            model: the arm to linearise with, or estimated lumped parameters [n x 5], with rotors
+                [n x 7].
             schedule: factor on the inner loops' error, in P and in the integral; see
                 `gain_scheduling.py`.
         """

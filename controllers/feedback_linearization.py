@@ -16,7 +16,7 @@ def linearize(model: ArmParameters | Array, position: Array, velocity: Array, ac
     model is the leakage of equation (5).
 
     Args:
-        model: the nominal arm, or estimated lumped parameters [n x 5].
+        model: the nominal arm, or estimated lumped parameters [n x 5], with rotors [n x 7].
         position: measured or estimated [n x 2] rad.
         velocity: measured or estimated [n x 2] rad/s.
         acceleration: a, the desired one [n x 2] rad/s^2.

@@ -41,8 +41,9 @@ SETTINGS = np.dtype(
         # Nominal arm, and the difference of the real one; four parameters: m1, m2, L1, L2
         ("parameters", np.float64, 4),  # [kg], [m]
         ("gravity", np.float64),  # [m/s^2]
-        ("centre", np.float64),  # of each link's mass, as a fraction of its length
-        ("inertia", np.float64),  # of each link about its centre, as a fraction of m L^2
+        ("centre", np.float64, 2),  # of each link's mass, as a fraction of its length
+        ("inertia", np.float64, 2),  # of each link about its centre, as a fraction of m L^2
+        ("rotor", np.float64, 2),  # inertia of each joint's rotor [kg m^2]
         ("ratio", np.float64, 4),  # real / nominal
         ("log_radius", np.float64, 4),  # log(1 + radius) of the ratio that each episode draws
         ("drawn_together", np.bool_),  # one draw for all parameters

@@ -166,7 +166,8 @@ def _log1p(x: float) -> float:
 def _pack_arm(settings: Settings, scenario: Scenario) -> None:
     arm, error = scenario.arm, scenario.parameter_error
     settings["parameters"] = arm.m1, arm.m2, arm.L1, arm.L2
-    settings["gravity"], settings["centre"], settings["inertia"] = arm.gravity, arm.centre, arm.inertia
+    for name in ("gravity", "centre", "inertia", "rotor"):
+        settings[name] = getattr(arm, name)
     settings["ratio"] = 1.0
     settings["payload_pick_up"] = settings["payload_drop"] = np.inf
     if error is None:

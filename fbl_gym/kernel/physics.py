@@ -15,11 +15,11 @@ solve_terms = inline_njit(arm.solve_terms)
 
 
 @inline_njit
-def load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2):
+def load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2):
     """Return the inertia matrix, and the torque left to accelerate it: tau - C v - G."""
     sin1, cos1 = sincos(q1)
     sin2, cos2 = sincos(q2)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, cos2)
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, cos2)
     coriolis1, coriolis2 = coriolis_terms(p3, sin2, v1, v2)
     gravity1, gravity2 = gravity_terms(p4, p5, cos1, cos1 * cos2 - sin1 * sin2)
     return m11, m12, m22, tau1 - coriolis1 - gravity1, tau2 - coriolis2 - gravity2
@@ -28,14 +28,14 @@ def load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2):
 @inline_njit
 def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
     """Return the acceleration at one stage of a physics step."""
-    p1, p2, p3, p4, p5 = lumped
+    p1, p2, p3, p4, p5, r1, r2 = lumped
     viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
     dry1, dry2, free1, free2 = held
     tau1, tau2 = tau1 - viscous1 * v1 - dry1, tau2 - viscous2 * v2 - dry2
     if law == LITERAL_FRICTION:
         tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1) * sign(v1)
         tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2) * sign(v2)
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2)
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
     if law == EXACT_FRICTION:
         # A stuck joint carries any reaction: the other moves as if alone.
         load1, load2, m12 = load1 * free1, load2 * free2, m12 * (free1 * free2)
@@ -43,7 +43,7 @@ def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
 
 
 @inline_njit
-def _runge_kutta(block, lane, h, friction, law):
+def _runge_kutta(block, lane, h, rotor, friction, law):
     """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
 
     Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
@@ -59,6 +59,7 @@ def _runge_kutta(block, lane, h, friction, law):
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     p1, p2, p3 = block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane]
     p4, p5 = block.lumped[3, lane], block.lumped[4, lane]
+    r1, r2 = rotor
     tau_start1, tau_start2 = block.tau_start[0, lane], block.tau_start[1, lane]
     dry1, dry2 = 0.0, 0.0  # friction torque held over the step
     free1, free2 = 1.0, 1.0  # 0 where a joint sticks throughout the step
@@ -67,7 +68,7 @@ def _runge_kutta(block, lane, h, friction, law):
     if law == EXACT_FRICTION:
         viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
         m11, m12, m22, load1, load2 = load_on_joints(
-            p1, p2, p3, p4, p5, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
+            p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
         )
         bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
         bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
@@ -80,7 +81,7 @@ def _runge_kutta(block, lane, h, friction, law):
         free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
 
     half, sixth = 0.5 * h, h / 6.0
-    lumped = (p1, p2, p3, p4, p5)
+    lumped = (p1, p2, p3, p4, p5, r1, r2)
     held = (dry1, dry2, free1, free2)
     tau_half1, tau_half2 = block.tau_half[0, lane], block.tau_half[1, lane]
     a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law)
@@ -106,6 +107,7 @@ def _runge_kutta(block, lane, h, friction, law):
 def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
     h, law = settings.physics_dt, settings.friction_law
+    rotor = (settings.rotor[0], settings.rotor[1])
     friction = (
         settings.viscous[0], settings.viscous[1], settings.coulomb[0], settings.coulomb[1],
         settings.stiction[0], settings.stiction[1], settings.v_s[0], settings.v_s[1],
@@ -113,13 +115,13 @@ def advance(block, settings, width):
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, NO_FRICTION)
+            _runge_kutta(block, lane, h, rotor, friction, NO_FRICTION)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, EXACT_FRICTION)
+            _runge_kutta(block, lane, h, rotor, friction, EXACT_FRICTION)
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, LITERAL_FRICTION)
+            _runge_kutta(block, lane, h, rotor, friction, LITERAL_FRICTION)
 
 
 @inline_njit
@@ -128,7 +130,8 @@ def acceleration_and_friction(block, settings, lane, law):
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     m11, m12, m22, load1, load2 = load_on_joints(
         block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-        block.lumped[4, lane], block.position[0, lane], block.position[1, lane], v1, v2,
+        block.lumped[4, lane], settings.rotor[0], settings.rotor[1],
+        block.position[0, lane], block.position[1, lane], v1, v2,
         block.torque[0, lane] - block.disturbance[0, lane], block.torque[1, lane] - block.disturbance[1, lane],
     )  # fmt: skip
     bound1, bound2 = 0.0, 0.0

@@ -12,6 +12,7 @@ from typing import Any
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.interface import Limits
+from fbl_gym.real_arms import REAL_ARMS
 from fbl_gym.records import Record, build, choices, declared, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
@@ -26,11 +27,15 @@ from fbl_gym.uncertainty import (
     PiecewiseConstantDisturbance,
     PulseDisturbance,
 )
+from fbl_gym.urdf import load_urdf
 
 
 def _arm(name: str, value: Any) -> ArmParameters:
+    if isinstance(value, str) and value.endswith(".urdf"):
+        return load_urdf(value)
     if isinstance(value, str):
-        value = ARMS[check_choice(name, value, ARMS)]
+        known = ARMS | REAL_ARMS
+        value = known[check_choice(name, value, known)]
     return build(name, value, ArmParameters)
 
 
@@ -70,7 +75,8 @@ class Scenario(Record):
     arm: ArmParameters = declared(
         TABLE_1,
         _arm,
-        "an ArmParameters, a dict of its fields, " + " or ".join(f'"{name}"' for name in ARMS),
+        "an ArmParameters, a dict of its fields, the path of a .urdf file, "
+        + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
         classes=(ArmParameters,),
     )
     parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio")

@@ -33,7 +33,7 @@ from fbl_gym.uncertainty import (
 
 def particles(mass, length, centre):
     """Return a link as point masses at distances: one at its end, or three equivalent to a rod."""
-    if centre == 1.0:
+    if centre[0] == 1.0:
         return [(mass, length)]
     return [(mass / 6, 0.0), (2 * mass / 3, length / 2), (mass / 6, length)]
 
