@@ -60,7 +60,7 @@ class OracleFlm(Record):
             raise ValueError(f"the oracle was made for an environment of {lanes} lanes, got {rows} observations")
         error, rate = truth.reference - truth.position, truth.reference_velocity - truth.velocity
         a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
-        arm = with_rotors(truth.lumped, self.env.scenario.arm.rotor)
+        arm = with_rotors(truth.lumped, self.env.scenario.rotor)
         load = inverse_dynamics(arm, truth.position, truth.velocity, a)
         torque = load + self._friction(truth) + truth.disturbance
         action = self.env.interface.action_from_torque(torque, truth.position, truth.velocity)

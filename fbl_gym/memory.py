@@ -62,6 +62,13 @@ SETTINGS = np.dtype(
         ("coulomb", np.float64, 2),  # [N m]
         ("stiction", np.float64, 2),  # [N m]
         ("v_s", np.float64, 2),  # width of the stiction peak [(rad/s)^2]
+        # Elastic joints, each
+        ("elastic", np.bool_),
+        ("stiffness", np.float64, 2),  # [N m/rad]
+        ("damping", np.float64, 2),  # [N m s/rad]
+        ("half_backlash", np.float64, 2),  # [rad]
+        ("motor_inertia", np.float64, 2),  # [kg m^2]
+        ("encoder_on_motor", np.bool_),
         # Disturbance
         ("disturbance_kind", np.int64),
         ("disturbance_amplitude", np.float64, 2),  # [N m]
@@ -148,6 +155,13 @@ BLOCK = np.dtype(
         ("tau_start", np.float64, _PAIR),  # applied torque less disturbance at the start,
         ("tau_half", np.float64, _PAIR),  # the half
         ("tau_end", np.float64, _PAIR),  # and the end of a physics step [N m]
+        # Elastic joints
+        ("motor_position", np.float64, _PAIR),  # [rad]
+        ("motor_velocity", np.float64, _PAIR),  # [rad/s]
+        ("motor_friction", np.float64, _PAIR),  # [N m]
+        ("load_start", np.float64, _PAIR),  # torque on the links at the start,
+        ("load_half", np.float64, _PAIR),  # the half
+        ("load_end", np.float64, _PAIR),  # and the end of a physics step [N m]
         # Sensors and reference
         ("measured_position", np.float64, _PAIR),  # [rad]
         ("measured_velocity", np.float64, _PAIR),  # [rad/s]

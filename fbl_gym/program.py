@@ -98,6 +98,7 @@ def make_program(
     _pack_arm(settings, scenario)
     _pack_noise(settings, scenario)
     _pack_friction(settings, scenario)
+    _pack_joint(settings, scenario)
     _pack_actuator(settings, scenario)
     _pack_disturbance(settings, tables, scenario)
     waypoints = _pack_reference(settings, tables, scenario)
@@ -206,6 +207,16 @@ def _pack_friction(settings: Settings, scenario: Scenario) -> None:
         settings["friction_law"] = memory.NO_FRICTION  # viscous friction alone is smooth
     for name in ("viscous", "coulomb", "stiction", "v_s"):
         settings[name] = getattr(friction, name)
+
+
+def _pack_joint(settings: Settings, scenario: Scenario) -> None:
+    joint = scenario.joint
+    if joint is None:
+        return
+    settings["elastic"], settings["encoder_on_motor"] = True, joint.encoder == "motor"
+    settings["stiffness"], settings["damping"] = joint.stiffness, joint.damping
+    settings["half_backlash"] = 0.5 * np.array(joint.backlash)
+    settings["motor_inertia"] = scenario.rotor
 
 
 def _pack_actuator(settings: Settings, scenario: Scenario) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from fbl_gym.fastmath import exp, kernel_njit, log, sincos
+from fbl_gym.kernel.elastic import hang_motors
 from fbl_gym.kernel.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.physics import lump
 from fbl_gym.kernel.torque import nominal_torque, pick_disturbance
@@ -40,6 +41,8 @@ def start(block, queue, waypoints, settings, tables, lane):
     block.start_position[0, lane], block.start_position[1, lane] = q1, q2
     block.velocity[0, lane], block.velocity[1, lane] = v1, v2
     _hold_still(block, queue, settings, lane)
+    if settings.elastic:
+        hang_motors(block, settings, lane)
 
     torque1, torque2 = pick_disturbance(block, settings, tables, lane, np.int64(0))
     if settings.disturbance_kind == SINE:

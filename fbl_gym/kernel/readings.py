@@ -25,24 +25,27 @@ def _within(value, bound):
 @kernel_njit
 def sense(block, settings, width):
     """Take the readings of a block; they depend on its state alone."""
-    if settings.senses_acceleration:
+    if settings.senses_acceleration and not settings.elastic:
         _accelerate(block, settings, width)
+    position, velocity = block.position, block.velocity
+    if settings.encoder_on_motor:
+        position, velocity = block.motor_position, block.motor_velocity
     for joint in range(2):
         for lane in range(width):
-            block.measured_position[joint, lane] = block.position[joint, lane]
-            block.measured_velocity[joint, lane] = block.velocity[joint, lane]
+            block.measured_position[joint, lane] = position[joint, lane]
+            block.measured_velocity[joint, lane] = velocity[joint, lane]
             block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
     if settings.noisy:
         _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
         _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
         _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
     # A sensor reads no further than its range.
-    position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
+    max_position, max_velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
     for joint in range(2):
         for lane in range(width):
-            block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], position)
-            block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], velocity)
+            block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], max_position)
+            block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], max_velocity)
             block.measured_acceleration[joint, lane] = _within(block.measured_acceleration[joint, lane], acceleration)
 
 

@@ -105,20 +105,26 @@ def apply_torque(block, queue, settings, tables, width, substep):
             block.tau_half[joint, lane] = target + half * gap
             block.tau_end[joint, lane] = target + end * gap
             block.torque[joint, lane] = target + end * gap
+    tau_start, tau_half, tau_end = block.tau_start, block.tau_half, block.tau_end
+    if settings.elastic:  # a disturbance loads the links, not the drives
+        tau_start, tau_half, tau_end = block.load_start, block.load_half, block.load_end
+        for joint in range(2):
+            for lane in range(width):
+                tau_start[joint, lane] = tau_half[joint, lane] = tau_end[joint, lane] = 0.0
     if settings.disturbance_kind == SINE:
-        _subtract_sine(block, block.tau_start, settings, width, substep + 0.0)
-        _subtract_sine(block, block.tau_half, settings, width, substep + 0.5)
-        _subtract_sine(block, block.tau_end, settings, width, substep + 1.0)
+        _subtract_sine(block, tau_start, settings, width, substep + 0.0)
+        _subtract_sine(block, tau_half, settings, width, substep + 0.5)
+        _subtract_sine(block, tau_end, settings, width, substep + 1.0)
     elif settings.disturbance_kind != NO_DISTURBANCE:
         for lane in range(width):
             torque1, torque2 = pick_disturbance(block, settings, tables, lane, substep)
             block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
-            block.tau_start[0, lane] -= torque1
-            block.tau_start[1, lane] -= torque2
-            block.tau_half[0, lane] -= torque1
-            block.tau_half[1, lane] -= torque2
-            block.tau_end[0, lane] -= torque1
-            block.tau_end[1, lane] -= torque2
+            tau_start[0, lane] -= torque1
+            tau_start[1, lane] -= torque2
+            tau_half[0, lane] -= torque1
+            tau_half[1, lane] -= torque2
+            tau_end[0, lane] -= torque1
+            tau_end[1, lane] -= torque2
 
 
 @kernel_njit

@@ -12,6 +12,7 @@ from typing import Any
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.interface import Limits
+from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
 from fbl_gym.real_arms import REAL_ARMS
 from fbl_gym.records import Record, build, choices, declared, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, FilteredSteps, MinimumJerk, Reference, Steps
@@ -61,6 +62,7 @@ class Scenario(Record):
         friction: joint friction; the nominal model has none.
         disturbance: torque tau_d of equation (1).
         actuator: torque limits, delay and lag; None: an ideal drive without limits.
+        joint: springs between motors and links; None: rigid joints.
         sensors: the measured signals; they include "position".
         reference: motion that the arm follows.
         control_dt: time between two decisions; the torque command is held in between.
@@ -86,6 +88,7 @@ class Scenario(Record):
     actuator: Actuator = declared(
         Actuator(), _actuator, "an Actuator, a dict of its fields, its torque_limit or None", classes=(Actuator,)
     )
+    joint: ElasticJoint | None = record(ElasticJoint, None, scalar="stiffness")
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     reference: Reference = one_of(REFERENCES, MinimumJerk())
     control_dt: float = number(0.01, unit="s", above=0)
@@ -109,8 +112,39 @@ class Scenario(Record):
         self._check_multiple("control_dt", self.control_dt, "physics_dt")
         self._check_multiple("duration", self.duration, "control_dt", least=1)
         self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
+        self._check_joint()
         self._check_reference()
         self._check_disturbance()
+
+    def _check_joint(self) -> None:
+        """Refuse elastic joints without rotors, or too stiff for the physics step."""
+        joint, arm, error = self.joint, self.arm, self.parameter_error
+        if joint is None:
+            return
+        if min(self.rotor) <= 0.0:
+            raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {self.rotor}")
+        # The lightest links are the fastest. Lengths may act either way.
+        m1, m2, L1, L2 = (1.0,) * 4 if error is None else error.ratios
+        spread = 1.0 if error is None else 1.0 + error.radius
+        viscous = (0.0, 0.0) if self.friction is None else self.friction.viscous
+        rate = max(
+            fastest_rate(
+                dataclasses.replace(
+                    arm, m1=arm.m1 * m1 / spread, m2=arm.m2 * m2 / spread, L1=arm.L1 * L1 * x1, L2=arm.L2 * L2 * x2
+                ),
+                self.rotor,
+                joint,
+                viscous,  # type: ignore[arg-type]
+            )
+            for x1 in {1.0 / spread, spread}
+            for x2 in {1.0 / spread, spread}
+        )
+        if self.physics_dt * rate > LARGEST_STEP:
+            longest = self.control_dt / math.ceil(self.control_dt * rate / LARGEST_STEP)
+            raise ValueError(
+                f"physics_dt={self.physics_dt:g} s is too long for these joints, whose fastest rate is {rate:.4g} 1/s; "
+                f"physics_dt={longest:.4g} s would do"
+            )
 
     def _check_reference(self) -> None:
         """Refuse moves and levels that are shorter than a step."""
@@ -146,6 +180,12 @@ class Scenario(Record):
             raise ValueError(f"{name} must be a multiple of {dt_name}={dt:g} s, got {name}={duration:g} s")
         if steps < least:
             raise ValueError(f"{name} must be at least {dt_name}={dt:g} s, got {duration:g} s")
+
+    @property
+    def rotor(self) -> Pair:
+        """Return the real rotor inertias, reflected to the joints [kg m^2]."""
+        given = self.joint.rotor_inertia if self.joint is not None else None
+        return self.arm.rotor if given is None else given  # type: ignore[return-value]
 
     @property
     def substeps(self) -> int:
