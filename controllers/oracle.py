@@ -62,16 +62,14 @@ class OracleFlm(Record):
         a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
         arm = with_rotors(truth.lumped, self.env.scenario.rotor)
         load = inverse_dynamics(arm, truth.position, truth.velocity, a)
-        torque = load + self._friction(truth) + truth.disturbance
+        torque = (load + self._friction(truth) + truth.disturbance) / truth.gain
         action = self.env.interface.action_from_torque(torque, truth.position, truth.velocity)
         return action.reshape(*np.shape(observation)[:-1], 2), state
 
     def _friction(self, truth: Truth) -> Array:
         """Return the friction, its dry part along the reference, whose sign is steady."""
-        friction = self.env.scenario.friction
-        if friction is None:
+        if self.env.scenario.friction is None:
             return np.zeros_like(truth.velocity)
         v = truth.reference_velocity
-        fade = np.exp(-(truth.velocity**2) / np.array(friction.v_s))
-        dry = np.array(friction.coulomb) + np.array(friction.stiction) * fade
-        return np.array(friction.viscous) * truth.velocity + dry * np.sign(v)
+        dry = truth.coulomb + truth.stiction * np.exp(-(truth.velocity**2) / truth.v_s)
+        return truth.viscous * truth.velocity + dry * np.sign(v)

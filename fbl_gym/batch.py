@@ -49,6 +49,11 @@ class Truth:
         lumped: the five lumped parameters with the payload carried now, [5] or [lanes x 5];
             see `arm.py`.
         payload: mass carried at the tip [kg]; a number, or [lanes].
+        viscous: coefficient of viscous friction [N m s/rad].
+        coulomb: Coulomb friction [N m].
+        stiction: friction that fades as the joint moves [N m].
+        v_s: scale of the squared velocity at which it fades [(rad/s)^2].
+        gain: real / nominal torque of the drives.
     """
 
     time: Array
@@ -68,6 +73,11 @@ class Truth:
     lengths: Array
     lumped: Array
     payload: Array
+    viscous: Array
+    coulomb: Array
+    stiction: Array
+    v_s: Array
+    gain: Array
 
 
 class ArmBatch:
@@ -202,6 +212,7 @@ def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
         "masses": rows("parameters")[:2],
         "lengths": rows("parameters")[2:],
         "payload": rows("payload"),
+        **{name: rows(name) for name in ("viscous", "coulomb", "stiction", "v_s", "gain")},
         "applied_torque": rows("torque"),
         "disturbance": rows("disturbance"),
         "reference": rows("reference_position"),

@@ -86,8 +86,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
 
     ## Start
 
-    The arm starts on its reference, plus `initial_error`, under the torque that holds the nominal
-    arm still.
+    The arm starts on its reference, plus `initial_error` and `initial_velocity`, under the torque
+    that holds the nominal arm still.
 
     ## Episode end
 
@@ -101,8 +101,9 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
       arm.
     * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`,
       `noise`, `friction`, `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`,
-      `physics_dt`, `duration`, `initial_error`, `limits`. Each is a record or the plain data that
-      makes one. None switches an option off. `fbl-gym list options` prints their fields.
+      `physics_dt`, `duration`, `initial_error`, `initial_velocity`, `limits`. Each is a record or
+      the plain data that makes one. Most numbers may be a `Distribution`, drawn per episode. None
+      switches an option off. `fbl-gym list options` prints their fields.
     * `action`: "normalized", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: number of coming samples of the reference in the observation.

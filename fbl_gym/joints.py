@@ -21,7 +21,7 @@ import numpy as np
 
 from fbl_gym.arm import ArmParameters, inertia_matrix
 from fbl_gym.checks import Pair
-from fbl_gym.records import Record, choice, pair
+from fbl_gym.records import Numbers, Record, choice, ends, pair
 
 LARGEST_STEP = 0.5
 """Largest physics step, times the joints' fastest rate. A vibration of that rate then loses 0.01 %
@@ -41,15 +41,17 @@ class ElasticJoint(Record):
         encoder: the side on which position and velocity are measured.
     """
 
-    stiffness: Pair | float = pair(unit="N m/rad", above=0)
-    damping: Pair | float = pair(0.0, unit="N m s/rad", low=0)
+    stiffness: Numbers = pair(unit="N m/rad", varies=True, above=0)
+    damping: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0)
     rotor_inertia: Pair | float | None = pair(None, unit="kg m^2", above=0)
-    backlash: Pair | float = pair(0.0, unit="rad", low=0)
+    backlash: Numbers = pair(0.0, unit="rad", varies=True, low=0)
     encoder: Literal["motor", "link"] = choice("motor", ("motor", "link"))
 
 
-def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: Pair) -> float:
+def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: Numbers) -> float:
     """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
+
+    Of numbers that vary, the largest value counts.
 
     Args:
         arm: its links.
@@ -57,7 +59,8 @@ def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: 
         joint: the springs.
         viscous: friction of the motors [N m s/rad].
     """
-    stiffness, damping, friction = (np.diag(x) for x in (joint.stiffness, joint.damping, viscous))
+    largest = [np.array([ends(x)[1] for x in both]) for both in (joint.stiffness, joint.damping, viscous)]  # type: ignore[union-attr]
+    stiffness, damping, friction = (np.diag(x) for x in largest)
     to_motor = np.diag(1.0 / np.array(rotor))
     rates = []
     for q2 in (0.0, np.pi / 2, np.pi):  # the inertia is linear in cos q2

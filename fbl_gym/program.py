@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from decimal import Context, Decimal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 from fbl_gym import memory
 from fbl_gym.arm import Array
 from fbl_gym.checks import check_choice, check_whole
+from fbl_gym.events import EVENTS, DriveChange
 from fbl_gym.interface import ACTIONS, Interface, Limits, make_layout
-from fbl_gym.memory import LANES, SETTINGS
+from fbl_gym.memory import FIRST_VARIED, LANES, SETTINGS, VARIED
+from fbl_gym.records import Distribution, ends
 from fbl_gym.references import (
     ArrayReference,
     FilteredSteps,
@@ -23,6 +26,7 @@ from fbl_gym.references import (
 )
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
+from fbl_gym.streams import stream_key
 from fbl_gym.uncertainty import (
     PARAMETERS,
     SENSORS,
@@ -90,21 +94,24 @@ def make_program(
     """
     settings = np.zeros((), SETTINGS)
     tables: list[float] = []
+    numbers = _Numbers(tables)
     settings["autoreset"] = autoreset
     settings["substeps"] = scenario.substeps
     settings["control_dt"], settings["physics_dt"] = scenario.control_dt, scenario.physics_dt
     steps = scenario.steps
     settings["last_step"] = steps if max_episode_steps is None else min(steps, max_episode_steps)
-    _pack_arm(settings, scenario)
-    _pack_noise(settings, scenario)
-    _pack_friction(settings, scenario)
-    _pack_joint(settings, scenario)
-    _pack_actuator(settings, scenario)
-    _pack_disturbance(settings, tables, scenario)
+    for name in ("initial_error", "initial_velocity"):
+        numbers.set(name, getattr(scenario, name), name)
+    _pack_arm(settings, numbers, scenario)
+    _pack_noise(settings, numbers, scenario)
+    _pack_friction(settings, numbers, scenario)
+    _pack_joint(settings, numbers, scenario)
+    _pack_actuator(settings, numbers, scenario)
+    _pack_disturbance(settings, numbers, tables, scenario)
     waypoints = _pack_reference(settings, tables, scenario)
     settings["waypoints"] = waypoints
     settings["block_size"] = memory.BLOCK_SIZE + _PAIR * (int(settings["delay_steps"]) + 1 + waypoints)
-    settings["initial_error"] = scenario.initial_error
+    _pack_events(settings, numbers, tables, scenario)
     preview = check_whole("preview", preview)
     _check_size("preview", preview, "", 6 * LANES * preview)
     limits = scenario.limits
@@ -115,7 +122,66 @@ def make_program(
     settings["action_limit"] = interface.action_limit
     _pack_observation(settings, interface)
     _pack_reward(settings, reward)
+    settings["varied"], settings["draws"], settings["draw_table"] = numbers.fixed, len(numbers.draws), len(tables)
+    tables.extend(number for draw in numbers.draws for number in draw)
     return Program(interface, settings, np.array(tables))
+
+
+class _Numbers:
+    """The numbers that may vary: fixed values, and the draws of the others.
+
+    Attributes:
+        fixed: in the order of `memory.VARIED`.
+        draws: `memory.DRAW_SIZE` numbers each.
+    """
+
+    def __init__(self, tables: list[float]) -> None:
+        self.fixed = np.zeros(VARIED.itemsize // 8)
+        self.draws: list[tuple[float, ...]] = []
+        self._tables = tables
+
+    def set(self, field: str, value: Any, path: str, *, scale: float = 1.0, first: int = 0) -> None:
+        """Set a field of `memory.VARIED`.
+
+        Args:
+            field: its name.
+            value: a number, a distribution, or a pair of them.
+            path: of the option; it names the random stream.
+            scale: the field holds `scale` times the value.
+            first: index of the first number in the field.
+        """
+        for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
+            row = memory.rows(field)[first + joint]
+            if not isinstance(each, Distribution):
+                self.fixed[row - FIRST_VARIED] = each * scale
+            else:
+                self._draw(row, joint, each, path, scale)
+
+    def draw(self, row: int, value: Any, path: str, *, scale: float = 1.0) -> None:
+        """Set rows of a block outside of `memory.VARIED`, as `set` does.
+
+        Args:
+            row: the first row.
+            value: a number, a distribution, or a pair of them.
+            path: of the option.
+            scale: the row holds `scale` times the value.
+        """
+        for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
+            # A fixed number is the draw between itself and itself.
+            each = each if isinstance(each, Distribution) else Distribution(uniform=(each, each))
+            self._draw(row + joint, joint, each, path, scale)
+
+    def _draw(self, row: int, joint: int, each: Distribution, path: str, scale: float) -> None:
+        values = [number * scale for number in each.values]
+        numbers: tuple[float, float]
+        if each.choice is not None:
+            kind, numbers = memory.CHOICE, (len(self._tables), len(values))
+            self._tables.extend(values)
+        elif each.log_uniform is not None:
+            kind, numbers = memory.LOG_UNIFORM, (values[0], _log1p(values[1] / values[0] - 1.0))
+        else:
+            kind, numbers = memory.UNIFORM, (values[0], values[1])
+        self.draws.append((row, joint, kind, *numbers, *divmod(int(stream_key(path)), 2**32)))
 
 
 def _check_size(option: str, value: float, unit: str, numbers: int) -> None:
@@ -146,7 +212,7 @@ def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: in
                 f"action='acceleration' linearises with the measured velocity, but sensors={scenario.sensors} has none"
             )
         bound, unit = (limits.command,) * 2, "rad/s^2"
-    slow = scenario.actuator.delay > 0 or scenario.actuator.lag > 0
+    slow = ends(scenario.actuator.delay)[1] > 0 or ends(scenario.actuator.lag)[1] > 0
     layout = make_layout(scenario.sensors, limits, bound if slow else None, unit, preview)
     return Interface(scenario.arm, layout, scenario.control_dt, limit, action, bound)  # type: ignore[arg-type]
 
@@ -154,23 +220,19 @@ def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: in
 _EXACT = Context(prec=50)
 
 
-def _exp(x: float) -> float:
-    """Return e**x to the last bit on every machine; C libraries differ."""
-    return float(_EXACT.exp(Decimal(x)))
-
-
 def _log1p(x: float) -> float:
-    """Return log(1 + x) to the last bit on every machine."""
+    """Return log(1 + x) to the last bit on every machine; C libraries differ."""
     return float(_EXACT.ln(_EXACT.add(1, Decimal(x))))
 
 
-def _pack_arm(settings: Settings, scenario: Scenario) -> None:
+def _pack_arm(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
     arm, error = scenario.arm, scenario.parameter_error
     settings["parameters"] = arm.m1, arm.m2, arm.L1, arm.L2
     for name in ("gravity", "centre", "inertia", "rotor"):
         settings[name] = getattr(arm, name)
     settings["ratio"] = 1.0
-    settings["payload_pick_up"] = settings["payload_drop"] = np.inf
+    numbers.set("payload_pick_up", np.inf, "")
+    numbers.set("payload_drop", np.inf, "")
     if error is None:
         return
     settings["ratio"] = error.ratios
@@ -179,26 +241,31 @@ def _pack_arm(settings: Settings, scenario: Scenario) -> None:
     settings["drawn_together"] = error.sampling == "together"
     payload = error.payload
     if isinstance(payload, Payload):
-        settings["payload_mass"] = payload.mass
-        settings["payload_pick_up"] = round(payload.pick_up / scenario.physics_dt)
-        settings["payload_drop"] = np.inf if payload.drop is None else round(payload.drop / scenario.physics_dt)
+        settings["has_payload"] = ends(payload.mass)[1] > 0
+        path, scale = "parameter_error.payload.", 1 / scenario.physics_dt
+        numbers.set("payload_mass", payload.mass, path + "mass")
+        numbers.set("payload_pick_up", payload.pick_up, path + "pick_up", scale=scale)
+        if payload.drop is not None:
+            numbers.set("payload_drop", payload.drop, path + "drop", scale=scale)
 
 
-def _pack_noise(settings: Settings, scenario: Scenario) -> None:
+def _pack_noise(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
     settings["senses_acceleration"] = "acceleration" in scenario.sensors
     if scenario.noise is None:
         return
     for sensor, name in enumerate(SENSORS):
         error: SensorError | None = getattr(scenario.noise, name)
         if error is not None:
-            settings["noise_std"][sensor] = error.std
-            settings["noise_bias"][sensor] = error.bias
+            numbers.set("noise_std", error.std, f"noise.{name}.sigma", first=2 * sensor)
+            numbers.set("noise_bias", error.bias, f"noise.{name}.bias", first=2 * sensor)
             settings["quantization"][sensor] = error.quantization
-    settings["noisy"] = any(np.any(settings[name]) for name in ("noise_std", "noise_bias", "quantization"))
+            settings["has_noise"][sensor] = ends(error.std) != (0.0, 0.0)
+            sizes = error.std, error.bias, error.quantization
+            settings["noisy"] |= any(ends(size) != (0.0, 0.0) for size in sizes)
 
 
-def _pack_friction(settings: Settings, scenario: Scenario) -> None:
-    settings["v_s"] = 1.0
+def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
+    numbers.set("v_s", (1.0, 1.0), "")
     friction = scenario.friction
     if friction is None:
         return
@@ -206,36 +273,34 @@ def _pack_friction(settings: Settings, scenario: Scenario) -> None:
     if friction.coulomb == (0.0, 0.0) and friction.stiction == (0.0, 0.0):
         settings["friction_law"] = memory.NO_FRICTION  # viscous friction alone is smooth
     for name in ("viscous", "coulomb", "stiction", "v_s"):
-        settings[name] = getattr(friction, name)
+        numbers.set(name, getattr(friction, name), f"friction.{name}")
 
 
-def _pack_joint(settings: Settings, scenario: Scenario) -> None:
+def _pack_joint(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
     joint = scenario.joint
     if joint is None:
         return
     settings["elastic"], settings["encoder_on_motor"] = True, joint.encoder == "motor"
-    settings["stiffness"], settings["damping"] = joint.stiffness, joint.damping
-    settings["half_backlash"] = 0.5 * np.array(joint.backlash)
     settings["motor_inertia"] = scenario.rotor
+    numbers.set("stiffness", joint.stiffness, "joint.stiffness")
+    numbers.set("damping", joint.damping, "joint.damping")
+    numbers.set("half_backlash", joint.backlash, "joint.backlash", scale=0.5)
 
 
-def _pack_actuator(settings: Settings, scenario: Scenario) -> None:
-    actuator, n = scenario.actuator, scenario.substeps
+def _pack_actuator(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
+    actuator = scenario.actuator
     settings["torque_limit"] = np.inf if actuator.torque_limit is None else actuator.torque_limit
-    delay = round(actuator.delay / scenario.physics_dt)
-    steps = -(-delay // n)
-    _check_size("actuator.delay", actuator.delay, " s", _PAIR * steps)
-    # Up to physics step `delay_switch`, the command of `steps` ago acts, then the next one.
+    longest, scale = ends(actuator.delay)[1], 1 / scenario.physics_dt
+    steps = -(-round(longest * scale) // scenario.substeps)
+    _check_size("actuator.delay", longest, " s", _PAIR * steps)
     settings["delay_steps"] = steps
-    settings["delay_switch"] = delay - (steps - 1) * n if steps else 0
-    if actuator.lag > 0:
-        settings["lag_start"] = 1.0
-        settings["lag_half"] = _exp(-0.5 * scenario.physics_dt / actuator.lag)
-        settings["lag_end"] = _exp(-scenario.physics_dt / actuator.lag)
-    settings["torque_varies"] = delay > 0 or actuator.lag > 0
+    numbers.set("gain", actuator.gain, "actuator.gain")
+    numbers.set("delay", actuator.delay, "actuator.delay", scale=scale)
+    numbers.set("lag", actuator.lag, "actuator.lag", scale=scale)
+    settings["torque_varies"] = steps > 0 or ends(actuator.lag)[1] > 0
 
 
-def _pack_disturbance(settings: Settings, tables: list[float], scenario: Scenario) -> None:
+def _pack_disturbance(settings: Settings, numbers: _Numbers, tables: list[float], scenario: Scenario) -> None:
     disturbance, h, n = scenario.disturbance, scenario.physics_dt, scenario.substeps
     if disturbance is None:
         return
@@ -255,13 +320,30 @@ def _pack_disturbance(settings: Settings, tables: list[float], scenario: Scenari
     else:
         assert isinstance(disturbance, SineDisturbance)
         kind, period, varies = memory.SINE, 0, True
-        settings["disturbance_rate"] = 2 * np.pi * np.array(disturbance.frequency)
+        numbers.set("disturbance_rate", disturbance.frequency, "disturbance.frequency", scale=2 * np.pi)
         settings["disturbance_phase_drawn"] = disturbance.phase is None
         settings["disturbance_phase"] = 0.0 if disturbance.phase is None else disturbance.phase
     if not isinstance(disturbance, ArrayDisturbance):
-        settings["disturbance_amplitude"] = disturbance.amplitude
+        numbers.set("disturbance_amplitude", disturbance.amplitude, "disturbance.amplitude")
     settings["disturbance_kind"], settings["disturbance_period"] = kind, period
     settings["torque_varies"] |= varies
+
+
+def _pack_events(settings: Settings, numbers: _Numbers, tables: list[float], scenario: Scenario) -> None:
+    """Pack the events; their rows come last in a block."""
+    settings["events"], settings["event_table"] = len(scenario.events), len(tables)
+    tables.extend(EVENTS.index(type(event)) for event in scenario.events)
+    first = int(settings["block_size"]) // LANES
+    settings["event_row"] = first
+    for i, event in enumerate(scenario.events):
+        for name, value in vars(event).items():
+            if name == "time":
+                numbers.draw(first, value, f"events.{i}.time", scale=1 / scenario.physics_dt)
+            elif name != "kind":
+                numbers.draw(first + 1, value, f"events.{i}.{name}")
+        first += memory.EVENT_ROWS
+    settings["block_size"] = first * LANES
+    settings["torque_varies"] |= any(isinstance(event, DriveChange) for event in scenario.events)
 
 
 def _pack_reference(settings: Settings, tables: list[float], scenario: Scenario) -> int:

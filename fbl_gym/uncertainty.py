@@ -2,7 +2,8 @@
 
 The nominal model stays fixed and the real arm varies around it, as in the paper's Table 1. Every
 parameter error is a ratio real / nominal. A field of two numbers, one per joint, also takes a
-single number for both. An option that is None is off.
+single number for both. An option that is None is off. Most numbers may vary: each episode draws
+them from a `Distribution`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,20 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from fbl_gym.checks import Pair, check_choice, check_number
-from fbl_gym.records import Record, choice, choices, declared, kind, number, pair, record, table
+from fbl_gym.records import (
+    Number,
+    Numbers,
+    Record,
+    choice,
+    choices,
+    declared,
+    ends,
+    kind,
+    number,
+    pair,
+    record,
+    table,
+)
 
 PARAMETERS = ("m1", "m2", "L1", "L2")
 SENSORS = ("position", "velocity", "acceleration")
@@ -33,14 +47,14 @@ class Payload(Record):
         drop: time at which the arm releases it, later than `pick_up`; None: never.
     """
 
-    mass: float = number(unit="kg", low=0)
-    pick_up: float = number(0.0, unit="s", low=0)
-    drop: float | None = number(None, unit="s")
+    mass: Number = number(unit="kg", varies=True, low=0)
+    pick_up: Number = number(0.0, unit="s", varies=True, low=0)
+    drop: Number | None = number(None, unit="s", varies=True)
 
     def validate(self) -> None:
         """Refuse a drop that does not come after the pick-up."""
         if self.drop is not None:
-            check_number("drop", self.drop, above=self.pick_up)
+            check_number("drop", ends(self.drop)[0], above=ends(self.pick_up)[1])
 
 
 def _ratios(name: str, value: object) -> Ratios:
@@ -99,8 +113,8 @@ class SensorError(Record):
             §3.2 of the paper: sigma = 10^(-snr_db / 20).
     """
 
-    sigma: Pair | float = pair(0.0, low=0)
-    bias: Pair | float = pair(0.0)
+    sigma: Numbers = pair(0.0, varies=True, low=0)
+    bias: Numbers = pair(0.0, varies=True)
     quantization: Pair | float = pair(0.0, low=0)
     snr_db: float | None = number(None, unit="dB")
 
@@ -110,10 +124,10 @@ class SensorError(Record):
             raise ValueError(f"give sigma or snr_db, not both; got sigma={self.sigma} and snr_db={self.snr_db}")
 
     @property
-    def std(self) -> Pair:
+    def std(self) -> Numbers:
         """Return the standard deviation of each joint's noise, from `sigma` or `snr_db`."""
         if self.snr_db is None:
-            return self.sigma  # type: ignore[return-value]
+            return self.sigma
         return (10.0 ** (-self.snr_db / 20.0),) * 2
 
 
@@ -145,10 +159,10 @@ class Friction(Record):
             as printed, with sign(0) = 0, so that no joint ever sticks.
     """
 
-    viscous: Pair | float = pair(0.0, unit="N m s/rad", low=0)
-    coulomb: Pair | float = pair(0.0, unit="N m", low=0)
-    stiction: Pair | float = pair(0.0, unit="N m", low=0)
-    v_s: Pair | float = pair(1e-3, unit="(rad/s)^2", above=0)
+    viscous: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0)
+    coulomb: Numbers = pair(0.0, unit="N m", varies=True, low=0)
+    stiction: Numbers = pair(0.0, unit="N m", varies=True, low=0)
+    v_s: Numbers = pair(1e-3, unit="(rad/s)^2", varies=True, above=0)
     law: Literal["exact", "literal"] = choice("exact", ("exact", "literal"))
 
 
@@ -162,7 +176,7 @@ class PiecewiseConstantDisturbance(Record):
         kind: the record's name in plain data.
     """
 
-    amplitude: Pair | float = pair(unit="N m", low=0)
+    amplitude: Numbers = pair(unit="N m", varies=True, low=0)
     period: float = number(0.5, unit="s", above=0)
     kind: str = kind("piecewise-constant")
 
@@ -178,8 +192,8 @@ class SineDisturbance(Record):
         kind: the record's name in plain data.
     """
 
-    amplitude: Pair | float = pair(unit="N m", low=0)
-    frequency: Pair | float = pair(1.0, unit="Hz", low=0)
+    amplitude: Numbers = pair(unit="N m", varies=True, low=0)
+    frequency: Numbers = pair(1.0, unit="Hz", varies=True, low=0)
     phase: Pair | float | None = pair(None, unit="rad")
     kind: str = kind("sine")
 
@@ -196,7 +210,7 @@ class PulseDisturbance(Record):
         kind: the record's name in plain data.
     """
 
-    amplitude: Pair | float = pair(unit="N m")
+    amplitude: Numbers = pair(unit="N m", varies=True)
     period: float = number(2.0, unit="s", above=0)
     width: float = number(0.1, unit="s", above=0)
     start: float = number(0.0, unit="s", low=0)
@@ -232,10 +246,12 @@ class Actuator(Record):
 
     Args:
         torque_limit: largest torque; None: no limit.
-        delay: time from command to torque, a multiple of physics_dt.
+        delay: time from command to torque, a multiple of physics_dt; a draw is rounded to one.
         lag: time constant of a first-order lag after the delay; 0: no lag.
+        gain: real / nominal torque, the error of the torque constant.
     """
 
     torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, optional=True)
-    delay: float = number(0.0, unit="s", low=0)
-    lag: float = number(0.0, unit="s", low=0)
+    delay: Number = number(0.0, unit="s", varies=True, low=0)
+    lag: Number = number(0.0, unit="s", varies=True, low=0)
+    gain: Numbers = pair(1.0, varies=True, low=0)

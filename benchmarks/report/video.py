@@ -15,8 +15,6 @@ from fbl_gym.arm import ArmParameters, joint_positions
 from fbl_gym.checks import Pair
 from fbl_gym.picture import INK, LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Canvas, Frame, Picture, draw
 from fbl_gym.render import full_torque
-from fbl_gym.scenarios import Scenario
-from fbl_gym.uncertainty import Payload
 
 FPS = {".mp4": 50, ".gif": 25}
 """Frames per second; a GIF's frames last whole hundredths of a second."""
@@ -114,20 +112,10 @@ class Scene:
             torque=_pair(trace.torque[sample, lane]),
             push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[sample, lane]),
             full_torque=full_torque(trace.scenario),
-            payload=_payload(trace.scenario, float(trace.time[sample])),
+            payload=float(trace.payload[sample, lane]),
             trail=np.column_stack([trace.time[points], self.tip[points]]),
         )
 
 
 def _pair(x: Any) -> Pair:
     return float(x[0]), float(x[1])
-
-
-def _payload(scenario: Scenario, time: float) -> float:
-    """Return the payload mass that the arm carries at `time` [kg]."""
-    load = scenario.parameter_error.payload if scenario.parameter_error else None
-    if not isinstance(load, Payload):
-        return 0.0
-    half = scenario.physics_dt / 2
-    carried = load.pick_up + half < time and (load.drop is None or time < load.drop + half)
-    return load.mass if carried else 0.0

@@ -13,8 +13,9 @@ import numpy as np
 from fbl_gym.fastmath import cached_njit, kernel_njit, merged_njit
 from fbl_gym.kernel.elastic import advance_elastic, feel_joints
 from fbl_gym.kernel.episode import judge, start
+from fbl_gym.kernel.events import carry_payload, happen
 from fbl_gym.kernel.motion import refer
-from fbl_gym.kernel.physics import acceleration_and_friction, advance, carry_payload
+from fbl_gym.kernel.physics import acceleration_and_friction, advance
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
 from fbl_gym.kernel.views import array_at, record_at
@@ -61,13 +62,15 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, queue, waypoints, settings, tables, actions, count, width, elastic):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic):
     """Advance a block by one control step."""
     command(block, queue, settings, actions, count)
     for substep in range(settings.substeps):
+        if settings.events > 0:
+            happen(block, rows, settings, tables, width, substep)
         if substep == 0 or settings.torque_varies:
             apply_torque(block, queue, settings, tables, width, substep)
-        if settings.payload_mass != 0.0:
+        if settings.has_payload:
             carry_payload(block, settings, width, substep)
         if elastic:
             advance_elastic(block, settings, width)
@@ -138,7 +141,7 @@ def _compile_step(fingerprint, elastic):
         for number in range(blocks * part // parts, blocks * (part + 1) // parts):
             place = settings.blocks + number * settings.block_size
             block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (ROWS, LANES), np.float64)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
             queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
             waypoints = array_at(memory, place + BLOCK_SIZE + queue.size, (points, 2, LANES), np.float64)
             first = number * LANES
@@ -147,12 +150,12 @@ def _compile_step(fingerprint, elastic):
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
                 actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
-                _move(block, queue, waypoints, settings, tables, actions, count, width, elastic)
+                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             started = False
             for lane in range(LANES):
                 if block.status[lane] == RESTART:
-                    start(block, queue, waypoints, settings, tables, lane)
+                    start(block, rows, queue, waypoints, settings, tables, lane)
                     started = True
             if started:
                 if elastic:

@@ -46,20 +46,20 @@ def _stage(lumped, joint, friction, held, tau, load, x, law):
 
 
 @inline_njit
-def _joint(settings):
+def _joint(block, settings, lane):
     """Return the joints' numbers, as `_stage` takes them."""
     return (
-        settings.stiffness[0], settings.stiffness[1], settings.damping[0], settings.damping[1],
-        settings.half_backlash[0], settings.half_backlash[1], settings.motor_inertia[0], settings.motor_inertia[1],
+        block.stiffness[0, lane], block.stiffness[1, lane], block.damping[0, lane], block.damping[1, lane],
+        block.half_backlash[0, lane], block.half_backlash[1, lane], settings.motor_inertia[0], settings.motor_inertia[1],
     )  # fmt: skip
 
 
 @inline_njit
-def _friction(settings):
+def _friction(block, lane):
     """Return the numbers of friction, as `_stage` takes them."""
     return (
-        settings.viscous[0], settings.viscous[1], settings.coulomb[0], settings.coulomb[1],
-        settings.stiction[0], settings.stiction[1], settings.v_s[0], settings.v_s[1],
+        block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
+        block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
     )  # fmt: skip
 
 
@@ -102,8 +102,9 @@ def _stick(h, w, load, bound, inertia):
 
 
 @inline_njit
-def _runge_kutta(block, lane, h, joint, friction, law):
+def _runge_kutta(block, settings, lane, h, law):
     """Advance one lane by one physics step h, as `physics.py` does for rigid joints."""
+    joint, friction = _joint(block, settings, lane), _friction(block, lane)
     lumped, x = _lumped(block, lane), _state(block, lane)
     tau_start = (block.tau_start[0, lane], block.tau_start[1, lane])
     tau_half = (block.tau_half[0, lane], block.tau_half[1, lane])
@@ -145,45 +146,44 @@ def _runge_kutta(block, lane, h, joint, friction, law):
 @kernel_njit
 def advance_elastic(block, settings, width):
     """Advance the first `width` lanes of a block with elastic joints by one physics step."""
-    h, joint, friction = settings.physics_dt, _joint(settings), _friction(settings)
+    h = settings.physics_dt
     if settings.friction_law == LITERAL_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, joint, friction, LITERAL_FRICTION)
+            _runge_kutta(block, settings, lane, h, LITERAL_FRICTION)
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, joint, friction, EXACT_FRICTION)
+            _runge_kutta(block, settings, lane, h, EXACT_FRICTION)
 
 
 @kernel_njit
 def feel_joints(block, settings, width):
     """Compute the links' acceleration and the motors' friction torque at this instant."""
-    joint, friction = _joint(settings), _friction(settings)
     literal = settings.friction_law == LITERAL_FRICTION
     held = (0.0, 0.0, 1.0, 1.0)
     for lane in range(width):
-        x = _state(block, lane)
+        joint, friction, x = _joint(block, settings, lane), _friction(block, lane), _state(block, lane)
         tau = (block.torque[0, lane], block.torque[1, lane])
         load = (-block.disturbance[0, lane], -block.disturbance[1, lane])
         a1, a2, _, _ = _stage(_lumped(block, lane), joint, friction, held, tau, load, x, EXACT_FRICTION)
         block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     for i in range(2):
-        stiffness, damping, gap = settings.stiffness[i], settings.damping[i], settings.half_backlash[i]
         for lane in range(width):
+            stiffness, damping, gap = block.stiffness[i, lane], block.damping[i, lane], block.half_backlash[i, lane]
             w = block.motor_velocity[i, lane]
             stretch = block.motor_position[i, lane] - block.position[i, lane]
             spring = _spring(stiffness, damping, gap, stretch, w - block.velocity[i, lane])
-            bound = dry_friction(w, settings.coulomb[i], settings.stiction[i], settings.v_s[i])
+            bound = dry_friction(w, block.coulomb[i, lane], block.stiction[i, lane], block.v_s[i, lane])
             hold = max(min(block.torque[i, lane] - spring, bound), -bound)
             hold = 0.0 if literal else hold
-            block.motor_friction[i, lane] = settings.viscous[i] * w + (bound * sign(w) if w != 0.0 else hold)
+            block.motor_friction[i, lane] = block.viscous[i, lane] * w + (bound * sign(w) if w != 0.0 else hold)
 
 
 @kernel_njit
-def hang_motors(block, settings, lane):
+def hang_motors(block, lane):
     """Put the motors of a lane to where the springs carry the torque of the drives."""
     for i in range(2):
         tau = block.torque[i, lane]
-        stretch = tau / settings.stiffness[i] + settings.half_backlash[i] * sign(tau)
+        stretch = tau / block.stiffness[i, lane] + block.half_backlash[i, lane] * sign(tau)
         block.motor_position[i, lane] = block.position[i, lane] + stretch
         block.motor_velocity[i, lane] = block.velocity[i, lane]
         block.motor_friction[i, lane] = 0.0

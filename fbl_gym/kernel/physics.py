@@ -1,7 +1,5 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
-import numpy as np
-
 from fbl_gym import arm
 from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
 from fbl_gym.friction import dry_friction, resist, sign
@@ -43,7 +41,7 @@ def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
 
 
 @inline_njit
-def _runge_kutta(block, lane, h, rotor, friction, law):
+def _runge_kutta(block, lane, h, rotor, law):
     """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
 
     Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
@@ -60,6 +58,10 @@ def _runge_kutta(block, lane, h, rotor, friction, law):
     p1, p2, p3 = block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane]
     p4, p5 = block.lumped[3, lane], block.lumped[4, lane]
     r1, r2 = rotor
+    friction = (
+        block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
+        block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
+    )  # fmt: skip
     tau_start1, tau_start2 = block.tau_start[0, lane], block.tau_start[1, lane]
     dry1, dry2 = 0.0, 0.0  # friction torque held over the step
     free1, free2 = 1.0, 1.0  # 0 where a joint sticks throughout the step
@@ -108,20 +110,16 @@ def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
     h, law = settings.physics_dt, settings.friction_law
     rotor = (settings.rotor[0], settings.rotor[1])
-    friction = (
-        settings.viscous[0], settings.viscous[1], settings.coulomb[0], settings.coulomb[1],
-        settings.stiction[0], settings.stiction[1], settings.v_s[0], settings.v_s[1],
-    )  # fmt: skip
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, friction, NO_FRICTION)
+            _runge_kutta(block, lane, h, rotor, NO_FRICTION)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, friction, EXACT_FRICTION)
+            _runge_kutta(block, lane, h, rotor, EXACT_FRICTION)
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, friction, LITERAL_FRICTION)
+            _runge_kutta(block, lane, h, rotor, LITERAL_FRICTION)
 
 
 @inline_njit
@@ -136,11 +134,11 @@ def acceleration_and_friction(block, settings, lane, law):
     )  # fmt: skip
     bound1, bound2 = 0.0, 0.0
     if law != NO_FRICTION:
-        bound1 = dry_friction(v1, settings.coulomb[0], settings.stiction[0], settings.v_s[0])
-        bound2 = dry_friction(v2, settings.coulomb[1], settings.stiction[1], settings.v_s[1])
+        bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
+        bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
     # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
-    friction1 = settings.viscous[0] * v1 + bound1 * sign(v1)
-    friction2 = settings.viscous[1] * v2 + bound2 * sign(v2)
+    friction1 = block.viscous[0, lane] * v1 + bound1 * sign(v1)
+    friction2 = block.viscous[1, lane] * v2 + bound2 * sign(v2)
     load1, load2 = load1 - friction1, load2 - friction2
     if law != EXACT_FRICTION:
         a1, a2 = solve_terms(m11, m12, m22, load1, load2)
@@ -148,18 +146,6 @@ def acceleration_and_friction(block, settings, lane, law):
     hold1, hold2 = bound1 if v1 == 0.0 else 0.0, bound2 if v2 == 0.0 else 0.0
     a1, a2, dry1, dry2 = resist(m11, m12, m22, load1, load2, hold1, hold2)
     return a1, a2, friction1 + (dry1 if v1 == 0.0 else 0.0), friction2 + (dry2 if v2 == 0.0 else 0.0)
-
-
-@kernel_njit
-def carry_payload(block, settings, width, substep):
-    """Put the payload on the tip while it is carried."""
-    for lane in range(width):
-        now = float(np.int64(block.step[lane])) * settings.substeps + substep
-        carried = settings.payload_pick_up <= now and now < settings.payload_drop
-        payload = settings.payload_mass if carried else 0.0
-        if payload != block.payload[lane]:
-            block.payload[lane] = payload
-            lump(block, settings, lane)
 
 
 @kernel_njit

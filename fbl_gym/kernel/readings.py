@@ -70,16 +70,15 @@ def _accelerate(block, settings, width):
 @kernel_njit
 def _disturb_reading(block, measured, settings, width, sensor, stream):
     """Add bias and noise to the readings of one sensor, and quantize them."""
-    std1, std2 = settings.noise_std[sensor, 0], settings.noise_std[sensor, 1]
-    bias1, bias2 = settings.noise_bias[sensor, 0], settings.noise_bias[sensor, 1]
-    if std1 != 0.0 or std2 != 0.0:
+    std, bias = block.noise_std[sensor], block.noise_bias[sensor]
+    if settings.has_noise[sensor]:
         for lane in range(width):
             draw1, draw2 = normals(block.seed[lane], stream, block.episode[lane], block.step[lane], _ZERO)
-            measured[0, lane] += std1 * draw1
-            measured[1, lane] += std2 * draw2
-    for lane in range(width):
-        measured[0, lane] += bias1
-        measured[1, lane] += bias2
+            measured[0, lane] += std[0, lane] * draw1
+            measured[1, lane] += std[1, lane] * draw2
+    for joint in range(2):
+        for lane in range(width):
+            measured[joint, lane] += bias[joint, lane]
     for joint in range(2):
         quantum = settings.quantization[sensor, joint]
         if quantum > 0.0:

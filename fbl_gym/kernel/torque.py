@@ -71,7 +71,7 @@ def nominal_acceleration(block, settings, lane):
 def pick_disturbance(block, settings, tables, lane, substep):
     """Return the disturbance of the kinds that are constant over a physics step."""
     kind, period = settings.disturbance_kind, settings.disturbance_period
-    amplitude1, amplitude2 = settings.disturbance_amplitude[0], settings.disturbance_amplitude[1]
+    amplitude1, amplitude2 = block.disturbance_amplitude[0, lane], block.disturbance_amplitude[1, lane]
     now = float(np.int64(block.step[lane])) * settings.substeps + substep
     if kind == PIECEWISE_CONSTANT:
         level = np.uint64(np.floor(now / period))
@@ -93,13 +93,17 @@ def pick_disturbance(block, settings, tables, lane, substep):
 def apply_torque(block, queue, settings, tables, width, substep):
     """Set the applied torque, and the torque less disturbance over a physics step."""
     # The command that the delay lets through now, and the lag behind it.
-    age = settings.delay_steps
-    if age > 0 and substep >= settings.delay_switch:
-        age -= 1
-    start, half, end = settings.lag_start, settings.lag_half, settings.lag_end
     for joint in range(2):
         for lane in range(width):
-            target = queue[age, joint, lane]
+            block.tau_start[joint, lane] = queue[0, joint, lane]
+    if settings.delay_steps > 0:
+        for lane in range(width):
+            age = np.int64(np.ceil((block.delay[lane] - substep) / settings.substeps))
+            block.tau_start[0, lane], block.tau_start[1, lane] = queue[age, 0, lane], queue[age, 1, lane]
+    for joint in range(2):
+        for lane in range(width):
+            start, half, end = block.lag_start[lane], block.lag_half[lane], block.lag_end[lane]
+            target = block.gain[joint, lane] * block.tau_start[joint, lane]
             gap = block.torque[joint, lane] - target
             block.tau_start[joint, lane] = target + start * gap
             block.tau_half[joint, lane] = target + half * gap
@@ -131,8 +135,8 @@ def apply_torque(block, queue, settings, tables, width, substep):
 def _subtract_sine(block, tau, settings, width, substep):
     """Subtract a sine disturbance from `tau`, the torque at a time counted in physics steps."""
     for joint in range(2):
-        amplitude, rate = settings.disturbance_amplitude[joint], settings.disturbance_rate[joint]
         for lane in range(width):
+            amplitude, rate = block.disturbance_amplitude[joint, lane], block.disturbance_rate[joint, lane]
             steps = float(np.int64(block.step[lane])) * settings.substeps + substep
             sine, _ = sincos(rate * (steps * settings.physics_dt) + block.disturbance_phase[joint, lane])
             tau[joint, lane] -= amplitude * sine

@@ -11,10 +11,11 @@ from typing import Any
 
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.checks import Pair, check_choice, unknown
+from fbl_gym.events import Event, FrictionChange, events
 from fbl_gym.interface import Limits
 from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
 from fbl_gym.real_arms import REAL_ARMS
-from fbl_gym.records import Record, build, choices, declared, number, one_of, pair, record
+from fbl_gym.records import Numbers, Record, build, choices, declared, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
     DISTURBANCES,
@@ -63,12 +64,14 @@ class Scenario(Record):
         disturbance: torque tau_d of equation (1).
         actuator: torque limits, delay and lag; None: an ideal drive without limits.
         joint: springs between motors and links; None: rigid joints.
+        events: changes of the real arm at a time.
         sensors: the measured signals; they include "position".
         reference: motion that the arm follows.
         control_dt: time between two decisions; the torque command is held in between.
         physics_dt: integration step; divides control_dt.
         duration: length of an episode, a multiple of control_dt.
         initial_error: difference between the arm's first position and the reference's.
+        initial_velocity: likewise for the velocity.
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
     """
 
@@ -89,12 +92,14 @@ class Scenario(Record):
         Actuator(), _actuator, "an Actuator, a dict of its fields, its torque_limit or None", classes=(Actuator,)
     )
     joint: ElasticJoint | None = record(ElasticJoint, None, scalar="stiffness")
+    events: tuple[Event, ...] = events()
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     reference: Reference = one_of(REFERENCES, MinimumJerk())
     control_dt: float = number(0.01, unit="s", above=0)
     physics_dt: float = number(0.001, unit="s", above=0)
     duration: float = number(10.0, unit="s", above=0)
-    initial_error: Pair | float = pair(0.0, unit="rad")
+    initial_error: Numbers = pair(0.0, unit="rad", varies=True)
+    initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True)
     limits: Limits = record(Limits, Limits())
 
     def validate(self) -> None:
@@ -111,7 +116,10 @@ class Scenario(Record):
             )
         self._check_multiple("control_dt", self.control_dt, "physics_dt")
         self._check_multiple("duration", self.duration, "control_dt", least=1)
-        self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
+        if isinstance(self.actuator.delay, float):
+            self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
+        if self.friction is None and any(isinstance(event, FrictionChange) for event in self.events):
+            raise ValueError("events change friction, but friction is None: give the friction that they change")
         self._check_joint()
         self._check_reference()
         self._check_disturbance()
@@ -134,7 +142,7 @@ class Scenario(Record):
                 ),
                 self.rotor,
                 joint,
-                viscous,  # type: ignore[arg-type]
+                viscous,
             )
             for x1 in {1.0 / spread, spread}
             for x2 in {1.0 / spread, spread}
