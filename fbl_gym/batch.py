@@ -170,7 +170,7 @@ class ArmBatch:
         memory = self._memory
         memory[self._actions] = actions
         if self.threads == 1:
-            return self._step(memory, out, 0, 1)
+            return api.step_elastic(memory, out, 0, 1) if self._elastic else api.step(memory, out, 0, 1)
         problem: int = api.check(memory)
         if problem >= 0:
             return problem, 0.0, False, False

@@ -5,8 +5,8 @@ With the motor's angle th behind its gear, the link's angle q and the rotor's in
     B th'' = tau - tau_s - F(th')        M(q) q'' + C(q, q') q' + G(q) = tau_s - tau_d
     tau_s = K dz(th - q) + D (th' - q')
 
-dz is zero while |th - q| is within half the backlash, and the distance to it beyond; in the gap the
-damper does not act either. Friction F acts on the motor, the disturbance tau_d on the link. The
+dz(x) is zero while x is within half the backlash, and its distance to the gap beyond. In the gap
+the damper does not act either. Friction F acts on the motor, the disturbance tau_d on the link. The
 rotors' coupling through the motion of the links is left out, as is usual for high gear ratios
 (Spong, "Modeling and control of elastic joint robots", ASME J. Dyn. Syst. Meas. Control 109, 1987;
 De Luca and Book, "Robots with flexible elements", Springer Handbook of Robotics, chapter 11).

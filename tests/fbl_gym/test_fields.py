@@ -112,7 +112,8 @@ NOT_NEGATIVE = [
     (Reward, "weight_chatter", 0.0),
 ]
 POSITIVE = [
-    *[(ArmParameters, name) for name in ("m1", "m2", "L1", "L2", "centre")],
+    *[(ArmParameters, name) for name in ("m1", "m2", "L1", "L2")],
+    *[(ElasticJoint, name) for name in ("stiffness", "rotor_inertia")],
     (ParameterError, "ratio"),
     (Friction, "v_s"),
     (PiecewiseConstantDisturbance, "period"),
@@ -199,8 +200,7 @@ def test_a_table_has_rows_of_two_finite_numbers(cls, name):
             r"low must not exceed high, got low=\(1.0, 1.0\) and high=\(2.0, 0.0\)",
         ),
         (lambda: ArrayReference(ROWS, velocity=ROWS[:1]), "velocity must have the 2 rows of position, got 1"),
-        (lambda: ArmParameters(centre=1.5), "centre must be a finite number greater than 0 and not above 1, got 1.5"),
-        (lambda: ArmParameters(inertia=1.5), "inertia must be a finite number not below 0 and not above 1, got 1.5"),
+        (lambda: ArmParameters(inertia=-1.5), "inertia must be a finite number not below 0, got -1.5"),
         (lambda: FourierReference(harmonics=2.0), "harmonics must be a whole number not below 1, got 2.0"),
         (lambda: ParameterError(ratio=(1.0, 2.0)), r"ratio must be one number, four .* got \(1.0, 2.0\)"),
         (lambda: ParameterError(ratio={"m2": 0.0}), "ratio of m2 must be a finite number greater than 0, got 0.0"),
