@@ -26,6 +26,7 @@ from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import (
     Actuator,
     ArrayDisturbance,
+    Encoder,
     Friction,
     Noise,
     ParameterError,
@@ -50,6 +51,7 @@ __all__ = [
     "DriveChange",
     "Drop",
     "ElasticJoint",
+    "Encoder",
     "FilteredSteps",
     "FourierReference",
     "Friction",

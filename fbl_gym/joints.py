@@ -48,7 +48,7 @@ class ElasticJoint(Record):
     encoder: Literal["motor", "link"] = choice("motor", ("motor", "link"))
 
 
-def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: Numbers) -> float:
+def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: Pair) -> float:
     """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
 
     Of numbers that vary, the largest value counts.

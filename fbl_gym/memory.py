@@ -4,8 +4,8 @@
 
 The settings are the same for all lanes. The tables are the arrays that a scenario contains, such as
 the samples of a reference. A block is the state of `LANES` lanes: its fields, then the last torque
-commands and the way-points of the reference (both as pairs of rows, one row a joint), then the
-events.
+commands, the way-points of the reference, the last actions (pairs of rows, one row a joint),
+the last readings of the encoder (four rows: position and velocity), and the events.
 
 The kernel and `batch.py` see the fields through the structured types `SETTINGS` and `BLOCK`:
 `block.position[0, lane]` is the position of joint 1.
@@ -69,6 +69,7 @@ VARIED = np.dtype(
         ("gain", np.float64, 2),  # real / nominal torque
         ("delay", np.float64),  # [physics steps]
         ("lag", np.float64),  # time constant [physics steps]
+        ("rate_limit", np.float64, 2),  # [N m / physics step], may be infinite
     ]
 )
 """The numbers that may differ between episodes. The settings have their fixed values under the name
@@ -100,7 +101,15 @@ SETTINGS = np.dtype(
         ("noisy", np.bool_),  # any reading has an error
         ("has_noise", np.int64, 3),  # the sensor's readings have white noise
         ("senses_acceleration", np.bool_),
+        ("history", np.int64),  # control steps whose readings are stored; 0: the encoder is ideal
+        ("history_row", np.int64),  # row of a block with the first of them
+        ("difference", np.int64),  # control steps over which the velocity is computed; 0: it is measured
+        ("low_pass", np.float64),  # share of a new velocity in the low-pass filter's output
+        ("latency", np.int64),  # of position and velocity [control steps]
         ("friction_law", np.int64),
+        ("stribeck_squared", np.bool_),  # `v_s` is given as a velocity [rad/s], to be squared
+        ("stribeck_linear", np.float64),  # 1: stiction fades with exp(-|v| / v_s); else 0
+        ("stiff", np.bool_),  # viscous friction is too large for Runge-Kutta
         ("elastic", np.bool_),
         ("motor_inertia", np.float64, 2),  # [kg m^2]
         ("encoder_on_motor", np.bool_),
@@ -120,6 +129,7 @@ SETTINGS = np.dtype(
         # Actuator
         ("torque_limit", np.float64, 2),  # [N m], may be infinite
         ("delay_steps", np.int64),  # the longest delay in control steps, rounded up
+        ("computation_delay", np.float64),  # [physics steps]
         ("torque_varies", np.bool_),  # torque or disturbance may change within a control step
         # Reference
         ("reference_kind", np.int64),
@@ -141,9 +151,13 @@ SETTINGS = np.dtype(
         ("observed", np.int64),  # columns before the preview
         ("observed_row", np.int64, COLUMNS),  # row of a block that each column shows
         ("observed_bound", np.float64, COLUMNS),
+        ("past_actions", np.int64),  # that follow those columns
+        ("past_row", np.int64),  # row of a block with the last one
         ("max_position", np.float64),  # limits of an episode [rad]
         ("max_velocity", np.float64),  # [rad/s]
         ("max_acceleration", np.float64),  # [rad/s^2]
+        ("max_error", np.float64),  # of the position, for less than `error_steps` [rad], may be infinite
+        ("error_steps", np.float64),  # [control steps]
         # Reward
         ("reward_logarithmic", np.bool_),
         ("reward_scale", np.float64),  # [1/rad]
@@ -192,6 +206,7 @@ BLOCK = np.dtype(
         ("action", np.float64, _PAIR),  # the last one, within its limits
         ("command", np.float64, _PAIR),  # torque command [N m]
         ("chatter", np.float64, _ONE),  # change of the command / torque limit, sum of both joints
+        ("target", np.float64, _PAIR),  # command after delay and rate limit [N m]
         ("torque", np.float64, _PAIR),  # applied torque [N m]
         ("disturbance", np.float64, _PAIR),  # [N m]
         ("disturbance_phase", np.float64, _PAIR),  # of a sine [rad]
@@ -214,6 +229,7 @@ BLOCK = np.dtype(
         ("reference_acceleration", np.float64, _PAIR),  # [rad/s^2]
         # Episode
         ("start_position", np.float64, _PAIR),  # [rad]
+        ("far", np.float64, _ONE),  # control steps in a row beyond `max_error`
         ("reward", np.float64, _ONE),
         ("terminated", np.float64, _ONE),  # 0 or 1
         ("truncated", np.float64, _ONE),  # 0 or 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from typing import Any
@@ -10,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym import memory
-from fbl_gym.arm import Array
-from fbl_gym.checks import check_choice, check_whole
+from fbl_gym.arm import Array, inertia_matrix
+from fbl_gym.checks import Pair, check_choice, check_whole
 from fbl_gym.events import EVENTS, DriveChange
 from fbl_gym.interface import ACTIONS, Interface, Limits, make_layout
 from fbl_gym.memory import FIRST_VARIED, LANES, SETTINGS, VARIED
@@ -31,6 +33,7 @@ from fbl_gym.uncertainty import (
     PARAMETERS,
     SENSORS,
     ArrayDisturbance,
+    ParameterError,
     Payload,
     PiecewiseConstantDisturbance,
     PulseDisturbance,
@@ -44,6 +47,10 @@ Settings = NDArray[np.void]
 MAX_NUMBERS = 2**27
 """Largest count of numbers that a single option may add to a block of lanes: 1 GiB."""
 
+MAX_DECAY = 1.0
+"""Product of physics_dt and the rate of decay by viscous friction, up to which Runge-Kutta is used;
+it is stable up to 2.78."""
+
 _PAIR = 2 * LANES  # numbers of a pair of rows: both joints of a block
 
 _FIELDS = {
@@ -53,9 +60,8 @@ _FIELDS = {
     "reference_position": "reference_position",
     "reference_velocity": "reference_velocity",
     "reference_acceleration": "reference_acceleration",
-    "previous_action": "action",
 }
-"""The field of a block that each slot of the observation shows, without the preview."""
+"""The field of a block that each slot shows, but for the previous actions and the preview."""
 
 
 @dataclass(frozen=True)
@@ -110,14 +116,19 @@ def make_program(
     _pack_disturbance(settings, numbers, tables, scenario)
     waypoints = _pack_reference(settings, tables, scenario)
     settings["waypoints"] = waypoints
-    settings["block_size"] = memory.BLOCK_SIZE + _PAIR * (int(settings["delay_steps"]) + 1 + waypoints)
+    past_row = memory.ROWS + 2 * (int(settings["delay_steps"]) + 1 + waypoints)
+    settings["past_row"] = past_row
+    settings["history_row"] = past_row + 2 * settings["past_actions"]
+    settings["block_size"] = LANES * (settings["history_row"] + 4 * settings["history"])
     _pack_events(settings, numbers, tables, scenario)
     preview = check_whole("preview", preview)
     _check_size("preview", preview, "", 6 * LANES * preview)
     limits = scenario.limits
     settings["max_position"], settings["max_velocity"] = limits.position, limits.velocity
     settings["max_acceleration"] = limits.acceleration
-    interface = _make_interface(scenario, action, limits, preview)
+    settings["max_error"] = np.inf if limits.error is None else limits.error
+    settings["error_steps"] = math.ceil(limits.error_time / scenario.control_dt - 1e-9)
+    interface = _make_interface(scenario, action, limits, int(settings["past_actions"]), preview)
     settings["action_kind"] = ACTIONS.index(action)
     settings["action_limit"] = interface.action_limit
     _pack_observation(settings, interface)
@@ -193,7 +204,7 @@ def _check_size(option: str, value: float, unit: str, numbers: int) -> None:
         )
 
 
-def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: int) -> Interface:
+def _make_interface(scenario: Scenario, action: str, limits: Limits, past_actions: int, preview: int) -> Interface:
     """Return the interface of a scenario; check that its action is possible."""
     check_choice("action", action, ACTIONS)
     limit = scenario.actuator.torque_limit
@@ -212,16 +223,20 @@ def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: in
                 f"action='acceleration' linearises with the measured velocity, but sensors={scenario.sensors} has none"
             )
         bound, unit = (limits.command,) * 2, "rad/s^2"
-    slow = ends(scenario.actuator.delay)[1] > 0 or ends(scenario.actuator.lag)[1] > 0
-    layout = make_layout(scenario.sensors, limits, bound if slow else None, unit, preview)
+    layout = make_layout(scenario.sensors, limits, bound, unit, past_actions, preview)
     return Interface(scenario.arm, layout, scenario.control_dt, limit, action, bound)  # type: ignore[arg-type]
 
 
 _EXACT = Context(prec=50)
 
 
+def _exp(x: float) -> float:
+    """Return e**x to the last bit on every machine; C libraries differ."""
+    return float(_EXACT.exp(Decimal(x)))
+
+
 def _log1p(x: float) -> float:
-    """Return log(1 + x) to the last bit on every machine; C libraries differ."""
+    """Return log(1 + x) to the last bit on every machine."""
     return float(_EXACT.ln(_EXACT.add(1, Decimal(x))))
 
 
@@ -251,17 +266,38 @@ def _pack_arm(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None
 
 def _pack_noise(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
     settings["senses_acceleration"] = "acceleration" in scenario.sensors
+    _pack_encoder(settings, scenario)
     if scenario.noise is None:
         return
+    density = 1 / math.sqrt(2 * scenario.control_dt)
     for sensor, name in enumerate(SENSORS):
         error: SensorError | None = getattr(scenario.noise, name)
         if error is not None:
-            numbers.set("noise_std", error.std, f"noise.{name}.sigma", first=2 * sensor)
             numbers.set("noise_bias", error.bias, f"noise.{name}.bias", first=2 * sensor)
-            settings["quantization"][sensor] = error.quantization
-            settings["has_noise"][sensor] = ends(error.std) != (0.0, 0.0)
-            sizes = error.std, error.bias, error.quantization
-            settings["noisy"] |= any(ends(size) != (0.0, 0.0) for size in sizes)
+            if error.density != (0.0, 0.0):
+                path = f"noise.{name}.density"
+                numbers.set("noise_std", error.density, path, scale=density, first=2 * sensor)
+            else:
+                numbers.set("noise_std", error.std, f"noise.{name}.sigma", first=2 * sensor)
+            settings["quantization"][sensor] += error.quantization
+            settings["has_noise"][sensor] = any(ends(size) != (0.0, 0.0) for size in (error.std, error.density))
+            settings["noisy"] |= bool(settings["has_noise"][sensor]) or ends(error.bias) != (0.0, 0.0)
+    settings["noisy"] |= np.any(settings["quantization"])
+
+
+def _pack_encoder(settings: Settings, scenario: Scenario) -> None:
+    encoder = scenario.encoder
+    if encoder is None:
+        return
+    if encoder.counts is not None:
+        settings["quantization"][0] = 2 * np.pi / np.array(encoder.counts)
+        settings["noisy"] = True
+    settings["latency"], settings["difference"] = encoder.latency, encoder.difference or 0
+    if encoder.latency or encoder.difference:
+        settings["history"] = 1 + max(encoder.latency, encoder.difference or 1)
+    settings["low_pass"] = 1.0
+    if encoder.low_pass is not None:
+        settings["low_pass"] = 1.0 - _exp(-2 * math.pi * encoder.low_pass * scenario.control_dt)
 
 
 def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
@@ -272,8 +308,28 @@ def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
     settings["friction_law"] = memory.EXACT_FRICTION if friction.law == "exact" else memory.LITERAL_FRICTION
     if friction.coulomb == (0.0, 0.0) and friction.stiction == (0.0, 0.0):
         settings["friction_law"] = memory.NO_FRICTION  # viscous friction alone is smooth
-    for name in ("viscous", "coulomb", "stiction", "v_s"):
+    for name in ("viscous", "coulomb", "stiction"):
         numbers.set(name, getattr(friction, name), f"friction.{name}")
+    if friction.stribeck_velocity is None:
+        numbers.set("v_s", friction.v_s, "friction.v_s")
+    else:
+        numbers.set("v_s", friction.stribeck_velocity, "friction.stribeck_velocity")
+        settings["stribeck_linear"] = friction.stribeck_exponent == 1
+        settings["stribeck_squared"] = friction.stribeck_exponent == 2
+    settings["stiff"] = scenario.physics_dt * _fastest_decay(scenario, scenario.most_viscous) > MAX_DECAY
+
+
+def _fastest_decay(scenario: Scenario, viscous: Pair) -> float:
+    """Return the largest rate at which viscous friction slows any real arm [1/s]."""
+    arm, error = scenario.arm, scenario.parameter_error or ParameterError()
+    least = {
+        name: ratio / (1 + error.radius if name in error.parameters else 1)
+        for name, ratio in zip(PARAMETERS, error.ratios, strict=True)
+    }
+    light = dataclasses.replace(arm, **{name: getattr(arm, name) * ratio for name, ratio in least.items()})
+    angles = np.column_stack([np.zeros(9), np.linspace(0, np.pi, 9)])
+    rates = np.linalg.solve(inertia_matrix(light, angles), np.diag(viscous))
+    return float(np.linalg.eigvals(rates).real.max())
 
 
 def _pack_joint(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
@@ -291,13 +347,21 @@ def _pack_actuator(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
     actuator = scenario.actuator
     settings["torque_limit"] = np.inf if actuator.torque_limit is None else actuator.torque_limit
     longest, scale = ends(actuator.delay)[1], 1 / scenario.physics_dt
-    steps = -(-round(longest * scale) // scenario.substeps)
-    _check_size("actuator.delay", longest, " s", _PAIR * steps)
-    settings["delay_steps"] = steps
+    samples = actuator.delay_samples
+    delay = samples * scenario.substeps + round(longest * scale)
+    steps = -(-delay // scenario.substeps)
+    _check_size("actuator.delay", longest, " s", 2 * _PAIR * (steps - samples))
+    _check_size("actuator.delay_samples", samples, "", 2 * _PAIR * samples)
+    settings["delay_steps"], settings["computation_delay"] = steps, samples * scenario.substeps
+    # The state has the actions on their way, and the one that a slow drive still follows.
+    slow = ends(actuator.lag)[1] > 0 or actuator.rate_limit is not None
+    settings["past_actions"] = delay // scenario.substeps + 1 if slow else steps
+    rate = (np.inf, np.inf) if actuator.rate_limit is None else actuator.rate_limit
+    numbers.set("rate_limit", rate, "actuator.rate_limit", scale=scenario.physics_dt)
     numbers.set("gain", actuator.gain, "actuator.gain")
     numbers.set("delay", actuator.delay, "actuator.delay", scale=scale)
     numbers.set("lag", actuator.lag, "actuator.lag", scale=scale)
-    settings["torque_varies"] = steps > 0 or ends(actuator.lag)[1] > 0
+    settings["torque_varies"] = steps > 0 or slow
 
 
 def _pack_disturbance(settings: Settings, numbers: _Numbers, tables: list[float], scenario: Scenario) -> None:
@@ -400,7 +464,7 @@ def _pack_observation(settings: Settings, interface: Interface) -> None:
     for slot in layout.slots:
         if slot.name == "preview":
             settings["preview"] = slot.size // 6
-        else:
+        elif slot.name != "previous_actions":
             rows += memory.rows(_FIELDS[slot.name])
     settings["observed"] = len(rows)
     settings["observed_row"][: len(rows)] = rows

@@ -19,6 +19,7 @@ from fbl_gym.env_common import (
     MIN_RENDER_SIZE,
     TaskProperties,
     as_actions,
+    check_begun,
     check_render,
     check_reset_options,
     check_seed,
@@ -185,6 +186,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     @property
     def truth(self) -> Truth:
         """Return the true parameters and signals of every lane now. A policy must not use them."""
+        check_begun("truth", self._seeded)
         return self._batch.truth()
 
     def render(self) -> tuple[Frame, ...] | None:

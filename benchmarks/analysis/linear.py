@@ -32,7 +32,7 @@ from fbl_gym.uncertainty import Friction, Payload
 POINT: Pair = (-1.0, 0.5)
 """A point within the default motion at which gravity acts on both joints [rad]."""
 
-MEASURED = ("position", "velocity", "acceleration", "previous_action")
+MEASURED = ("position", "velocity", "acceleration", "previous_actions")
 """The slots of the observation that depend on the arm. The reference is held."""
 
 TORQUES = ["torque[0]", "torque[1]"]
@@ -141,8 +141,9 @@ class LinearLoop:
         # An accelerometer reads at the end of an interval, under the torque of that interval.
         outputs["acceleration"][:, :4] = self.stiffness
         outputs["acceleration"][:, slice(4, 6) if self.lag > 0.0 else slice(-2, None)] = self.inverse_inertia
-        outputs["previous_action"][:, n : n + 2] = np.diag(1.0 / self.action_scale)
-        rows = [outputs[name.partition("[")[0]][int(name[-2])] for name in self.readings]
+        outputs["previous_actions"] = np.zeros((2 * (k + 1), len(both)))
+        outputs["previous_actions"][:, n:] = np.diag(np.tile(1.0 / self.action_scale, k + 1))
+        rows = [outputs[name[: name.index("[")]][int(name[name.index("[") + 1 : -1])] for name in self.readings]
         return np.delete(both, [n, n + 1], axis=1), both[:, n : n + 2], np.array(rows)
 
     def _series(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
@@ -330,7 +331,7 @@ def _loop(
         raise NotLinear("the law changes from sample to sample")
     loop = LinearLoop(
         control_dt=scenario.control_dt,
-        delay=middle(drive.delay),
+        delay=middle(drive.delay) + drive.delay_samples * scenario.control_dt,
         lag=middle(drive.lag),
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
         inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]),

@@ -64,7 +64,7 @@ def _check(memory):
 @merged_njit
 def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic):
     """Advance a block by one control step."""
-    command(block, queue, settings, actions, count)
+    command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
         if settings.events > 0:
             happen(block, rows, settings, tables, width, substep)
@@ -80,7 +80,7 @@ def _move(block, rows, queue, waypoints, settings, tables, actions, count, width
         block.step[lane] += _ONE
     if elastic:
         feel_joints(block, settings, width)
-    sense(block, settings, width)
+    sense(block, rows, settings, width)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
@@ -160,7 +160,7 @@ def _compile_step(fingerprint, elastic):
             if started:
                 if elastic:
                     feel_joints(block, settings, width)
-                sense(block, settings, width)
+                sense(block, rows, settings, width)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
@@ -196,7 +196,8 @@ def _compile(fingerprint):
             block, rows = record_at(memory, place, BLOCK), array_at(memory, place, (ROWS, LANES), np.float64)
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
-            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, settings.friction_law)
+            law, linear = settings.friction_law, settings.stribeck_linear
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law, linear)
             if settings.elastic:
                 a1, a2 = block.acceleration[0, lane], block.acceleration[1, lane]
                 friction1, friction2 = block.motor_friction[0, lane], block.motor_friction[1, lane]

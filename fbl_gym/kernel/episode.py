@@ -64,9 +64,10 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     block.position[0, lane], block.position[1, lane] = q1, q2
     block.start_position[0, lane], block.start_position[1, lane] = q1, q2
     block.velocity[0, lane], block.velocity[1, lane] = v1, v2
-    _hold_still(block, queue, settings, lane)
+    _hold_still(block, rows, queue, settings, lane)
     if settings.elastic:
         hang_motors(block, lane)
+    block.far[lane] = 0.0
 
     torque1, torque2 = pick_disturbance(block, settings, tables, lane, np.int64(0))
     if settings.disturbance_kind == SINE:
@@ -102,7 +103,10 @@ def _draw(block, rows, settings, tables, lane):
         rows[row, lane] = np.rint(rows[row, lane])
     block.payload_pick_up[lane] = np.rint(block.payload_pick_up[lane])
     block.payload_drop[lane] = np.rint(block.payload_drop[lane])
-    block.delay[lane] = np.rint(block.delay[lane])
+    block.delay[lane] = np.rint(block.delay[lane]) + settings.computation_delay
+    if settings.stribeck_squared:
+        for joint in range(2):
+            block.v_s[joint, lane] *= block.v_s[joint, lane]
     lag = block.lag[lane]
     block.lag_start[lane] = 1.0 if lag > 0.0 else 0.0
     end = exp(-1.0 / lag) if lag > 0.0 else 0.0
@@ -112,7 +116,7 @@ def _draw(block, rows, settings, tables, lane):
 
 
 @kernel_njit
-def _hold_still(block, queue, settings, lane):
+def _hold_still(block, rows, queue, settings, lane):
     """Apply the torque that holds the nominal arm still at its start, within the limit."""
     block.measured_position[0, lane] = block.position[0, lane]
     block.measured_position[1, lane] = block.position[1, lane]
@@ -123,6 +127,7 @@ def _hold_still(block, queue, settings, lane):
     limit = settings.action_limit if kind == TORQUE else settings.torque_limit
     tau1, tau2 = max(min(tau1, limit[0]), -limit[0]), max(min(tau2, limit[1]), -limit[1])
     block.command[0, lane], block.command[1, lane] = tau1, tau2
+    block.target[0, lane], block.target[1, lane] = tau1, tau2
     block.torque[0, lane], block.torque[1, lane] = block.gain[0, lane] * tau1, block.gain[1, lane] * tau2
     for age in range(settings.delay_steps + 1):
         queue[age, 0, lane], queue[age, 1, lane] = tau1, tau2
@@ -132,6 +137,8 @@ def _hold_still(block, queue, settings, lane):
     elif kind == TORQUE:
         action1, action2 = tau1, tau2
     block.action[0, lane], block.action[1, lane] = action1, action2
+    for row in range(settings.past_row, settings.past_row + 2 * settings.past_actions, 2):
+        rows[row, lane], rows[row + 1, lane] = action1, action2
 
 
 @kernel_njit
@@ -139,21 +146,23 @@ def judge(block, settings, width):
     """Compute the rewards of a block (see `reward.py`), and the ends of its episodes.
 
     An episode is terminated when the arm leaves its limits or its numbers are not finite, and
-    truncated when its time is up.
+    truncated when its time is up; it can be both.
     """
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
     logarithmic, last = settings.reward_logarithmic, np.uint64(settings.last_step)
     max_position, max_velocity = settings.max_position, settings.max_velocity
     for lane in range(width):
         q1, q2 = block.position[0, lane], block.position[1, lane]
+        error1, error2 = abs(block.reference_position[0, lane] - q1), abs(block.reference_position[1, lane] - q2)
+        block.far[lane] = block.far[lane] + 1.0 if max(error1, error2) > settings.max_error else 0.0
         stays = (
             (abs(q1 - block.start_position[0, lane]) <= max_position)
             & (abs(q2 - block.start_position[1, lane]) <= max_position)
             & (abs(block.velocity[0, lane]) <= max_velocity)
             & (abs(block.velocity[1, lane]) <= max_velocity)
+            & (block.far[lane] < settings.error_steps)
         )
-        error = abs(block.reference_position[0, lane] - q1) + abs(block.reference_position[1, lane] - q2)
-        tracking = settings.reward_scale * error
+        tracking = settings.reward_scale * (error1 + error2)
         logarithm = settings.reward_norm * log(1.0 + tracking)
         tracking = logarithm if logarithmic else tracking
         effort = 0.5 * (abs(block.command[0, lane]) / limit1 + abs(block.command[1, lane]) / limit2)
@@ -165,4 +174,4 @@ def judge(block, settings, width):
         )
         block.reward[lane] = max(1.0 - loss, 0.0) if stays else 0.0
         block.terminated[lane] = 0.0 if stays else 1.0
-        block.truncated[lane] = 1.0 if stays & (block.step[lane] >= last) else 0.0
+        block.truncated[lane] = 1.0 if block.step[lane] >= last else 0.0

@@ -23,7 +23,7 @@ def _within(value, bound):
 
 
 @kernel_njit
-def sense(block, settings, width):
+def sense(block, rows, settings, width):
     """Take the readings of a block; they depend on its state alone."""
     if settings.senses_acceleration and not settings.elastic:
         _accelerate(block, settings, width)
@@ -39,6 +39,8 @@ def sense(block, settings, width):
         _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
         _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
         _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
+    if settings.history > 0:
+        _encode(block, rows, settings, width)
     # A sensor reads no further than its range.
     max_position, max_velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
@@ -52,18 +54,18 @@ def sense(block, settings, width):
 @kernel_njit
 def _accelerate(block, settings, width):
     """Compute the acceleration of a block's lanes."""
-    law = settings.friction_law
+    law, linear = settings.friction_law, settings.stribeck_linear
     if law == NO_FRICTION:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     else:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
 
 
@@ -87,6 +89,39 @@ def _disturb_reading(block, measured, settings, width, sensor, stream):
 
 
 @kernel_njit
+def _encode(block, rows, settings, width):
+    """Compute the velocity from the position readings, and show both as late as they are.
+
+    The readings of a control step are at the place (step % history). Therefore sensing twice at the
+    same step changes nothing. An episode starts as if the arm had moved uniformly before.
+    """
+    depth, interval = settings.history, settings.difference
+    for joint in range(2):
+        first, quantum = settings.history_row + joint, settings.quantization[0, joint]
+        for lane in range(width):
+            step = np.int64(block.step[lane])
+            reading, velocity = block.measured_position[joint, lane], block.measured_velocity[joint, lane]
+            if step == 0:
+                speed = block.velocity[joint, lane]
+                for ago in range(1, depth):
+                    place = first + 4 * (depth - ago)
+                    past = reading - speed * (ago * settings.control_dt)
+                    rows[place, lane] = np.floor(past / quantum + 0.5) * quantum if quantum > 0.0 else past
+                    rows[place + 2, lane] = speed
+            place = first + 4 * (step % depth)
+            rows[place, lane] = reading
+            if interval > 0:
+                before = rows[first + 4 * ((step + depth - interval) % depth), lane]
+                filtered = rows[first + 4 * ((step + depth - 1) % depth) + 2, lane]
+                velocity = (reading - before) / (interval * settings.control_dt)
+                velocity = filtered + settings.low_pass * (velocity - filtered)
+            rows[place + 2, lane] = velocity
+            place = first + 4 * ((step + depth - settings.latency) % depth)
+            block.measured_position[joint, lane] = rows[place, lane]
+            block.measured_velocity[joint, lane] = rows[place + 2, lane]
+
+
+@kernel_njit
 def observe(block, rows, waypoints, settings, tables, out, first, last):
     """Write the observations of a block's lanes from `first` up to `last` to `out`.
 
@@ -104,13 +139,16 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
         row, bound = settings.observed_row[column], settings.observed_bound[column]
         for lane in range(first, last):
             out[lane, column] = _within(rows[row, lane], bound)
+    for column in range(2 * settings.past_actions):
+        for lane in range(first, last):
+            out[lane, settings.observed + column] = rows[settings.past_row + column, lane]
     position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
     for ahead in range(settings.preview):
         for lane in range(first, last):
             step = np.int64(block.step[lane]) + ahead + 1
             q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, step)
-            column = settings.observed + 6 * ahead
+            column = settings.observed + 2 * settings.past_actions + 6 * ahead
             out[lane, column], out[lane, column + 1] = _within(q1, position), _within(q2, position)
             out[lane, column + 2], out[lane, column + 3] = _within(v1, velocity), _within(v2, velocity)
             out[lane, column + 4], out[lane, column + 5] = _within(a1, acceleration), _within(a2, acceleration)

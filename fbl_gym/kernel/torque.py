@@ -12,7 +12,7 @@ _ZERO = np.uint64(0)
 
 
 @kernel_njit
-def command(block, queue, settings, actions, count):
+def command(block, rows, queue, settings, actions, count):
     """Set the torque commands of a block's first `count` lanes from their actions."""
     for age in range(settings.delay_steps, 0, -1):
         for lane in range(count):
@@ -22,6 +22,14 @@ def command(block, queue, settings, actions, count):
     for lane in range(count):
         block.action[0, lane] = max(min(actions[lane, 0], bound1), -bound1)
         block.action[1, lane] = max(min(actions[lane, 1], bound2), -bound2)
+    if settings.past_actions > 0:
+        first = settings.past_row
+        for row in range(first + 2 * settings.past_actions - 1, first + 1, -1):
+            for lane in range(count):
+                rows[row, lane] = rows[row - 2, lane]
+        for joint in range(2):
+            for lane in range(count):
+                rows[first + joint, lane] = block.action[joint, lane]
     kind = settings.action_kind
     for lane in range(count):
         tau1, tau2 = block.action[0, lane], block.action[1, lane]
@@ -92,7 +100,7 @@ def pick_disturbance(block, settings, tables, lane, substep):
 @kernel_njit
 def apply_torque(block, queue, settings, tables, width, substep):
     """Set the applied torque, and the torque less disturbance over a physics step."""
-    # The command that the delay lets through now, and the lag behind it.
+    # The command that the delay lets through now, then the rate limit, the lag and the gain.
     for joint in range(2):
         for lane in range(width):
             block.tau_start[joint, lane] = queue[0, joint, lane]
@@ -103,12 +111,19 @@ def apply_torque(block, queue, settings, tables, width, substep):
     for joint in range(2):
         for lane in range(width):
             start, half, end = block.lag_start[lane], block.lag_half[lane], block.lag_end[lane]
-            target = block.gain[joint, lane] * block.tau_start[joint, lane]
-            gap = block.torque[joint, lane] - target
-            block.tau_start[joint, lane] = target + start * gap
-            block.tau_half[joint, lane] = target + half * gap
-            block.tau_end[joint, lane] = target + end * gap
-            block.torque[joint, lane] = target + end * gap
+            before, rate, gain = block.target[joint, lane], block.rate_limit[joint, lane], block.gain[joint, lane]
+            target = max(min(block.tau_start[joint, lane], before + rate), before - rate)
+            block.target[joint, lane] = target
+            # Without a rate limit the target jumps at the step's start, else it is a ramp. A lag
+            # follows a ramp late by its time constant, once the initial gap has faded.
+            begin = before if rate < np.inf else target
+            rise = gain * (target - begin)
+            base = gain * begin - rise * block.lag[lane]
+            gap = block.torque[joint, lane] - base
+            block.tau_start[joint, lane] = base + start * gap
+            block.tau_half[joint, lane] = base + 0.5 * rise + half * gap
+            block.tau_end[joint, lane] = base + rise + end * gap
+            block.torque[joint, lane] = base + rise + end * gap
     tau_start, tau_half, tau_end = block.tau_start, block.tau_half, block.tau_end
     if settings.elastic:  # a disturbance loads the links, not the drives
         tau_start, tau_half, tau_end = block.load_start, block.load_half, block.load_end

@@ -9,25 +9,30 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.events import Event, FrictionChange, events
 from fbl_gym.interface import Limits
 from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
 from fbl_gym.real_arms import REAL_ARMS
-from fbl_gym.records import Numbers, Record, build, choices, declared, number, one_of, pair, record
-from fbl_gym.references import REFERENCES, FilteredSteps, MinimumJerk, Reference, Steps
+from fbl_gym.records import Numbers, Record, build, choices, declared, ends, number, one_of, pair, record
+from fbl_gym.references import REFERENCES, ArrayReference, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
     DISTURBANCES,
     SENSORS,
     Actuator,
     ArrayDisturbance,
     Disturbance,
+    Encoder,
     Friction,
     Noise,
     ParameterError,
     PiecewiseConstantDisturbance,
     PulseDisturbance,
+    SensorError,
+    SineDisturbance,
 )
 from fbl_gym.urdf import load_urdf
 
@@ -51,7 +56,8 @@ def _actuator(name: str, value: Any) -> Actuator:
 class Scenario(Record):
     """One task. Each field takes its record or the plain data that makes one.
 
-    None switches off parameter_error, noise, friction, disturbance and the limits of the actuator.
+    None switches off parameter_error, noise, encoder, friction, disturbance and the limits of the
+    actuator.
 
     Args:
         name: for people.
@@ -60,6 +66,8 @@ class Scenario(Record):
         parameter_error: real parameters that differ from the nominal ones; a number is a fixed
             ratio real / nominal.
         noise: errors of the sensors.
+        encoder: rounding and latency of the readings, and the velocity computed from them; a number
+            is its counts.
         friction: joint friction; the nominal model has none.
         disturbance: torque tau_d of equation (1).
         actuator: torque limits, delay and lag; None: an ideal drive without limits.
@@ -86,6 +94,7 @@ class Scenario(Record):
     )
     parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio")
     noise: Noise | None = record(Noise, None)
+    encoder: Encoder | None = record(Encoder, None, scalar="counts")
     friction: Friction | None = record(Friction, None)
     disturbance: Disturbance | None = one_of(DISTURBANCES, None)
     actuator: Actuator = declared(
@@ -109,6 +118,18 @@ class Scenario(Record):
         for sensor in SENSORS:
             if getattr(self.noise, sensor, None) is not None and sensor not in self.sensors:
                 raise ValueError(f"noise.{sensor} is given, but sensors={self.sensors} has no {sensor} sensor")
+        encoder = self.encoder
+        if encoder is not None and encoder.difference is not None:
+            if "velocity" not in self.sensors:
+                raise ValueError(f"encoder.difference computes a velocity, but sensors={self.sensors} has none")
+            if self.noise is not None and self.noise.velocity is not None:
+                raise ValueError(
+                    "noise.velocity is of a measured velocity, but encoder.difference computes it from the position"
+                )
+        position: SensorError | None = getattr(self.noise, "position", None)
+        rounded = position is not None and position.quantization != (0.0, 0.0)
+        if rounded and encoder is not None and encoder.counts is not None:
+            raise ValueError(f"give encoder.counts or noise.position.quantization, not both; got {encoder.counts=}")
         if self.physics_dt > self.control_dt:
             raise ValueError(
                 "physics_dt must divide control_dt, "
@@ -134,7 +155,6 @@ class Scenario(Record):
         # The lightest links are the fastest. Lengths may act either way.
         m1, m2, L1, L2 = (1.0,) * 4 if error is None else error.ratios
         spread = 1.0 if error is None else 1.0 + error.radius
-        viscous = (0.0, 0.0) if self.friction is None else self.friction.viscous
         rate = max(
             fastest_rate(
                 dataclasses.replace(
@@ -142,7 +162,7 @@ class Scenario(Record):
                 ),
                 self.rotor,
                 joint,
-                viscous,
+                self.most_viscous,
             )
             for x1 in {1.0 / spread, spread}
             for x2 in {1.0 / spread, spread}
@@ -155,8 +175,20 @@ class Scenario(Record):
             )
 
     def _check_reference(self) -> None:
-        """Refuse moves and levels that are shorter than a step."""
-        reference = self.reference
+        """Refuse a reference beyond the limits, and moves and levels shorter than a step."""
+        reference, limit = self.reference, self.limits.position
+        low, high = reference.range
+        if np.abs([low, high]).max() > 2 * limit:
+            raise ValueError(
+                f"reference must stay within the sensors' range, 2 limits.position = {2 * limit:g} rad, "
+                f"got positions from {low} to {high} rad"
+            )
+        points = reference.position if isinstance(reference, ArrayReference) else getattr(reference, "points", None)
+        if points is not None and np.abs(np.array(points) - points[0]).max() > limit:
+            raise ValueError(
+                f"reference must stay within limits.position={limit:g} rad of its start {points[0]}, "
+                f"got positions from {low} to {high} rad"
+            )
         if isinstance(reference, MinimumJerk):
             name, duration = "move_time + hold_time", reference.move_time + reference.hold_time
         elif isinstance(reference, Steps | FilteredSteps):
@@ -176,6 +208,12 @@ class Scenario(Record):
             names = ("period", "width", "start")
         elif isinstance(disturbance, ArrayDisturbance):
             names = ("dt",)
+        elif isinstance(disturbance, SineDisturbance):
+            fastest, limit = ends(disturbance.frequency)[1], 0.25 / self.physics_dt
+            if fastest > limit * (1 + 1e-9):
+                raise ValueError(
+                    f"disturbance.frequency must be at most {limit:g} Hz, a quarter of 1 / physics_dt, got {fastest:g} Hz"
+                )
         for name in names:
             least = 0 if name == "start" else 1
             self._check_multiple(f"disturbance.{name}", getattr(disturbance, name), "physics_dt", least)
@@ -194,6 +232,17 @@ class Scenario(Record):
         """Return the real rotor inertias, reflected to the joints [kg m^2]."""
         given = self.joint.rotor_inertia if self.joint is not None else None
         return self.arm.rotor if given is None else given  # type: ignore[return-value]
+
+    @property
+    def most_viscous(self) -> Pair:
+        """Return the largest viscous friction of each joint, over draws and events [N m s/rad]."""
+        viscous = [0.0, 0.0]
+        for joint in range(2) if self.friction is not None else ():
+            viscous[joint] = ends(self.friction.viscous[joint])[1]  # type: ignore[index, union-attr]
+            for event in self.events:
+                if isinstance(event, FrictionChange):
+                    viscous[joint] *= max(1.0, ends(event.factor[joint])[1])  # type: ignore[index]
+        return viscous[0], viscous[1]
 
     @property
     def substeps(self) -> int:
