@@ -36,6 +36,8 @@ class Truth:
         acceleration: [rad/s^2].
         motor_position: behind the gear [rad]; with rigid joints the position.
         motor_velocity: [rad/s]; likewise.
+        stiffness: of elastic joints [N m/rad]; zero for rigid ones.
+        damping: of elastic joints [N m s/rad].
         reference: reference position now [rad].
         reference_velocity: [rad/s].
         reference_acceleration: [rad/s^2].
@@ -62,6 +64,8 @@ class Truth:
     acceleration: Array
     motor_position: Array
     motor_velocity: Array
+    stiffness: Array
+    damping: Array
     reference: Array
     reference_velocity: Array
     reference_acceleration: Array
@@ -208,6 +212,8 @@ def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
         "velocity": rows("velocity"),
         "motor_position": rows("motor_position"),
         "motor_velocity": rows("motor_velocity"),
+        "stiffness": rows("stiffness"),
+        "damping": rows("damping"),
         "lumped": rows("lumped"),
         "masses": rows("parameters")[:2],
         "lengths": rows("parameters")[2:],

@@ -308,3 +308,35 @@ def test_elastic_joints_need_rotors():
         TwoLinkArmEnv(joint=1000.0)
     env = TwoLinkArmEnv(joint=1000.0, arm={"rotor": 0.5})
     assert env.scenario.rotor == (0.5, 0.5)
+
+
+def test_springs_may_vary():
+    """Each lane has its springs; the arm's own draws stay the same."""
+    spring = {
+        "stiffness": {"log_uniform": [500.0, 5000.0]},
+        "damping": ({"uniform": [1.0, 5.0]}, 2.0),
+        "rotor_inertia": 0.5,
+    }
+    options = {"parameter_error": {"radius": 0.2}, "physics_dt": 5e-4}
+    env, rigid = TwoLinkArmVectorEnv(64, joint=spring, **options), TwoLinkArmVectorEnv(64, **options)
+    env.reset(seed=0), rigid.reset(seed=0)
+    truth = env.truth
+    assert len(np.unique(truth.stiffness)) == 128
+    assert 500.0 <= truth.stiffness.min() < 700.0 < 4000.0 < truth.stiffness.max() <= 5000.0
+    assert np.all(truth.damping[:, 1] == 2.0)
+    np.testing.assert_allclose(
+        truth.stiffness * (truth.motor_position - truth.position), truth.applied_torque, atol=1e-9
+    )
+    np.testing.assert_array_equal(truth.masses, rigid.truth.masses)
+    with pytest.raises(ValueError, match="too long"):
+        TwoLinkArmEnv(joint={**spring, "stiffness": {"choice": [500.0, 1e8]}})
+
+
+def test_stribeck_friction_with_an_exponent_of_one_acts_on_the_motors():
+    """A sliding motor has the friction of the formula; the step holds it as for rigid joints."""
+    friction = {"coulomb": 4.0, "stiction": 3.0, "stribeck_velocity": 0.5, "stribeck_exponent": 1}
+    truths = run(40, friction=friction)
+    for truth in truths[1:]:
+        w = truth.motor_velocity
+        law = (4.0 + 3.0 * np.exp(-np.abs(w) / 0.5)) * np.sign(w)
+        np.testing.assert_allclose(truth.friction_torque[w != 0.0], law[w != 0.0], rtol=1e-12)
