@@ -130,6 +130,14 @@ class Interface:
         action: meaning of an action: "normalized", the torque as a fraction of its limit; "torque"
             [N m]; or "acceleration" [rad/s^2], through the nominal feedback linearisation mapping.
         action_limit: bound of each action entry, in the action's unit.
+        delay: shortest and longest time from command to torque that the drive's datasheet states
+            [s]. Equal, if the delay does not vary between episodes; likewise below.
+        lag: smallest and largest time constant of the drive [s].
+        rate_limit: smallest rate limit of each joint's torque [N m/s]; None: no limit.
+        latency: age of the readings of position and velocity [s].
+        resolution: step between two readings of each joint's position [rad]; 0: none.
+        noise_std: largest standard deviation of the noise of each joint's position [rad], velocity
+            [rad/s] and acceleration [rad/s^2].
     """
 
     nominal: ArmParameters
@@ -138,6 +146,12 @@ class Interface:
     torque_limit: Pair | None
     action: str
     action_limit: Pair
+    delay: Pair = (0.0, 0.0)
+    lag: Pair = (0.0, 0.0)
+    rate_limit: Pair | None = None
+    latency: float = 0.0
+    resolution: Pair = (0.0, 0.0)
+    noise_std: tuple[Pair, ...] = ((0.0, 0.0),) * 3
 
     @property
     def action_space(self) -> spaces.Box:

@@ -15,9 +15,9 @@ from fbl_gym import memory
 from fbl_gym.arm import Array, inertia_matrix
 from fbl_gym.checks import Pair, check_choice, check_whole
 from fbl_gym.events import EVENTS, DriveChange
-from fbl_gym.interface import ACTIONS, Interface, Limits, make_layout
+from fbl_gym.interface import ACTIONS, Interface, make_layout
 from fbl_gym.memory import FIRST_VARIED, LANES, SETTINGS, VARIED
-from fbl_gym.records import Distribution, ends
+from fbl_gym.records import Distribution, ends, scaled
 from fbl_gym.references import (
     ArrayReference,
     FilteredSteps,
@@ -128,7 +128,7 @@ def make_program(
     settings["max_acceleration"] = limits.acceleration
     settings["max_error"] = np.inf if limits.error is None else limits.error
     settings["error_steps"] = math.ceil(limits.error_time / scenario.control_dt - 1e-9)
-    interface = _make_interface(scenario, action, limits, int(settings["past_actions"]), preview)
+    interface = _make_interface(scenario, action, settings, preview)
     settings["action_kind"] = ACTIONS.index(action)
     settings["action_limit"] = interface.action_limit
     _pack_observation(settings, interface)
@@ -162,11 +162,11 @@ class _Numbers:
             first: index of the first number in the field.
         """
         for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
-            row = memory.rows(field)[first + joint]
+            row, each = memory.rows(field)[first + joint], scaled(each, scale)
             if not isinstance(each, Distribution):
-                self.fixed[row - FIRST_VARIED] = each * scale
+                self.fixed[row - FIRST_VARIED] = each
             else:
-                self._draw(row, joint, each, path, scale)
+                self._draw(row, joint, each, path)
 
     def draw(self, row: int, value: Any, path: str, *, scale: float = 1.0) -> None:
         """Set rows of a block outside of `memory.VARIED`, as `set` does.
@@ -180,10 +180,10 @@ class _Numbers:
         for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
             # A fixed number is the draw between itself and itself.
             each = each if isinstance(each, Distribution) else Distribution(uniform=(each, each))
-            self._draw(row + joint, joint, each, path, scale)
+            self._draw(row + joint, joint, scaled(each, scale), path)
 
-    def _draw(self, row: int, joint: int, each: Distribution, path: str, scale: float) -> None:
-        values = [number * scale for number in each.values]
+    def _draw(self, row: int, joint: int, each: Distribution, path: str) -> None:
+        values = each.values
         numbers: tuple[float, float]
         if each.choice is not None:
             kind, numbers = memory.CHOICE, (len(self._tables), len(values))
@@ -204,9 +204,10 @@ def _check_size(option: str, value: float, unit: str, numbers: int) -> None:
         )
 
 
-def _make_interface(scenario: Scenario, action: str, limits: Limits, past_actions: int, preview: int) -> Interface:
+def _make_interface(scenario: Scenario, action: str, settings: Settings, preview: int) -> Interface:
     """Return the interface of a scenario; check that its action is possible."""
     check_choice("action", action, ACTIONS)
+    limits = scenario.limits
     limit = scenario.actuator.torque_limit
     if action == "normalized":
         if limit is None:
@@ -223,8 +224,25 @@ def _make_interface(scenario: Scenario, action: str, limits: Limits, past_action
                 f"action='acceleration' linearises with the measured velocity, but sensors={scenario.sensors} has none"
             )
         bound, unit = (limits.command,) * 2, "rad/s^2"
-    layout = make_layout(scenario.sensors, limits, bound, unit, past_actions, preview)
-    return Interface(scenario.arm, layout, scenario.control_dt, limit, action, bound)  # type: ignore[arg-type]
+    layout = make_layout(scenario.sensors, limits, bound, unit, int(settings["past_actions"]), preview)
+    known = Interface(scenario.arm, layout, scenario.control_dt, limit, action, bound)  # type: ignore[arg-type]
+    return dataclasses.replace(known, **_datasheet(settings, scenario))
+
+
+def _datasheet(settings: Settings, scenario: Scenario) -> dict[str, Any]:
+    """Return the fields of `Interface` that the datasheets of drives and sensors state."""
+    actuator, dt = scenario.actuator, scenario.control_dt
+    delays, computation = np.array(ends(actuator.delay)), actuator.delay_samples * dt
+    rate = actuator.rate_limit
+    errors = [getattr(scenario.noise, name, None) or SensorError() for name in SENSORS]
+    return {
+        "delay": tuple((delays + computation).tolist()),
+        "lag": ends(actuator.lag),
+        "rate_limit": None if rate is None else tuple(ends(each)[0] for each in rate),  # type: ignore[union-attr]
+        "latency": 0.0 if scenario.encoder is None else scenario.encoder.latency * dt,
+        "resolution": tuple(settings["quantization"][0].tolist()),
+        "noise_std": tuple(tuple(ends(each)[1] for each in error.std_at(dt)) for error in errors),
+    }
 
 
 _EXACT = Context(prec=50)
@@ -269,18 +287,15 @@ def _pack_noise(settings: Settings, numbers: _Numbers, scenario: Scenario) -> No
     _pack_encoder(settings, scenario)
     if scenario.noise is None:
         return
-    density = 1 / math.sqrt(2 * scenario.control_dt)
     for sensor, name in enumerate(SENSORS):
         error: SensorError | None = getattr(scenario.noise, name)
         if error is not None:
             numbers.set("noise_bias", error.bias, f"noise.{name}.bias", first=2 * sensor)
-            if error.density != (0.0, 0.0):
-                path = f"noise.{name}.density"
-                numbers.set("noise_std", error.density, path, scale=density, first=2 * sensor)
-            else:
-                numbers.set("noise_std", error.std, f"noise.{name}.sigma", first=2 * sensor)
+            size = "sigma" if error.density == (0.0, 0.0) else "density"
+            std = error.std_at(scenario.control_dt)
+            numbers.set("noise_std", std, f"noise.{name}.{size}", first=2 * sensor)
             settings["quantization"][sensor] += error.quantization
-            settings["has_noise"][sensor] = any(ends(size) != (0.0, 0.0) for size in (error.std, error.density))
+            settings["has_noise"][sensor] = ends(std) != (0.0, 0.0)
             settings["noisy"] |= bool(settings["has_noise"][sensor]) or ends(error.bias) != (0.0, 0.0)
     settings["noisy"] |= np.any(settings["quantization"])
 

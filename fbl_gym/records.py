@@ -260,6 +260,14 @@ def ends(value: Any) -> Range:
     return min(values), max(values)
 
 
+def scaled(value: Any, scale: float) -> Any:
+    """Return a number or distribution times a positive scale."""
+    if not isinstance(value, Distribution):
+        return value * scale
+    values = {name: each and tuple(x * scale for x in each) for name, each in vars(value).items()}
+    return Distribution(**values)
+
+
 def middle(value: Any) -> float:
     """Return the middle of a number or distribution: of the logarithms, if it is log-uniform."""
     low, high = ends(value)

@@ -8,6 +8,7 @@ them from a `Distribution`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
@@ -27,6 +28,7 @@ from fbl_gym.records import (
     number,
     pair,
     record,
+    scaled,
     table,
     whole,
 )
@@ -139,6 +141,16 @@ class SensorError(Record):
         if self.snr_db is None:
             return self.sigma
         return (10.0 ** (-self.snr_db / 20.0),) * 2
+
+    def std_at(self, control_dt: float) -> Any:
+        """Return the standard deviation of each joint's noise, also from a `density`.
+
+        Args:
+            control_dt: time between two samples [s].
+        """
+        if self.density == (0.0, 0.0):
+            return self.std
+        return tuple(scaled(each, 1 / math.sqrt(2 * control_dt)) for each in self.density)  # type: ignore[union-attr]
 
 
 @dataclass(frozen=True)
