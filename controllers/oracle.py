@@ -43,17 +43,7 @@ class OracleFlm(Record):
         episode_start: Array | None = None,
         deterministic: bool = False,
     ) -> tuple[Array, State | None]:
-        """Return the action for the environment's true state, and `state` unchanged.
-
-        Args:
-            observation: only its shape is used: one row for each lane of the environment.
-            state: without effect.
-            episode_start: without effect.
-            deterministic: without effect.
-
-        Raises:
-            ValueError: the number of observations is not that of the environment's lanes.
-        """
+        """Return the action for the environment's true state, and `state` unchanged."""
         truth: Truth = self.env.truth
         lanes, rows = len(np.atleast_2d(truth.position)), len(np.atleast_2d(observation))
         if rows != lanes:

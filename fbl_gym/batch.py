@@ -109,6 +109,7 @@ class ArmBatch:
         ends = np.cumsum(list(sizes.values())).tolist()
         self._parts = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
         self._actions = self._parts["actions"]
+        self._first_action = self._actions.start
         self.lanes = lanes
         self._elastic = bool(settings["elastic"])
         self.threads = min(threads, blocks)
@@ -182,6 +183,13 @@ class ArmBatch:
         work = [pool.submit(self._step, memory, out, part, self.threads) for part in range(self.threads)]
         first, *_ = [each.result() for each in work]
         return first
+
+    def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:
+        """Advance a batch of one lane, as `step` does, faster."""
+        memory, first = self._memory, self._first_action
+        memory[first] = action1
+        memory[first + 1] = action2
+        return api.step(memory, out, 0, 1)
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from fbl_gym.render import View
 
 _LANE = np.zeros(1, dtype=np.int64)
-_FLOATS = frozenset({np.dtype(np.float32), np.dtype(np.float64)})
+_SHAPE = (2,)
+_ARRAY, _empty = np.ndarray, np.empty  # a look-up in NumPy takes time at each step
 
 
 class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
@@ -193,10 +194,13 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             ValueError: if the action has another shape or is not finite. The arm has not moved.
             gymnasium.error.ResetNeeded: before the first `reset` and after an episode's end.
         """
-        if type(action) is not np.ndarray or action.dtype not in _FLOATS or action.shape != (2,):
-            action = as_actions(action, (2,))
-        observation = np.empty(self._size)
-        refused, reward, terminated, truncated = self._batch.step(action, observation)
+        if type(action) is not _ARRAY or action.shape != _SHAPE:
+            action = as_actions(action, _SHAPE)
+        action1, action2 = action.tolist()
+        if type(action1) is not float:
+            action1, action2 = as_actions(action, _SHAPE).tolist()
+        observation = _empty(self._size)
+        refused, reward, terminated, truncated = self._batch.step_one(action1, action2, observation)
         if refused >= 0:
             if refused == 0:
                 raise ValueError(f"action must be finite, got {action!r}")

@@ -47,6 +47,9 @@ Settings = NDArray[np.void]
 MAX_NUMBERS = 2**27
 """Largest count of numbers that a single option may add to a block of lanes: 1 GiB."""
 
+MAX_BATCH_NUMBERS = 2**31
+"""Largest count of numbers in a batch: 16 GiB."""
+
 MAX_DECAY = 1.0
 """Product of physics_dt and the rate of decay by viscous friction, up to which Runge-Kutta is used;
 it is stable up to 2.78."""
@@ -491,7 +494,7 @@ def _pack_reward(settings: Settings, reward: Reward) -> None:
     logarithmic = reward.tracking == "log"
     settings["reward_logarithmic"] = logarithmic
     settings["reward_scale"] = 1 / reward.resolution if logarithmic else 1 / reward.worst
-    settings["reward_norm"] = 1 / _log1p(reward.worst / reward.resolution)
+    settings["reward_norm"] = 1 / _log1p(reward.worst / reward.resolution) if logarithmic else 0.0
     settings["weight_tracking"] = reward.weight_tracking / total
     settings["weight_effort"] = reward.weight_effort / total
     settings["weight_chatter"] = reward.weight_chatter / total

@@ -176,10 +176,7 @@ class LinearLoop:
         )
 
     def open_loop(self, joint: int) -> control.StateSpace:
-        """Return L of joint 0 or 1, for negative feedback.
-
-        The loop is cut at the joint's torque; the loop of the other joint is closed.
-        """
+        """Return L of joint 0 or 1, for negative feedback; the other joint's loop is closed."""
         a, b, c = self._series()
         other = 1 - joint
         closed = a + np.outer(b[:, other], c[other])
@@ -193,9 +190,7 @@ class LinearLoop:
     def is_stable(self, factors: Sequence[complex] = (1.0, 1.0), more_delay: float = 0.0) -> bool:
         """Return True if all eigenvalues of the closed loop are within the unit circle.
 
-        Args:
-            factors: on the torque of each joint.
-            more_delay: of both torques [s].
+        `factors` multiply the torque of each joint; `more_delay` [s] delays both.
         """
         a, b, c = self._series(more_delay)
         return bool(np.abs(np.linalg.eigvals(a + b * np.asarray(factors) @ c)).max() <= UNIT_CIRCLE)
@@ -252,23 +247,14 @@ def linearize(
 ) -> list[LinearLoop]:
     """Linearise the loop of a policy: about rest, or along the motion.
 
-    The arm is first run without noise, disturbance and dry friction, and carries its payload all
-    the time. Along the motion, each loop is that of an arm that would stay in the state of that
-    time; it describes deviations that are fast against the motion (Khalil, "Nonlinear Systems",
-    2002, §9.6).
+    Without `times`, the arm is at rest at the constant reference `at` [rad], and there is one loop.
+    With times since the start of the scenario's motion [s], there is one loop for each. The arm is
+    first run without noise, disturbance and dry friction, and carries its payload all the time.
+    Along the motion, each loop is that of an arm that would stay in the state of that time; it
+    describes deviations that are fast against the motion (Khalil, "Nonlinear Systems", 2002, §9.6).
 
-    Args:
-        policy: a name, or any text that `fbl-gym evaluate` takes.
-        scenario: the task.
-        at: the constant reference at which the arm comes to rest [rad].
-        times: since the start of the scenario's motion [s], one loop for each; empty: one loop, at
-            rest.
-        seed: of the scenario's draws.
-        gains: arguments of the policy.
-
-    Raises:
-        NotLinear: if the arm diverges or does not come to rest, or the law is not linear even for
-            small deviations.
+    Raises: NotLinear: the arm diverges or does not come to rest, or the law is not linear even for
+    small deviations.
     """
     scenario = _calm(as_scenario(scenario))
     dt, longest = scenario.control_dt, scenario.duration

@@ -76,7 +76,7 @@ def _move(block, rows, queue, waypoints, settings, tables, actions, count, width
             advance_elastic(block, settings, width)
         else:
             advance(block, settings, width)
-    for lane in range(LANES):
+    for lane in range(width):
         block.step[lane] += _ONE
     if elastic:
         feel_joints(block, settings, width)
@@ -89,6 +89,14 @@ def _move(block, rows, queue, waypoints, settings, tables, actions, count, width
 def _report(block, rows, waypoints, settings, tables, memory, first, count):
     """Write rewards and flags of a block, and mark the lanes that start another episode now."""
     flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
+    events = 0
+    for lane in range(count):
+        memory[settings.rewards + first + lane] = block.reward[lane]
+        flags[0, first + lane] = flags[1, first + lane] = 0
+    for lane in range(count):
+        events += (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != RUNNING)
+    if events == 0:
+        return
     for lane in range(count):
         over = block.terminated[lane] + block.truncated[lane] != 0.0
         restarts = over and settings.autoreset == SAME_STEP
@@ -152,12 +160,13 @@ def _compile_step(fingerprint, elastic):
                 actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
                 _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
-            started = False
-            for lane in range(LANES):
-                if block.status[lane] == RESTART:
-                    start(block, rows, queue, waypoints, settings, tables, lane)
-                    started = True
-            if started:
+            restarts = 0
+            for lane in range(width):
+                restarts += block.status[lane] == RESTART
+            if restarts > 0:
+                for lane in range(width):
+                    if block.status[lane] == RESTART:
+                        start(block, rows, queue, waypoints, settings, tables, lane)
                 if elastic:
                     feel_joints(block, settings, width)
                 sense(block, rows, settings, width)

@@ -25,7 +25,8 @@ def _within(value, bound):
 @kernel_njit
 def sense(block, rows, settings, width):
     """Take the readings of a block; they depend on its state alone."""
-    if settings.senses_acceleration and not settings.elastic:
+    senses_acceleration = settings.senses_acceleration
+    if senses_acceleration and not settings.elastic:
         _accelerate(block, settings, width)
     position, velocity = block.position, block.velocity
     if settings.encoder_on_motor:
@@ -34,11 +35,13 @@ def sense(block, rows, settings, width):
         for lane in range(width):
             block.measured_position[joint, lane] = position[joint, lane]
             block.measured_velocity[joint, lane] = velocity[joint, lane]
-            block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
+            if senses_acceleration:
+                block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
     if settings.noisy:
         _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
         _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
-        _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
+        if senses_acceleration:
+            _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
     if settings.history > 0:
         _encode(block, rows, settings, width)
     # A sensor reads no further than its range.
@@ -48,7 +51,9 @@ def sense(block, rows, settings, width):
         for lane in range(width):
             block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], max_position)
             block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], max_velocity)
-            block.measured_acceleration[joint, lane] = _within(block.measured_acceleration[joint, lane], acceleration)
+            if senses_acceleration:
+                reading = block.measured_acceleration[joint, lane]
+                block.measured_acceleration[joint, lane] = _within(reading, acceleration)
 
 
 @kernel_njit
@@ -135,10 +140,11 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
         first: lane of the block.
         last: lane of the block, the first one left out.
     """
-    for column in range(settings.observed):
+    for column in range(0, settings.observed, 2):  # both joints, which lie side by side in both arrays
         row, bound = settings.observed_row[column], settings.observed_bound[column]
         for lane in range(first, last):
             out[lane, column] = _within(rows[row, lane], bound)
+            out[lane, column + 1] = _within(rows[row + 1, lane], settings.observed_bound[column + 1])
     for column in range(2 * settings.past_actions):
         for lane in range(first, last):
             out[lane, settings.observed + column] = rows[settings.past_row + column, lane]

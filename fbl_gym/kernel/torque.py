@@ -135,15 +135,28 @@ def apply_torque(block, queue, settings, tables, width, substep):
         _subtract_sine(block, tau_half, settings, width, substep + 0.5)
         _subtract_sine(block, tau_end, settings, width, substep + 1.0)
     elif settings.disturbance_kind != NO_DISTURBANCE:
+        _renew_disturbance(block, settings, tables, width, substep)
+        for joint in range(2):
+            for lane in range(width):
+                disturbance = block.disturbance[joint, lane]
+                tau_start[joint, lane] -= disturbance
+                tau_half[joint, lane] -= disturbance
+                tau_end[joint, lane] -= disturbance
+
+
+@kernel_njit
+def _renew_disturbance(block, settings, tables, width, substep):
+    """Set the disturbance of the kinds that are constant over a physics step."""
+    if settings.disturbance_kind == PIECEWISE_CONSTANT:
+        changes, period = 0, settings.disturbance_period
         for lane in range(width):
-            torque1, torque2 = pick_disturbance(block, settings, tables, lane, substep)
-            block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
-            tau_start[0, lane] -= torque1
-            tau_start[1, lane] -= torque2
-            tau_half[0, lane] -= torque1
-            tau_half[1, lane] -= torque2
-            tau_end[0, lane] -= torque1
-            tau_end[1, lane] -= torque2
+            now = float(np.int64(block.step[lane])) * settings.substeps + substep
+            changes += np.floor(now / period) != np.floor((now - settings.substeps) / period)
+        if changes == 0:  # the levels of the last step stay: a draw is slow
+            return
+    for lane in range(width):
+        torque1, torque2 = pick_disturbance(block, settings, tables, lane, substep)
+        block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
 
 
 @kernel_njit

@@ -52,6 +52,13 @@ def _actuator(name: str, value: Any) -> Actuator:
     return build(name, value, Actuator, scalar="torque_limit")
 
 
+MAX_SUBSTEPS = 10_000
+"""Largest number of physics steps in a control step, which Ctrl-C does not interrupt."""
+
+MAX_STEPS = 2**53
+"""Largest number of steps in any duration: beyond it, a float64 does not hold each whole number."""
+
+
 @dataclass(frozen=True)
 class Scenario(Record):
     """One task. Each field takes its record or the plain data that makes one.
@@ -136,6 +143,11 @@ class Scenario(Record):
                 f"got physics_dt={self.physics_dt:g} s and control_dt={self.control_dt:g} s"
             )
         self._check_multiple("control_dt", self.control_dt, "physics_dt")
+        if self.substeps > MAX_SUBSTEPS:
+            raise ValueError(
+                f"physics_dt must be at least control_dt / {MAX_SUBSTEPS} = {self.control_dt / MAX_SUBSTEPS:g} s, "
+                f"got {self.physics_dt:g} s"
+            )
         self._check_multiple("duration", self.duration, "control_dt", least=1)
         if isinstance(self.actuator.delay, float):
             self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
@@ -221,6 +233,8 @@ class Scenario(Record):
     def _check_multiple(self, name: str, duration: float, dt_name: str, least: int = 0) -> None:
         """Refuse a duration that is no multiple of a time step, or less than `least` steps."""
         dt = getattr(self, dt_name)
+        if duration / dt > MAX_STEPS:
+            raise ValueError(f"{name} must be at most {MAX_STEPS:.2g} times {dt_name}={dt:g} s, got {duration:g} s")
         steps = round(duration / dt)
         if not math.isclose(steps * dt, duration, rel_tol=1e-9, abs_tol=1e-12):
             raise ValueError(f"{name} must be a multiple of {dt_name}={dt:g} s, got {name}={duration:g} s")
