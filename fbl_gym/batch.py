@@ -189,7 +189,7 @@ class ArmBatch:
         memory, first = self._memory, self._first_action
         memory[first] = action1
         memory[first + 1] = action2
-        return api.step(memory, out, 0, 1)
+        return api.step_elastic(memory, out, 0, 1) if self._elastic else api.step(memory, out, 0, 1)
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:
