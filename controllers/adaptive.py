@@ -12,7 +12,7 @@ from controllers.cascade import CascadeFlm
 from controllers.estimator import estimate, lumped_of, point_masses
 from controllers.gain_scheduling import schedule
 from controllers.policy import State
-from fbl_gym.arm import Array, regressor
+from fbl_gym.arm import Array, regressor, with_rotors
 from fbl_gym.records import declared, number
 
 SAMPLES = 3
@@ -65,7 +65,7 @@ class AdaptiveFlm(CascadeFlm):
         return (
             np.zeros((n, 2)),  # the cascade's integral
             np.zeros((n, SAMPLES, 2, 5)),  # regressors of the last samples
-            np.zeros((n, SAMPLES, 2)),  # torques applied up to each of them
+            np.zeros((n, SAMPLES, 2)),  # torques applied up to each of them, less those of the known rotors
             np.zeros(n, dtype=int),  # observations so far
             np.zeros((n, 2)),  # torque applied in the interval that ends now
             np.broadcast_to(self.interface.nominal.lumped, (n, 5)).copy(),  # the estimate
@@ -76,11 +76,14 @@ class AdaptiveFlm(CascadeFlm):
         integral, y, torques, count, applied, lumped = state
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
         y = np.concatenate([y[:, 1:], regressor(q, v, a)[:, None]], axis=1)
-        torques = np.concatenate([torques[:, 1:], applied[:, None]], axis=1)
+        rotor = self.interface.nominal.rotor
+        torques = np.concatenate([torques[:, 1:], (applied - np.array(rotor) * a)[:, None]], axis=1)
         # An episode's first observation ends no interval, so estimates start three samples later.
         fitted, accepted = self.fit(y, torques)
         lumped = np.where((accepted & (count >= SAMPLES))[:, None], fitted, lumped)
-        torque, integral = self.drive(observation, q, v, integral, lumped, schedule(v, self.alpha, self.v_s))
+        torque, integral = self.drive(
+            observation, q, v, integral, with_rotors(lumped, rotor), schedule(v, self.alpha, self.v_s)
+        )
         return torque, (integral, y, torques, count + 1, self.interface.saturate(torque), lumped)
 
     def fit(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -9,7 +9,9 @@ from fbl_gym import references, scenarios
 from fbl_gym.arm import SECTION_2_2, TABLE_1, ArmParameters
 from fbl_gym.batch import Truth
 from fbl_gym.env import TwoLinkArmEnv
+from fbl_gym.events import DriveChange, Drop, FrictionChange, Knock, PickUp
 from fbl_gym.interface import Interface, Layout, Limits
+from fbl_gym.joints import ElasticJoint
 from fbl_gym.records import Distribution
 from fbl_gym.references import (
     ArrayReference,
@@ -46,17 +48,23 @@ __all__ = [
     "ArrayDisturbance",
     "ArrayReference",
     "Distribution",
+    "DriveChange",
+    "Drop",
+    "ElasticJoint",
     "Encoder",
     "FilteredSteps",
     "FourierReference",
     "Friction",
+    "FrictionChange",
     "Interface",
+    "Knock",
     "Layout",
     "Limits",
     "MinimumJerk",
     "Noise",
     "ParameterError",
     "Payload",
+    "PickUp",
     "PiecewiseConstantDisturbance",
     "PulseDisturbance",
     "Reward",

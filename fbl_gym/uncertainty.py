@@ -48,8 +48,8 @@ class Payload(Record):
 
     Args:
         mass: mass of the payload.
-        pick_up: time at which the arm grasps it, to the nearest physics step. Joint velocities do
-            not jump.
+        pick_up: time at which the arm grasps it, to the nearest physics step. The grasp is
+            inelastic, as that of `events.PickUp`.
         drop: time at which the arm releases it, later than `pick_up`; None: never.
     """
 

@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from fbl_gym.fastmath import cached_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.elastic import advance_elastic, feel_joints
 from fbl_gym.kernel.episode import judge, start
+from fbl_gym.kernel.events import carry_payload, happen
 from fbl_gym.kernel.motion import refer
-from fbl_gym.kernel.physics import acceleration_and_friction, advance, carry_payload
+from fbl_gym.kernel.physics import acceleration_and_friction, advance
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
 from fbl_gym.kernel.views import array_at, record_at
@@ -60,17 +62,24 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, rows, queue, waypoints, settings, tables, actions, count, width):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic):
     """Advance a block by one control step."""
     command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
+        if settings.events > 0:
+            happen(block, rows, settings, tables, width, substep)
         if substep == 0 or settings.torque_varies:
             apply_torque(block, queue, settings, tables, width, substep)
         if settings.has_payload:
             carry_payload(block, settings, width, substep)
-        advance(block, settings, width)
+        if elastic:
+            advance_elastic(block, settings, width)
+        else:
+            advance(block, settings, width)
     for lane in range(width):
         block.step[lane] += _ONE
+    if elastic:
+        feel_joints(block, settings, width)
     sense(block, rows, settings, width)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
@@ -107,7 +116,9 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _compile(fingerprint):
+def _compile_step(fingerprint, elastic):
+    """Compile the step of arms with elastic or with rigid joints; the other's code is left out."""
+
     @cached_njit
     def step(memory, out, part, parts):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
@@ -147,7 +158,7 @@ def _compile(fingerprint):
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
                 actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
-                _move(block, rows, queue, waypoints, settings, tables, actions, count, width)
+                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
             for lane in range(width):
@@ -156,12 +167,18 @@ def _compile(fingerprint):
                 for lane in range(width):
                     if block.status[lane] == RESTART:
                         start(block, rows, queue, waypoints, settings, tables, lane)
+                if elastic:
+                    feel_joints(block, settings, width)
                 sense(block, rows, settings, width)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
         return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
 
+    return step
+
+
+def _compile(fingerprint):
     @cached_njit
     def check(memory):
         """Return -1 if all lanes can be stepped.
@@ -189,14 +206,19 @@ def _compile(fingerprint):
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
             law, linear = settings.friction_law, settings.stribeck_linear
-            a1, a2, friction1, friction2 = acceleration_and_friction(block, lane, law, linear)
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law, linear)
+            if settings.elastic:
+                a1, a2 = block.acceleration[0, lane], block.acceleration[1, lane]
+                friction1, friction2 = block.motor_friction[0, lane], block.motor_friction[1, lane]
             expected1, expected2 = nominal_acceleration(block, settings, lane)
             out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
             out[i, column + 1], out[i, column + 2] = a1, a2
             out[i, column + 3], out[i, column + 4] = friction1, friction2
             out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
 
-    return step, check, inspect
+    return check, inspect
 
 
-step, check, inspect = _compile(_fingerprint())
+_KEY = _fingerprint()
+step, step_elastic = _compile_step(_KEY, False), _compile_step(_KEY, True)
+check, inspect = _compile(_KEY)

@@ -1,7 +1,8 @@
 """Scenarios by name: the paper's figures and the families of the leaderboard.
 
-`get(name)` returns a scenario of the paper (`paper-3a` to `paper-10`) or of a family (`nominal`,
-`mass-error-0` to `everything-3`). `Scenario` describes any other task.
+`get(name)` returns a scenario of the paper (`paper-3a` to `paper-10`), of a laboratory's arm
+(`dfki-c1`, `dfki-a0`, `cicese`) or of a family (`nominal`, `mass-error-0` to `everything-3`).
+`Scenario` describes any other task.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ from fbl_gym.checks import unknown
 from fbl_gym.records import build
 from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
+from fbl_gym.scenarios.real import REAL
 from fbl_gym.scenarios.scenario import Scenario
 
 __all__ = ["SEVERITIES", "Scenario", "arms", "as_scenario", "families", "family", "get", "names"]
 
 
 def names() -> tuple[str, ...]:
-    """Return every name that `get` knows: the paper's figures, then the families of both arms."""
-    return (*FIGURES, *MEMBERS)
+    """Return every name that `get` knows: the paper's figures, laboratories' arms, families."""
+    return (*FIGURES, *REAL, *MEMBERS)
 
 
 def get(name: str) -> Scenario:
@@ -28,8 +30,8 @@ def get(name: str) -> Scenario:
     Args:
         name: one of `names()`.
     """
-    if name in FIGURES:
-        return FIGURES[name]
+    if name in FIGURES or name in REAL:
+        return (FIGURES | REAL)[name]
     if name in MEMBERS:
         return family(*MEMBERS[name])
     severities = [f"{name}-{severity}" for severity in SEVERITIES]
