@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from benchmarks.analysis.statistics import Estimate, failures
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
+from fbl_gym.arm import Array
 
-REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED = "reproduced", "under assumptions", "not reproduced"
-"""The verdicts. "under assumptions": the paper is misprinted, ambiguous or silent, and the claim holds
-under the assumptions that are named."""
+REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED, NO_CLAIM = "reproduced", "under assumptions", "not reproduced", "–"
+"""The verdicts, by one rule. A claim is measured in cases: at values of all that the paper leaves open,
+with its stated values and its misprints corrected. "reproduced": it holds in all cases; "under
+assumptions": in some; "not reproduced": in none. "–": the paper does not claim it."""
+
+LEAST = 0.9
+"""A claim holds in a case if even the lower end of the 95 % interval of the share of seeds that meet it
+is at least this. A diverged run does not meet it."""
 
 ARMS = {"section-2-2": SECTION_2_2, "table-1": TABLE_1}
 """The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
@@ -31,7 +38,8 @@ class Claim:
         claim: in one line.
         paper: statement or value of the paper.
         measured: value measured here; the median over the seeds, if not stated otherwise.
-        verdict: "reproduced", "under assumptions" or "not reproduced".
+        verdict: by the rule above.
+        holds: the cases in which the claim holds, and those in which it does not.
         assumptions: under which the claim was measured.
         scenario: name of the scenario; `assumptions` states the changes to it.
         seed: seeds of the episodes.
@@ -43,6 +51,7 @@ class Claim:
     paper: str
     measured: str
     verdict: str
+    holds: str
     assumptions: str
     scenario: str
     seed: str
@@ -55,16 +64,19 @@ class Effort:
 
     Args:
         seeds: number of episodes of a random scenario.
-        ratios: number of points of a map over the radius.
+        many: number of episodes for a share near 95 %.
+        points: number of points of a map.
         seconds: longest duration of an episode whose leakage is checked at every sample.
     """
 
     seeds: int
-    ratios: int
+    many: int
+    points: int
     seconds: float
 
 
-FULL, SHORT = Effort(seeds=16, ratios=13, seconds=20.0), Effort(seeds=2, ratios=2, seconds=3.0)
+FULL = Effort(seeds=64, many=512, points=13, seconds=20.0)
+SHORT = Effort(seeds=40, many=40, points=3, seconds=3.0)
 
 Draw: TypeAlias = Callable[[Path], None]
 """A function that draws a claim's figure to a file; the suffix sets the format."""
@@ -72,14 +84,63 @@ Draw: TypeAlias = Callable[[Path], None]
 Measured: TypeAlias = tuple[Claim, Draw]
 
 
-def verdict(reproduced: bool = False, under_assumptions: bool = False) -> str:
-    """Return the verdict on a claim.
+@dataclass(frozen=True)
+class Case:
+    """A claim at one value of what the paper leaves open.
 
     Args:
-        reproduced: the claim holds.
-        under_assumptions: it holds under the assumptions named.
+        name: the values.
+        meets: whether each run meets the claim [n]; one flag for a measurement without chance.
     """
-    return REPRODUCED if reproduced else UNDER_ASSUMPTIONS if under_assumptions else NOT_REPRODUCED
+
+    name: str
+    meets: Any
+
+    @property
+    def share(self) -> Estimate:
+        """Share of runs that meet the claim, with its interval by Clopper and Pearson."""
+        return share(np.atleast_1d(self.meets))
+
+    @property
+    def holds(self) -> bool:
+        """Whether the claim holds in this case."""
+        return bool(np.all(self.meets)) if np.size(self.meets) == 1 else bool(self.share.low >= LEAST)
+
+    def __str__(self) -> str:
+        if np.size(self.meets) == 1:
+            return self.name
+        return f"{self.name} ({np.sum(self.meets)} of {np.size(self.meets)}, {interval(self.share)})"
+
+
+def share(meets: Array) -> Estimate:
+    """Return the share of True along the last axis, with its 95 % interval."""
+    return failures(np.sum(meets, axis=-1), np.shape(meets)[-1])
+
+
+def interval(estimate: Estimate) -> str:
+    """Return the interval of a share as text, such as "92–97 %"."""
+    return f"{100 * float(estimate.low):.0f}–{100 * float(estimate.high):.0f} %"
+
+
+def judged(cases: Sequence[Case], **fields: str) -> Claim:
+    """Return a claim with its verdict, by the rule above.
+
+    Args:
+        cases: in which the claim was measured; none: the paper does not claim it.
+        **fields: the other fields of `Claim`.
+    """
+    holds, misses = [case for case in cases if case.holds], [case for case in cases if not case.holds]
+    if not cases:
+        return Claim(verdict=NO_CLAIM, holds="", **fields)
+    if not misses or not holds:
+        result = NOT_REPRODUCED if misses else REPRODUCED
+        return Claim(verdict=result, holds=f"in {'none' if misses else 'all'} of: {_listed(cases)}", **fields)
+    texts = [f"in {len(holds)} of {len(cases)} cases: {_listed(holds)}", f"not: {_listed(misses)}"]
+    return Claim(verdict=UNDER_ASSUMPTIONS, holds="; ".join(texts), **fields)
+
+
+def _listed(cases: Sequence[Case]) -> str:
+    return ", ".join(map(str, cases))
 
 
 def seed_range(seeds: int) -> str:
@@ -97,15 +158,25 @@ def with_estimate(scenario: Scenario, real: ArmParameters, factor: float) -> Sce
     return scenario.replace(arm=scaled(real, factor), parameter_error=1.0 / factor)
 
 
+Rows: TypeAlias = dict[str, Array]
+"""The metrics of each seed, by name."""
+
+
 def run(
     policy: str, scenario: Scenario, seeds: int = 1, watch: dict[str, Watch] | None = None, **gains: Any
-) -> tuple[Trace, dict[str, float]]:
-    """Return the trace of the first seeds, and the median of each metric over them."""
+) -> tuple[Trace, Rows]:
+    """Return the trace of the first seeds, and each metric of every seed [n]."""
     trace = rollout(policy, scenario, range(seeds), gains, watch)
     rows = measure(trace)
-    return trace, {name: float(np.median([row[name] for row in rows])) for name in rows[0]}
+    return trace, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def percents(values: Iterable[float]) -> str:
-    """Return numbers in per cent as text."""
-    return " / ".join(f"{value:.3g} %" for value in values)
+def percents(*values: Array | float) -> str:
+    """Return medians in per cent as text."""
+    return " / ".join(f"{np.median(value):.3g} %" for value in values)
+
+
+def diverged(rows: Rows) -> str:
+    """Return the number of diverged seeds as text; empty if there is none."""
+    count = int(rows["diverged"].sum())
+    return f" ({count} of {len(rows['diverged'])} diverged)" if count else ""

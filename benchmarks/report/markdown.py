@@ -31,8 +31,8 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def claims(measured: Iterable[Claim]) -> str:
     """Return a table of the paper's claims: claim, measurement, verdict and choices."""
-    header = ("figure", "claim", "paper", "measured", "verdict", "assumptions", "seeds")
-    rows = ((c.figure, c.claim, c.paper, c.measured, c.verdict, c.assumptions, c.seed) for c in measured)
+    header = ("figure", "claim", "paper", "measured", "verdict", "holds", "measured with", "seeds")
+    rows = ((c.figure, c.claim, c.paper, c.measured, c.verdict, c.holds, c.assumptions, c.seed) for c in measured)
     return table(header, rows)
 
 

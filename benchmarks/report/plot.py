@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -173,4 +174,5 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, lane: i
 def _save(figure: Figure, title: str, path: Path) -> None:
     figure.suptitle(title, x=0.01, horizontalalignment="left")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    with rc_context({"pdf.fonttype": 42}):  # TrueType: text stays text, and publishers accept it
+        figure.savefig(path, dpi=100)

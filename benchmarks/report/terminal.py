@@ -134,7 +134,7 @@ def claims(console: Console, measured: Sequence[Claim]) -> None:
     table = Table(title="The paper's claims, measured", title_style="bold", box=SIMPLE_HEAD)
     for name in ("figure", "claim", "paper", "measured", "verdict"):
         table.add_column(name, overflow="fold")
-    colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red"}
+    colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red", "–": "default"}
     for claim in measured:
         verdict = f"[{colour[claim.verdict]}]{claim.verdict}[/]"
         table.add_row(claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), verdict)
