@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -25,7 +25,7 @@ LEAST = 0.9
 """A claim holds in a case if even the lower end of the 95 % interval of the share of seeds that meet it
 is at least this. A diverged run does not meet it."""
 
-ARMS = {"section-2-2": SECTION_2_2, "table-1": TABLE_1}
+ARMS = {"§2.2": SECTION_2_2, "Table 1": TABLE_1}
 """The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
 
 
@@ -39,10 +39,11 @@ class Claim:
         paper: statement or value of the paper.
         measured: value measured here; the median over the seeds, if not stated otherwise.
         verdict: by the rule above.
-        holds: the cases in which the claim holds, and those in which it does not.
+        holds: number of cases in which the claim holds.
         assumptions: under which the claim was measured.
         scenario: name of the scenario; `assumptions` states the changes to it.
         seed: seeds of the episodes.
+        cases: name, measured value, seeds that meet the claim, and "yes" or "no" of each case.
         command: that measures this claim again; set by `claims.measure_claim`.
     """
 
@@ -55,6 +56,7 @@ class Claim:
     assumptions: str
     scenario: str
     seed: str
+    cases: tuple[tuple[str, ...], ...] = ()
     command: str = ""
 
 
@@ -75,7 +77,7 @@ class Effort:
     seconds: float
 
 
-FULL = Effort(seeds=64, many=512, points=13, seconds=20.0)
+FULL = Effort(seeds=64, many=512, points=9, seconds=20.0)
 SHORT = Effort(seeds=40, many=40, points=3, seconds=3.0)
 
 Draw: TypeAlias = Callable[[Path], None]
@@ -90,11 +92,14 @@ class Case:
 
     Args:
         name: the values.
-        meets: whether each run meets the claim [n]; one flag for a measurement without chance.
+        meets: whether each run meets the claim [n]; one flag for a measurement without chance; None:
+            the case is shown, but the paper does not claim it.
+        measured: value measured in this case.
     """
 
     name: str
-    meets: Any
+    meets: Any = None
+    measured: str = ""
 
     @property
     def share(self) -> Estimate:
@@ -106,13 +111,18 @@ class Case:
         """Whether the claim holds in this case."""
         return bool(np.all(self.meets)) if np.size(self.meets) == 1 else bool(self.share.low >= LEAST)
 
-    def __str__(self) -> str:
-        if np.size(self.meets) == 1:
-            return self.name
-        return f"{self.name} ({np.sum(self.meets)} of {np.size(self.meets)}, {interval(self.share)})"
+    @property
+    def row(self) -> tuple[str, ...]:
+        """The case as texts, for `Claim.cases`."""
+        if self.meets is None:
+            return self.name, self.measured, "", ""
+        seeds = (
+            f"{np.sum(self.meets)} of {np.size(self.meets)}, {interval(self.share)}" if np.size(self.meets) > 1 else ""
+        )
+        return self.name, self.measured, seeds, "yes" if self.holds else "no"
 
 
-def share(meets: Array) -> Estimate:
+def share(meets: Any) -> Estimate:
     """Return the share of True along the last axis, with its 95 % interval."""
     return failures(np.sum(meets, axis=-1), np.shape(meets)[-1])
 
@@ -122,25 +132,20 @@ def interval(estimate: Estimate) -> str:
     return f"{100 * float(estimate.low):.0f}–{100 * float(estimate.high):.0f} %"
 
 
-def judged(cases: Sequence[Case], **fields: str) -> Claim:
+def judged(cases: Sequence[Case], **fields: Any) -> Claim:
     """Return a claim with its verdict, by the rule above.
 
     Args:
-        cases: in which the claim was measured; none: the paper does not claim it.
+        cases: in which the claim was measured.
         **fields: the other fields of `Claim`.
     """
-    holds, misses = [case for case in cases if case.holds], [case for case in cases if not case.holds]
-    if not cases:
-        return Claim(verdict=NO_CLAIM, holds="", **fields)
-    if not misses or not holds:
-        result = NOT_REPRODUCED if misses else REPRODUCED
-        return Claim(verdict=result, holds=f"in {'none' if misses else 'all'} of: {_listed(cases)}", **fields)
-    texts = [f"in {len(holds)} of {len(cases)} cases: {_listed(holds)}", f"not: {_listed(misses)}"]
-    return Claim(verdict=UNDER_ASSUMPTIONS, holds="; ".join(texts), **fields)
-
-
-def _listed(cases: Sequence[Case]) -> str:
-    return ", ".join(map(str, cases))
+    rows = tuple(case.row for case in cases)
+    claimed = [case for case in cases if case.meets is not None]
+    count = sum(case.holds for case in claimed)
+    if not claimed:
+        return Claim(verdict=NO_CLAIM, holds="", cases=rows, **fields)
+    verdict = REPRODUCED if count == len(claimed) else UNDER_ASSUMPTIONS if count else NOT_REPRODUCED
+    return Claim(verdict=verdict, holds=f"{count} of {len(claimed)}", cases=rows, **fields)
 
 
 def seed_range(seeds: int) -> str:
@@ -163,7 +168,7 @@ Rows: TypeAlias = dict[str, Array]
 
 
 def run(
-    policy: str, scenario: Scenario, seeds: int = 1, watch: dict[str, Watch] | None = None, **gains: Any
+    policy: str, scenario: Scenario, seeds: int = 1, watch: Mapping[str, Watch] | None = None, **gains: Any
 ) -> tuple[Trace, Rows]:
     """Return the trace of the first seeds, and each metric of every seed [n]."""
     trace = rollout(policy, scenario, range(seeds), gains, watch)

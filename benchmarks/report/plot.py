@@ -77,7 +77,7 @@ def plot_lines(title: str, panels: Sequence[Panel], path: Path) -> None:
     figure = Figure(figsize=(5.5 * columns + 1, 3.6 * rows + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(rows, columns, squeeze=False)
-    shared = len({tuple(line.label for line in panel.lines) for panel in panels}) == 1
+    shared = len(panels) > 1 and len({tuple(line.label for line in panel.lines) for panel in panels}) == 1
     for axes, panel in zip(grid.ravel(), panels, strict=False):
         _draw(axes, panel)
         if not shared:
