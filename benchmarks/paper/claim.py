@@ -77,7 +77,7 @@ class Effort:
     seconds: float
 
 
-FULL = Effort(seeds=64, many=512, points=9, seconds=20.0)
+FULL = Effort(seeds=64, many=512, points=8, seconds=20.0)
 SHORT = Effort(seeds=40, many=40, points=3, seconds=3.0)
 
 Draw: TypeAlias = Callable[[Path], None]

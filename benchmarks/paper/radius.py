@@ -72,12 +72,13 @@ def _share_lines(r: Array, curves: dict[str, Array], bound: float = 5.0) -> tupl
 
 def robust_radius(effort: Effort) -> Measured:
     """Measure §3: the robust design holds within a radius of 100 %."""
-    r = radii(4.0, effort.points, 1.0)
+    r = radii(3.5, effort.points, 1.0)
     at = int(np.flatnonzero(r == 1.0)[0])
     cases, texts, panels = [], [], []
     for arm in ARMS:
         scenario = task(arm)
-        curves = {d: curve("robust-flm", scenario, d, r, effort.many) for d in DIRECTIONS}
+        seeds = {d: effort.many if d == "both" else max(effort.many // 2, 40) for d in DIRECTIONS}
+        curves = {d: curve("robust-flm", scenario, d, r, seeds[d]) for d in DIRECTIONS}
         for direction, bound in product(DIRECTIONS, BOUNDS):
             error = curves[direction]
             cases.append(
@@ -106,7 +107,7 @@ def robust_radius(effort: Effort) -> Measured:
         bounds = np.linspace(0.5, 10.0, 39)
         limits = {d: np.array([radius(r, error, b) for b in bounds]) for d, error in curves.items()}
         lines = tuple(
-            Line(bounds, np.minimum(x[:, 0], 4.0), d, low=np.minimum(x[:, 1], 4.0), high=np.minimum(x[:, 2], 4.0))
+            Line(bounds, np.minimum(x[:, 0], r[-1]), d, low=np.minimum(x[:, 1], r[-1]), high=np.minimum(x[:, 2], r[-1]))
             for d, x in limits.items()
         )
         panels.append(
