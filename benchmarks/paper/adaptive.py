@@ -27,7 +27,7 @@ from benchmarks.run.rollout import Trace
 from controllers.feedback_linearization import friction_torque
 from controllers.gain_scheduling import FORMS, schedule
 from controllers.kalman import PAPER_SIGMA
-from fbl_gym import FilteredSteps, Friction, Scenario, TwoLinkArmVectorEnv, scenarios
+from fbl_gym import Friction, Scenario, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.arm import Array, forward_dynamics
 
 ALPHA: Any = ((20.0, 0.0), (0.0, 20.0))
@@ -49,22 +49,28 @@ _SAMPLING = {
 6b [s]. An arm of a tenth of its model diverges before samples 5 ms apart make an estimate."""
 
 
+STICTION: Any = scenarios.get("paper-8").friction
+"""The friction of figure 8, with Coulomb friction, by the law that sticks."""
+
+
+def _friction(factor: float = 1.0, **changes: Any) -> Friction:
+    """Return the friction of figure 8 times a factor, with changed fields."""
+    scaled = {name: tuple(factor * np.array(getattr(STICTION, name))) for name in ("coulomb", "stiction")}
+    return dataclasses.replace(STICTION, **{**scaled, **changes})
+
+
 def _at(scenario: Scenario, control_dt: float, **options: Any) -> Scenario:
     return scenario.replace(control_dt=control_dt, physics_dt=control_dt, **options)
 
 
-def _estimates(env: TwoLinkArmVectorEnv, policy: Any, state: Any) -> Array:
-    return policy.parameters(state)
-
-
-def _parameters(env: TwoLinkArmVectorEnv, policy: Any, state: Any) -> Array:
-    return np.hstack([env.truth.masses, env.truth.lengths])
+def _ratios(env: TwoLinkArmVectorEnv, policy: Any, state: Any) -> Array:
+    return policy.parameters(state) / np.hstack([env.truth.masses, env.truth.lengths])
 
 
 def _estimation(policy: str, scenario: Scenario, seeds: int, **gains: Any) -> tuple[Trace, Array]:
     """Return the trace, and estimate / real of m1, m2, L1, L2 after each step, [T x n x 4]."""
-    trace, _ = run(policy, scenario, seeds, {"estimates": _estimates, "parameters": _parameters}, **gains)
-    return trace, trace.watched["estimates"] / trace.watched["parameters"]
+    trace, _ = run(policy, scenario, seeds, {"ratios": _ratios}, **gains)
+    return trace, trace.watched["ratios"]
 
 
 def _estimation_panel(time: Array, estimates: Array, title: str) -> Panel:
@@ -85,12 +91,11 @@ def figure_5(effort: Effort) -> Measured:
         difference = forward_dynamics(state[5], *motion) - forward_dynamics(env.interface.nominal, *motion)
         return difference + leakage(env, policy, state)
 
-    stiction = scenarios.get("paper-8").friction
     cases, lines = [], []
     for name, figure, options in (
         ("parameters x10", "a", {}),
         ("parameters x0.1", "b", {}),
-        ("parameters x10 and stiction", "a", {"friction": stiction}),
+        ("parameters x10 and stiction", "a", {"friction": STICTION}),
         ("parameters x10 and acceleration noise of 0.01", "a", {"noise": {"acceleration": 0.01}}),
     ):
         for regression in ("torque", "printed"):
@@ -250,9 +255,7 @@ def _creep(friction: Friction) -> float:
 
 def figure_8(effort: Effort) -> Measured:
     """Measure figure 8: unmodelled stiction degrades tracking."""
-    both = scenarios.get("paper-8").friction
-    assert both is not None
-    frictions = {"stiction and Coulomb": both, "stiction alone": dataclasses.replace(both, coulomb=0.0), "none": None}
+    frictions = {"stiction and Coulomb": STICTION, "stiction alone": _friction(coulomb=0.0), "none": None}
     cases, panels = [], []
     for arm, real in ARMS.items():
         results = {
@@ -287,20 +290,18 @@ def figure_8(effort: Effort) -> Measured:
 def equation_22(effort: Effort) -> Measured:
     """Measure equation (22): known friction and a known disturbance in the mapping cancel the real ones."""
     base = scenarios.get("paper-8")
-    friction, load = base.friction, (50.0, 20.0)
-    assert friction is not None
+    load = (50.0, 20.0)
     _, smooth = run("cascade-flm", base.replace(friction=None))
     constant = {"kind": "array", "torque": (load,), "dt": 1.0}
     tasks: dict[str, tuple[Scenario, str]] = {
-        "printed friction": (base.replace(friction=dataclasses.replace(friction, law="literal")), "friction"),
+        "printed friction": (base.replace(friction=_friction(law="literal")), "friction"),
         "friction that sticks": (base, "friction"),
         "constant disturbance": (base.replace(friction=None, disturbance=constant), "disturbance"),
     }
     cases = []
     for name, (scenario, gain) in tasks.items():
         for part in (0.0, 0.5, 1.0, 2.0):
-            scaled = {x: tuple(part * np.array(getattr(friction, x))) for x in ("viscous", "coulomb", "stiction")}
-            known: Any = {"v_s": friction.v_s, **scaled} if gain == "friction" else tuple(part * np.array(load))
+            known: Any = _friction(part) if gain == "friction" else tuple(part * np.array(load))
             _, rows = run("cascade-flm", scenario, 1, None, **{gain: known})
             meets = (rows["error_pct"] < 1.1 * smooth["error_pct"]) if part == 1.0 else None
             text = f"mean {percents(rows['error_pct'])}, at rest {percents(rows['steady_1_pct'], rows['steady_2_pct'])}"
@@ -314,7 +315,7 @@ def equation_22(effort: Effort) -> Measured:
         assumptions="cascade-flm on Table 1's arm, perfect parameters, no noise; within 10 % of the error without loads",
         scenario="paper-8", seed="0",
     )  # fmt: skip
-    trace, _ = run("cascade-flm", base, 1, None, friction=dataclasses.replace(friction))
+    trace, _ = run("cascade-flm", base, 1, None, friction=STICTION)
     return claim, lambda path: plot_trace(trace, "Equation (22): known friction in the mapping", path)
 
 
@@ -362,15 +363,12 @@ def _steady(rows: Rows) -> str:
 def soft_scheduling(effort: Effort) -> Measured:
     """Measure §4.2: soft scheduling needs slower torques than hard switching, at the same accuracy."""
     base = scenarios.get("paper-10").replace(duration=4.0)
-    assert base.friction is not None
     tasks: dict[str, tuple[Scenario, Any]] = {
         "figure 10": (base, ALPHA),
         "cross terms alpha_12, alpha_21 = 20": (base, ((20.0, 20.0), (20.0, 20.0))),
-        "viscous f_i1 = 20, 10": (base.replace(friction=dataclasses.replace(base.friction, viscous=(20.0, 10.0))), ALPHA),
-        "friction that sticks": (base.replace(friction=dataclasses.replace(base.friction, law="exact")), ALPHA),
-        "friction x10": (
-            base.replace(friction=dataclasses.replace(base.friction, coulomb=(100.0, 50.0), stiction=(300.0, 150.0))), ALPHA,
-        ),
+        "viscous f_i1 = 20, 10": (base.replace(friction=_friction(law="literal", viscous=(20.0, 10.0))), ALPHA),
+        "friction that sticks": (base.replace(friction=STICTION), ALPHA),
+        "friction x10": (base.replace(friction=_friction(10.0, law="literal")), ALPHA),
         "figure 8": (scenarios.get("paper-8").replace(duration=4.0), ALPHA),
     }  # fmt: skip
     cases = []
@@ -405,9 +403,7 @@ GRAVITY = 314.0
 def figure_10(effort: Effort) -> Measured:
     """Measure figure 10: steady-state error with wrong parameters, stiction and disturbance."""
     base = scenarios.get("paper-10")
-    friction, steps = base.friction, base.reference
-    assert isinstance(steps, FilteredSteps)
-    assert friction is not None
+    steps = {"kind": "steps", "points": vars(base.reference)["points"], "period": 2.0}
     ratios = (1 / 11, 0.1, 1.0, 3.0, 10.0, 11.0) if effort.points > 3 else (0.1, 10.0)
     loads = (0.0, 0.0064, 0.064, 0.64) if effort.points > 3 else (0.0, 0.64)
     seeds = 40
@@ -416,8 +412,7 @@ def figure_10(effort: Effort) -> Measured:
         part = load * GRAVITY * ratio**2 / 200.0  # of figure 10's friction and disturbance
         options: dict[str, Any] = {"friction": None, "disturbance": None}
         if part:
-            scaled: Any = {x: tuple(part * np.array(getattr(friction, x))) for x in ("coulomb", "stiction")}
-            options["friction"] = dataclasses.replace(friction, **scaled)
+            options["friction"] = _friction(part, law="literal")
             options["disturbance"] = {
                 "kind": "piecewise-constant",
                 "amplitude": (200.0 * part, 100.0 * part),
@@ -431,8 +426,8 @@ def figure_10(effort: Effort) -> Measured:
         scenario = _at(base, dt, parameter_error=ratio, duration=4.0)
         variants = {
             "200 and 100 N m": scenario,
-            "friction that sticks": scenario.replace(friction=dataclasses.replace(friction, law="exact")),
-            "literal steps": scenario.replace(reference={"kind": "steps", "points": steps.points, "period": 2.0}),
+            "friction that sticks": scenario.replace(friction=STICTION),
+            "literal steps": scenario.replace(reference=steps),
         }
         for name, variant in variants.items():
             trace, rows = run("adaptive-flm", variant, seeds, alpha=ALPHA)

@@ -63,11 +63,14 @@ def _draw_figure_4(policy: str, reference: str, sigma: float, title: str) -> Dra
 _LEVELS: Any = vars(scenarios.get("paper-4b").reference)["points"]
 
 
-def _settings(readings: int) -> list[tuple[str, tuple[str, str, str, float]]]:
-    """Return the name and the values of each case of figure 4, with the first readings of the noise."""
+def _settings(effort: Effort, readings: int) -> list[tuple[str, tuple[str, str, str, float]]]:
+    """Return name and values of each case of figure 4, with the first readings of the noise.
+
+    The short form has the first arm only.
+    """
     return [
         (f"{arm}, {direction}, {reference}, {name}", (arm, direction, reference, sigma))
-        for arm in ARMS
+        for arm in list(ARMS)[: effort.points // 3]
         for direction in DIRECTIONS
         for reference in ("filtered steps", "literal steps")
         for name, sigma in list(SIGMAS.items())[:readings]
@@ -86,7 +89,7 @@ _OPEN = "open: the arm, the sign of the error (estimates at half or double the r
 def figure_4a(effort: Effort) -> Measured:
     """Measure figure 4a: noise degrades the cascade without a filter."""
     cases = []
-    for name, (*values, sigma) in _settings(2):
+    for name, (*values, sigma) in _settings(effort, 2):
         noisy = _figure_4("cascade-flm", *values, sigma, effort.seeds)
         clean = _figure_4("cascade-flm", *values, None, effort.seeds)
         times = np.median(noisy["variation"] / clean["variation"])
@@ -104,7 +107,7 @@ def figure_4a(effort: Effort) -> Measured:
 def figure_4b_filter(effort: Effort) -> Measured:
     """Measure figures 4a and 4b: the Kalman filter removes the noise."""
     cases = []
-    for name, values in _settings(2):
+    for name, values in _settings(effort, 2):
         without = _figure_4("cascade-flm", *values, effort.seeds)
         rows = _figure_4("robust-flm", *values, effort.seeds)
         share = rows["variation"] / without["variation"]
@@ -126,7 +129,7 @@ def figure_4b_filter(effort: Effort) -> Measured:
 def figure_4b_error(effort: Effort) -> Measured:
     """Measure figure 4b: error, overshoot and settling time of the robust design, together."""
     cases, together = [], []
-    for name, values in _settings(4 if effort.points > 3 else 2):
+    for name, values in _settings(effort, 4 if effort.points > 3 else 2):
         rows = _figure_4("robust-flm", *values, effort.seeds)
         good = (rows["error_pct"] <= 0.5) & (rows["overshoot_pct"] < 0.5)
         together.append(bool((good & (rows["settling_s"] <= 0.016)).any()))
