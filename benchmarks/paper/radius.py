@@ -36,16 +36,13 @@ def curve(policy: str, scenario: Scenario, direction: str, r: Array, seeds: int)
     return np.array([errors(policy, with_radius(scenario, float(x), direction), seeds) for x in r])
 
 
-def _crossing(r: Array, shares: Array) -> float:
-    """Return the radius at which a share first drops below 95 %, interpolated in log(1 + r)."""
-    low = np.flatnonzero(shares < SHARE)
-    if not len(low):
-        return float("inf")
-    k = low[0]
-    if k == 0:
-        return 0.0
-    part = (shares[k - 1] - SHARE) / (shares[k - 1] - shares[k])
-    return float(np.expm1(np.log1p(r[k - 1]) * (1 - part) + np.log1p(r[k]) * part))
+def between(r: Array, error: Array) -> tuple[Array, Array]:
+    """Return radii between those measured, and each seed's error there, linear in log(1 + r).
+
+    A seed's factors are the same powers of 1 + r at every radius, so its error is smooth in r.
+    """
+    z = np.linspace(0.0, np.log1p(r[-1]), 400)
+    return np.expm1(z), np.stack([np.interp(z, np.log1p(r), seed) for seed in error.T], axis=-1)
 
 
 def radius(r: Array, error: Array, bound: float) -> tuple[float, float, float]:
@@ -53,8 +50,13 @@ def radius(r: Array, error: Array, bound: float) -> tuple[float, float, float]:
 
     The interval's ends are the radii at which the ends of the share's interval drop below 95 %.
     """
-    shares = share(error <= bound)
-    return _crossing(r, shares.value), _crossing(r, shares.low), _crossing(r, shares.high)
+    fine, errors = between(r, error)
+    shares = share(errors <= bound)
+    ends: list[float] = []
+    for each in (shares.value, shares.low, shares.high):
+        below = np.flatnonzero(each < SHARE)
+        ends.append(float(fine[max(below[0] - 1, 0)]) if len(below) else np.inf)
+    return ends[0], ends[1], ends[2]
 
 
 def _text(r: Array, error: Array, bound: float = 5.0) -> str:
@@ -65,8 +67,9 @@ def _text(r: Array, error: Array, bound: float = 5.0) -> str:
 def _share_lines(r: Array, curves: dict[str, Array], bound: float = 5.0) -> tuple[Line, ...]:
     lines = []
     for name, error in curves.items():
-        shares = share(error <= bound)
-        lines.append(Line(r, 100 * shares.value, name, low=100 * shares.low, high=100 * shares.high))
+        fine, errors = between(r, error)
+        shares = share(errors <= bound)
+        lines.append(Line(fine, 100 * shares.value, name, low=100 * shares.low, high=100 * shares.high))
     return tuple(lines)
 
 

@@ -59,10 +59,12 @@ def test_one_rule_gives_every_verdict():
 
 
 def test_a_radius_has_the_interval_of_its_share():
+    """Errors 10 u log(1 + r), u uniform: 95 % of them are below 5 up to log(1 + r) = 0.5 / 0.95."""
     r = np.array([0.0, 1.0, 2.0, 3.0])
-    error = np.array([np.arange(512) < 512 * share for share in (0.0, 0.02, 0.09, 0.5)]) * 10.0
+    error = 10.0 * np.log1p(r)[:, None] * (np.arange(512) + 0.5) / 512
     value, low, high = radius.radius(r, error, 5.0)
-    assert 1.0 < low < value < high < 2.0
+    assert value == pytest.approx(np.expm1(0.5 / 0.95), abs=0.02)
+    assert 0.6 < low < value < high < 0.8
     assert radius.radius(r, 0.0 * error, 5.0) == (np.inf,) * 3
 
 
