@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
-from fbl_gym.fastmath import kept
+from fbl_gym.fastmath import cached_njit
 
 LANES = 32
 """Lanes of a block: few enough that their data stay in the processor's first cache."""
@@ -21,7 +21,7 @@ LANES = 32
 # Vectors [m x lanes] and matrices [k x k x lanes] of a block of lanes.
 
 
-@kept
+@cached_njit
 def _dot(x: Array, y: Array, product: Array) -> None:
     """Set product = x'y."""
     for lane in range(len(product)):
@@ -31,7 +31,7 @@ def _dot(x: Array, y: Array, product: Array) -> None:
             product[lane] += x[i, lane] * y[i, lane]
 
 
-@kept
+@cached_njit
 def _normalize(x: Array, length: Array) -> None:
     """Set length = |x| and x = x / |x|."""
     _dot(x, x, length)
@@ -42,7 +42,7 @@ def _normalize(x: Array, length: Array) -> None:
             x[i, lane] /= length[lane]
 
 
-@kept
+@cached_njit
 def _factor(a: Array, good: NDArray[np.bool_]) -> None:
     """Set a = L U in place, without L's ones, and good to False where a is not positive definite.
 
@@ -63,7 +63,7 @@ def _factor(a: Array, good: NDArray[np.bool_]) -> None:
                     a[i, c, lane] -= a[i, j, lane] * a[j, c, lane]
 
 
-@kept
+@cached_njit
 def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
     """Return the x of least |rows x - target| [n x k], and where `rows` determine it [n].
 
@@ -126,7 +126,7 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
     return solution, rich
 
 
-@kept
+@cached_njit
 def accumulate(
     a: Array, b: Array, rows: Array, target: Array, keep: float, weight: float, where: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
@@ -160,7 +160,7 @@ def accumulate(
     return a, b
 
 
-@kept
+@cached_njit
 def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
     """Return where the smallest eigenvalue exceeds `floor` [n].
 
@@ -182,7 +182,7 @@ def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
     return above
 
 
-@kept
+@cached_njit
 def solve(a: Array, b: Array) -> Array:
     """Return the x of a x = b [n x k].
 

@@ -1,30 +1,33 @@
 """The two-link arm: parameters, dynamics, regressor, energy and kinematics.
 
-Equations (1)-(4) of Wang, Wang and Brdys, "Designing robust feedback linearisation controllers using imperfect
-dynamic models and sensor feedback", Cogent Engineering 3:1173529 (2016):
+Equations (1)-(4) of Wang, Wang and Brdys, "Designing robust feedback linearisation controllers
+using imperfect dynamic models and sensor feedback", Cogent Engineering 3:1173529 (2016):
 
     M(q) a + C(q, v) v + G(q) + F(v) + tau_d = tau
 
-with q = (theta1, theta2) in radians, theta1 from the horizontal and theta2 relative to the first link. Both the
-plant (compiled, in `kernel/`) and the controllers (on batches, through the functions below) use the terms of this file;
-there is no second copy of the dynamics.
+with q = (theta1, theta2) in radians, theta1 from the horizontal and theta2 relative to the first
+link.
 
-Everything is linear in five lumped parameters, with gravity folded into the last two:
+This file holds the only copy of the dynamics. The kernel compiles its terms for the real arm, and
+the controllers apply them to batches through the functions below.
+
+The dynamics is linear in five lumped parameters; the last two include gravity:
 
     p1 = (m1 + m2) L1^2   p2 = m2 L2^2   p3 = m2 L1 L2   [kg m^2]
     p4 = (m1 + m2) L1 g   p5 = m2 L2 g                   [N m]
 
-These are the point masses of the paper; rods and other links differ in these five numbers only.
+These are for the point masses of the paper. Rods and other links differ in these five numbers only.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from fbl_gym.records import Record, number
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -32,73 +35,70 @@ STANDARD_GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
-class ArmParameters:
+class ArmParameters(Record):
     """Two links in a vertical plane.
 
-    Args:
-        m1: mass of the first link [kg], positive.
-        m2: mass of the second link [kg], positive.
-        L1: length of the first link [m], positive.
-        L2: length of the second link [m], positive.
-        gravity: acceleration of gravity [m/s^2], zero or more.
-        centre: where each link's centre of mass lies, as a fraction of its length: 1 for a point mass at the
-            end (the paper's equations), 1/2 for a uniform rod.
-        inertia: each link's moment of inertia about its centre of mass, as a fraction of m L^2: 0 for a
-            point mass, 1/12 for a uniform rod.
+    The default is the nominal model of the paper's Table 1.
 
-    The default is the nominal model of the paper's Table 1. `SECTION_2_2` is the arm of §2.2 as printed.
+    Args:
+        m1: mass of the first link.
+        m2: mass of the second link.
+        L1: length of the first link.
+        L2: length of the second link.
+        gravity: acceleration of gravity.
+        centre: distance from each link's joint to its centre of mass, as a fraction of its length:
+            1 for a point mass at the end (the paper's equations), 1/2 for a uniform rod.
+        inertia: each link's moment of inertia about its centre of mass, as a fraction of m L^2: 0
+            for a point mass, 1/12 for a uniform rod.
     """
 
-    m1: float = 20.0
-    m2: float = 15.0
-    L1: float = 0.7
-    L2: float = 0.5
-    gravity: float = STANDARD_GRAVITY
-    centre: float = 1.0
-    inertia: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("m1", "m2", "L1", "L2"):
-            _check(name, getattr(self, name), "a positive, finite number", lambda x: x > 0)
-        _check("gravity", self.gravity, "a finite number, zero or more", lambda x: x >= 0)
-        _check("centre", self.centre, "a fraction in (0, 1]", lambda x: 0 < x <= 1)
-        _check("inertia", self.inertia, "a fraction in [0, 1]", lambda x: 0 <= x <= 1)
+    m1: float = number(20.0, unit="kg", above=0)
+    m2: float = number(15.0, unit="kg", above=0)
+    L1: float = number(0.7, unit="m", above=0)
+    L2: float = number(0.5, unit="m", above=0)
+    gravity: float = number(STANDARD_GRAVITY, unit="m/s^2", low=0)
+    centre: float = number(1.0, above=0, high=1)
+    inertia: float = number(0.0, low=0, high=1)
 
     @property
     def lumped(self) -> Array:
-        """The five lumped parameters (p1 ... p5), shape (5,), in kg m^2 and N m."""
+        """Return the lumped parameters p1 to p5, [5], in kg m^2 and N m."""
         return np.array(lumped_terms(self.m1, self.m2, self.L1, self.L2, self.gravity, self.centre, self.inertia))
 
     def as_rods(self) -> ArmParameters:
-        """The same masses and lengths, uniformly distributed along the links, as §2.1 of the paper says in words."""
+        """Return an arm of uniform rods of the same masses and lengths, as in §2.1's text."""
         return ArmParameters(self.m1, self.m2, self.L1, self.L2, self.gravity, centre=1 / 2, inertia=1 / 12)
-
-
-def _check(name: str, value: Any, right: str, is_right: Any) -> None:
-    ok = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not (ok and math.isfinite(value) and is_right(value)):
-        raise ValueError(f"{name} must be {right}, got {value!r}")
 
 
 TABLE_1 = ArmParameters()
 """The nominal model of Table 1: m = 20, 15 kg and L = 0.7, 0.5 m."""
 
 SECTION_2_2 = ArmParameters(m1=0.7, m2=0.5, L1=20.0, L2=15.0)
-"""The arm of §2.2 as printed, masses and lengths swapped against Table 1: m = 0.7, 0.5 kg and L = 20, 15 m."""
+"""The arm of §2.2 as printed: m = 0.7, 0.5 kg and L = 20, 15 m, Table 1's numbers swapped."""
+
+ARMS = {"table-1": TABLE_1, "section-2-2": SECTION_2_2}
+"""The arms of the paper, by name."""
 
 
-# The terms of the model. Plain arithmetic, so that the kernel compiles them for its lanes and the functions further
-# down apply them to whole arrays.
+# The terms of the model, in plain arithmetic: the kernel compiles them for its lanes, and the
+# functions further down apply them to arrays.
 
 
 def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
-    """The five lumped parameters p1 ... p5, in kg m^2 and N m.
+    """Return the lumped parameters p1 to p5, in kg m^2 and N m, of the fields of `ArmParameters`.
 
-    m1, m2, L1, L2, gravity, centre, inertia: as in `ArmParameters`.
+    Args:
+        m1: mass of link 1 [kg].
+        m2: mass of link 2 [kg].
+        L1: length of link 1 [m].
+        L2: length of link 2 [m].
+        gravity: acceleration of gravity [m/s^2].
+        centre: distance of the centre of mass, as a fraction of the length.
+        inertia: moment of inertia, as a fraction of m L^2.
     """
-    own = centre * centre + inertia
-    p1 = own * m1 * L1 * L1 + m2 * L1 * L1
-    p2 = own * m2 * L2 * L2
+    about_joint = centre * centre + inertia
+    p1 = about_joint * m1 * L1 * L1 + m2 * L1 * L1
+    p2 = about_joint * m2 * L2 * L2
     p3 = centre * m2 * L1 * L2
     p4 = (centre * m1 + m2) * L1 * gravity
     p5 = centre * m2 * L2 * gravity
@@ -106,31 +106,60 @@ def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
 
 
 def inertia_terms(p1, p2, p3, c2):
-    """M11, M12 = M21 and M22 of equation (2) [kg m^2].  p1, p2, p3: lumped parameters [kg m^2]; c2: cos q2."""
+    """Return M11, M12 = M21 and M22 of equation (2) [kg m^2].
+
+    Args:
+        p1: lumped parameter 1 [kg m^2].
+        p2: lumped parameter 2 [kg m^2].
+        p3: lumped parameter 3 [kg m^2].
+        c2: cos q2.
+    """
     m12 = p2 + p3 * c2
     return p1 + p3 * c2 + m12, m12, p2
 
 
 def coriolis_terms(p3, s2, v1, v2):
-    """The vector C(q, v) v of equation (3) [N m].  p3: [kg m^2]; s2: sin q2; v1, v2: [rad/s]."""
+    """Return the vector C(q, v) v of equation (3) [N m].
+
+    Args:
+        p3: lumped parameter 3 [kg m^2].
+        s2: sin q2.
+        v1: velocity of joint 1 [rad/s].
+        v2: velocity of joint 2 [rad/s].
+    """
     h = p3 * s2
     return -h * v2 * (2.0 * v1 + v2), h * v1 * v1
 
 
 def gravity_terms(p4, p5, c1, c12):
-    """The vector G(q) of equation (4) [N m].  p4, p5: [N m]; c1, c12: cos q1 and cos(q1 + q2)."""
+    """Return the vector G(q) of equation (4) [N m].
+
+    Args:
+        p4: lumped parameter 4 [N m].
+        p5: lumped parameter 5 [N m].
+        c1: cos q1.
+        c12: cos(q1 + q2).
+    """
     g2 = p5 * c12
     return p4 * c1 + g2, g2
 
 
 def solve_terms(m11, m12, m22, r1, r2):
-    """The solution a of M a = r.  m11, m12, m22: of the symmetric matrix M; r1, r2: of r."""
+    """Return the solution a of M a = r.
+
+    Args:
+        m11: entry of the symmetric matrix M.
+        m12: entry of M, above and below the diagonal.
+        m22: entry of M.
+        r1: entry of r.
+        r2: entry of r.
+    """
     scale = 1.0 / (m11 * m22 - m12 * m12)
     return (m22 * r1 - m12 * r2) * scale, (m11 * r2 - m12 * r1) * scale
 
 
-# The same on arrays, for controllers, checks and plots. q, v, a, tau: [... x 2]; the arm: an ArmParameters, or lumped
-# parameters [... x 5]; all broadcast against each other.
+# The model on arrays. q, v, a, tau: [... x 2]. The arm: an ArmParameters, or lumped parameters
+# [... x 5]. All arguments broadcast against each other.
 
 
 def _lumped(arm: ArmParameters | ArrayLike) -> tuple[Array, ...]:
@@ -144,7 +173,7 @@ def _joints(x: ArrayLike) -> tuple[Array, Array]:
 
 
 def _stack(*parts: ArrayLike) -> Array:
-    """The parts, broadcast against each other, along a new last axis; for one arm several times faster than np.stack."""
+    """Stack broadcast parts along a new last axis, faster than np.stack for one arm."""
     stacked = np.empty((*np.broadcast(*parts).shape, len(parts)))
     for i, part in enumerate(parts):
         stacked[..., i] = part
@@ -157,7 +186,12 @@ def _matrix(m11: ArrayLike, m12: ArrayLike, m21: ArrayLike, m22: ArrayLike) -> A
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
-    """M(q) of equation (2) [kg m^2].  arm: an ArmParameters or [... x 5]; q: [... x 2] rad; returns [... x 2 x 2]."""
+    """Return the inertia matrix M(q) of equation (2) [kg m^2], [... x 2 x 2].
+
+    Args:
+        arm: an ArmParameters or lumped parameters [... x 5].
+        q: joint angles [rad], [... x 2].
+    """
     p1, p2, p3, _, _ = _lumped(arm)
     _, q2 = _joints(q)
     m11, m12, m22 = inertia_terms(p1, p2, p3, np.cos(q2))
@@ -165,16 +199,17 @@ def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
 
 
 def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, *, skew: bool = False) -> Array:
-    """C(q, v) of equation (3) [N m s], [... x 2 x 2].
+    """Return the matrix C(q, v) of equation (3) [N m s], [... x 2 x 2].
 
-    The paper's C gives the right C v, but dM/dt - 2 C is not skew-symmetric.
+    The paper's C gives the right C v, but dM/dt - 2 C is not skew-symmetric. Passivity-based laws
+    need the matrix of the Christoffel symbols, for which it is (Spong, Hutchinson and Vidyasagar,
+    "Robot Modeling and Control", 2006, §7.3): [[-h v2, -h (v1 + v2)], [h v1, 0]], h = p3 sin q2.
 
     Args:
-        arm: an ArmParameters or [... x 5].
-        q, v: [... x 2] rad and rad/s.
-        skew: True gives the matrix of the Christoffel symbols instead, for which it is, as passivity-based laws need (Spong,
-            Hutchinson and Vidyasagar, "Robot Modeling and Control", 2006, §7.3): [[-h v2, -h (v1 + v2)], [h v1, 0]],
-            h = p3 sin q2.
+        arm: an ArmParameters or lumped parameters [... x 5].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
+        skew: True gives the matrix of the Christoffel symbols, False the paper's.
     """
     _, _, p3, _, _ = _lumped(arm)
     _, q2 = _joints(q)
@@ -185,27 +220,41 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
 
 
 def coriolis_torque(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-    """The torque C(q, v) v of equation (3) [N m].  arm: an ArmParameters or [... x 5]; q, v: [... x 2]; returns [... x 2]."""
+    """Return the Coriolis and centrifugal torque C(q, v) v of equation (3) [N m], [... x 2].
+
+    Args:
+        arm: an ArmParameters or lumped parameters [... x 5].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
+    """
     _, _, p3, _, _ = _lumped(arm)
     _, q2 = _joints(q)
     return _stack(*coriolis_terms(p3, np.sin(q2), *_joints(v)))
 
 
 def gravity_torque(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
-    """G(q) of equation (4) [N m].  arm: an ArmParameters or [... x 5]; q: [... x 2] rad; returns [... x 2]."""
+    """Return the gravity torque G(q) of equation (4) [N m], [... x 2].
+
+    Args:
+        arm: an ArmParameters or lumped parameters [... x 5].
+        q: joint angles [rad], [... x 2].
+    """
     _, _, _, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
     return _stack(*gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2)))
 
 
 def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-    """The torque M a + C v + G [N m] that gives the acceleration a, without friction; [... x 2].
+    """Return the torque M a + C v + G [N m] for an acceleration a without friction, [... x 2].
 
-    With a nominal arm and a commanded acceleration, this is the paper's feedback linearisation mapping (figure 2).
+    With a nominal arm and a commanded acceleration, this is the feedback linearisation mapping of
+    the paper (figure 2).
 
     Args:
-        arm: an ArmParameters or [... x 5].
-        q, v, a: [... x 2] rad, rad/s and rad/s^2.
+        arm: an ArmParameters or lumped parameters [... x 5].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
+        a: joint accelerations [rad/s^2], [... x 2].
     """
     p1, p2, p3, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
@@ -217,12 +266,13 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
 
 def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, torque: ArrayLike) -> Array:
-    """The acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2].
+    """Return the acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2].
 
     Args:
-        arm: an ArmParameters or [... x 5].
-        q, v: [... x 2] rad and rad/s.
-        torque: [... x 2] N m, what acts on the joints: the applied torque less friction and disturbance.
+        arm: an ArmParameters or lumped parameters [... x 5].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
+        torque: applied torque less friction and disturbance [N m], [... x 2].
     """
     p1, p2, p3, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
@@ -234,9 +284,15 @@ def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
 
 def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-    """Y(q, v, a) with Y p = M a + C v + G for the five lumped parameters p.  q, v, a: [... x 2]; returns [... x 2 x 5].
+    """Return the regressor Y with Y p = M a + C v + G for lumped parameters p, [... x 2 x 5].
 
-    The columns of the paper's K (33), each once: its seven unknowns are five, and g is folded into p4 and p5.
+    These are the columns of the paper's K (33) without repetition: its seven unknowns are five, and
+    p4 and p5 include gravity.
+
+    Args:
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
+        a: joint accelerations [rad/s^2], [... x 2].
     """
     q1, q2 = _joints(q)
     v1, v2 = _joints(v)
@@ -249,9 +305,12 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
 
 
 def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-    """Kinetic and potential energy [J], zero for an arm at rest and horizontal, [...].
+    """Return the kinetic and potential energy [J], [...]; zero for a horizontal arm at rest.
 
-    arm: an ArmParameters or [... x 5]; q, v: [... x 2] rad and rad/s.
+    Args:
+        arm: an ArmParameters or lumped parameters [... x 5].
+        q: joint angles [rad], [... x 2].
+        v: joint velocities [rad/s], [... x 2].
     """
     p1, p2, p3, p4, p5 = _lumped(arm)
     q1, q2 = _joints(q)
@@ -262,7 +321,12 @@ def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def joint_positions(arm: ArmParameters, q: ArrayLike) -> Array:
-    """Where base, second joint and tip are [m], [... x 3 x 2] as (x, y).  arm: its lengths count; q: [... x 2] rad."""
+    """Return the positions (x, y) of base, second joint and tip [m], [... x 3 x 2].
+
+    Args:
+        arm: only its lengths count.
+        q: joint angles [rad], [... x 2].
+    """
     q1, q2 = _joints(q)
     elbow = arm.L1 * np.stack([np.cos(q1), np.sin(q1)], axis=-1)
     tip = elbow + arm.L2 * np.stack([np.cos(q1 + q2), np.sin(q1 + q2)], axis=-1)

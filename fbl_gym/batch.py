@@ -1,6 +1,6 @@
-"""A batch of arms: the memory that the kernel works on, and what can be done to it.
+"""A batch of arms: the memory that the kernel works on, and the operations on it.
 
-Both environments are a thin layer over this: the single one is a batch of one lane.
+Both environments are a thin layer over this module; the single one is a batch of one lane.
 """
 
 from __future__ import annotations
@@ -14,34 +14,39 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym import settings
 from fbl_gym.arm import Array
 from fbl_gym.kernel import api
-from fbl_gym.settings import LANES, Program
+from fbl_gym.memory import BLOCK, BLOCK_SIZE, ENDED, LANES, RESTART, SAME_STEP, SETTINGS, SETTINGS_SIZE, rows
+from fbl_gym.program import Program
 
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What no policy may know: the real arm at this instant. For plots, checks and the oracle.
+    """The real arm at this instant, which no policy may know. For plots, checks and the oracle.
 
-    Every field is [2] for a single environment and [n x 2] for a batch, unless said otherwise. Where a disturbance's level or
-    the payload changes at this very instant, what is told after a step is still what was in force until now.
+    Fields are [2] for a single environment and [lanes x 2] for a batch, unless stated otherwise. If
+    a disturbance's level or the payload changes at this instant, they still have their old value.
 
-    Args:
-        time: since the episode's start [s]; a number, or [n].
-        position, velocity, acceleration: [rad], [rad/s], [rad/s^2].
-        reference, reference_velocity, reference_acceleration: the motion asked for now.
-        applied_torque: what the drives deliver [N m], after limit, delay and lag.
+    Attributes:
+        time: since the episode's start [s]; a number, or [lanes].
+        position: [rad].
+        velocity: [rad/s].
+        acceleration: [rad/s^2].
+        reference: reference position now [rad].
+        reference_velocity: [rad/s].
+        reference_acceleration: [rad/s^2].
+        applied_torque: torque of the drives [N m], after limit, delay and lag.
         friction_torque: F of equation (1) [N m]; of a joint that sticks, the torque that holds it.
         disturbance: tau_d of equation (1) [N m].
-        leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of the applied torque, less
-            the real one.
+        leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of
+            the applied torque, less the real one.
         masses: of the links [kg], without the payload.
         lengths: of the links [m].
-        lumped: the five lumped parameters with the payload carried now, [5] or [n x 5]; see `arm.py`.
-        payload: mass carried at the tip [kg]; a number, or [n].
+        lumped: the five lumped parameters with the payload carried now, [5] or [lanes x 5];
+            see `arm.py`.
+        payload: mass carried at the tip [kg]; a number, or [lanes].
     """
 
     time: Array
@@ -62,81 +67,93 @@ class Truth:
 
 
 class ArmBatch:
-    """`lanes` arms of one scenario, each with its own seed and episode.
+    """A batch of arms of one scenario, each lane with its own seed and episode.
 
     Args:
         program: the scenario in numbers.
-        lanes: how many, one or more.
-        threads: between how many threads the lanes are divided.
+        lanes: number of arms, one or more.
+        threads: number of threads between which the lanes are divided.
     """
 
     def __init__(self, program: Program, lanes: int, threads: int = 1) -> None:
-        blocks, block = -(-lanes // LANES), int(program.settings[settings.BLOCK])
-        size = program.interface.layout.size
-        lasts = lanes * size if program.settings[settings.AUTORESET] == settings.SAME_STEP else 0
-        sizes = len(program.settings), 2 * lanes, lanes, -(-lanes // 4), lasts, blocks * block
-        places = np.cumsum([0, *sizes])
+        settings = program.settings
+        blocks, size = -(-lanes // LANES), program.interface.layout.size
+        finals = lanes * size if settings["autoreset"] == SAME_STEP else 0
+        sizes = {
+            "settings": SETTINGS_SIZE,
+            "tables": len(program.tables),
+            "actions": 2 * lanes,
+            "rewards": lanes,
+            "flags": -(-2 * lanes // 8),
+            "final_observations": finals,
+            "blocks": blocks * int(settings["block_size"]),
+        }
+        ends = np.cumsum(list(sizes.values())).tolist()
+        self._parts = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        self._actions = self._parts["actions"]
         self.lanes = lanes
         self.threads = min(threads, blocks)
-        self._block = block
-        self._given, self._rewards, self._flags, self._lasts, self._state = (
-            slice(int(place), int(place) + size) for place, size in zip(places[1:-1], sizes[1:], strict=True)
-        )
-        self._memory = np.zeros(places[-1])
-        self._memory[: sizes[0]] = program.settings
-        self._memory[settings.COUNT : settings.STATE + 1] = lanes, *places[1:-1]
-        # The last block's spare lanes get an episode too, so that their numbers stay sane.
-        self._blocks[:, settings.ENDED : settings.ENDED + LANES] = settings.RESTART
+        self._memory = np.zeros(ends[-1])
+        self._memory[self._parts["tables"]] = program.tables
+        self._settings[...] = settings
+        self._settings["lanes"] = lanes
+        for name in ("actions", "rewards", "flags", "final_observations", "blocks"):
+            self._settings[name] = self._parts[name].start
+        # The last block's spare lanes get an episode too, which keeps their numbers finite.
+        self._blocks["status"] = RESTART
         api.step(self._memory, np.empty(lanes * size), 0, 0)
         # Before its first step, a lane must be reset.
-        self._blocks[:, settings.ENDED : settings.ENDED + LANES] = 1.0
+        self._blocks["status"] = ENDED
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         if not self._memory.flags.writeable:  # as out of a memory map
             self._memory = self._memory.copy()
 
-    @property
-    def _blocks(self) -> Array:
-        """The state as [blocks x numbers of a block], a new view each time: one that is kept would not follow a copy."""
-        return self._memory[self._state].reshape(-1, self._block)
+    # The views below are new each time: a stored view would not follow a copy of the batch.
 
     @property
-    def _counters(self) -> NDArray[np.uint64]:
-        """The same, for the rows that hold whole numbers."""
-        return self._blocks.view(np.uint64)
+    def _settings(self) -> NDArray[np.void]:
+        """The settings, one record of shape ()."""
+        return self._memory[self._parts["settings"]].view(SETTINGS).reshape(())
+
+    @property
+    def _blocks(self) -> NDArray[np.void]:
+        """The fields of the blocks, records of shape [blocks]."""
+        numbers = self._memory[self._parts["blocks"]].reshape(-(-self.lanes // LANES), -1)
+        return numbers[:, :BLOCK_SIZE].view(BLOCK)[:, 0]
 
     def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
-        """Give lanes their seeds; the episode that starts next in each is the first of its seed."""
-        self._counters[lanes // LANES, settings.SEED + lanes % LANES] = seeds
-        self._counters[lanes // LANES, settings.EPISODE + lanes % LANES] = 0
+        """Give lanes their seeds; the next episode of each lane is the first one of its seed."""
+        self._blocks["seed"][lanes // LANES, lanes % LANES] = seeds
+        self._blocks["episode"][lanes // LANES, lanes % LANES] = 0
 
     def next_episode(self, lanes: NDArray[np.int64]) -> None:
-        """Let the episode that starts next in these lanes be another one of the same seed."""
-        self._counters[lanes // LANES, settings.EPISODE + lanes % LANES] += np.uint64(1)
+        """Let the next episode of these lanes be another one of the same seed."""
+        self._blocks["episode"][lanes // LANES, lanes % LANES] += np.uint64(1)
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
-        """Start an episode in some lanes; write every lane's observation to `out` [n * size]."""
-        self._blocks[lanes // LANES, settings.ENDED + lanes % LANES] = settings.RESTART
+        """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
+        self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
         api.step(self._memory, out, 0, 0)
 
     def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
-        """One control interval of every lane, unless something is against it; see `kernel.api.step` and `check`.
+        """Advance every lane by one control step, unless `kernel.api.check` finds a problem.
 
         Args:
-            actions: [2 n].
-            out: takes the observations [n * size].
+            actions: [2 * lanes].
+            out: takes the observations [lanes * size].
 
         Returns:
-            What `check` found, and of the first lane the reward, and whether it is terminated, and truncated.
+            The result of `check`; then reward, terminated and truncated of the first lane.
         """
         memory = self._memory
-        memory[self._given] = actions
+        memory[self._actions] = actions
         if self.threads == 1:
             return api.step(memory, out, 0, 1)
-        found: int = api.check(memory)
-        if found >= 0:
-            return found, 0.0, False, False
+        problem: int = api.check(memory)
+        if problem >= 0:
+            return problem, 0.0, False, False
         pool = _pool(self.threads)
         work = [pool.submit(api.step, memory, out, part, self.threads) for part in range(self.threads)]
         first, *_ = [each.result() for each in work]
@@ -144,26 +161,54 @@ class ArmBatch:
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:
-        """Of the last step: rewards, and whether it ended an episode by divergence, or because time was up; [n] each."""
+        """Rewards, terminated and truncated of the last step, [lanes] each."""
         n = self.lanes
-        flags = self._memory[self._flags].view(np.bool_)
-        return self._memory[self._rewards].copy(), flags[:n].copy(), flags[n : 2 * n].copy()
+        flags = self._memory[self._parts["flags"]].view(np.bool_)
+        return self._memory[self._parts["rewards"]].copy(), flags[:n].copy(), flags[n : 2 * n].copy()
 
     @property
-    def lasts(self) -> Array:
-        """With SAME_STEP, the last observations of the episodes that the last step ended [n x size]; of no use elsewhere."""
-        return self._memory[self._lasts].reshape(self.lanes, -1)
+    def final_observations(self) -> Array:
+        """With SAME_STEP, final observations of the last step [lanes x size]."""
+        return self._memory[self._parts["final_observations"]].reshape(self.lanes, -1)
 
     def truth(self) -> Truth:
-        """What is really so, now; computed when asked for."""
-        found = np.empty((self.lanes, settings.TRUE_COLUMNS))
-        api.inspect(self._memory, found)
-        return Truth(**{name: found[:, columns].copy() for name, columns in settings.TRUE.items()})
+        """Return the truth at this instant."""
+        table = np.empty((self.lanes, _TRUE_COLUMNS))
+        api.inspect(self._memory, _TRUE_ROWS, table)
+        return Truth(**{name: table[:, columns].copy() for name, columns in _TRUE.items()})
+
+
+def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
+    """Return the rows of a block that truth shows, the columns of its fields, and their number."""
+    stored = {
+        "position": rows("position"),
+        "velocity": rows("velocity"),
+        "lumped": rows("lumped"),
+        "masses": rows("parameters")[:2],
+        "lengths": rows("parameters")[2:],
+        "payload": rows("payload"),
+        "applied_torque": rows("torque"),
+        "disturbance": rows("disturbance"),
+        "reference": rows("reference_position"),
+        "reference_velocity": rows("reference_velocity"),
+        "reference_acceleration": rows("reference_acceleration"),
+    }
+    sizes = {name: len(field) for name, field in stored.items()}
+    sizes |= {"time": 1, "acceleration": 2, "friction_torque": 2, "leakage": 2}  # as `kernel.api.inspect` appends them
+    columns: dict[str, slice | int] = {}
+    count = 0
+    for name, size in sizes.items():
+        columns[name] = count if size == 1 else slice(count, count + size)
+        count += size
+    return np.concatenate([list(field) for field in stored.values()]), columns, count
+
+
+_TRUE_ROWS, _TRUE, _TRUE_COLUMNS = _true_columns()
 
 
 @lru_cache
 def _pool(threads: int) -> ThreadPoolExecutor:
-    """The threads that batches share. They work on different lanes, and the kernel runs without the interpreter's lock."""
+    """Return the threads that all batches share. The kernel runs without the interpreter's lock."""
     return ThreadPoolExecutor(threads, thread_name_prefix="fbl-gym")
 
 
@@ -172,5 +217,5 @@ if hasattr(os, "register_at_fork"):
 
 
 def single(truth: Truth) -> Truth:
-    """The truth of the one lane of a batch, without the batch axis."""
+    """Return the truth of a batch of one lane, without the batch axis."""
     return Truth(**{name: value[0] for name, value in vars(truth).items()})

@@ -1,4 +1,4 @@
-"""Checks of single values. Every error names the argument, the value and what would be right."""
+"""Checks of single values. Every error names the argument, the value and the right form."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def nearest(name: object, known: Iterable[str]) -> str:
     """Return the end of an error that suggests the nearest known name, or an empty text.
 
     Args:
-        name: what was given.
+        name: the value given.
         known: the valid names.
     """
     names = sorted(known)
@@ -32,7 +32,7 @@ def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
 
     Args:
         what: the kind of thing that was named, such as "policy".
-        name: what was given.
+        name: the value given.
         known: the valid names.
     """
     names = sorted(known)
@@ -49,13 +49,30 @@ def check_choice(name: str, value: object, known: Iterable[str]) -> str:
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
         known: the valid names.
     """
     known = tuple(known)
     if not isinstance(value, str) or value not in known:
         raise unknown(name, value, known)
     return value
+
+
+def check_choices(name: str, value: object, known: Iterable[str]) -> tuple[str, ...]:
+    """Return names as a tuple in the order of the known ones; a single name stands alone.
+
+    Args:
+        name: of the argument, for the error; a plural.
+        value: the value given.
+        known: the valid names.
+    """
+    known = tuple(known)
+    if not isinstance(value, str | list | tuple | set | frozenset):
+        raise ValueError(f"{name} must be names out of {known}, got {value!r}")
+    given = (value,) if isinstance(value, str) else tuple(value)
+    for each in given:
+        check_choice(name.removesuffix("s"), each, known)
+    return tuple(each for each in known if each in given)
 
 
 def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | None = None) -> str:
@@ -83,7 +100,7 @@ def check_number(
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
         low: smallest valid number.
         high: largest valid number.
         above: every valid number is greater than this; None: no such bound.
@@ -102,7 +119,7 @@ def check_whole(name: str, value: object, *, low: int = 0) -> int:
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
         low: smallest valid number.
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or value < low:
@@ -115,7 +132,7 @@ def check_pair(name: str, value: object, **bounds: Any) -> Pair:
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
         **bounds: as in `check_number`.
     """
     if isinstance(value, np.ndarray):
@@ -129,11 +146,13 @@ def check_pair(name: str, value: object, **bounds: Any) -> Pair:
 
 
 def check_table(name: str, value: object) -> tuple[Pair, ...]:
-    """Return rows of one number per joint, [n x 2], as nested tuples, which survive JSON, hash and compare.
+    """Return rows of one number per joint, [n x 2], as nested tuples.
+
+    Tuples can be hashed and compared, and survive JSON.
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
     """
     try:
         array = np.asarray(value, dtype=float)

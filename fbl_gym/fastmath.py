@@ -1,14 +1,15 @@
-"""Elementary functions that vectorise, and take nothing from the C library but its exact `fma` where the processor has none.
+"""Elementary functions that vectorise and give the same bits on every machine.
 
-Why they exist: a call to the C library's `sin` inside a loop keeps the compiler from running that loop on
-several lanes at once, and its last bit differs from one C library to the next. Here each function is a fixed
-sequence of additions, multiplications and fused multiply-adds without a branch. LLVM may not reorder them, nor fuse
-what is not fused here (no fast-math flag is set anywhere in this package), so that a lane of a batch and a single
-environment compute the same bits, on any machine.
+A call to the C library's `sin` inside a loop keeps the compiler from running that loop on several
+lanes at once, and its last bit differs from one C library to the next. Each function here is a
+fixed sequence of additions, multiplications and fused multiply-adds without a branch. LLVM may not
+reorder or fuse them (no fast-math flag is set anywhere in this package). Therefore a lane of a
+batch and a single environment compute the same bits, on any machine. From the C library comes only
+its exact `fma`, where the processor has none.
 
-The polynomials of sine and cosine are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`; Sun Microsystems 1993), those of exp
-and log plain Taylor series, long enough that truncation lies below rounding. Their distance from the C library is
-bounded in `tests/fbl_gym/test_fastmath.py`.
+The polynomials of sine and cosine are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`; Sun
+Microsystems 1993). Those of exp and log are plain Taylor series, long enough that truncation lies
+below rounding. `tests/fbl_gym/test_fastmath.py` bounds their distance from the C library.
 """
 
 import functools
@@ -19,35 +20,43 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
-# How everything compiled in this package is compiled. Inlined helpers leave the loops over lanes free of calls, and NumPy's
-# rule for division (x / 0 is infinite) leaves them free of exits: either would keep a loop from being vectorised.
-COMPILED: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
-INNER: dict[str, Any] = {**COMPILED, "no_cpython_wrapper": True}
-inline = njit(forceinline=True, **COMPILED)
-# The kernel's inner functions cannot be called from Python, which shortens their compilation. What is called in one place only
-# is merged into the caller before anything is compiled, where that is shorter still.
-compiled = njit(**INNER)
-merged = njit(inline="always", **INNER)
+# Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) leaves no exits
+# in the loops over lanes: a loop with an exit is not vectorised.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True}
+
+inline_njit = njit(forceinline=True, **_OPTIONS)
+"""Compile a function that becomes part of its callers, which leaves their loops free of calls."""
+
+kernel_njit = njit(**_INNER)
+"""Compile a function that Python does not call; without a wrapper it compiles faster."""
+
+merged_njit = njit(inline="always", **_INNER)
+"""Copy a function's source into its only caller before compilation, where that compiles faster."""
 
 
-def kept(function: Any) -> Any:
-    """Compile a function that Python calls, and keep the result on disk. Where nothing can be kept, each process compiles."""
-    compile_it = functools.partial(njit, nogil=True, **COMPILED)
+def cached_njit(function: Any) -> Any:
+    """Compile a function that Python calls, and cache the result on disk.
+
+    Where no folder can be written, warn; then each process compiles.
+    """
+    compile_function = functools.partial(njit, nogil=True, **_OPTIONS)
     try:
-        return compile_it(cache=True)(function)
-    except RuntimeError:  # Numba's, where neither the package's folder nor the user's can be written
+        return compile_function(cache=True)(function)
+    except RuntimeError:  # Numba's, if neither the package's folder nor the home folder is writable
         warnings.warn(
-            "compiled code cannot be kept, as neither the package's folder nor the home folder can be written: every process "
-            "compiles for some seconds. Set the environment variable NUMBA_CACHE_DIR to a folder that can be written.",
+            "compiled code cannot be kept, as neither the package's folder nor the home folder can be written: "
+            "every process compiles for some seconds. Set the environment variable NUMBA_CACHE_DIR to a folder "
+            "that can be written.",
             RuntimeWarning,
             stacklevel=1,
         )
-        return compile_it()(function)
+        return compile_function()(function)
 
 
 @intrinsic
 def fma(_context, _a, _b, _c):
-    """a b + c, rounded once: one instruction where the processor has it, the C library's exact function elsewhere."""
+    """Return a b + c, rounded once: one instruction, or the C library's exact function."""
 
     def emit(_context, builder, _signature, arguments):
         return builder.fma(*arguments)
@@ -55,10 +64,12 @@ def fma(_context, _a, _b, _c):
     return types.float64(types.float64, types.float64, types.float64), emit
 
 
-# Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer; the sum's low bits hold that integer.
+# Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer. The sum's low bits hold
+# that integer.
 _ROUND = 6755399441055744.0
 
-# pi/2 and log(2) as the sum of two doubles; a fused multiply-add takes k of the first off x without rounding.
+# pi/2 and log(2) as the sum of two doubles. A fused multiply-add subtracts k times the first from x
+# without rounding.
 _HALF_PI_HIGH, _HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 _TWO_OVER_PI = 0.6366197723675814
 _LN2_HIGH, _LN2_LOW = 0.6931471805599453, 2.3190468138462996e-17
@@ -75,9 +86,12 @@ _E8, _E9, _E10, _E11, _E12, _E13 = 1 / 40320, 1 / 362880, 1 / 3628800, 1 / 39916
 _SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # sqrt(1/2) as a double
 
 
-@inline
+@inline_njit
 def sincos(x):
-    """Sine and cosine of x [rad]; within 2e-16 of the truth for |x| < 1e14, and meaningless beyond 3e15."""
+    """Return sine and cosine of x [rad].
+
+    They are within 2e-16 of the truth for |x| < 1e14, and meaningless beyond 3e15.
+    """
     shifted = fma(x, _TWO_OVER_PI, _ROUND)
     quadrant = np.float64(shifted).view(np.int64)
     k = shifted - _ROUND
@@ -96,9 +110,9 @@ def sincos(x):
     return sine, cosine
 
 
-@inline
+@inline_njit
 def exp(x):
-    """e**x within 3e-16 relative for -700 < x < 700; arguments beyond are taken at the edge."""
+    """Return e**x within 3e-16 relative; x is clipped to [-700, 700]."""
     x = max(min(x, 700.0), -700.0)
     shifted = fma(x, _ONE_OVER_LN2, _ROUND)
     exponent = np.float64(shifted).view(np.int64)
@@ -111,15 +125,15 @@ def exp(x):
     return p * power_of_two
 
 
-@inline
+@inline_njit
 def log(x):
-    """Natural logarithm of a positive, normal x, within 4e-16 relative."""
+    """Return the natural logarithm of a positive, normal x, within 4e-16 relative."""
     bits = np.float64(x).view(np.int64)
     # Split x = 2**e * m with m in [sqrt(1/2), sqrt(2)).
     shifted = bits - _SQRT_HALF_BITS
     e = shifted >> np.int64(52)
     m = np.int64(bits - (e << np.int64(52))).view(np.float64)
-    # The integer e as a double, without a conversion instruction: the inverse of the rounding trick.
+    # The integer e as a double without a conversion: the inverse of the rounding trick.
     k = np.int64(e + np.int64(0x4338000000000000)).view(np.float64) - _ROUND
     s = (m - 1.0) / (m + 1.0)
     z = s * s

@@ -6,20 +6,28 @@ Options of the environment and gains of the laws are records. A declaration such
     class Payload(Record):
         mass: float = number(unit="kg", low=0)
 
-gives the checks and their errors, the conversion from plain data (a dict, a number, a list), the tuning range of a gain
-and the entry in the documentation. A rule that involves several fields goes into `validate`.
+gives the checks and their errors, the conversion from plain data (a dict, a number, a list), the
+tuning range of a gain and the entry in the documentation (`descriptions.py`). A rule that involves
+several fields goes into `validate`.
+
+The functions that declare a field share these arguments: `default`, without which the field must be
+given, and which makes it optional if it is None; `unit`; `tune`, the range in which `fbl-gym tune`
+searches a gain; `optional`, True if None is valid whatever the default; and the bounds `low`,
+`high` and `above` of `check_number`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, dataclass
 from typing import Any, TypeVar
 
 from fbl_gym.checks import (
     bounds_text,
     check_choice,
+    check_choices,
     check_number,
     check_pair,
     check_table,
@@ -28,6 +36,7 @@ from fbl_gym.checks import (
 )
 
 Built = TypeVar("Built")
+Range = tuple[float, float]
 
 _KEY = "declaration"
 
@@ -41,106 +50,99 @@ class Declaration:
         form: the valid values in words.
         unit: of the value; empty: none.
         tune: range in which `fbl-gym tune` searches a gain; None: it is not tuned.
+        optional: True if None is valid.
+        classes: the records that the field may hold.
     """
 
     convert: Callable[[str, Any], Any]
     form: str
     unit: str = ""
-    tune: tuple[float, float] | None = None
+    tune: Range | None = None
+    optional: bool = False
+    classes: tuple[type, ...] = ()
 
 
 class Record:
     """Base of frozen dataclasses with declared fields."""
 
     def __post_init__(self) -> None:
-        known = declarations(type(self))
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            declaration = known.get(field.name)
-            value = getattr(self, field.name)
-            if declaration is not None and not (value is None and field.default is None):
-                object.__setattr__(self, field.name, declaration.convert(field.name, value))
+        for name, declaration in declarations(type(self)).items():  # type: ignore[arg-type]
+            value = getattr(self, name)
+            if not (value is None and declaration.optional):
+                object.__setattr__(self, name, declaration.convert(name, value))
         self.validate()
 
     def validate(self) -> None:
-        """Refuse values that do not fit together. Called when every field has been checked on its own."""
+        """Refuse values that do not fit together. Called after each field has been checked."""
 
 
-def _declare(default: Any, declaration: Declaration) -> Any:
+def declared(
+    default: Any,
+    convert: Callable[[str, Any], Any],
+    form: str,
+    unit: str = "",
+    *,
+    tune: Range | None = None,
+    optional: bool = False,
+    classes: tuple[type, ...] = (),
+) -> Any:
+    """Declare a field with its own conversion.
+
+    Args:
+        default: `dataclasses.MISSING`: the field must be given.
+        convert: a function (name, value) -> value that checks a value and converts plain data.
+        form: the valid values in words.
+        unit: of the value.
+        tune: range of a gain.
+        optional: True if None is valid, whatever the default.
+        classes: the records that the field may hold.
+    """
+    declaration = Declaration(convert, form, unit, tune, optional or default is None, classes)
     return dataclasses.field(default=default, metadata={_KEY: declaration})
 
 
 def number(
-    default: Any = dataclasses.MISSING,
-    *,
-    unit: str = "",
-    tune: tuple[float, float] | None = None,
-    **bounds: Any,
+    default: Any = MISSING, *, unit: str = "", tune: Range | None = None, optional: bool = False, **bounds: Any
 ) -> Any:
-    """Declare a finite number.
-
-    Args:
-        default: None makes the field optional; left out, the field must be given.
-        unit: of the number.
-        tune: range in which `fbl-gym tune` searches; None: it is not tuned.
-        **bounds: `low`, `high`, `above`, as in `check_number`.
-    """
+    """Declare a finite number."""
     convert = lambda name, value: check_number(name, value, **bounds)  # noqa: E731
-    return _declare(default, Declaration(convert, "a number" + bounds_text(**bounds), unit, tune))
+    return declared(default, convert, "a number" + bounds_text(**bounds), unit, tune=tune, optional=optional)
 
 
 def pair(
-    default: Any = dataclasses.MISSING,
-    *,
-    unit: str = "",
-    tune: tuple[float, float] | None = None,
-    **bounds: Any,
+    default: Any = MISSING, *, unit: str = "", tune: Range | None = None, optional: bool = False, **bounds: Any
 ) -> Any:
-    """Declare one number per joint; a single number stands for both joints.
-
-    Args:
-        default: None makes the field optional; left out, the field must be given.
-        unit: of the numbers.
-        tune: range in which `fbl-gym tune` searches one number for both joints; None: it is not tuned.
-        **bounds: `low`, `high`, `above`, as in `check_number`.
-    """
+    """Declare one number per joint; a single number stands for both joints."""
     convert = lambda name, value: check_pair(name, value, **bounds)  # noqa: E731
-    return _declare(default, Declaration(convert, "one or two numbers" + bounds_text(**bounds), unit, tune))
+    return declared(default, convert, "one or two numbers" + bounds_text(**bounds), unit, tune=tune, optional=optional)
 
 
-def whole(default: Any = dataclasses.MISSING, *, low: int = 0) -> Any:
-    """Declare a whole number.
-
-    Args:
-        default: None makes the field optional; left out, the field must be given.
-        low: smallest valid number.
-    """
+def whole(default: Any = MISSING, *, low: int = 0) -> Any:
+    """Declare a whole number not below `low`."""
     convert = lambda name, value: check_whole(name, value, low=low)  # noqa: E731
-    return _declare(default, Declaration(convert, f"a whole number not below {low}"))
+    return declared(default, convert, f"a whole number not below {low}")
 
 
 def choice(default: Any, known: Iterable[str]) -> Any:
-    """Declare one of several names.
-
-    Args:
-        default: one of them, or None, which makes the field optional.
-        known: the valid names.
-    """
+    """Declare one of several names."""
     known = tuple(known)
     convert = lambda name, value: check_choice(name, value, known)  # noqa: E731
-    return _declare(default, Declaration(convert, " or ".join(f'"{name}"' for name in known)))
+    return declared(default, convert, _names(known))
 
 
-def table(default: Any = dataclasses.MISSING, *, unit: str = "") -> Any:
-    """Declare rows of one number per joint, [n x 2].
-
-    Args:
-        default: None makes the field optional; left out, the field must be given.
-        unit: of the numbers.
-    """
-    return _declare(default, Declaration(check_table, "an array [n x 2]", unit))
+def choices(default: Any, known: Iterable[str]) -> Any:
+    """Declare some of several names, held in the order of `known`; one name stands alone."""
+    known = tuple(known)
+    convert = lambda name, value: check_choices(name, value, known)  # noqa: E731
+    return declared(default, convert, "some of " + ", ".join(known))
 
 
-def record(cls: type, default: Any = dataclasses.MISSING, *, scalar: str | None = None) -> Any:
+def table(default: Any = MISSING, *, unit: str = "") -> Any:
+    """Declare rows of one number per joint, [n x 2]."""
+    return declared(default, check_table, "an array [n x 2]", unit)
+
+
+def record(cls: type, default: Any = MISSING, *, scalar: str | None = None) -> Any:
     """Declare a record, which may be given as a dict of its fields.
 
     Args:
@@ -148,46 +150,45 @@ def record(cls: type, default: Any = dataclasses.MISSING, *, scalar: str | None 
         default: None makes the field optional; left out, the field must be given.
         scalar: name of the field that a bare value stands for; None: a bare value is refused.
     """
-    form = f"a {cls.__name__}, a dict of its fields" + (f" or its {scalar}" if scalar else "")
-    return _declare(default, Declaration(lambda name, value: build(name, value, cls, scalar=scalar), form))
+    form = _either((_article(cls), "a dict of its fields", *([f"its {scalar}"] if scalar else [])))
+    return declared(default, lambda name, value: build(name, value, cls, scalar=scalar), form, classes=(cls,))
 
 
-def one_of(classes: tuple[type, ...], default: Any = dataclasses.MISSING) -> Any:
-    """Declare one of several records, which may be given as a dict with the record's `kind`, or as the kind alone.
+def one_of(classes: tuple[type, ...], default: Any = MISSING) -> Any:
+    """Declare one of several records, given as the record, a dict with its `kind`, or its kind.
 
     Args:
         classes: of the records; each has a field `kind`.
         default: None makes the field optional; left out, the field must be given.
     """
-    form = " or ".join(f'"{cls.kind}"' for cls in classes)  # type: ignore[attr-defined]
-    return _declare(default, Declaration(lambda name, value: build_kind(name, value, classes), f"kind {form}"))
+    form = "a dict with a kind of " + _names(cls.kind for cls in classes)  # type: ignore[attr-defined]
+    return declared(default, lambda name, value: build_kind(name, value, classes), form, classes=classes)
 
 
 def kind(name: str) -> Any:
-    """Declare the field that tells a record from others in plain data.
-
-    Args:
-        name: its only valid value.
-    """
+    """Declare the field that names the kind of a record in plain data."""
     return choice(name, (name,))
 
 
-def declared(default: Any, convert: Callable[[str, Any], Any], form: str, unit: str = "") -> Any:
-    """Declare a field with a conversion of its own.
-
-    Args:
-        default: None makes the field optional; `dataclasses.MISSING`: the field must be given.
-        convert: a function (name, value) -> value that checks a value and converts plain data.
-        form: the valid values in words.
-        unit: of the value.
-    """
-    return _declare(default, Declaration(convert, form, unit))
+def _names(known: Iterable[str]) -> str:
+    return _either([f'"{name}"' for name in known])
 
 
+def _either(texts: Sequence[str]) -> str:
+    """Return "a, b or c"."""
+    return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
+
+
+def _article(cls: type) -> str:
+    return f"{'an' if cls.__name__[0] in 'AEIOU' else 'a'} {cls.__name__}"
+
+
+@functools.cache
 def declarations(cls: type) -> dict[str, Declaration]:
     """Return the declared fields of a record's class, by name.
 
-    A subclass that gives a field a plain default, such as `mass: float = 2.0`, keeps its parent's declaration.
+    A subclass that gives a field a plain default, such as `mass: float = 2.0`, keeps its parent's
+    declaration.
 
     Args:
         cls: a dataclass.
@@ -210,7 +211,7 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
         cls: class of the record.
         scalar: name of the field that a bare value stands for; None: a bare value is refused.
     """
@@ -232,19 +233,16 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
             return cls(**{scalar: value})
         except ValueError as problem:
             raise ValueError(f"{name}: {problem}") from None
-    article = "an" if cls.__name__[0] in "AEIOU" else "a"
-    form = f"{article} {cls.__name__}, a dict of its fields ({', '.join(fields)})" + (
-        f" or its {scalar}" if scalar else ""
-    )
+    form = f"{_article(cls)}, a dict of its fields ({', '.join(fields)})" + (f" or its {scalar}" if scalar else "")
     raise ValueError(f"{name} must be {form}, got {value!r}")
 
 
 def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
-    """Return one of several records, from itself, from a mapping with its `kind`, or from the kind alone.
+    """Return one of several records, from itself, a mapping with its `kind`, or its kind.
 
     Args:
         name: of the argument, for the error.
-        value: what was given.
+        value: the value given.
         classes: of the records; each has a field `kind`.
     """
     if isinstance(value, classes):

@@ -1,4 +1,4 @@
-"""The batched environment: the same kernel over many lanes."""
+"""The vector environment: many arms of one scenario, stepped together."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fbl_gym.arm import Array
 from fbl_gym.batch import ArmBatch, Flags, Truth
 from fbl_gym.checks import check_choice, check_whole, unknown
-from fbl_gym.env import (
+from fbl_gym.env_common import (
     MAX_SEED,
     MIN_RENDER_SIZE,
     TaskProperties,
@@ -25,9 +25,9 @@ from fbl_gym.env import (
     configure,
     frame_rate,
 )
+from fbl_gym.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
-from fbl_gym.settings import NEXT_STEP, NO_AUTORESET, SAME_STEP
 
 if TYPE_CHECKING:
     from fbl_gym.render import Frame, View
@@ -40,22 +40,27 @@ _AUTORESET = {
 
 
 class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
-    """`num_envs` independent arms of one scenario, stepped together.
+    """Independent arms of one scenario, stepped together.
 
-    Lane i seeded s is bit for bit the single environment (`TwoLinkArmEnv`, which describes spaces, reward and options)
-    seeded s, whatever `num_envs`. `reset(seed=s)` seeds lane i with s + i, as Gymnasium's own vector environments do.
+    `TwoLinkArmEnv` describes spaces, reward and options. A lane with seed s equals the single
+    environment with seed s bit for bit, for any `num_envs`. As in Gymnasium's vector environments,
+    `reset(seed=s)` gives lane i the seed s + i.
 
     Args:
-        num_envs: how many, one or more.
-        scenario, action, reward, preview, **options: as for `TwoLinkArmEnv`.
-        autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as `gymnasium.vector.AutoresetMode` or its value.
-        max_episode_steps: truncate after so many steps if that is sooner than the scenario's duration.
-        threads: between how many threads the lanes are divided, which pays from some 1,000 lanes on; the numbers are the same.
-        render_mode: "rgb_array", or None.
-        render_size: of each lane's square frame [pixels].
+        num_envs: number of lanes, one or more.
+        scenario, action, reward, preview: as for `TwoLinkArmEnv`.
+        **options: as for `TwoLinkArmEnv`.
+        autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as
+            `gymnasium.vector.AutoresetMode` or its value.
+        max_episode_steps: truncate after this number of steps, if the scenario's duration is
+            longer.
+        threads: number of threads that share the lanes. More than one pays from some 1,000 lanes
+            on. It changes no number.
+        render_mode: "rgb_array" or None.
+        render_size: width and height of each lane's frame [pixels].
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012 - as Gymnasium declares it
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012 - as in Gymnasium
 
     def __init__(
         self,
@@ -104,25 +109,28 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         """Start an episode in every lane, or in some.
 
         Args:
-            seed: s gives lane i the seed s + i; a sequence gives each lane its own, None in it goes on with that lane's;
-                None goes on with the seeds given before (or, at first, draws them).
-            options: {"reset_mask": mask} resets only the lanes where the boolean mask [num_envs] is True.
+            seed: s gives lane i the seed s + i. A sequence has one seed per lane; None in it: the
+                next episode of that lane's last seed. None: the same for every lane. The first
+                `reset` without a seed draws them from the operating system's entropy.
+            options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
+                True.
 
         Returns:
-            Observations [num_envs x size], those of lanes that were not reset as they were, and an empty info.
+            Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
+            info.
         """
         check_reset_options(options, ("reset_mask",))
         mask = self._as_mask((options or {}).get("reset_mask"))
         if not self._seeded and not mask.all():
             raise error.ResetNeeded("the first reset must be of every lane: no episode has begun outside reset_mask")
-        given, seeds = self._as_seeds(seed)
+        seeded, seeds = self._as_seeds(seed)
         super().reset(seed=int(seeds[0]) if len(seeds) else None)
         if not self._seeded:
             drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
             self._batch.seed(np.arange(self.num_envs), drawn)
         chosen = np.flatnonzero(mask)
-        fresh = np.isin(chosen, given)
-        self._batch.seed(chosen[fresh], seeds[mask[given]])
+        fresh = np.isin(chosen, seeded)
+        self._batch.seed(chosen[fresh], seeds[mask[seeded]])
         if self._seeded:
             self._batch.next_episode(chosen[~fresh])
         self._seeded = True
@@ -137,12 +145,14 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             actions: [num_envs x 2].
 
         Returns:
-            Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos: in SAME_STEP mode
-            `final_obs` and `final_info` of the lanes that ended, with their masks `_final_obs` and `_final_info`.
+            Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos.
+            In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
+            their masks `_final_obs` and `_final_info`.
 
         Raises:
-            ValueError: if the actions have another shape, or one is not finite. No lane has moved then.
-            gymnasium.error.ResetNeeded: before the first `reset`; in DISABLED mode also if a lane that ended was not reset.
+            ValueError: if the actions have another shape or one is not finite. No lane has moved.
+            gymnasium.error.ResetNeeded: before the first `reset`, and in DISABLED mode if a lane
+                that ended was not reset.
         """
         array = as_actions(actions, (self.num_envs, 2))
         if not self._seeded:
@@ -167,18 +177,18 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         if not done.any():
             return {}
         final = np.full(self.num_envs, None, dtype=object)
-        lasts = self._batch.lasts
+        lasts = self._batch.final_observations
         for lane in np.flatnonzero(done):
             final[lane] = lasts[lane].copy()
         return {"final_obs": final, "_final_obs": done, "final_info": {}, "_final_info": done.copy()}
 
     @property
     def truth(self) -> Truth:
-        """The true parameters and signals of every lane now, made when asked for. A policy must not look."""
+        """Return the true parameters and signals of every lane now. A policy must not use them."""
         return self._batch.truth()
 
     def render(self) -> tuple[Frame, ...] | None:
-        """Every lane's frame of this instant, [size x size x 3] each; see `TwoLinkArmEnv.render`."""
+        """Return the frame of each lane, [size x size x 3]; see `TwoLinkArmEnv.render`."""
         if check_render(self.render_mode, self._seeded) is None:
             return None
         if not self._views:
@@ -199,7 +209,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         return mask
 
     def _as_seeds(self, seed: Any) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
-        """The lanes that are given a seed, and those seeds."""
+        """Return the lanes that get a new seed, and those seeds."""
         if seed is None:
             return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.uint64)
         if isinstance(seed, int | np.integer):
@@ -210,8 +220,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
         if len(seed) != self.num_envs:
             raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")
-        given = [lane for lane, own in enumerate(seed) if own is not None]
-        return np.array(given, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in given], dtype=np.uint64)
+        lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
+        return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)
 
 
 def _as_autoreset_mode(value: Any) -> AutoresetMode:

@@ -1,6 +1,7 @@
-"""Interfaces for agents, over the single environment and over the batch: error coordinates, and a residual on a policy.
+"""Wrappers for agents: observations in error coordinates, and residual actions on a policy.
 
-An acceleration interface is no wrapper but the environment's own `action="acceleration"`.
+Each exists for the single and for the vector environment. For acceleration actions, use the
+environment's `action="acceleration"`.
 """
 
 from __future__ import annotations
@@ -22,12 +23,18 @@ _CLIP = 10.0
 
 
 class ErrorScales:
-    """How the plain observation becomes error coordinates, each divided by a fixed scale and cut to [-10, 10].
+    """The function from an observation to error coordinates.
 
-    In this order, each of two entries: tracking errors (reference less measured) of position, velocity and acceleration, as
-    far as those sensors exist; measured position less -pi/2 for joint 1 (so that hanging is zero) and velocity; the
-    reference's acceleration; the previous action, if observed; and for each previewed sample its departure from the
-    reference now (position, velocity, acceleration: six entries).
+    Each entry is divided by a fixed scale and clipped to [-10, 10]. The entries are, two of each:
+
+    * tracking errors (reference less measured) of position, velocity and acceleration, for the
+      sensors that exist;
+    * measured position, less -pi/2 for joint 1, so that a hanging arm is at zero;
+    * measured velocity;
+    * acceleration of the reference;
+    * previous action, if observed;
+    * for each previewed sample, its difference from the reference now (position, velocity,
+      acceleration: six entries).
 
     Args:
         interface: of the environment.
@@ -42,7 +49,11 @@ class ErrorScales:
         self.size = len(self(np.zeros((1, self.layout.size)))[0])
 
     def __call__(self, observations: Array) -> Array:
-        """[... x layout.size] -> [... x size]."""
+        """Return observations in error coordinates, [... x size].
+
+        Args:
+            observations: [... x layout.size].
+        """
         layout = self.layout
         parts = [
             (observations[..., layout[f"reference_{name}"]] - observations[..., layout[name]]) / scale
@@ -56,10 +67,10 @@ class ErrorScales:
         if "previous_action" in layout:
             parts.append(observations[..., layout["previous_action"]] / self.action_limit)
         if "preview" in layout:
-            parts.append(self._departures(observations))
+            parts.append(self._preview(observations))
         return np.clip(np.concatenate(parts, axis=-1), -_CLIP, _CLIP)
 
-    def _departures(self, observations: Array) -> Array:
+    def _preview(self, observations: Array) -> Array:
         preview = observations[..., self.layout["preview"]]
         now = [observations[..., self.layout[f"reference_{name}"]] for name in self.scales]
         samples = preview.reshape(*preview.shape[:-1], -1, 6)
@@ -68,14 +79,15 @@ class ErrorScales:
 
     @property
     def space(self) -> spaces.Box:
+        """Return the box of error coordinates, [size]."""
         return spaces.Box(-_CLIP, _CLIP, (self.size,), dtype=np.float64)
 
 
 class ErrorCoordinates(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs):
-    """Observations as errors at a fixed scale of order one, which agents learn from; see `ErrorScales`.
+    """A wrapper whose observations are errors of order one; see `ErrorScales`.
 
     Args:
-        env: a `TwoLinkArmEnv`, wrapped or not, whose observation is still the plain one.
+        env: a `TwoLinkArmEnv`, wrapped or not, with unchanged observations.
         position, velocity, acceleration: scale of an error [rad], [rad/s], [rad/s^2].
     """
 
@@ -88,15 +100,19 @@ class ErrorCoordinates(gym.ObservationWrapper[Any, Any, Any], RecordConstructorA
         self.observation_space = self._errors.space
 
     def observation(self, observation: Array) -> Array:
-        """In error coordinates.  observation: the plain one, [layout.size]."""
+        """Return an observation in error coordinates.
+
+        Args:
+            observation: of the environment, [layout.size].
+        """
         return self._errors(observation)
 
 
 class VectorErrorCoordinates(VectorWrapper):
-    """`ErrorCoordinates` over a `TwoLinkArmVectorEnv`, in every autoreset mode (`final_obs` included).
+    """`ErrorCoordinates` over a `TwoLinkArmVectorEnv`, in every autoreset mode, with `final_obs`.
 
     Args:
-        env: a `TwoLinkArmVectorEnv`, wrapped or not, whose observation is still the plain one.
+        env: a `TwoLinkArmVectorEnv`, wrapped or not, with unchanged observations.
         position, velocity, acceleration: scale of an error [rad], [rad/s], [rad/s^2].
     """
 
@@ -109,12 +125,21 @@ class VectorErrorCoordinates(VectorWrapper):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """The environment's `reset`, in error coordinates.  seed, options: as the environment takes them."""
+        """Reset the environment and return observations in error coordinates.
+
+        Args:
+            seed: as for the environment.
+            options: as for the environment.
+        """
         observations, infos = self.env.reset(seed=seed, options=options)
         return self._errors(observations), infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """The environment's `step`, in error coordinates.  actions: [num_envs x 2]."""
+        """Make a step and return observations in error coordinates.
+
+        Args:
+            actions: [num_envs x 2].
+        """
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         if "final_obs" in infos:
             final = infos["final_obs"]
@@ -124,24 +149,24 @@ class VectorErrorCoordinates(VectorWrapper):
 
 
 class BasePolicy(Protocol):
-    """What a residual can stand on: anything with stable-baselines3's `predict`."""
+    """A policy under a residual: anything with stable-baselines3's `predict`."""
 
     def predict(
         self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[Array, Any]:
-        """The action for an observation, and the next state.
+        """Return the action for an observation, and the next state.
 
         Args:
             observation: [size], or [n x size] of a batch.
-            state: what the last call returned; None begins afresh.
-            episode_start: [n], True where an episode begins; None: nowhere.
-            deterministic: True, always: a residual stands on the policy's mean.
+            state: returned by the last call; None: the first call.
+            episode_start: [n], True for lanes that begin an episode; None: no lane does.
+            deterministic: True; a residual adds to the policy's mean action.
         """
         ...
 
 
 class _Base:
-    """The policy under a residual: its state, its last observation and which lanes begin an episode."""
+    """The policy under a residual, its state, and its next observation and episode starts."""
 
     def __init__(self, policy: BasePolicy, scale: float, low: Array, high: Array) -> None:
         self.policy, self.scale = policy, check_number("scale", scale, above=0)
@@ -152,7 +177,7 @@ class _Base:
         self.observation, self.starts = observation, starts
 
     def act(self, residual: Array) -> Array:
-        """The base policy's action plus the scaled residual, within the action box."""
+        """Return the base policy's action plus the scaled residual, within the action box."""
         action, self.state = self.policy.predict(
             self.observation, state=self.state, episode_start=self.starts, deterministic=True
         )
@@ -162,14 +187,15 @@ class _Base:
 
 
 class Residual(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """The agent's action, in [-1, 1], is added to a policy's.
+    """A wrapper that adds the agent's action, in [-1, 1], to a policy's.
 
-    The policy sees the plain observation; to give the agent error coordinates, wrap this in `ErrorCoordinates`.
+    The policy sees the environment's observation. For an agent in error coordinates, wrap this in
+    `ErrorCoordinates`.
 
     Args:
-        env: a `TwoLinkArmEnv`, wrapped or not, whose observation is still the plain one.
+        env: a `TwoLinkArmEnv`, wrapped or not, with unchanged observations.
         policy: anything with `predict`, such as `controllers.make("pid-flm", env)`.
-        scale: the residual's reach, as a share of the environment's own action bound.
+        scale: largest residual, as a fraction of the environment's action bound.
     """
 
     def __init__(self, env: gym.Env[Any, Any], policy: BasePolicy, scale: float = 0.2) -> None:
@@ -181,14 +207,23 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.action_space = spaces.Box(-1.0, 1.0, box.shape, dtype=np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """The environment's `reset`; the policy begins afresh.  seed, options: as the environment takes them."""
+        """Reset the environment and the policy.
+
+        Args:
+            seed: as for the environment.
+            options: as for the environment.
+        """
         observation, info = self.env.reset(seed=seed, options=options)
         self._base.state = None
         self._base.begin(observation, None)
         return observation, info
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, dict[str, Any]]:
-        """The environment's `step` under the sum of both actions.  action: the residual, [2] within [-1, 1]."""
+        """Make a step under the sum of both actions.
+
+        Args:
+            action: the residual, [2] within [-1, 1].
+        """
         _check_residual(action, (2,))
         result = self.env.step(self._base.act(action))
         self._base.begin(result[0], None)
@@ -196,10 +231,10 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
 
 class VectorResidual(VectorWrapper):
-    """`Residual` over a `TwoLinkArmVectorEnv`; the policy is told which lanes begin an episode, in every autoreset mode.
+    """`Residual` over a `TwoLinkArmVectorEnv`, in every autoreset mode.
 
     Args:
-        env: a `TwoLinkArmVectorEnv`, wrapped or not, whose observation is still the plain one.
+        env: a `TwoLinkArmVectorEnv`, wrapped or not, with unchanged observations.
         policy, scale: as in `Residual`.
     """
 
@@ -213,7 +248,12 @@ class VectorResidual(VectorWrapper):
         self._done = np.zeros(self.num_envs, dtype=bool)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """The environment's `reset`; the policy begins afresh in its lanes.  seed, options: as the environment takes them."""
+        """Reset the environment, and the policy in the lanes that begin an episode.
+
+        Args:
+            seed: as for the environment.
+            options: as for the environment.
+        """
         mask = (options or {}).get("reset_mask")
         observations, infos = self.env.reset(seed=seed, options=options)
         starts = np.ones(self.num_envs, dtype=bool) if mask is None else mask
@@ -222,11 +262,15 @@ class VectorResidual(VectorWrapper):
         return observations, infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """The environment's `step` under the sum of both actions.  actions: the residuals, [num_envs x 2] within [-1, 1]."""
+        """Make a step under the sum of both actions.
+
+        Args:
+            actions: the residuals, [num_envs x 2] within [-1, 1].
+        """
         _check_residual(actions, (self.num_envs, 2))
         result = self.env.step(self._base.act(actions))
         observations, done = result[0], result[2] | result[3]
-        # In NEXT_STEP mode a lane that ended one step ago has just begun; in SAME_STEP mode, one that ended now.
+        # A lane restarts one step after its end in NEXT_STEP mode, at once in SAME_STEP mode.
         mode = self.env.metadata["autoreset_mode"]
         self._base.begin(observations, done if mode == AutoresetMode.SAME_STEP else self._done)
         self._done = done if mode == AutoresetMode.NEXT_STEP else np.zeros_like(done)
@@ -234,7 +278,7 @@ class VectorResidual(VectorWrapper):
 
 
 def _check_residual(action: Any, shape: tuple[int, ...]) -> None:
-    """Refuse what cannot be added, before the base policy's state advances."""
+    """Refuse a wrong residual before the base policy's state advances."""
     array = np.asarray(action)
     if array.shape != shape or array.dtype.kind not in "fiu" or not np.isfinite(array).all():
         raise ValueError(f"action must be finite numbers of shape {shape}, got {action!r}")

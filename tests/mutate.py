@@ -1,6 +1,7 @@
-"""Flips signs in the dynamics, one at a time, and sees whether the physics tests fail: `python tests/mutate.py` (minutes).
+"""Flip signs in the dynamics, one at a time, and check that the tests fail: `python tests/mutate.py` (minutes).
 
-A mutant that survives is a sign that nobody watches. Each runs in a copy of the package, so that the checkout stays as it is.
+A mutant survives if no test fails: nothing tests that sign. Each mutant runs in a copy of the package.
+Arguments select mutants by their names: `python tests/mutate.py lump` flips the signs of `lump` only.
 """
 
 import re
@@ -11,43 +12,63 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-WATCHED = ("lumped_terms", "inertia_terms", "coriolis_terms", "gravity_terms", "solve_terms")
-TESTS = ["tests/fbl_gym/test_arm.py"]
+TARGETS = [
+    (
+        "fbl_gym/arm.py",
+        ("lumped_terms", "inertia_terms", "coriolis_terms", "gravity_terms", "solve_terms"),
+        ["tests/fbl_gym/test_arm.py"],
+    ),
+    (
+        "fbl_gym/kernel/physics.py",
+        ("load_on_joints", "_stage", "_runge_kutta", "lump"),
+        ["tests/fbl_gym/test_physics.py", "tests/fbl_gym/test_friction_laws.py", "tests/fbl_gym/test_sticking.py"],
+    ),
+]
 
 
-def mutants():
-    """Every source of `arm.py` with one plus or minus of a term's formula turned around, with its line."""
-    source = (ROOT / "fbl_gym" / "arm.py").read_text()
-    for name in WATCHED:
-        start = source.index(f"def {name}(")
-        end = source.index("\n\n\n", start)
+def mutants(path, functions):
+    """Yield name and source of every mutant: one plus or minus of a function's formulas is flipped."""
+    source = (ROOT / path).read_text()
+    for function in functions:
+        start = source.index(f"def {function}(")
+        end = source.find("\n\n\n", start)
+        end = len(source) if end < 0 else end
         body = source.index('"""', source.index('"""', start) + 3) + 3
-        for found in re.finditer(r" [+-] |(?<=[ (])-(?=\w)", source[body:end]):
-            sign = found.group()
+        for match in re.finditer(r" [+-] | [+-](?== )|(?<=[ (])-(?=\w)", source[body:end]):
+            sign, place = match.group(), body + match.start()
             other = sign.replace("+", "-") if "+" in sign else sign.replace("-", "+")
-            at = body + found.start()
-            line = source.count("\n", 0, at) + 1
-            yield (
-                f"{name}, line {line}: {sign.strip()} to {other.strip()}",
-                source[:at] + other + source[at + len(sign) :],
-            )
+            line = source.count("\n", 0, place) + 1
+            name = f"{function}, line {line}: {sign.strip()} to {other.strip()}"
+            yield name, source[:place] + other + source[place + len(sign) :]
 
 
-def survives(source):
+def survives(path, source, tests):
+    """Return True if the tests pass with another source of one file."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder)
         for part in ("fbl_gym", "controllers", "benchmarks", "tests"):
             shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
         shutil.copy(ROOT / "pyproject.toml", copy)
-        (copy / "fbl_gym" / "arm.py").write_text(source)
-        done = subprocess.run(
-            [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *TESTS],
+        (copy / path).write_text(source)
+        result = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests],
             cwd=copy, capture_output=True, env={"PYTHONPATH": folder, "PATH": "/usr/bin:/bin"}, check=False,
         )  # fmt: skip
-        return done.returncode == 0
+        return result.returncode == 0
+
+
+def main(words):
+    """Run the mutants whose name contains one of the words, or all; return 1 if one survives."""
+    survivors, count = [], 0
+    for path, functions, tests in TARGETS:
+        for name, source in mutants(path, functions):
+            if not words or any(word in name for word in words):
+                count += 1
+                if survives(path, source, tests):
+                    survivors.append(name)
+    sys.stdout.write(f"{count} mutants, {len(survivors)} survive: {survivors}\n")
+    return int(bool(survivors))
 
 
 if __name__ == "__main__":
-    alive = [name for name, source in mutants() if survives(source)]
-    sys.stdout.write(f"{len(list(mutants()))} mutants, {len(alive)} survive: {alive}\n")
-    sys.exit(bool(alive))
+    sys.exit(main(sys.argv[1:]))

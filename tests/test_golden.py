@@ -1,7 +1,8 @@
-"""Golden traces: a few episodes, kept as they were. They fail when the same scenario, seed and policy give another episode, and
-when the environment alone gives another bit, on whatever machine.
+"""Golden traces: a few stored episodes, and the bits of the environment alone.
 
-`python tests/test_golden.py` writes them anew; that is a change of results, and belongs into CHANGELOG.md.
+A test fails if the same scenario, seed and policy give another episode, or if the environment gives
+another bit on any machine. `python tests/test_golden.py` writes them again; that is a change of
+results and belongs into CHANGELOG.md.
 """
 
 import hashlib
@@ -30,7 +31,7 @@ EVERY = 50
 
 
 def episode(policy, scenario):
-    """Positions [rad] and torques [N m] of seed 0 over two seconds, every so many samples."""
+    """Return positions [rad] and torques [N m] of seed 0 over two seconds, every 50th sample."""
     trace = rollout(policy, scenarios.get(scenario).replace(duration=2.0), [0])
     return {name: getattr(trace, name)[::EVERY, 0].tolist() for name in ("position", "torque")}
 
@@ -40,10 +41,10 @@ def file_of(policy, scenario):
 
 
 @pytest.mark.parametrize(("policy", "scenario"), CASES)
-def test_an_episode_is_what_it_was(policy, scenario):
-    found, kept = episode(policy, scenario), json.loads(file_of(policy, scenario).read_text())
-    for name, values in kept.items():
-        np.testing.assert_allclose(found[name], values, rtol=1e-6, atol=1e-9, err_msg=name)
+def test_an_episode_is_the_stored_one(policy, scenario):
+    trace, stored = episode(policy, scenario), json.loads(file_of(policy, scenario).read_text())
+    for name, values in stored.items():
+        np.testing.assert_allclose(trace[name], values, rtol=1e-6, atol=1e-9, err_msg=name)
 
 
 BITS = FOLDER / "bits.json"
@@ -67,7 +68,7 @@ WORLDS = {
 
 
 def bits(options):
-    """The SHA-256 of all that three arms are seen to do in a hundred steps, under actions that no machine rounds."""
+    """Return the SHA-256 of observations and rewards of three arms over 100 steps, under exact actions."""
     env = TwoLinkArmVectorEnv(3, **options)
     digest = hashlib.sha256(env.reset(seed=7)[0].astype("<f8").tobytes())
     for k in range(100):
@@ -78,7 +79,7 @@ def bits(options):
 
 
 @pytest.mark.parametrize("world", WORLDS)
-def test_every_bit_is_what_it_was(world):
+def test_every_bit_is_the_stored_one(world):
     assert bits(WORLDS[world]) == json.loads(BITS.read_text())[world]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import shutil
 import sys
 from collections.abc import Callable, Mapping
@@ -10,33 +11,98 @@ from collections.abc import Callable, Mapping
 import controllers
 from benchmarks.paper import claims
 from benchmarks.run.suite import SUITES
-from fbl_gym import scenarios
+from fbl_gym import Reward, Scenario, scenarios
+from fbl_gym.descriptions import Description, describe
 from fbl_gym.scenarios import SEVERITIES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
     parser.add_argument(
         "what", nargs="?", choices=tuple(LISTS),
-        help="what to list (all of these); a terminal gets a line each, a file or a pipe the whole text",
+        help="the list to print (all); a terminal gets one line for each name, a file or a pipe the whole text",
     )  # fmt: skip
+    parser.add_argument("--markdown", action="store_true", help="print the options as a page for the documentation")
 
 
 def _policies() -> dict[str, str]:
     return {
-        name: f"{controllers.summary(name)}  [{controllers.kind(name)}, told: {controllers.access(name)}]"
+        name: f"{controllers.summary(name)}  [{controllers.kind(name)}, access: {controllers.access(name)}]"
         for name in controllers.names()
     }
 
 
 def _scenarios() -> dict[str, str]:
-    """Each scenario, and each family once for all its severities."""
-    found, last = {}, SEVERITIES[-1]
-    for name in scenarios.names():
+    """Return each scenario, with one entry for all severities of a family."""
+    names, last = scenarios.names(), SEVERITIES[-1]
+    texts = {}
+    for name in names:
         family, _, severity = name.rpartition("-")
-        whole = f"{family}-{last}" in scenarios.names()
-        if not whole or severity == "0":
-            found[f"{name} to -{last}" if whole else name] = scenarios.get(name).description
-    return found
+        if f"{family}-{last}" not in names:
+            texts[name] = scenarios.get(name).description
+        elif severity == "0":
+            texts[f"{name} to -{last}"] = scenarios.get(name).description
+    return texts
+
+
+def _options() -> dict[str, str]:
+    return {option.path: _line(option) for option in options()}
+
+
+def _gains() -> dict[str, str]:
+    """Return the gains of each law. The laws whose extra is not installed are left out."""
+    texts: dict[str, str] = {}
+    for name in controllers.names():
+        if controllers.kind(name) == "classical":
+            try:
+                law = controllers.factory(name)
+            except ImportError:
+                continue
+            texts |= {gain.path: _line(gain) for gain in describe(law, f"{name}.")}  # type: ignore[arg-type]
+    return texts
+
+
+def options() -> list[Description]:
+    """Return the description of each option of the environment and of each of its fields."""
+    return [*describe(Scenario), *describe(Reward, "reward.")]
+
+
+def _line(field: Description) -> str:
+    """Return a field's description in one line."""
+    unit = f" [{field.unit}]" if field.unit else ""
+    default = field.default if field.default == "required" else f"default {field.default}"
+    tune = f"tuned within {field.tune}" if field.tune else ""
+    return "; ".join(filter(None, (field.form + unit, default, tune, field.meaning)))
+
+
+def options_page() -> str:
+    """Return the documentation's page of options, in Markdown."""
+    lines = [
+        "# All options",
+        "",
+        '`gym.make` and `Scenario` take each option as a record or as plain data: `friction={"viscous": 1.0}`. The field',
+        '`disturbance[sine].amplitude` is given by `disturbance={"kind": "sine", "amplitude": 10.0}`. One number for a field',
+        "of two numbers is the value of both joints.",
+        "",
+        "`fbl-gym list options` prints this list, and `fbl-gym list options --markdown` this page.",
+    ]
+    for option, fields in itertools.groupby(options(), _top):
+        lines += [
+            "",
+            f"## `{option}`",
+            "",
+            "| field | valid values | unit | default | meaning |",
+            "|---|---|---|---|---|",
+        ]
+        for field in fields:
+            cells = (f"`{field.path}`", field.form, field.unit, field.default, field.meaning)
+            lines.append("| " + " | ".join(cell.replace("|", "\\|").replace("*", "\\*") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _top(field: Description) -> str:
+    """Return the option that a field belongs to."""
+    return field.path.partition(".")[0].partition("[")[0]
 
 
 LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
@@ -44,17 +110,25 @@ LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
     "scenarios": _scenarios,
     "suites": lambda: SUITES,
     "claims": claims.listed,
+    "options": _options,
+    "gains": _gains,
 }
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Print the lists."""
+    if arguments.markdown:
+        if arguments.what != "options":
+            raise ValueError(f"--markdown needs the list 'options', got {arguments.what!r}")
+        print(options_page(), end="")
+        return 0
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for what in (arguments.what,) if arguments.what else LISTS:
-        found = LISTS[what]()
-        wide = max(map(len, found)) + 2
+        texts = LISTS[what]()
         if arguments.what is None:
             print(f"{what}:")
-        for name, text in found.items():
-            line = f"{name:<{wide}}{text}"
+        name_width = max(map(len, texts), default=0) + 2
+        for name, text in texts.items():
+            line = f"{name:<{name_width}}{text}"
             print(line if width is None or len(line) <= width else line[: width - 1] + "…")
     return 0

@@ -45,8 +45,8 @@ _SAMPLING = {
     },
     "b": {"1 kHz": (1e-3, 0.0), "10 kHz": (1e-4, 0.0), "20 kHz": (5e-5, 0.0)},
 }
-"""Sample time, and the spacing of the three samples, which the paper does not give, for figures 6a and
-6b [s]. An arm of a tenth of its model diverges before samples 5 ms apart make an estimate."""
+"""Sample time and spacing of the three samples in figures 6a and 6b [s]. The paper gives neither.
+An arm of a tenth of its model diverges before samples 5 ms apart make an estimate."""
 
 
 STICTION: Any = scenarios.get("paper-8").friction
@@ -83,7 +83,7 @@ def _estimation_panel(time: Array, estimates: Array, title: str) -> Panel:
 
 
 def figure_5(effort: Effort) -> Measured:
-    """Measure figure 5: the estimator forces the mismatch of predicted and measured motion to zero."""
+    """Measure figure 5: the estimator forces the mismatch of motion and prediction to zero."""
 
     def mismatch(env: TwoLinkArmVectorEnv, policy: Any, state: Any) -> Array:
         truth = env.truth
@@ -288,7 +288,7 @@ def figure_8(effort: Effort) -> Measured:
 
 
 def equation_22(effort: Effort) -> Measured:
-    """Measure equation (22): known friction and a known disturbance in the mapping cancel the real ones."""
+    """Measure equation (22): known friction and disturbance cancel the real ones."""
     base = scenarios.get("paper-8")
     load = (50.0, 20.0)
     _, smooth = run("cascade-flm", base.replace(friction=None))
@@ -361,7 +361,7 @@ def _steady(rows: Rows) -> str:
 
 
 def soft_scheduling(effort: Effort) -> Measured:
-    """Measure §4.2: soft scheduling needs slower torques than hard switching, at the same accuracy."""
+    """Measure §4.2: soft scheduling changes the torque less than hard switching."""
     base = scenarios.get("paper-10").replace(duration=4.0)
     tasks: dict[str, tuple[Scenario, Any]] = {
         "figure 10": (base, ALPHA),

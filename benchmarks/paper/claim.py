@@ -17,13 +17,13 @@ from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
 from fbl_gym.arm import Array
 
 REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED, NO_CLAIM = "reproduced", "under assumptions", "not reproduced", "–"
-"""The verdicts, by one rule. A claim is measured in cases: at values of all that the paper leaves open,
-with its stated values and its misprints corrected. "reproduced": it holds in all cases; "under
-assumptions": in some; "not reproduced": in none. "–": the paper does not claim it."""
+"""The verdicts, by one rule. A claim is measured in cases: at the paper's stated values, with
+misprints corrected, and at several values of all that it leaves open. "reproduced": it holds in all
+cases; "under assumptions": in some; "not reproduced": in none. "–": the paper does not claim it."""
 
 LEAST = 0.9
-"""A claim holds in a case if even the lower end of the 95 % interval of the share of seeds that meet it
-is at least this. A diverged run does not meet it."""
+"""A claim holds in a case if the 95 % interval of the share of seeds that meet it lies above this.
+A diverged run does not meet it."""
 
 ARMS = {"§2.2": SECTION_2_2, "Table 1": TABLE_1}
 """The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
@@ -92,8 +92,8 @@ class Case:
 
     Args:
         name: the values.
-        meets: whether each run meets the claim [n]; one flag for a measurement without chance; None:
-            the case is shown, but the paper does not claim it.
+        meets: whether each run meets the claim [n]; one flag for a measurement without chance.
+            None: the case is shown, but the paper does not claim it.
         measured: value measured in this case.
     """
 
@@ -159,7 +159,7 @@ def scaled(arm: ArmParameters, factor: float) -> ArmParameters:
 
 
 def with_estimate(scenario: Scenario, real: ArmParameters, factor: float) -> Scenario:
-    """Return the scenario with a real arm, and with nominal parameters `factor` times the real ones."""
+    """Return the scenario with a real arm, and with nominal parameters `factor` times them."""
     return scenario.replace(arm=scaled(real, factor), parameter_error=1.0 / factor)
 
 

@@ -30,8 +30,8 @@ from fbl_gym import Noise, Scenario, scenarios
 from fbl_gym.arm import Array
 
 SIGMAS = {"σ = 0.01": 0.01, "variance 0.1": PAPER_SIGMA, "1 dB": 10 ** (-1 / 20), "density 0.1": 10.0}
-"""Readings of §3.2's noise, each as the standard deviation of a sample at 1 kHz. For a signal of unit
-power, a variance of 0.1 is 10 dB, and 1 dB is a variance of 0.794. The first is the project's choice."""
+"""Readings of §3.2's noise: standard deviation of a sample at 1 kHz. For a signal of unit power, a
+variance of 0.1 is 10 dB, and 1 dB is a variance of 0.794. The first is the project's choice."""
 
 DIRECTIONS = {"half": 0.5, "double": 2.0}
 """Estimates of all parameters over their real values, for an error of "50 %"."""
@@ -271,7 +271,7 @@ def _settled(step: _Step) -> str:
 
 
 def equation_10(effort: Effort) -> Measured:
-    """Measure equation (10): an initial error decays as fast as Kp demands, with a perfect model."""
+    """Measure equation (10): an error decays as fast as Kp demands, with a perfect model."""
     begin, cases, lines = 0.1, [], []
     for feedforward in (0.0, 1.0):
         for kp in (10.0, 30.0, 100.0, 1000.0):

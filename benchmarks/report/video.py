@@ -12,9 +12,9 @@ import numpy as np
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import ArmParameters, joint_positions
-from fbl_gym.canvas import INK, Canvas, Frame
 from fbl_gym.checks import Pair
-from fbl_gym.render import LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Picture, draw, full_torque
+from fbl_gym.picture import INK, LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Canvas, Frame, Picture, draw
+from fbl_gym.render import full_torque
 from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import Payload
 

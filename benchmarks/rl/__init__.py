@@ -1,7 +1,8 @@
 """Reinforcement learning: training with stable-baselines3, and trained agents as policies in NumPy.
 
 An agent is made of an adapter and an actor network. The adapter turns the environment's observation
-into the agent's, and the agent's action into a torque. Training and evaluation use the same adapter.
+into the agent's, and the agent's action into a torque. Training and evaluation use the same
+adapter.
 
     adapter.py, network.py, agent.py    an agent as a policy
     agent_folder.py                     the folder of a trained agent

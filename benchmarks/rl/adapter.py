@@ -61,7 +61,8 @@ class AdapterSettings(Record):
     Args:
         action: meaning of the action, which lies in [-1, 1] per joint.
             "torque": the torque is `torque` times the action.
-            "acceleration": `acceleration` times the action is mapped to a torque by nominal feedback
+            "acceleration": `acceleration` times the action is mapped to a torque by nominal
+            feedback
             linearisation.
             "residual": `residual` times `torque` times the action is added to the torque of `base`.
         torque: largest torque per joint.
@@ -105,7 +106,8 @@ def true_parameters(truth: Truth, interface: Interface) -> Array:
 class AgentAdapter:
     """An adapter between one environment and an agent.
 
-    Its state is a tuple of arrays with one row per lane: the history, then the state of the law under
+    Its state is a tuple of arrays with one row per lane: the history, then the state of the law
+    under
     the residual.
 
     Args:

@@ -1,6 +1,7 @@
 """The folder of a trained agent.
 
-`agent.json` describes the agent, `weights.npz` holds its network in single precision. Both are plain
+`agent.json` describes the agent, `weights.npz` holds its network in single precision. Both are
+plain
 data: reading them runs no code.
 """
 

@@ -67,7 +67,7 @@ def _check_name(name: str) -> None:
 
 
 def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., SavedAgent]:
-    """Return the factory of an agent; with privileged access the registry gives it the environment."""
+    """Return the factory of an agent; a privileged one receives the environment."""
 
     def factory(env: Any, seed: int | None = None) -> SavedAgent:
         return shipped_agent(name, env, seed)

@@ -37,7 +37,7 @@ _SHARED_NETWORK = "stable_baselines3.common.policies"
 """Module of the network that PPO, A2C and TRPO share."""
 
 _BY_SETTING = {"clip_range": "stable_baselines3:PPO", "cg_max_steps": "sb3_contrib:TRPO"}
-"""The class that loads an archive with the shared network, by a setting that no other has; else A2C."""
+"""The class that loads an archive with the shared network, by a setting that no other has."""
 
 
 def find_class(algorithm: str) -> Any:

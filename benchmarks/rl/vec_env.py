@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.vec_env import VecEnv
 
 from fbl_gym.arm import Array
-from fbl_gym.env import check_reset_options
+from fbl_gym.env_common import check_reset_options
 
 
 class ArmVecEnv(VecEnv):

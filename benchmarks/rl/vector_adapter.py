@@ -50,7 +50,8 @@ class VectorAdapter(VectorWrapper):
         if "final_obs" in infos:
             done, final = infos["_final_obs"], infos["final_obs"]
             for lane in np.flatnonzero(done):
-                # The truth is already that of the next episode, so take the context of one step before.
+                # The truth is already that of the next episode, so take the context of one step
+                # before.
                 lane_state, context = tuple(part[lane : lane + 1] for part in state), self._context[lane : lane + 1]
                 final[lane] = self._adapter.observe(final[lane][None], lane_state, context)[0]
             initial = self._adapter.initial(self._observation)

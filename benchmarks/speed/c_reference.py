@@ -46,8 +46,10 @@ class Reference:
     Args:
         arm: the parameters.
         lanes: number of arms, a multiple of eight.
-        friction: viscous [N m s/rad], Coulomb [N m], and the velocity [rad/s] over which the Coulomb part changes sign.
-        joint: stiffness [N m/rad], damping [N m s/rad] and rotor inertia [kg m^2] of elastic joints; None: rigid joints.
+        friction: viscous [N m s/rad], Coulomb [N m], and the velocity [rad/s] over which the
+            Coulomb part changes sign.
+        joint: stiffness [N m/rad], damping [N m s/rad] and rotor inertia [kg m^2] of elastic
+            joints; None: rigid joints.
 
     Raises:
         RuntimeError: if no C compiler is found.
@@ -86,7 +88,7 @@ class Reference:
 
 
 def stepper(arm: ArmParameters, lanes: int, *, elastic: bool = False) -> Callable[[], int] | None:
-    """Return a function that advances a batch by one control step of ten physics steps; None without a C compiler.
+    """Return a function that advances a batch by one control step; None without a C compiler.
 
     Args:
         arm: the parameters.

@@ -1,13 +1,15 @@
-"""One control interval, for one arm and for a batch: the only place where time advances.
+"""One control step of an arm or a batch: the only place where time advances.
 
-A batch is worked on in blocks of `LANES` lanes. Within a block each phase is a loop over lanes without branches, which the
-compiler turns into vector instructions; a lane's arithmetic is the same whatever the batch, so that lane i of any
-batch is bit for bit the single environment. `settings.py` says where each number lies.
+The kernel works on a batch in blocks of `LANES` lanes. Within a block each phase is a loop over
+lanes without branches, which the compiler turns into vector instructions. A lane's arithmetic is
+the same in every batch: lane i of any batch is bit for bit the single environment. `memory.py`
+names the numbers that the kernel reads and writes.
 
     torque.py     action -> torque command, within the limit; actuator and disturbance
     physics.py    `substeps` times: payload, friction, Runge-Kutta
     readings.py   acceleration, noise, quantization; the flat observation
     motion.py     the reference
     episode.py    start, reward, divergence
-    api.py      what `batch.py` calls: all of it in order, compiled once and kept on disk
+    views.py      records and arrays inside the memory
+    api.py        the functions that `batch.py` calls, compiled once and cached on disk
 """

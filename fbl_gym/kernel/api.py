@@ -1,7 +1,8 @@
-"""What `batch.py` calls, compiled once and kept on disk.
+"""The functions that `batch.py` calls, compiled once and cached on disk.
 
-Numba notices a change in the file of a cached function, but not in the files of the functions that it calls. So each door
-below closes over a fingerprint of all the sources it is compiled from; Numba makes that part of the cache's key.
+Numba notices a change in the file of a cached function, but not in the files of the functions that
+it calls. Therefore each function below closes over a fingerprint of all the sources that it is
+compiled from. Numba makes the fingerprint part of the cache's key.
 """
 
 import hashlib
@@ -9,16 +10,28 @@ from pathlib import Path
 
 import numpy as np
 
-from fbl_gym import settings as at
-from fbl_gym.fastmath import compiled, kept, merged
+from fbl_gym.fastmath import cached_njit, kernel_njit, merged_njit
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.motion import refer
 from fbl_gym.kernel.physics import acceleration_and_friction, advance, carry_payload
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
-from fbl_gym.settings import ENDED, EPISODE, LANES, RESTART, REWARD, STEP, TERMINATED, TRUNCATED
+from fbl_gym.kernel.views import array_at, record_at
+from fbl_gym.memory import (
+    BLOCK,
+    BLOCK_SIZE,
+    ENDED,
+    LANES,
+    NEXT_STEP,
+    RESTART,
+    ROWS,
+    RUNNING,
+    SAME_STEP,
+    SETTINGS,
+    SETTINGS_SIZE,
+)
 
-_SOURCES = ("arm.py", "fastmath.py", "friction.py", "settings.py", "streams.py", "kernel/*.py")
+_SOURCES = ("arm.py", "fastmath.py", "friction.py", "memory.py", "streams.py", "kernel/*.py")
 _ZERO, _ONE = np.int64(0), np.uint64(1)
 
 
@@ -31,123 +44,149 @@ def _fingerprint() -> int:
     return int.from_bytes(digest.digest()[:7], "big")
 
 
-@compiled
-def _check(x):
-    given, state, length, n = int(x[at.GIVEN]), int(x[at.STATE]), int(x[at.BLOCK]), int(x[at.COUNT])
-    for i in range(n):
-        if not (np.isfinite(x[given + 2 * i]) and np.isfinite(x[given + 2 * i + 1])):
-            return 2 * i
-    if x[at.AUTORESET] != at.NEXT_STEP:
-        for i in range(n):
-            if x[state + i // LANES * length + ENDED + i % LANES] != 0.0:
-                return 2 * i + 1
+@kernel_njit
+def _check(memory):
+    settings = record_at(memory, 0, SETTINGS)
+    for lane in range(settings.lanes):
+        place = settings.actions + 2 * lane
+        if not (np.isfinite(memory[place]) and np.isfinite(memory[place + 1])):
+            return 2 * lane
+    if settings.autoreset != NEXT_STEP:
+        for lane in range(settings.lanes):
+            block = record_at(memory, settings.blocks + lane // LANES * settings.block_size, BLOCK)
+            if block.status[lane % LANES] != RUNNING:
+                return 2 * lane + 1
     return -1
 
 
-@merged
-def _move(b, clock, x, first, count, width):
-    """One control interval of a block, its readings, and what it is worth."""
-    command(b, x, x[int(x[at.GIVEN]) + 2 * first :], count)
-    varies, loaded = x[at.VARIES] != 0.0, x[at.LOAD_MASS] != 0.0
-    for substep in range(int(x[at.SUBSTEPS])):
-        if substep == 0 or varies:
-            apply_torque(b, clock, x, width, substep)
-        if loaded:
-            carry_payload(b, clock, x, width, substep)
-        advance(b, x, width)
-    for l in range(LANES):
-        clock[STEP + l] += _ONE
-    sense(b, clock, x, width)
-    refer(b, clock, x, width)
-    judge(b, clock, x, width)
+@merged_njit
+def _move(block, queue, waypoints, settings, tables, actions, count, width):
+    """Advance a block by one control step."""
+    command(block, queue, settings, actions, count)
+    for substep in range(settings.substeps):
+        if substep == 0 or settings.torque_varies:
+            apply_torque(block, queue, settings, tables, width, substep)
+        if settings.payload_mass != 0.0:
+            carry_payload(block, settings, width, substep)
+        advance(block, settings, width)
+    for lane in range(LANES):
+        block.step[lane] += _ONE
+    sense(block, settings, width)
+    refer(block, waypoints, settings, tables, width)
+    judge(block, settings, width)
 
 
-@merged
-def _conclude(b, clock, x, first, count):
-    """Note what the caller is told of a block's lanes, and mark those that start another episode now."""
-    autoreset, rewards, n = int(x[at.AUTORESET]), int(x[at.REWARDS]), int(x[at.COUNT])
-    flags = x[int(x[at.FLAGS]) :].view(np.uint8)
-    for l in range(count):
-        over = b[TERMINATED + l] + b[TRUNCATED + l] != 0.0
-        restarts = over and autoreset == at.SAME_STEP
+@merged_njit
+def _report(block, rows, waypoints, settings, tables, memory, first, count):
+    """Write rewards and flags of a block, and mark the lanes that start another episode now."""
+    flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
+    for lane in range(count):
+        over = block.terminated[lane] + block.truncated[lane] != 0.0
+        restarts = over and settings.autoreset == SAME_STEP
         if restarts:
-            observe(b, clock, x, x[int(x[at.LASTS]) + first * int(x[at.SIZE]) :], l, l + 1)
-        elif autoreset == at.NEXT_STEP and b[ENDED + l] != 0.0:
-            b[REWARD + l], b[TERMINATED + l], b[TRUNCATED + l] = 0.0, 0.0, 0.0
+            size = settings.observation_size
+            final = array_at(memory, settings.final_observations + first * size, (count, size), np.float64)
+            observe(block, rows, waypoints, settings, tables, final, lane, lane + 1)
+        elif settings.autoreset == NEXT_STEP and block.status[lane] != RUNNING:
+            block.reward[lane], block.terminated[lane], block.truncated[lane] = 0.0, 0.0, 0.0
             restarts = True
-        b[ENDED + l] = 1.0 if over else 0.0
+        block.status[lane] = ENDED if over else RUNNING
         if restarts:
-            clock[EPISODE + l] += _ONE
-            b[ENDED + l] = RESTART
-        x[rewards + first + l] = b[REWARD + l]
-        flags[first + l], flags[n + first + l] = b[TERMINATED + l] != 0.0, b[TRUNCATED + l] != 0.0
+            block.episode[lane] += _ONE
+            block.status[lane] = RESTART
+        memory[settings.rewards + first + lane] = block.reward[lane]
+        flags[0, first + lane] = block.terminated[lane] != 0.0
+        flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _doors(fingerprint):
-    @kept
-    def step(x, out, part, parts):
-        """One control interval of every lane, if `check` has nothing against it; or, of no parts, no time at all. Then an
-        episode starts in every lane that is marked with RESTART.
+def _compile(fingerprint):
+    @cached_njit
+    def step(memory, out, part, parts):
+        """Advance every lane by one control step; start an episode in lanes marked RESTART.
 
-        x: a batch's memory, see `settings.py`; out: takes the observations [n * size]. Of several parts of the lanes, which
-        can be stepped at the same time, only one is stepped, and that without a check. Returns what `check` does; and the
-        reward of the first lane, and whether its episode is terminated, and truncated.
+        Nothing moves if `check` finds a problem.
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            out: takes the observations [lanes * size].
+            part: the part of the lanes to work on, from 0.
+            parts: number of parts, one for each thread. One: all lanes, after a check. More: no
+                check. Zero: no lane moves, but episodes start.
+
+        Returns:
+            The result of `check`; then reward, terminated and truncated of the first lane.
         """
         _ = fingerprint
         if parts == 1:
-            found = _check(x)
-            if found >= 0:
-                return found, 0.0, False, False
+            problem = _check(memory)
+            if problem >= 0:
+                return problem, 0.0, False, False
         moves, parts = parts > 0, max(parts, 1)
-        n, length, state = int(x[at.COUNT]), int(x[at.BLOCK]), int(x[at.STATE])
-        blocks = (n + LANES - 1) // LANES
-        for block in range(blocks * part // parts, blocks * (part + 1) // parts):
-            b = x[state + block * length : state + (block + 1) * length]
-            clock = b.view(np.uint64)
-            first = block * LANES
-            count = min(LANES, n - first)
+        settings = record_at(memory, 0, SETTINGS)
+        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        lanes, size = settings.lanes, settings.observation_size
+        depth, points = settings.delay_steps + 1, settings.waypoints
+        blocks = (lanes + LANES - 1) // LANES
+        for number in range(blocks * part // parts, blocks * (part + 1) // parts):
+            place = settings.blocks + number * settings.block_size
+            block = record_at(memory, place, BLOCK)
+            rows = array_at(memory, place, (ROWS, LANES), np.float64)
+            queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
+            waypoints = array_at(memory, place + BLOCK_SIZE + queue.size, (points, 2, LANES), np.float64)
+            first = number * LANES
+            count = min(LANES, lanes - first)
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
-                _move(b, clock, x, first, count, width)
-                _conclude(b, clock, x, first, count)
+                actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
+                _move(block, queue, waypoints, settings, tables, actions, count, width)
+                _report(block, rows, waypoints, settings, tables, memory, first, count)
             started = False
-            for l in range(LANES):
-                if b[ENDED + l] == RESTART:
-                    start(b, clock, l, x)
+            for lane in range(LANES):
+                if block.status[lane] == RESTART:
+                    start(block, queue, waypoints, settings, tables, lane)
                     started = True
             if started:
-                sense(b, clock, x, width)
-            observe(b, clock, x, out[first * int(x[at.SIZE]) :], _ZERO, count)
-        flags = x[int(x[at.FLAGS]) :].view(np.uint8)
-        return -1, x[int(x[at.REWARDS])], flags[0] != 0, flags[n] != 0
+                sense(block, settings, width)
+            observations = array_at(out, first * size, (count, size), np.float64)
+            observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
+        flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
+        return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
 
-    @kept
-    def check(x):
-        """-1 if all lanes can be stepped. Else 2 i, if lane i is the first whose action is not finite, or 2 i + 1, if all
-        are, and lane i is the first whose episode is over."""
-        _ = fingerprint
-        return _check(x)
+    @cached_njit
+    def check(memory):
+        """Return -1 if all lanes can be stepped.
 
-    @kept
-    def inspect(x, out):
-        """The truth of each lane, [n x TRUE_COLUMNS] in the order of `settings.TRUE`."""
+        Else return 2 i if lane i is the first whose action is not finite, or 2 i + 1 if all actions
+        are finite and lane i is the first whose episode is over.
+        """
         _ = fingerprint
-        length, state, friction = int(x[at.BLOCK]), int(x[at.STATE]), int(x[at.FRICTION])
+        return _check(memory)
+
+    @cached_njit
+    def inspect(memory, shown, out):
+        """Write the truth of each lane to `out` [lanes x (rows + 7)].
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            shown: rows of a block that come first.
+            out: takes them, then time, acceleration, friction torque and leakage.
+        """
+        _ = fingerprint
+        settings, column = record_at(memory, 0, SETTINGS), len(shown)
         for i in range(len(out)):
-            b, l = x[state + i // LANES * length : state + (i // LANES + 1) * length], i % LANES
-            column = 0
-            for first, count in at.TRUE_ROWS:
-                for row in range(count):
-                    out[i, column] = b[first + LANES * row + l]
-                    column += 1
-            out[i, column] = float(np.int64(b.view(np.uint64)[STEP + l])) * x[at.CONTROL_DT]
-            a1, a2, f1, f2 = acceleration_and_friction(b, l, x, friction)
-            out[i, column + 1], out[i, column + 2], out[i, column + 3], out[i, column + 4] = a1, a2, f1, f2
-            e1, e2 = nominal_acceleration(b, l, x)
-            out[i, column + 5], out[i, column + 6] = e1 - a1, e2 - a2
+            place, lane = settings.blocks + i // LANES * settings.block_size, i % LANES
+            block, rows = record_at(memory, place, BLOCK), array_at(memory, place, (ROWS, LANES), np.float64)
+            for k in range(column):
+                out[i, k] = rows[shown[k], lane]
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, settings.friction_law)
+            expected1, expected2 = nominal_acceleration(block, settings, lane)
+            out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
+            out[i, column + 1], out[i, column + 2] = a1, a2
+            out[i, column + 3], out[i, column + 4] = friction1, friction2
+            out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
 
     return step, check, inspect
 
 
-step, check, inspect = _doors(_fingerprint())
+step, check, inspect = _compile(_fingerprint())

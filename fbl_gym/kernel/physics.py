@@ -2,157 +2,172 @@
 
 import numpy as np
 
-from fbl_gym import arm as model
-from fbl_gym import settings as at
-from fbl_gym.fastmath import compiled, inline, sincos
+from fbl_gym import arm
+from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
 from fbl_gym.friction import dry_friction, resist, sign
-from fbl_gym.settings import (
-    D1, D2, E1, E2, H1, H2, L1, L2, LOAD, M1, M2, P1, P2, P3, P4, P5, Q1, Q2, S1, S2, STEP, T1, T2, V1, V2,
-)  # fmt: skip
+from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 
-inertia_terms = inline(model.inertia_terms)
-coriolis_terms = inline(model.coriolis_terms)
-gravity_terms = inline(model.gravity_terms)
-lumped_terms = inline(model.lumped_terms)
-solve_terms = inline(model.solve_terms)
+inertia_terms = inline_njit(arm.inertia_terms)
+coriolis_terms = inline_njit(arm.coriolis_terms)
+gravity_terms = inline_njit(arm.gravity_terms)
+lumped_terms = inline_njit(arm.lumped_terms)
+solve_terms = inline_njit(arm.solve_terms)
 
 
-@inline
-def load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, t1, t2):
-    """The inertia matrix, and the torque left to accelerate it: t - C v - G."""
-    s1, c1 = sincos(q1)
-    s2, c2 = sincos(q2)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, c2)
-    b1, b2 = coriolis_terms(p3, s2, v1, v2)
-    g1, g2 = gravity_terms(p4, p5, c1, c1 * c2 - s1 * s2)
-    return m11, m12, m22, t1 - b1 - g1, t2 - b2 - g2
+@inline_njit
+def load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2):
+    """Return the inertia matrix, and the torque left to accelerate it: tau - C v - G."""
+    sin1, cos1 = sincos(q1)
+    sin2, cos2 = sincos(q2)
+    m11, m12, m22 = inertia_terms(p1, p2, p3, cos2)
+    coriolis1, coriolis2 = coriolis_terms(p3, sin2, v1, v2)
+    gravity1, gravity2 = gravity_terms(p4, p5, cos1, cos1 * cos2 - sin1 * sin2)
+    return m11, m12, m22, tau1 - coriolis1 - gravity1, tau2 - coriolis2 - gravity2
 
 
-@inline
-def _slope(t1, t2, arm, law, q1, q2, v1, v2, friction):
-    """The acceleration of one lane at a stage of a physics step, under torques t1 and t2."""
-    p1, p2, p3, p4, p5 = arm
-    viscous1, viscous2, c1, c2, k1, k2, w1, w2, dry1, dry2, free1, free2 = law
-    t1, t2 = t1 - viscous1 * v1 - dry1, t2 - viscous2 * v2 - dry2
-    if friction == at.LITERAL_FRICTION:
-        t1 -= dry_friction(v1, c1, k1, w1) * sign(v1)
-        t2 -= dry_friction(v2, c2, k2, w2) * sign(v2)
-    m11, m12, m22, r1, r2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, t1, t2)
-    if friction == at.EXACT_FRICTION:
+@inline_njit
+def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
+    """Return the acceleration at one stage of a physics step."""
+    p1, p2, p3, p4, p5 = lumped
+    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
+    dry1, dry2, free1, free2 = held
+    tau1, tau2 = tau1 - viscous1 * v1 - dry1, tau2 - viscous2 * v2 - dry2
+    if law == LITERAL_FRICTION:
+        tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1) * sign(v1)
+        tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2) * sign(v2)
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2)
+    if law == EXACT_FRICTION:
         # A stuck joint carries any reaction: the other moves as if alone.
-        r1, r2, m12 = r1 * free1, r2 * free2, m12 * (free1 * free2)
-    return solve_terms(m11, m12, m22, r1, r2)
+        load1, load2, m12 = load1 * free1, load2 * free2, m12 * (free1 * free2)
+    return solve_terms(m11, m12, m22, load1, load2)
 
 
-@inline
-def _runge_kutta(b, l, h, viscous1, viscous2, c1, c2, k1, k2, w1, w2, friction):
-    """One physics step of one lane: fourth-order Runge-Kutta on the smooth part, friction by its law.
+@inline_njit
+def _runge_kutta(block, lane, h, friction, law):
+    """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
 
-    Exact friction is a torque held over the step. It is what the two joints' box-constrained problem
-    v+ = v + h M^-1 (load - f), |f_i| <= F_i(v), gives at the step's start, so that a joint at rest under a load below
-    breakaway has no acceleration at all, at any step size; a joint that the problem brings to rest ends the step at rest.
-    Sliding under Coulomb friction keeps the fourth order; where stiction fades, or a joint stops, the step is of first order.
+    Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
+    v+ = v + h M^-1 (load - f), |f_i| <= F_i(v), at the step's start. A joint at rest under a load
+    below breakaway has no acceleration at all, at any step size. A joint that the problem brings to
+    rest ends the step at rest. Sliding under Coulomb friction keeps the fourth order; where
+    stiction fades, or a joint stops, the step is of first order.
+
+    A name's first number is the joint, its second the stage: a1_3 is joint 1's acceleration at
+    stage 3.
     """
-    q1, q2, v1, v2 = b[Q1 + l], b[Q2 + l], b[V1 + l], b[V2 + l]
-    p1, p2, p3 = b[P1 + l], b[P2 + l], b[P3 + l]
-    p4, p5 = b[P4 + l], b[P5 + l]
+    q1, q2 = block.position[0, lane], block.position[1, lane]
+    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    p1, p2, p3 = block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane]
+    p4, p5 = block.lumped[3, lane], block.lumped[4, lane]
+    tau_start1, tau_start2 = block.tau_start[0, lane], block.tau_start[1, lane]
     dry1, dry2 = 0.0, 0.0  # friction torque held over the step
     free1, free2 = 1.0, 1.0  # 0 where a joint sticks throughout the step
     rest1, rest2 = False, False  # whether a joint ends the step at rest
 
-    if friction == at.EXACT_FRICTION:
-        m11, m12, m22, r1, r2 = load_on_joints(
-            p1, p2, p3, p4, p5, q1, q2, v1, v2, b[S1 + l] - viscous1 * v1, b[S2 + l] - viscous2 * v2
+    if law == EXACT_FRICTION:
+        viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
+        m11, m12, m22, load1, load2 = load_on_joints(
+            p1, p2, p3, p4, p5, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
         )
-        bound1, bound2 = h * dry_friction(v1, c1, k1, w1), h * dry_friction(v2, c2, k2, w2)
-        g1, g2 = m11 * v1 + m12 * v2 + h * r1, m12 * v1 + m22 * v2 + h * r2
-        x1, x2, dry1, dry2 = resist(m11, m12, m22, g1, g2, bound1, bound2)
+        bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
+        bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
+        momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
+        next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
         dry1, dry2 = dry1 / h, dry2 / h
         # Only friction can hold a joint: one without any merely has no velocity just now.
-        rest1, rest2 = (x1 == 0.0) & (bound1 > 0.0), (x2 == 0.0) & (bound2 > 0.0)
+        rest1, rest2 = (next1 == 0.0) & (bound1 > 0.0), (next2 == 0.0) & (bound2 > 0.0)
         free1 = 0.0 if rest1 & (v1 == 0.0) else 1.0
         free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
 
-    # The four stages: the state at which each is evaluated, and the acceleration there.
-    half = 0.5 * h
-    arm = (p1, p2, p3, p4, p5)
-    law = (viscous1, viscous2, c1, c2, k1, k2, w1, w2, dry1, dry2, free1, free2)
-    s1, s2, m1, m2 = b[S1 + l], b[S2 + l], b[H1 + l], b[H2 + l]
-    a1, a2 = _slope(s1, s2, arm, law, q1, q2, v1, v2, friction)
-    vb1, vb2 = v1 + half * a1, v2 + half * a2
-    b1, b2 = _slope(m1, m2, arm, law, q1 + half * v1, q2 + half * v2, vb1, vb2, friction)
-    vc1, vc2 = v1 + half * b1, v2 + half * b2
-    d1, d2 = _slope(m1, m2, arm, law, q1 + half * vb1, q2 + half * vb2, vc1, vc2, friction)
-    vd1, vd2 = v1 + h * d1, v2 + h * d2
-    e1, e2 = _slope(b[E1 + l], b[E2 + l], arm, law, q1 + h * vc1, q2 + h * vc2, vd1, vd2, friction)
-    sixth = h / 6.0
-    b[Q1 + l] = q1 + sixth * (v1 + 2.0 * (vb1 + vc1) + vd1)
-    b[Q2 + l] = q2 + sixth * (v2 + 2.0 * (vb2 + vc2) + vd2)
-    v1, v2 = v1 + sixth * (a1 + 2.0 * (b1 + d1) + e1), v2 + sixth * (a2 + 2.0 * (b2 + d2) + e2)
-    b[V1 + l], b[V2 + l] = 0.0 if rest1 else v1, 0.0 if rest2 else v2
+    half, sixth = 0.5 * h, h / 6.0
+    lumped = (p1, p2, p3, p4, p5)
+    held = (dry1, dry2, free1, free2)
+    tau_half1, tau_half2 = block.tau_half[0, lane], block.tau_half[1, lane]
+    a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law)
+    v1_2, v2_2 = v1 + half * a1_1, v2 + half * a2_1
+    q1_2, q2_2 = q1 + half * v1, q2 + half * v2
+    a1_2, a2_2 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_2, q2_2, v1_2, v2_2, law)
+    v1_3, v2_3 = v1 + half * a1_2, v2 + half * a2_2
+    q1_3, q2_3 = q1 + half * v1_2, q2 + half * v2_2
+    a1_3, a2_3 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_3, q2_3, v1_3, v2_3, law)
+    v1_4, v2_4 = v1 + h * a1_3, v2 + h * a2_3
+    q1_4, q2_4 = q1 + h * v1_3, q2 + h * v2_3
+    tau_end1, tau_end2 = block.tau_end[0, lane], block.tau_end[1, lane]
+    a1_4, a2_4 = _stage(tau_end1, tau_end2, lumped, friction, held, q1_4, q2_4, v1_4, v2_4, law)
+    block.position[0, lane] = q1 + sixth * (v1 + 2.0 * (v1_2 + v1_3) + v1_4)
+    block.position[1, lane] = q2 + sixth * (v2 + 2.0 * (v2_2 + v2_3) + v2_4)
+    v1 += sixth * (a1_1 + 2.0 * (a1_2 + a1_3) + a1_4)
+    v2 += sixth * (a2_1 + 2.0 * (a2_2 + a2_3) + a2_4)
+    block.velocity[0, lane] = 0.0 if rest1 else v1
+    block.velocity[1, lane] = 0.0 if rest2 else v2
 
 
-@compiled
-def advance(b, x, width):
-    """One physics step of a block's first `width` lanes."""
-    friction = int(x[at.FRICTION])
-    h = x[at.PHYSICS_DT]
-    viscous1, viscous2 = x[at.VISCOUS], x[at.VISCOUS + 1]
-    c1, c2, k1, k2 = x[at.COULOMB], x[at.COULOMB + 1], x[at.STICTION], x[at.STICTION + 1]
-    w1, w2 = x[at.V_S], x[at.V_S + 1]
-    if friction == at.NO_FRICTION:
-        for l in range(width):
-            _runge_kutta(b, l, h, viscous1, viscous2, c1, c2, k1, k2, w1, w2, at.NO_FRICTION)
-    elif friction == at.EXACT_FRICTION:
-        for l in range(width):
-            _runge_kutta(b, l, h, viscous1, viscous2, c1, c2, k1, k2, w1, w2, at.EXACT_FRICTION)
+@kernel_njit
+def advance(block, settings, width):
+    """Advance the first `width` lanes of a block by one physics step."""
+    h, law = settings.physics_dt, settings.friction_law
+    friction = (
+        settings.viscous[0], settings.viscous[1], settings.coulomb[0], settings.coulomb[1],
+        settings.stiction[0], settings.stiction[1], settings.v_s[0], settings.v_s[1],
+    )  # fmt: skip
+    # One loop for each law, each without branches.
+    if law == NO_FRICTION:
+        for lane in range(width):
+            _runge_kutta(block, lane, h, friction, NO_FRICTION)
+    elif law == EXACT_FRICTION:
+        for lane in range(width):
+            _runge_kutta(block, lane, h, friction, EXACT_FRICTION)
     else:
-        for l in range(width):
-            _runge_kutta(b, l, h, viscous1, viscous2, c1, c2, k1, k2, w1, w2, at.LITERAL_FRICTION)
+        for lane in range(width):
+            _runge_kutta(block, lane, h, friction, LITERAL_FRICTION)
 
 
-@inline
-def acceleration_and_friction(b, l, x, friction):
-    """The acceleration of a lane at this instant, and its friction torque; both joints of each."""
-    q1, q2, v1, v2 = b[Q1 + l], b[Q2 + l], b[V1 + l], b[V2 + l]
-    m11, m12, m22, r1, r2 = load_on_joints(
-        b[P1 + l], b[P2 + l], b[P3 + l], b[P4 + l], b[P5 + l],
-        q1, q2, v1, v2, b[T1 + l] - b[D1 + l], b[T2 + l] - b[D2 + l],
+@inline_njit
+def acceleration_and_friction(block, settings, lane, law):
+    """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
+    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    m11, m12, m22, load1, load2 = load_on_joints(
+        block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
+        block.lumped[4, lane], block.position[0, lane], block.position[1, lane], v1, v2,
+        block.torque[0, lane] - block.disturbance[0, lane], block.torque[1, lane] - block.disturbance[1, lane],
     )  # fmt: skip
     bound1, bound2 = 0.0, 0.0
-    if friction != at.NO_FRICTION:
-        bound1 = dry_friction(v1, x[at.COULOMB], x[at.STICTION], x[at.V_S])
-        bound2 = dry_friction(v2, x[at.COULOMB + 1], x[at.STICTION + 1], x[at.V_S + 1])
-    # A joint that moves has its friction; one at rest takes what holds it, up to breakaway.
-    f1 = x[at.VISCOUS] * v1 + bound1 * sign(v1)
-    f2 = x[at.VISCOUS + 1] * v2 + bound2 * sign(v2)
-    if friction != at.EXACT_FRICTION:
-        a1, a2 = solve_terms(m11, m12, m22, r1 - f1, r2 - f2)
-        return a1, a2, f1, f2
+    if law != NO_FRICTION:
+        bound1 = dry_friction(v1, settings.coulomb[0], settings.stiction[0], settings.v_s[0])
+        bound2 = dry_friction(v2, settings.coulomb[1], settings.stiction[1], settings.v_s[1])
+    # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
+    friction1 = settings.viscous[0] * v1 + bound1 * sign(v1)
+    friction2 = settings.viscous[1] * v2 + bound2 * sign(v2)
+    load1, load2 = load1 - friction1, load2 - friction2
+    if law != EXACT_FRICTION:
+        a1, a2 = solve_terms(m11, m12, m22, load1, load2)
+        return a1, a2, friction1, friction2
     hold1, hold2 = bound1 if v1 == 0.0 else 0.0, bound2 if v2 == 0.0 else 0.0
-    a1, a2, held1, held2 = resist(m11, m12, m22, r1 - f1, r2 - f2, hold1, hold2)
-    return a1, a2, f1 + (held1 if v1 == 0.0 else 0.0), f2 + (held2 if v2 == 0.0 else 0.0)
+    a1, a2, dry1, dry2 = resist(m11, m12, m22, load1, load2, hold1, hold2)
+    return a1, a2, friction1 + (dry1 if v1 == 0.0 else 0.0), friction2 + (dry2 if v2 == 0.0 else 0.0)
 
 
-@compiled
-def carry_payload(b, clock, x, width, substep):
+@kernel_njit
+def carry_payload(block, settings, width, substep):
     """Put the payload on the tip while it is carried."""
-    for l in range(width):
-        now = float(np.int64(clock[STEP + l])) * x[at.SUBSTEPS] + substep
-        carried = x[at.LOAD_MASS] if x[at.LOAD_ON] <= now and now < x[at.LOAD_OFF] else 0.0
-        if carried != b[LOAD + l]:
-            b[LOAD + l] = carried
-            lump(b, l, x)
+    for lane in range(width):
+        now = float(np.int64(block.step[lane])) * settings.substeps + substep
+        carried = settings.payload_pick_up <= now and now < settings.payload_drop
+        payload = settings.payload_mass if carried else 0.0
+        if payload != block.payload[lane]:
+            block.payload[lane] = payload
+            lump(block, settings, lane)
 
 
-@compiled
-def lump(b, l, x):
-    """The true lumped parameters of a lane, with the payload it carries."""
-    m1, m2, l1, l2 = b[M1 + l], b[M2 + l], b[L1 + l], b[L2 + l]
-    load, g = b[LOAD + l], x[at.GRAVITY]
-    p1, p2, p3, p4, p5 = lumped_terms(m1, m2, l1, l2, g, x[at.CENTRE], x[at.INERTIA])
-    b[P1 + l] = p1 + load * l1 * l1
-    b[P2 + l] = p2 + load * l2 * l2
-    b[P3 + l] = p3 + load * l1 * l2
-    b[P4 + l] = p4 + load * l1 * g
-    b[P5 + l] = p5 + load * l2 * g
+@kernel_njit
+def lump(block, settings, lane):
+    """Compute the real lumped parameters of a lane, with the payload that it carries."""
+    m1, m2 = block.parameters[0, lane], block.parameters[1, lane]
+    length1, length2 = block.parameters[2, lane], block.parameters[3, lane]
+    payload, gravity = block.payload[lane], settings.gravity
+    p1, p2, p3, p4, p5 = lumped_terms(m1, m2, length1, length2, gravity, settings.centre, settings.inertia)
+    block.lumped[0, lane] = p1 + payload * length1 * length1
+    block.lumped[1, lane] = p2 + payload * length2 * length2
+    block.lumped[2, lane] = p3 + payload * length1 * length2
+    block.lumped[3, lane] = p4 + payload * length1 * gravity
+    block.lumped[4, lane] = p5 + payload * length2 * gravity

@@ -1,92 +1,114 @@
-"""What is seen of the arm: the sensors' readings, and the observation they go into."""
+"""The sensors' readings, and the observation that contains them."""
 
 import numpy as np
 
-from fbl_gym import settings as at
-from fbl_gym.fastmath import compiled, inline
+from fbl_gym.fastmath import inline_njit, kernel_njit
 from fbl_gym.kernel.motion import reference
 from fbl_gym.kernel.physics import acceleration_and_friction
-from fbl_gym.settings import (
-    A1, A2, EPISODE, LANES, Q1, SEED, STEP, Y1, Y2, Y3, Y4, Y5, Y6,
-)  # fmt: skip
+from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.streams import normals, stream_key
 
-_STREAMS = (stream_key("position noise"), stream_key("velocity noise"), stream_key("acceleration noise"))
-_NONE = np.uint64(0)
+_POSITION_NOISE = stream_key("position noise")
+_VELOCITY_NOISE = stream_key("velocity noise")
+_ACCELERATION_NOISE = stream_key("acceleration noise")
+_POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # rows of the settings' `noise_std`
+_ZERO = np.uint64(0)
 
 
-@inline
+@inline_njit
 def _within(value, bound):
-    """`value` cut to [-bound, bound]; NaN becomes -bound."""
+    """Return `value` clipped to [-bound, bound]; NaN becomes -bound."""
     value = value if value > -bound else -bound
     return value if value < bound else bound
 
 
-@compiled
-def sense(b, clock, x, width):
-    """The readings of a block. They depend on its state alone: taken twice, they are the same."""
-    if x[at.SENSES_ACCELERATION] != 0.0:
-        friction = int(x[at.FRICTION])
-        if friction == at.NO_FRICTION:
-            for l in range(width):
-                b[A1 + l], b[A2 + l], _, _ = acceleration_and_friction(b, l, x, at.NO_FRICTION)
-        elif friction == at.EXACT_FRICTION:
-            for l in range(width):
-                b[A1 + l], b[A2 + l], _, _ = acceleration_and_friction(b, l, x, at.EXACT_FRICTION)
-        else:
-            for l in range(width):
-                b[A1 + l], b[A2 + l], _, _ = acceleration_and_friction(b, l, x, at.LITERAL_FRICTION)
-    for row in range(6):
-        for l in range(width):
-            b[Y1 + LANES * row + l] = b[Q1 + LANES * row + l]
-    if x[at.NOISY] != 0.0:
-        for sensor in range(3):
-            _disturb_reading(b, clock, x, width, 2 * sensor, _STREAMS[sensor])
-    # A sensor reads no further than its range.
-    position, velocity, acceleration = 2.0 * x[at.MAX_POSITION], 2.0 * x[at.MAX_VELOCITY], x[at.MAX_ACCELERATION]
-    for l in range(width):
-        b[Y1 + l] = _within(b[Y1 + l], position)
-        b[Y2 + l] = _within(b[Y2 + l], position)
-        b[Y3 + l] = _within(b[Y3 + l], velocity)
-        b[Y4 + l] = _within(b[Y4 + l], velocity)
-        b[Y5 + l] = _within(b[Y5 + l], acceleration)
-        b[Y6 + l] = _within(b[Y6 + l], acceleration)
-
-
-@compiled
-def _disturb_reading(b, clock, x, width, sensor, stream):
-    """Bias, noise and quantization of one sensor's two joints."""
-    y1, y2 = Y1 + LANES * sensor, Y2 + LANES * sensor
-    sigma1, sigma2 = x[at.SIGMA + sensor], x[at.SIGMA + sensor + 1]
-    bias1, bias2 = x[at.BIAS + sensor], x[at.BIAS + sensor + 1]
-    if sigma1 != 0.0 or sigma2 != 0.0:
-        for l in range(width):
-            a, c = normals(clock[SEED + l], stream, clock[EPISODE + l], clock[STEP + l], _NONE)
-            b[y1 + l] += sigma1 * a
-            b[y2 + l] += sigma2 * c
-    for l in range(width):
-        b[y1 + l] += bias1
-        b[y2 + l] += bias2
+@kernel_njit
+def sense(block, settings, width):
+    """Take the readings of a block; they depend on its state alone."""
+    if settings.senses_acceleration:
+        _accelerate(block, settings, width)
     for joint in range(2):
-        quantum, y = x[at.QUANTUM + sensor + joint], y1 + joint * LANES
+        for lane in range(width):
+            block.measured_position[joint, lane] = block.position[joint, lane]
+            block.measured_velocity[joint, lane] = block.velocity[joint, lane]
+            block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
+    if settings.noisy:
+        _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
+        _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
+        _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
+    # A sensor reads no further than its range.
+    position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
+    acceleration = settings.max_acceleration
+    for joint in range(2):
+        for lane in range(width):
+            block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], position)
+            block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], velocity)
+            block.measured_acceleration[joint, lane] = _within(block.measured_acceleration[joint, lane], acceleration)
+
+
+@kernel_njit
+def _accelerate(block, settings, width):
+    """Compute the acceleration of a block's lanes."""
+    law = settings.friction_law
+    if law == NO_FRICTION:
+        for lane in range(width):
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
+            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+    elif law == EXACT_FRICTION:
+        for lane in range(width):
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
+            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+    else:
+        for lane in range(width):
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
+            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+
+
+@kernel_njit
+def _disturb_reading(block, measured, settings, width, sensor, stream):
+    """Add bias and noise to the readings of one sensor, and quantize them."""
+    std1, std2 = settings.noise_std[sensor, 0], settings.noise_std[sensor, 1]
+    bias1, bias2 = settings.noise_bias[sensor, 0], settings.noise_bias[sensor, 1]
+    if std1 != 0.0 or std2 != 0.0:
+        for lane in range(width):
+            draw1, draw2 = normals(block.seed[lane], stream, block.episode[lane], block.step[lane], _ZERO)
+            measured[0, lane] += std1 * draw1
+            measured[1, lane] += std2 * draw2
+    for lane in range(width):
+        measured[0, lane] += bias1
+        measured[1, lane] += bias2
+    for joint in range(2):
+        quantum = settings.quantization[sensor, joint]
         if quantum > 0.0:
-            for l in range(width):
-                b[y + l] = np.floor(b[y + l] / quantum + 0.5) * quantum
+            for lane in range(width):
+                measured[joint, lane] = np.floor(measured[joint, lane] / quantum + 0.5) * quantum
 
 
-@compiled
-def observe(b, clock, x, out, first, last):
-    """The observations of a block's lanes from `first` up to `last`, into `out`, which begins with that of the first lane."""
-    size, observed = int(x[at.SIZE]), int(x[at.OBSERVED])
-    for column in range(observed):
-        row, bound = int(x[at.OBSERVED_ROW + column]), x[at.OBSERVED_BOUND + column]
-        for l in range(first, last):
-            out[l * size + column] = _within(b[row + l], bound)
-    position, velocity, acceleration = 2.0 * x[at.MAX_POSITION], 2.0 * x[at.MAX_VELOCITY], x[at.MAX_ACCELERATION]
-    for ahead in range(int(x[at.PREVIEW])):
-        for l in range(first, last):
-            r1, r2, r3, r4, r5, r6 = reference(b, l, x, np.int64(clock[STEP + l]) + ahead + 1)
-            n = l * size + observed + 6 * ahead
-            out[n], out[n + 1] = _within(r1, position), _within(r2, position)
-            out[n + 2], out[n + 3] = _within(r3, velocity), _within(r4, velocity)
-            out[n + 4], out[n + 5] = _within(r5, acceleration), _within(r6, acceleration)
+@kernel_njit
+def observe(block, rows, waypoints, settings, tables, out, first, last):
+    """Write the observations of a block's lanes from `first` up to `last` to `out`.
+
+    Args:
+        block: record of the type `BLOCK`.
+        rows: the same memory as an array [ROWS x LANES].
+        waypoints: of the block [points x joint x lane].
+        settings: record of the type `SETTINGS`.
+        tables: arrays of the scenario, one after the other.
+        out: observations of the block's lanes [lanes x size].
+        first: lane of the block.
+        last: lane of the block, the first one left out.
+    """
+    for column in range(settings.observed):
+        row, bound = settings.observed_row[column], settings.observed_bound[column]
+        for lane in range(first, last):
+            out[lane, column] = _within(rows[row, lane], bound)
+    position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
+    acceleration = settings.max_acceleration
+    for ahead in range(settings.preview):
+        for lane in range(first, last):
+            step = np.int64(block.step[lane]) + ahead + 1
+            q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, step)
+            column = settings.observed + 6 * ahead
+            out[lane, column], out[lane, column + 1] = _within(q1, position), _within(q2, position)
+            out[lane, column + 2], out[lane, column + 3] = _within(v1, velocity), _within(v2, velocity)
+            out[lane, column + 4], out[lane, column + 5] = _within(a1, acceleration), _within(a2, acceleration)

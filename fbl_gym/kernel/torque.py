@@ -2,125 +2,131 @@
 
 import numpy as np
 
-from fbl_gym import settings as at
-from fbl_gym.fastmath import compiled, inline, sincos
+from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.physics import load_on_joints, lumped_terms, solve_terms
-from fbl_gym.settings import (
-    ACTION1, ACTION2, CHATTER, D1, D2, E1, E2, EPISODE, H1, H2, LANES, PAIR, PHASE1, Q1, Q2, QUEUE, S1, S2, SEED,
-    STEP, T1, T2, U1, U2, V1, V2, Y1, Y2, Y3, Y4,
-)  # fmt: skip
+from fbl_gym.memory import ACCELERATION, ARRAY, NO_DISTURBANCE, NORMALIZED, PIECEWISE_CONSTANT, PULSES, SINE
 from fbl_gym.streams import stream_key, uniforms
 
 _STREAM = stream_key("disturbance")
-_NONE = np.uint64(0)
+_ZERO = np.uint64(0)
 
 
-@compiled
-def command(b, x, actions, count):
-    """Torque commands from actions; lanes beyond the batch keep theirs."""
-    limit1, limit2 = x[at.TORQUE_LIMIT], x[at.TORQUE_LIMIT + 1]
-    depth = int(x[at.QUEUE_DEPTH])
-    for age in range(depth, 0, -1):
-        for l in range(count):
-            to = QUEUE + PAIR * age + l
-            b[to], b[to + LANES] = b[to - PAIR], b[to - PAIR + LANES]
-    for l in range(count):
-        b[ACTION1 + l] = max(min(actions[2 * l], x[at.ACTION_LIMIT]), -x[at.ACTION_LIMIT])
-        b[ACTION2 + l] = max(min(actions[2 * l + 1], x[at.ACTION_LIMIT + 1]), -x[at.ACTION_LIMIT + 1])
-    mode = int(x[at.ACTION])
-    for l in range(count):
-        u1, u2 = b[ACTION1 + l], b[ACTION2 + l]
-        if mode == at.FRACTION:
-            u1, u2 = u1 * limit1, u2 * limit2
-        elif mode == at.ACCELERATION:
-            u1, u2 = nominal_torque(b, l, x, u1, u2)
-        u1, u2 = max(min(u1, limit1), -limit1), max(min(u2, limit2), -limit2)
-        b[CHATTER + l] = abs(u1 - b[U1 + l]) / limit1 + abs(u2 - b[U2 + l]) / limit2
-        b[U1 + l], b[U2 + l] = u1, u2
-        b[QUEUE + l], b[QUEUE + LANES + l] = u1, u2
+@kernel_njit
+def command(block, queue, settings, actions, count):
+    """Set the torque commands of a block's first `count` lanes from their actions."""
+    for age in range(settings.delay_steps, 0, -1):
+        for lane in range(count):
+            queue[age, 0, lane], queue[age, 1, lane] = queue[age - 1, 0, lane], queue[age - 1, 1, lane]
+    bound1, bound2 = settings.action_limit[0], settings.action_limit[1]
+    limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
+    for lane in range(count):
+        block.action[0, lane] = max(min(actions[lane, 0], bound1), -bound1)
+        block.action[1, lane] = max(min(actions[lane, 1], bound2), -bound2)
+    kind = settings.action_kind
+    for lane in range(count):
+        tau1, tau2 = block.action[0, lane], block.action[1, lane]
+        if kind == NORMALIZED:
+            tau1, tau2 = tau1 * limit1, tau2 * limit2
+        elif kind == ACCELERATION:
+            tau1, tau2 = nominal_torque(block, settings, lane, tau1, tau2)
+        tau1, tau2 = max(min(tau1, limit1), -limit1), max(min(tau2, limit2), -limit2)
+        change1, change2 = tau1 - block.command[0, lane], tau2 - block.command[1, lane]
+        block.chatter[lane] = abs(change1) / limit1 + abs(change2) / limit2
+        block.command[0, lane], block.command[1, lane] = tau1, tau2
+        queue[0, 0, lane], queue[0, 1, lane] = tau1, tau2
 
 
-@inline
-def _nominal(x):
-    """The lumped parameters of the nominal arm."""
+@inline_njit
+def _nominal_parameters(settings):
+    """Return the lumped parameters of the nominal arm."""
+    parameters = settings.parameters
     return lumped_terms(
-        x[at.ARM_M1], x[at.ARM_M2], x[at.ARM_L1], x[at.ARM_L2], x[at.GRAVITY], x[at.CENTRE], x[at.INERTIA]
+        parameters[0], parameters[1], parameters[2], parameters[3], settings.gravity, settings.centre, settings.inertia
     )
 
 
-@inline
-def nominal_torque(b, l, x, a1, a2):
-    """The nominal feedback linearisation mapping at the measured state."""
-    p1, p2, p3, p4, p5 = _nominal(x)
-    q1, q2, v1, v2 = b[Y1 + l], b[Y2 + l], b[Y3 + l], b[Y4 + l]
-    m11, m12, m22, r1, r2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, 0.0, 0.0)
-    return m11 * a1 + m12 * a2 - r1, m12 * a1 + m22 * a2 - r2
+@inline_njit
+def nominal_torque(block, settings, lane, a1, a2):
+    """Return the nominal feedback linearisation mapping at the measured state (figure 2)."""
+    p1, p2, p3, p4, p5 = _nominal_parameters(settings)
+    q1, q2 = block.measured_position[0, lane], block.measured_position[1, lane]
+    v1, v2 = block.measured_velocity[0, lane], block.measured_velocity[1, lane]
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, 0.0, 0.0)
+    return m11 * a1 + m12 * a2 - load1, m12 * a1 + m22 * a2 - load2
 
 
-@inline
-def nominal_acceleration(b, l, x):
-    """The acceleration that the nominal model expects of the applied torque, at the true state."""
-    p1, p2, p3, p4, p5 = _nominal(x)
-    q1, q2, v1, v2 = b[Q1 + l], b[Q2 + l], b[V1 + l], b[V2 + l]
-    m11, m12, m22, r1, r2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, b[T1 + l], b[T2 + l])
-    return solve_terms(m11, m12, m22, r1, r2)
+@inline_njit
+def nominal_acceleration(block, settings, lane):
+    """Return the nominal model's acceleration under the applied torque at the true state."""
+    p1, p2, p3, p4, p5 = _nominal_parameters(settings)
+    q1, q2 = block.position[0, lane], block.position[1, lane]
+    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    tau1, tau2 = block.torque[0, lane], block.torque[1, lane]
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2)
+    return solve_terms(m11, m12, m22, load1, load2)
 
 
-@inline
-def pick_disturbance(clock, l, x, substep):
-    """Disturbance of the kinds that are held over a physics step: piecewise-constant, pulses, the user's array."""
-    kind = int(x[at.DISTURBANCE])
-    now = float(np.int64(clock[STEP + l])) * x[at.SUBSTEPS] + substep
-    d1, d2 = 0.0, 0.0
-    if kind == at.PIECEWISE_CONSTANT:
-        level = np.uint64(np.floor(now / x[at.PUSH_EVERY]))
-        a, c, _, _ = uniforms(clock[SEED + l], _STREAM, clock[EPISODE + l], level, _NONE)
-        d1, d2 = (2.0 * a - 1.0) * x[at.PUSH], (2.0 * c - 1.0) * x[at.PUSH + 1]
-    elif kind == at.PULSES:
-        since = now - x[at.PUSH_START]
-        phase = since - np.floor(since / x[at.PUSH_EVERY]) * x[at.PUSH_EVERY]
-        on = 1.0 if since >= 0.0 and phase < x[at.PUSH_WIDTH] else 0.0
-        d1, d2 = on * x[at.PUSH], on * x[at.PUSH + 1]
-    elif kind == at.ARRAY:
-        row = int(min(np.floor(now / x[at.PUSH_EVERY]), x[at.PUSH_ROWS] - 1.0))
-        place = int(x[at.PUSH_TABLE]) + 2 * row
-        d1, d2 = x[place], x[place + 1]
-    return d1, d2
+@inline_njit
+def pick_disturbance(block, settings, tables, lane, substep):
+    """Return the disturbance of the kinds that are constant over a physics step."""
+    kind, period = settings.disturbance_kind, settings.disturbance_period
+    amplitude1, amplitude2 = settings.disturbance_amplitude[0], settings.disturbance_amplitude[1]
+    now = float(np.int64(block.step[lane])) * settings.substeps + substep
+    if kind == PIECEWISE_CONSTANT:
+        level = np.uint64(np.floor(now / period))
+        draw1, draw2, _, _ = uniforms(block.seed[lane], _STREAM, block.episode[lane], level, _ZERO)
+        return (2.0 * draw1 - 1.0) * amplitude1, (2.0 * draw2 - 1.0) * amplitude2
+    if kind == PULSES:
+        since = now - settings.disturbance_start
+        phase = since - np.floor(since / period) * period
+        on = 1.0 if since >= 0.0 and phase < settings.disturbance_width else 0.0
+        return on * amplitude1, on * amplitude2
+    if kind == ARRAY:
+        sample = int(min(np.floor(now / period), settings.disturbance_samples - 1.0))
+        place = settings.disturbance_table + 2 * sample
+        return tables[place], tables[place + 1]
+    return 0.0, 0.0
 
 
-@compiled
-def apply_torque(b, clock, x, width, substep):
-    """Applied torque less disturbance at the start, the half and the end of a physics step."""
+@kernel_njit
+def apply_torque(block, queue, settings, tables, width, substep):
+    """Set the applied torque, and the torque less disturbance over a physics step."""
     # The command that the delay lets through now, and the lag behind it.
-    depth = int(x[at.QUEUE_DEPTH])
-    age = depth if substep < x[at.QUEUE_SWITCH] or depth == 0 else depth - 1
-    start, half, end = x[at.LAG_START], x[at.LAG_HALF], x[at.LAG_END]
-    for l in range(width):
-        u1, u2 = b[QUEUE + PAIR * age + l], b[QUEUE + PAIR * age + LANES + l]
-        gap1, gap2 = b[T1 + l] - u1, b[T2 + l] - u2
-        b[S1 + l], b[S2 + l] = u1 + start * gap1, u2 + start * gap2
-        b[H1 + l], b[H2 + l] = u1 + half * gap1, u2 + half * gap2
-        b[E1 + l], b[E2 + l] = u1 + end * gap1, u2 + end * gap2
-        b[T1 + l], b[T2 + l] = b[E1 + l], b[E2 + l]
-    if x[at.DISTURBANCE] == at.SINE:
-        _apply_sine(b, clock, x, width, substep)
-    elif x[at.DISTURBANCE] != at.NO_DISTURBANCE:
-        for l in range(width):
-            d1, d2 = pick_disturbance(clock, l, x, substep)
-            b[D1 + l], b[D2 + l] = d1, d2
-            for row in range(3):
-                b[S1 + PAIR * row + l] -= d1
-                b[S2 + PAIR * row + l] -= d2
+    age = settings.delay_steps
+    if age > 0 and substep >= settings.delay_switch:
+        age -= 1
+    start, half, end = settings.lag_start, settings.lag_half, settings.lag_end
+    for joint in range(2):
+        for lane in range(width):
+            target = queue[age, joint, lane]
+            gap = block.torque[joint, lane] - target
+            block.tau_start[joint, lane] = target + start * gap
+            block.tau_half[joint, lane] = target + half * gap
+            block.tau_end[joint, lane] = target + end * gap
+            block.torque[joint, lane] = target + end * gap
+    if settings.disturbance_kind == SINE:
+        _subtract_sine(block, block.tau_start, settings, width, substep + 0.0)
+        _subtract_sine(block, block.tau_half, settings, width, substep + 0.5)
+        _subtract_sine(block, block.tau_end, settings, width, substep + 1.0)
+    elif settings.disturbance_kind != NO_DISTURBANCE:
+        for lane in range(width):
+            torque1, torque2 = pick_disturbance(block, settings, tables, lane, substep)
+            block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
+            block.tau_start[0, lane] -= torque1
+            block.tau_start[1, lane] -= torque2
+            block.tau_half[0, lane] -= torque1
+            block.tau_half[1, lane] -= torque2
+            block.tau_end[0, lane] -= torque1
+            block.tau_end[1, lane] -= torque2
 
 
-@compiled
-def _apply_sine(b, clock, x, width, substep):
-    for half_steps in range(3):
-        for joint in range(2):
-            load, push = S1 + PAIR * half_steps + LANES * joint, x[at.PUSH + joint]
-            rate, phase, now = x[at.PUSH_RATE + joint], PHASE1 + LANES * joint, D1 + LANES * joint
-            for l in range(width):
-                steps = float(np.int64(clock[STEP + l])) * x[at.SUBSTEPS] + substep + 0.5 * half_steps
-                sine, _ = sincos(rate * (steps * x[at.PHYSICS_DT]) + b[phase + l])
-                b[load + l] -= push * sine
-                b[now + l] = push * sine
+@kernel_njit
+def _subtract_sine(block, tau, settings, width, substep):
+    """Subtract a sine disturbance from `tau`, the torque at a time counted in physics steps."""
+    for joint in range(2):
+        amplitude, rate = settings.disturbance_amplitude[joint], settings.disturbance_rate[joint]
+        for lane in range(width):
+            steps = float(np.int64(block.step[lane])) * settings.substeps + substep
+            sine, _ = sincos(rate * (steps * settings.physics_dt) + block.disturbance_phase[joint, lane])
+            tau[joint, lane] -= amplitude * sine
+            block.disturbance[joint, lane] = amplitude * sine

@@ -1,4 +1,4 @@
-"""An arm with dry friction: what holds it, and from which load on it moves."""
+"""An arm with dry friction, and its breakaway torques."""
 
 import numpy as np
 
@@ -11,5 +11,5 @@ BREAKAWAY = np.array([30.0, 12.0])
 
 
 def flat(**options):
-    """An arm without gravity, at rest, under torques: a static load is just what one applies."""
+    """Return an arm at rest without gravity; its load is the applied torque alone."""
     return TwoLinkArmEnv(arm=FLAT, action="torque", actuator=None, reference=STILL, friction=DRY, **options)

@@ -1,4 +1,6 @@
-"""What an option changes is measured against a twin: the same environment without it, with the same seed and torques."""
+"""Pairs of runs with and without an option, with the same seed and torques."""
+
+import functools
 
 import numpy as np
 
@@ -19,13 +21,13 @@ PLANT = (
 
 
 def torques(k, lanes=LANES):
-    """Torques [lanes x 2] that move the arm about, a function of the step."""
+    """Return torques [lanes x 2] that move the arm, a function of the step."""
     phase = np.arange(lanes)[:, None] + np.array([0.0, 1.0])
     return np.array([150.0, 40.0]) * np.sin(0.05 * k + phase) + np.array([-50.0, -10.0])
 
 
 def play(steps=100, lanes=LANES, seed=0, **options):
-    """Observations [steps + 1 x lanes x size] and truths of a run under `torques`."""
+    """Return the layout, observations [steps + 1 x lanes x size] and truths of a run under `torques`."""
     env = TwoLinkArmVectorEnv(lanes, action="torque", limits={"position": 100.0}, **options)
     observations, truths = [env.reset(seed=seed)[0]], [env.truth]
     for k in range(steps):
@@ -35,17 +37,20 @@ def play(steps=100, lanes=LANES, seed=0, **options):
 
 
 def same(ours, theirs, *names):
-    """Whether two runs' truths agree to the bit in the named fields."""
+    """Return True if the truths of two runs agree to the bit in the named fields."""
     return all(
         np.array_equal(getattr(a, name), getattr(b, name)) for a, b in zip(ours, theirs, strict=True) for name in names
     )
 
 
-PLAIN = play()
+@functools.cache
+def plain():
+    """Return the run without any option: layout, observations, truths."""
+    return play()
 
 
 def watch(*names, steps=150, torque=(-50.0, -10.0), seed=0, **options):
-    """Fields of the truth, each [steps + 1 x ...], of one arm at control_dt = physics_dt = 1 ms under a held torque."""
+    """Return fields of the truth [steps + 1 x ...] of one arm with steps of 1 ms under a held torque."""
     env = TwoLinkArmEnv(action="torque", control_dt=1e-3, physics_dt=1e-3, **options)
     env.reset(seed=seed)
     truths = [env.truth]

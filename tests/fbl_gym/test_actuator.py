@@ -5,16 +5,16 @@ import pytest
 
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.arm import gravity_torque
-from tests.fbl_gym.paired_runs import PLAIN, play, torques, watch
+from tests.fbl_gym.paired_runs import plain, play, torques, watch
 
 
-def test_torque_limit():
+def test_the_torque_limit_clips_the_applied_torque():
     _, _, truths = play(actuator={"torque_limit": (100.0, 30.0)})
     for k, truth in enumerate(truths[1:]):
         assert np.array_equal(truth.applied_torque, np.clip(torques(k), [-100.0, -30.0], [100.0, 30.0]))
 
 
-def test_a_torque_limit_is_what_a_fraction_is_of():
+def test_a_normalized_action_is_a_fraction_of_the_torque_limit():
     env = TwoLinkArmEnv(actuator={"torque_limit": (300.0, 50.0)})
     env.reset(seed=0)
     assert env.torque_limit == (300.0, 50.0)
@@ -27,7 +27,7 @@ def test_a_torque_limit_is_what_a_fraction_is_of():
 
 
 @pytest.mark.parametrize("delay", [0.001, 0.01, 0.013, 0.02, 0.035])
-def test_delay(delay):
+def test_a_delay_shifts_the_applied_torque(delay):
     layout, seen, truths = play(actuator={"delay": delay})
     late = round(delay / 0.001)
     held = gravity_torque(TABLE_1, truths[0].position)
@@ -36,28 +36,28 @@ def test_delay(delay):
         step = (10 * k - 1 - late) // 10
         np.testing.assert_allclose(truths[k].applied_torque, held if step < 0 else torques(step), rtol=1e-12)
         np.testing.assert_allclose(seen[k][..., layout["previous_action"]], torques(k - 1))
-    assert "previous_action" not in PLAIN[0]
+    assert "previous_action" not in plain()[0]
 
 
 @pytest.mark.parametrize("late", [1, 3, 10, 13, 20, 37])
-def test_a_delay_is_so_many_physics_steps(late):
-    """The twin without a delay is given the commands that much later, and before them the torque at rest."""
+def test_a_delay_counts_in_physics_steps(late):
+    """An arm without a delay gets the same commands later, and before them the torque at rest."""
     slow = TwoLinkArmEnv(action="torque", actuator={"delay": late * 1e-3})
-    twin = TwoLinkArmEnv(action="torque", control_dt=1e-3)
+    prompt = TwoLinkArmEnv(action="torque", control_dt=1e-3)
     slow.reset(seed=0)
-    twin.reset(seed=0)
-    commands = [twin.truth.applied_torque] * late
+    prompt.reset(seed=0)
+    commands = [prompt.truth.applied_torque] * late
     for k in range(20):
         commands += [torques(3 * k, 1)[0]] * 10
         slow.step(commands[-1])
         for j in range(10):
-            twin.step(commands[10 * k + j])
-        np.testing.assert_array_equal(slow.truth.position, twin.truth.position)
-        np.testing.assert_array_equal(slow.truth.velocity, twin.truth.velocity)
-        np.testing.assert_array_equal(slow.truth.applied_torque, twin.truth.applied_torque)
+            prompt.step(commands[10 * k + j])
+        np.testing.assert_array_equal(slow.truth.position, prompt.truth.position)
+        np.testing.assert_array_equal(slow.truth.velocity, prompt.truth.velocity)
+        np.testing.assert_array_equal(slow.truth.applied_torque, prompt.truth.applied_torque)
 
 
-def test_lag():
+def test_a_lag_is_an_exponential():
     layout, _, truths = play(actuator={"lag": 0.05})
     assert "previous_action" in layout
     torque = gravity_torque(TABLE_1, truths[0].position)
@@ -66,7 +66,7 @@ def test_lag():
         np.testing.assert_allclose(truths[k + 1].applied_torque, torque, rtol=1e-11)
 
 
-def test_a_lag_behind_a_delay_answers_a_step_as_an_exponential():
+def test_a_lag_behind_a_delay_is_a_late_exponential():
     applied, position = watch(
         "applied_torque", "position", torque=(100.0, 20.0), actuator={"delay": 0.02, "lag": 0.03}, steps=150
     )

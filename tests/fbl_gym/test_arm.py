@@ -1,4 +1,4 @@
-"""The model against MuJoCo, Pinocchio and the paper's equations as printed, and the properties every arm has."""
+"""The dynamics equals MuJoCo's, Pinocchio's and the paper's equations, and has every arm's properties."""
 
 import re
 
@@ -40,9 +40,9 @@ def mujoco_model(arm):
     """The arm in MuJoCo: x to the right, z up, hinges about -y so that angles count from the horizontal upwards."""
 
     def link(mass, length):
-        own = max(arm.inertia * mass * length**2, 1e-12)
+        about_centre = max(arm.inertia * mass * length**2, 1e-12)
         centre = f"{arm.centre * length} 0 0"
-        return f'<inertial pos="{centre}" mass="{mass}" diaginertia="{own} {own} {own}"/>'
+        return f'<inertial pos="{centre}" mass="{mass}" diaginertia="{about_centre} {about_centre} {about_centre}"/>'
 
     text = f"""
     <mujoco>
@@ -64,16 +64,16 @@ def pinocchio_model(arm):
     parent, place = 0, pin.SE3.Identity()
     for name, mass, length in (("1", arm.m1, arm.L1), ("2", arm.m2, arm.L2)):
         joint = model.addJoint(parent, pin.JointModelRZ(), place, name)
-        own = arm.inertia * mass * length**2 * np.eye(3)
-        inertia = pin.Inertia(mass, np.array([arm.centre * length, 0.0, 0.0]), own)
+        about_centre = arm.inertia * mass * length**2 * np.eye(3)
+        inertia = pin.Inertia(mass, np.array([arm.centre * length, 0.0, 0.0]), about_centre)
         model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
         parent, place = joint, pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
     return model
 
 
 @arms
-def test_accelerations_are_mujocos(arm):
-    """5,000 random states and torques, to 1e-11 relative: MuJoCo's point masses need 1e-12 kg m^2."""
+def test_accelerations_equal_mujocos(arm):
+    """For 5,000 random states and torques, to 1e-11: MuJoCo's point masses need 1e-12 kg m^2."""
     model = mujoco_model(arm)
     data = mujoco.MjData(model)
     q, v, torque = states(5000)
@@ -88,7 +88,7 @@ def test_accelerations_are_mujocos(arm):
 
 
 @arms
-def test_terms_are_pinocchios(arm):
+def test_terms_equal_pinocchios(arm):
     model = pinocchio_model(arm)
     data = model.createData()
     q, v, _ = states(500)
@@ -105,7 +105,7 @@ def test_terms_are_pinocchios(arm):
 
 
 @arms
-def test_kinematics_is_pinocchios(arm):
+def test_kinematics_equals_pinocchios(arm):
     model = pinocchio_model(arm)
     tip = model.addFrame(pin.Frame("tip", 2, pin.SE3(np.eye(3), np.array([arm.L2, 0, 0])), pin.FrameType.OP_FRAME))
     data = model.createData()
@@ -116,8 +116,8 @@ def test_kinematics_is_pinocchios(arm):
 
 
 @arms
-def test_energy_is_pinocchios(arm):
-    """Their potential energy counts from the base; so does ours."""
+def test_energy_equals_pinocchios(arm):
+    """Both count potential energy from the base."""
     model = pinocchio_model(arm)
     data = model.createData()
     q, v, _ = states(50)
@@ -127,8 +127,8 @@ def test_energy_is_pinocchios(arm):
 
 
 @pytest.mark.parametrize("arm", [TABLE_1, SECTION_2_2])
-def test_the_papers_equations_as_printed(arm):
-    """(2), (3) and (4), written out here once more from the paper."""
+def test_the_model_equals_the_papers_equations_as_printed(arm):
+    """Equations (2), (3) and (4), copied from the paper."""
     m1, m2, L1, L2, g = arm.m1, arm.m2, arm.L1, arm.L2, arm.gravity
     for (t1, t2), (w1, w2), _ in zip(*states(50), strict=True):
         c2, s2 = np.cos(t2), np.sin(t2)
@@ -144,7 +144,7 @@ def test_the_papers_equations_as_printed(arm):
         np.testing.assert_allclose(gravity_torque(arm, (t1, t2)), [g1, g2], rtol=1e-12, atol=1e-10)
 
 
-def test_rods_as_the_errata_derive_them():
+def test_rods_have_the_lumped_parameters_of_the_errata():
     arm = TABLE_1.as_rods()
     m1, m2, L1, L2, g = arm.m1, arm.m2, arm.L1, arm.L2, arm.gravity
     for (t1, t2), (w1, w2), _ in zip(*states(20), strict=True):
@@ -170,7 +170,7 @@ anyone = st.builds(
 @settings(deadline=None)
 @given(anyone, angles)
 def test_inertia_is_symmetric_and_positive_definite(arm, q):
-    """Both leading minors are positive, down to links that differ a thousandfold."""
+    """Both leading minors are positive, for links that differ up to a thousandfold."""
     m = inertia_matrix(arm, q)
     assert m[0, 1] == m[1, 0]
     assert m[0, 0] > 0
@@ -179,8 +179,7 @@ def test_inertia_is_symmetric_and_positive_definite(arm, q):
 
 @settings(deadline=None)
 @given(anyone, angles, angles)
-def test_inertias_rate_less_twice_coriolis_is_skew(arm, q, v):
-    """With the Christoffel form; with the paper's C it is not."""
+def test_inertias_rate_less_twice_the_christoffel_matrix_is_skew(arm, q, v):
     q, v, small = np.array(q), np.array(v), 1e-6
     rate = (inertia_matrix(arm, q + small * v) - inertia_matrix(arm, q - small * v)) / (2 * small)
     difference = rate - 2 * coriolis_matrix(arm, q, v, skew=True)
@@ -256,10 +255,10 @@ NOT_POSITIVE = (-1.0, 0.0, float("nan"), float("inf"), True, np.True_, "1", None
     + [("centre", value) for value in (0.0, -0.5, 1.5, float("nan"), True)]
     + [("inertia", value) for value in (-0.1, 1.5, float("nan"), True, "1")],
 )
-def test_bad_parameters_are_named(name, value):
+def test_a_bad_parameter_is_named(name, value):
     with pytest.raises(ValueError, match=rf"^{name} must be .*, got {re.escape(repr(value))}$"):
         ArmParameters(**{name: value})
 
 
-def test_numpy_numbers_are_numbers():
+def test_parameters_may_be_numpy_numbers():
     assert ArmParameters(m1=np.float32(2.0), m2=np.int64(3)).lumped[1] == pytest.approx(3 * 0.25)

@@ -1,4 +1,6 @@
-"""Options that no environment can have: what is said of them, and which name was meant."""
+"""Errors of wrong options: they name the argument, the value, the right form and the nearest name."""
+
+import re
 
 import gymnasium as gym
 import numpy as np
@@ -11,7 +13,7 @@ from tests.fbl_gym.episodes import ID
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"threads": 2}, "'threads' is an option of many arms at once"),
+        ({"threads": 2}, "'threads' is an option of the vector environment"),
         ({"frictionn": 1}, "unknown option 'frictionn'; did you mean 'friction'"),
         ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean"),
         ({"scenario": 3}, "scenario must be"),
@@ -24,7 +26,7 @@ from tests.fbl_gym.episodes import ID
         ({"reward": {"weight_effort": -1}}, "reward: weight_effort must be a finite number not below 0, got -1"),
         ({"physics_dt": 0.003}, "control_dt must be a multiple of physics_dt=0.003 s, got control_dt=0.01 s"),
         ({"physics_dt": 0.02}, "physics_dt must divide control_dt, got physics_dt=0.02 s and control_dt=0.01 s"),
-        ({"arm": {"m1": -1}}, "arm: m1 must be a positive, finite number, got -1"),
+        ({"arm": {"m1": -1}}, "arm: m1 must be a finite number greater than 0, got -1"),
         ({"noise": {"position": -0.1}}, "noise: position: sigma.* must be a finite number not below 0, got -0.1"),
         ({"noise": {"velocity": 0.1}, "sensors": ("position",)}, "noise.velocity is given, but sensors"),
         (
@@ -55,11 +57,29 @@ def test_bad_options_are_named(options, message):
 
 @pytest.mark.parametrize("wrong", [{"acton": "torque"}, {"rewards": {}}, {"prevew": 2}, {"scenaro": "nominal"}])
 def test_a_mistyped_argument_of_the_environment_is_recognised(wrong):
-    """Not only the scenario's fields: action, reward, preview and scenario are options of `gym.make` too."""
+    """Action, reward, preview and scenario are options of `gym.make`, like the scenario's fields."""
     meant = {"acton": "action", "rewards": "reward", "prevew": "preview", "scenaro": "scenario"}
     (name,) = wrong
     with pytest.raises(ValueError, match=f"did you mean '{meant[name]}'"):
         gym.make(ID, **wrong)
+
+
+@pytest.mark.parametrize(
+    ("name", "suggestion"),
+    [
+        ("torque_limit", "actuator={'torque_limit': ...}"),
+        ("radius", "parameter_error={'radius': ...}"),
+        ("mass", "parameter_error={'payload': {'mass': ...}}"),
+        ("m1", "arm={'m1': ...}"),
+        ("snr_db", "noise={'position': {'snr_db': ...}} or noise={'velocity': {'snr_db': ...}} or "),
+        ("bandwidth", "reference={'kind': 'filtered-steps', 'bandwidth': ...}"),
+        ("weight_effort", "reward={'weight_effort': ...}"),
+    ],
+)
+def test_a_field_of_an_option_suggests_the_option(name, suggestion):
+    for environment in (TwoLinkArmEnv, TwoLinkArmVectorEnv):
+        with pytest.raises(ValueError, match=re.escape(f"unknown option {name!r}; did you mean {suggestion}")):
+            environment(**{name: 100})
 
 
 @pytest.mark.parametrize("sensors", [None, 5])
@@ -133,7 +153,7 @@ def test_the_nearest_known_name_is_suggested(make, message):
         (lambda: ParameterError(payload="2"), "payload must be a Payload, .* or its mass, got '2'"),
     ],
 )
-def test_the_wrong_kind_of_thing_is_named_with_the_right_form(make, message):
+def test_a_value_of_the_wrong_type_is_named_with_the_right_form(make, message):
     with pytest.raises(ValueError, match=message):
         make()
 
@@ -150,12 +170,12 @@ def test_the_wrong_kind_of_thing_is_named_with_the_right_form(make, message):
     ],
     ids=["parameters=5", "parameters=None", "sensors=5", "sensors=None", "kind=[...]", "0-d array"],
 )
-def test_no_wrong_value_escapes_as_another_error(make):
+def test_every_wrong_value_is_a_value_error(make):
     with pytest.raises(ValueError, match=r"must be|unknown"):
         make()
 
 
-def test_after_an_error_the_next_environment_is_as_ever():
+def test_an_error_does_not_change_the_next_environment():
     before = TwoLinkArmEnv().reset(seed=0)[0]
     for bad in ({"noise": {"position": -1}}, {"control_dt": 0.0015}, {"reference": "sinus"}):
         with pytest.raises(ValueError, match=r"must be|unknown"):

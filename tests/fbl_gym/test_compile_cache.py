@@ -1,10 +1,10 @@
-"""Compiled code is kept where it can be, and an environment works where it cannot."""
+"""The cache of compiled code: shared by processes; without one, an environment still works."""
 
 import os
 import subprocess
 import sys
 
-NOWHERE = """
+WITHOUT_CACHE = """
 from numba.core import caching
 caching.CacheImpl._locator_classes = []  # as in a container whose file system is read-only
 import numpy as np
@@ -17,8 +17,8 @@ print(doctor._cache())
 """
 
 
-def test_an_environment_works_where_nothing_can_be_kept():
-    done = subprocess.run([sys.executable, "-c", NOWHERE], capture_output=True, text=True)
+def test_an_environment_works_without_a_writable_cache():
+    done = subprocess.run([sys.executable, "-c", WITHOUT_CACHE], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["(12,)", "memory alone: no folder can be written"]
     assert done.stderr.count("RuntimeWarning: compiled code cannot be kept") == 1
@@ -35,14 +35,14 @@ print(env.step(np.array([0.1, -0.2]))[0].tobytes().hex())
 
 
 def test_processes_that_start_together_share_what_they_compile(tmp_path):
-    """Three find nothing kept, compile, and keep it; one that comes after compiles nothing."""
+    """Three processes compile and write the cache; a later one compiles nothing."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-c", TOGETHER]
     workers = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(3)]
-    found = {worker.communicate()[0] for worker in workers}
+    outputs = {worker.communicate()[0] for worker in workers}
     assert [worker.returncode for worker in workers] == [0, 0, 0]
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
-    assert kept
+    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
+    assert files
     later = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert found == {later.stdout}
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == kept
+    assert outputs == {later.stdout}
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == files

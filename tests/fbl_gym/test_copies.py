@@ -51,7 +51,7 @@ def test_a_made_environment_can_be_pickled():
 
 
 @both_ways
-def test_a_copy_in_mid_episode_goes_on_alike_and_apart(duplicate):
+def test_a_copy_in_mid_episode_continues_independently(duplicate):
     env = TwoLinkArmEnv(**RECORDS)
     episode(env, 10)
     other = duplicate(env)
@@ -64,7 +64,7 @@ def test_a_copy_in_mid_episode_goes_on_alike_and_apart(duplicate):
 
 
 @both_ways
-def test_a_copy_knows_its_own_truth(duplicate):
+def test_a_copy_has_the_truth_of_its_own_arm(duplicate):
     env = TwoLinkArmEnv(**RECORDS)
     episode(env, 10)
     other = duplicate(env)
@@ -76,7 +76,7 @@ def test_a_copy_knows_its_own_truth(duplicate):
 
 
 @both_ways
-def test_a_copy_heeds_its_seeds(duplicate):
+def test_a_copy_has_the_episodes_of_its_seeds(duplicate):
     """Both `reset(seed=...)` and the next episode of a seed are those of the original."""
     env = TwoLinkArmEnv(**RECORDS)
     env.reset(seed=3)
@@ -86,7 +86,7 @@ def test_a_copy_heeds_its_seeds(duplicate):
     np.testing.assert_array_equal(episode(other, seed=9), episode(env, seed=9))
 
 
-def test_a_pickled_batch_goes_on_alike():
+def test_a_pickled_batch_continues_alike():
     env = TwoLinkArmVectorEnv(20, **EVENTFUL)
     env.reset(seed=0)
     for _ in range(25):
@@ -97,7 +97,7 @@ def test_a_pickled_batch_goes_on_alike():
 
 
 @pytest.mark.parametrize("duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy])
-def test_a_copied_batch_knows_its_own_truth_and_heeds_its_seeds(duplicate):
+def test_a_copied_batch_has_its_truth_and_the_episodes_of_its_seeds(duplicate):
     env = TwoLinkArmVectorEnv(20, **EVENTFUL)
     env.reset(seed=0)
     other = duplicate(env)
@@ -109,18 +109,18 @@ def test_a_copied_batch_knows_its_own_truth_and_heeds_its_seeds(duplicate):
     np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
 
 
-def test_copies_go_their_own_ways():
+def test_a_copy_shares_no_state():
     env = TwoLinkArmVectorEnv(3)
     env.reset(seed=0)
     other = copy.deepcopy(env)
     other.step(np.ones((3, 2)))
-    twin = TwoLinkArmVectorEnv(3)
-    twin.reset(seed=0)
-    np.testing.assert_array_equal(env.step(np.zeros((3, 2)))[0], twin.step(np.zeros((3, 2)))[0])
+    untouched = TwoLinkArmVectorEnv(3)
+    untouched.reset(seed=0)
+    np.testing.assert_array_equal(env.step(np.zeros((3, 2)))[0], untouched.step(np.zeros((3, 2)))[0])
 
 
-def test_an_environment_unpickled_onto_frozen_memory_steps():
-    """As a worker does that is handed a memory map."""
+def test_an_environment_unpickled_onto_read_only_memory_steps():
+    """Joblib gives its workers such memory maps."""
     env = TwoLinkArmEnv()
     env.reset(seed=0)
     buffers = []

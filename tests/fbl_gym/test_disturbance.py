@@ -9,7 +9,7 @@ from tests.fbl_gym.paired_runs import LANES, play, same, watch
 
 
 def levels(**options):
-    """The disturbance [steps + 1 x lanes x 2] and the truths of a run."""
+    """Return the disturbance [steps + 1 x lanes x 2] and the truths of a run."""
     _, _, truths = play(steps=200, **options)
     reference = play(steps=200)[2]
     assert same(truths, reference, "reference", "applied_torque", "lumped")
@@ -17,12 +17,12 @@ def levels(**options):
     return np.array([truth.disturbance for truth in truths]), truths
 
 
-def test_piecewise_constant_disturbance():
-    push, _ = levels(disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.2})
-    change = np.any(np.diff(push, axis=0) != 0, axis=(1, 2))
-    # Sample k tells of the interval that ended there, so that the level of [0.2 i, 0.2 (i + 1)) is seen from 20 i + 1 on.
+def test_a_piecewise_constant_disturbance_has_uniform_levels():
+    disturbance, _ = levels(disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.2})
+    change = np.any(np.diff(disturbance, axis=0) != 0, axis=(1, 2))
+    # Sample k belongs to the step that ends there: the level of [0.2 i, 0.2 (i + 1)) begins at 20 i + 1.
     assert set(np.flatnonzero(change)) == {20 * i for i in range(1, 10)}
-    levels_seen = push[1::20].reshape(-1, 2) / [20.0, 5.0]
+    levels_seen = disturbance[1::20].reshape(-1, 2) / [20.0, 5.0]
     assert np.abs(levels_seen).max() <= 1.0
     for joint in (0, 1):
         assert stats.kstest(levels_seen[:, joint], stats.uniform(-1, 2).cdf).pvalue > 1e-3
@@ -37,7 +37,7 @@ def test_a_piecewise_constant_disturbance_changes_at_its_physics_steps():
     assert np.all(np.abs(seen) <= (20.0, 5.0))
 
 
-def test_a_period_that_is_no_multiple_of_the_control_interval():
+def test_a_period_may_be_any_multiple_of_the_physics_step():
     env = TwoLinkArmEnv(
         control_dt=0.001, disturbance={"kind": "piecewise-constant", "amplitude": 20.0, "period": 0.003}
     )
@@ -54,24 +54,24 @@ def test_a_period_that_is_no_multiple_of_the_control_interval():
 
 def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():
     env = TwoLinkArmVectorEnv(512, disturbance={"kind": "piecewise-constant", "amplitude": 1.0, "period": 0.01})
-    found = []
+    levels = []
     for start in ({"seed": 0}, {}):
         env.reset(**start)
         for _ in range(3):
             env.step(np.zeros((512, 2)))
-            found += [*env.truth.disturbance.T]
-    assert len(found) == 12
-    assert np.abs(np.corrcoef(found) - np.eye(12)).max() < 0.2
-    assert stats.kstest(np.concatenate(found), stats.uniform(-1, 2).cdf).pvalue > 1e-3
+            levels += [*env.truth.disturbance.T]
+    assert len(levels) == 12
+    assert np.abs(np.corrcoef(levels) - np.eye(12)).max() < 0.2
+    assert stats.kstest(np.concatenate(levels), stats.uniform(-1, 2).cdf).pvalue > 1e-3
 
 
-def test_sine_disturbance():
-    push, truths = levels(
+def test_a_sine_disturbance_is_its_formula():
+    disturbance, truths = levels(
         disturbance={"kind": "sine", "amplitude": (20.0, 5.0), "frequency": (1.0, 3.0), "phase": (0.5, 1.0)}
     )
     for k, truth in enumerate(truths):
         expected = np.array([20.0, 5.0]) * np.sin(2 * np.pi * np.array([1.0, 3.0]) * truth.time[0] + [0.5, 1.0])
-        np.testing.assert_allclose(push[k], np.broadcast_to(expected, (LANES, 2)), atol=1e-10)
+        np.testing.assert_allclose(disturbance[k], np.broadcast_to(expected, (LANES, 2)), atol=1e-10)
     drawn, _ = levels(disturbance={"kind": "sine", "amplitude": 20.0})
     assert len(np.unique(drawn[0, :, 0])) == LANES
 
@@ -85,29 +85,29 @@ def test_the_phases_of_a_sine_disturbance_are_uniform():
     assert abs(np.corrcoef(env.truth.disturbance.T)[0, 1]) < 0.06
 
 
-def test_pulses():
-    push, _ = levels(
+def test_pulses_act_at_their_times():
+    disturbance, _ = levels(
         disturbance={"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.5, "width": 0.1, "start": 0.3}
     )
     on = np.array([k - 1 >= 30 and (k - 1 - 30) % 50 < 10 for k in range(1, 201)])
-    assert np.array_equal(push[1:, 0], on[:, None] * np.array([20.0, -5.0]))
+    assert np.array_equal(disturbance[1:, 0], on[:, None] * np.array([20.0, -5.0]))
 
 
 @pytest.mark.parametrize("start", [0.0, 0.017, 0.05])
-def test_pulses_go_on_and_off_at_their_physics_steps(start):
-    push = {"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.03, "width": 0.007, "start": start}
-    (seen,) = watch("disturbance", disturbance=push)
+def test_pulses_start_and_end_at_their_physics_steps(start):
+    option = {"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.03, "width": 0.007, "start": start}
+    (seen,) = watch("disturbance", disturbance=option)
     first = round(start * 1000)
     on = [k >= first and (k - first) % 30 < 7 for k in range(150)]
-    # Sample k + 1 tells what acted in the step from k to k + 1 ms.
+    # Sample k + 1 is the disturbance of the step from k to k + 1 ms.
     np.testing.assert_array_equal(seen[1:], np.outer(on, [20.0, -5.0]))
 
 
-def test_an_array_of_ones_own():
+def test_an_array_disturbance_holds_its_last_sample():
     table = np.random.default_rng(0).uniform(-9, 9, (4, 2))
-    push, _ = levels(disturbance={"kind": "array", "torque": table, "dt": 0.25})
+    disturbance, _ = levels(disturbance={"kind": "array", "torque": table, "dt": 0.25})
     for k in range(1, 201):
-        assert np.array_equal(push[k, 3], table[min((k - 1) // 25, 3)])
+        assert np.array_equal(disturbance[k, 3], table[min((k - 1) // 25, 3)])
 
 
 def test_an_array_disturbance_is_its_samples():

@@ -1,4 +1,4 @@
-"""The single environment as Gymnasium, stable-baselines3 and their users expect it."""
+"""The single environment fulfils the rules of Gymnasium and stable-baselines3."""
 
 import gymnasium as gym
 import numpy as np
@@ -12,7 +12,7 @@ from tests.fbl_gym.episodes import ID, RECORDS
 
 @pytest.mark.parametrize("options", [{}, RECORDS, {"scenario": "everything-3"}], ids=["default", "many", "everything"])
 def test_checkers_pass_without_a_warning(options):
-    """pytest turns every warning into an error here, Gymnasium's own logger's included."""
+    """pytest turns every warning into an error, with those of Gymnasium's logger."""
     env = gym.make(ID, **options)
     check_env(env.unwrapped)
     pytest.importorskip("stable_baselines3.common.env_checker").check_env(env)
@@ -36,7 +36,7 @@ def test_reset_takes_no_options():
         TwoLinkArmEnv().reset(options={"low": 1})
 
 
-def test_truth_is_a_copy_and_looking_changes_nothing():
+def test_truth_is_a_copy_and_reading_it_changes_nothing():
     env, twin = TwoLinkArmEnv("everything-2"), TwoLinkArmEnv("everything-2")
     env.reset(seed=0)
     twin.reset(seed=0)
@@ -49,7 +49,7 @@ def test_truth_is_a_copy_and_looking_changes_nothing():
         np.testing.assert_array_equal(truth.position, before)
 
 
-def test_what_a_controller_may_know():
+def test_the_interface_holds_the_nominal_model_and_the_rates():
     env = gym.make(ID, scenario="mixed-error-3").unwrapped
     assert env.nominal.m1 == 20.0
     assert env.control_dt == 0.01
@@ -60,25 +60,28 @@ def test_what_a_controller_may_know():
 
 
 @pytest.mark.parametrize("name", [ID, "fbl_gym:fbl_gym/TwoLinkArm-v0"])
-def test_both_names_make_it(name):
+def test_the_environment_is_made_by_id_and_by_class(name):
     env = gym.make(name, scenario="noise-1")
     assert isinstance(env.unwrapped, TwoLinkArmEnv)
     assert env.unwrapped.scenario.name == "noise-1"
     assert env.spec.id == ID
 
 
-def test_what_is_returned_is_never_written_to_again():
+def test_returned_arrays_are_never_changed_later():
     env = TwoLinkArmEnv(**RECORDS)
-    kept = [env.reset(seed=0)[0]] + [env.step((0.1, 0.1))[0] for _ in range(50)] + [env.reset()[0]]
-    copies = [observation.copy() for observation in kept]
+    observations = [env.reset(seed=0)[0]] + [env.step((0.1, 0.1))[0] for _ in range(50)] + [env.reset()[0]]
+    copies = [observation.copy() for observation in observations]
     infos = [env.step((0.2, 0.2))[4] for _ in range(10)]
-    for observation, before in zip(kept, copies, strict=True):
+    for observation, before in zip(observations, copies, strict=True):
         np.testing.assert_array_equal(observation, before)
-    assert len({id(observation.base if observation.base is not None else observation) for observation in kept}) == 52
+    assert (
+        len({id(observation.base if observation.base is not None else observation) for observation in observations})
+        == 52
+    )
     assert len({id(info) for info in infos}) == 10
 
 
-def test_what_is_given_is_neither_kept_nor_changed():
+def test_actions_and_options_are_neither_changed_nor_shared():
     env, twin = TwoLinkArmEnv(actuator={"delay": 0.02}), TwoLinkArmEnv(actuator={"delay": 0.02})
     env.reset(seed=0)
     twin.reset(seed=0)
@@ -90,7 +93,7 @@ def test_what_is_given_is_neither_kept_nor_changed():
     np.testing.assert_array_equal(env.step((0.1, 0.1))[0], twin.step((0.1, 0.1))[0])
 
 
-def test_duration_and_initial_error():
+def test_duration_and_initial_error_reach_the_episode():
     env = TwoLinkArmEnv(duration=0.05, initial_error=(0.1, -0.2))
     plain = TwoLinkArmEnv()
     env.reset(seed=0)

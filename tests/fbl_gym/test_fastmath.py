@@ -1,4 +1,4 @@
-"""The fast elementary functions against NumPy's, which are good to the last bit or two."""
+"""The fast elementary functions against NumPy's, whose error is one or two units of the last bit."""
 
 import numpy as np
 import pytest
@@ -25,12 +25,12 @@ def apply(x):
 
 
 @pytest.mark.parametrize("reach", [1.0, 10.0, 1e3, 1e5])
-def test_sine_and_cosine(reach):
+def test_sine_and_cosine_are_accurate(reach):
     x = np.concatenate([RNG.uniform(-reach, reach, 100_000), np.arange(-64, 65) * np.pi / 4])
     sine, cosine, _, _ = apply(x)
     np.testing.assert_allclose(sine, np.sin(x), rtol=0, atol=2.3e-16)
     np.testing.assert_allclose(cosine, np.cos(x), rtol=0, atol=2.3e-16)
-    # Near their zeros, too, the relative error stays small: the reduction keeps pi/2 as the sum of two doubles.
+    # The relative error stays small near their zeros: the reduction uses pi/2 as the sum of two doubles.
     near = np.arange(-10, 11) * np.pi / 2 + RNG.uniform(-1e-6, 1e-6, 21)
     sine, cosine, _, _ = apply(near)
     np.testing.assert_allclose(sine, np.sin(near), rtol=1e-12)
@@ -38,19 +38,21 @@ def test_sine_and_cosine(reach):
 
 
 @pytest.mark.parametrize("last", [64, 4000, 120_000])
-def test_quadrants_meet(last):
-    """At every multiple of pi/4, and one double to either side: a few ulp of the truth, and also where it is nearly zero within
-    1e-12 of it. There what two doubles leave of pi/2, 1.5e-33, counts as often as it was taken off."""
+def test_sine_and_cosine_are_accurate_between_quadrants(last):
+    """At multiples of pi/4 and their neighbours, the error is a few ulp, and 1e-12 relative near a zero.
+
+    There the remainder of pi/2 beyond two doubles, 1.5e-33, counts once for each subtraction.
+    """
     edges = np.arange(-last, last + 1) * np.pi / 4
     x = np.concatenate([edges, np.nextafter(edges, np.inf), np.nextafter(edges, -np.inf)])
     sine, cosine, _, _ = apply(x)
-    for found, truth in ((sine, np.sin(x)), (cosine, np.cos(x))):
-        np.testing.assert_allclose(found, truth, rtol=6e-16, atol=1.5e-33 * (last / 2 + 1))
-        np.testing.assert_allclose(found, truth, rtol=1e-12)
+    for computed, truth in ((sine, np.sin(x)), (cosine, np.cos(x))):
+        np.testing.assert_allclose(computed, truth, rtol=6e-16, atol=1.5e-33 * (last / 2 + 1))
+        np.testing.assert_allclose(computed, truth, rtol=1e-12)
 
 
 def test_sine_is_odd_and_cosine_even_to_the_bit():
-    """So the arm and its mirror image move alike."""
+    """Therefore the arm and its mirror image move alike."""
     x = RNG.uniform(0, 100, 100_000)
     sine, cosine, _, _ = apply(x)
     mirrored = apply(-x)
@@ -58,7 +60,7 @@ def test_sine_is_odd_and_cosine_even_to_the_bit():
     assert np.array_equal(mirrored[1], cosine)
 
 
-def test_sine_and_cosine_of_absurd_angles():
+def test_sine_and_cosine_of_huge_angles_are_bounded():
     x = np.concatenate([RNG.uniform(-1e14, 1e14, 100_000), [1e9, -1e9, 0.0, -0.0]])
     sine, cosine, _, _ = apply(x)
     np.testing.assert_allclose(sine, np.sin(x), rtol=0, atol=2.3e-16)
@@ -67,22 +69,22 @@ def test_sine_and_cosine_of_absurd_angles():
     assert np.array_equal(cosine[-2:], [1.0, 1.0])
 
 
-def test_exponential():
-    """Against NumPy's, whose own error is part of the 4.5e-16."""
+def test_the_exponential_is_accurate():
+    """NumPy's error is part of the 4.5e-16."""
     x = np.concatenate([RNG.uniform(-700, 700, 100_000), RNG.uniform(-1, 1, 100_000), [0.0, -0.0, 700.0, -700.0]])
     np.testing.assert_allclose(apply(x)[2], np.exp(x), rtol=4.5e-16)
     assert apply([0.0])[2][0] == 1.0
 
 
-def test_extreme_exponents_are_taken_at_the_edge():
+def test_extreme_exponents_are_clipped():
     """No overflow, no zero, no warning: e**700 above, e**-700 below."""
     above, below = apply([700.1, 1e9, 1e300, np.inf])[2], apply([-700.1, -1e9, -1e300, -np.inf])[2]
     np.testing.assert_allclose(above, np.exp(700.0), rtol=4.5e-16)
     np.testing.assert_allclose(below, np.exp(-700.0), rtol=4.5e-16)
 
 
-def test_logarithm():
-    """Also close to 1, where the logarithm goes through zero."""
+def test_the_logarithm_is_accurate():
+    """Also close to 1, the logarithm's zero."""
     near = 1.0 + RNG.uniform(-1, 1, 100_000) * 10.0 ** RNG.uniform(-15, -1, 100_000)
     far = 10.0 ** RNG.uniform(-15, 3, 100_000)
     x = np.concatenate([far, near, RNG.uniform(0.5, 2.0, 100_000), [2.0**-52, 1e-290, 1e300]])

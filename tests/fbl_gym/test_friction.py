@@ -1,4 +1,4 @@
-"""The friction curve, and the two-joint problem that decides what sticks, against all its cases and a convex solver."""
+"""The friction curve, and the two-joint problem of sticking against its nine cases and a convex solver."""
 
 import itertools
 
@@ -17,7 +17,7 @@ def solve(m, g, b, out):
 
 
 def test_nine_cases_solve_the_convex_problem():
-    """Against SciPy's bounded least squares: the friction f in the box that leaves the least energy in M^-1/2 (g - f)."""
+    """SciPy's bounded least squares gives the friction f in the box with the least energy in M^-1/2 (g - f)."""
     rng = np.random.default_rng(0)
     n = 3000
     root = rng.normal(size=(n, 2, 2)) + 2 * np.eye(2)
@@ -44,7 +44,7 @@ def test_nine_cases_solve_the_convex_problem():
 
 
 def problems(n, seed=0):
-    """Random arms and postures, frictions over four decades, loads of about their size: m [n x 3], g and b [n x 2]."""
+    """Return random inertias m [n x 3], loads g [n x 2] and friction bounds b [n x 2] over four decades."""
     rng = np.random.default_rng(seed)
     (m1, m2), (L1, L2) = rng.uniform(0.1, 30, (2, n)), 10 ** rng.uniform(-1, 1, (2, n))
     c2 = np.cos(rng.uniform(-np.pi, np.pi, n))
@@ -55,7 +55,7 @@ def problems(n, seed=0):
 
 
 def cases_that_fit(m, g, b):
-    """Each of the nine cases tried by itself: the velocity it gives [9 x n x 2], and whether that bears it out [9 x n]."""
+    """Return the velocity of each of the nine cases [9 x n x 2], and its agreement with the case [9 x n]."""
     (m11, m12, m22), (g1, g2) = m.T, g.T
     velocities, fits = [], []
     for s1, s2 in itertools.product((-1, 0, 1), repeat=2):
@@ -72,11 +72,11 @@ def cases_that_fit(m, g, b):
     return np.array(velocities), np.array(fits)
 
 
-def test_just_one_of_the_nine_cases_fits_and_it_is_the_one():
+def test_exactly_one_of_the_nine_cases_fits_and_is_taken():
     m, g, b = problems(50_000)
     velocities, fits = cases_that_fit(m, g, b)
     assert np.all(fits.sum(axis=0) == 1)
-    assert np.all(fits.sum(axis=1) > 100)  # and every case comes up
+    assert np.all(fits.sum(axis=1) > 100)  # every case occurs
     out = np.empty((len(m), 4))
     solve(m, g, b, out)
     right = velocities[fits.argmax(axis=0), np.arange(len(m))]
@@ -85,11 +85,11 @@ def test_just_one_of_the_nine_cases_fits_and_it_is_the_one():
 
 
 @pytest.mark.parametrize("joint", [0, 1])
-def test_at_the_boundary_between_cases_nothing_jumps(joint):
+def test_the_solution_is_continuous_between_cases(joint):
     """The solution of a strictly convex problem depends continuously on its load.
 
-    So a joint whose load is within a few roundings of what friction holds is at rest, to rounding, and the other slides
-    or rests as if it were alone.
+    A joint whose load is within a few roundings of its friction bound is at rest, to rounding. The other
+    slides or rests as if it were alone.
     """
     m, g, b = problems(50_000, seed=1)
     rng = np.random.default_rng(2)
@@ -110,7 +110,7 @@ def test_at_the_boundary_between_cases_nothing_jumps(joint):
     )
 
 
-def test_the_friction_curve():
+def test_dry_friction_is_the_printed_curve():
     assert dry_friction(0.0, 3.0, 2.0, 1e-3) == 5.0
     assert dry_friction(0.1, 3.0, 2.0, 1e-2) == pytest.approx(3.0 + 2.0 * np.exp(-1.0))
     assert dry_friction(-0.1, 3.0, 2.0, 1e-2) == dry_friction(0.1, 3.0, 2.0, 1e-2)

@@ -9,11 +9,11 @@ from scipy.integrate import solve_ivp
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.arm import forward_dynamics
 from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL
-from tests.fbl_gym.paired_runs import PLAIN, play, same
+from tests.fbl_gym.paired_runs import plain, play, same
 
 
 @pytest.mark.parametrize("law", ["exact", "literal"])
-def test_each_part_of_friction(law):
+def test_each_part_of_friction_reaches_the_plant(law):
     for part, expected in (
         ({"viscous": (4.0, 2.0)}, lambda v: np.array([4.0, 2.0]) * v),
         ({"coulomb": (4.0, 2.0)}, lambda v: np.array([4.0, 2.0]) * np.sign(v)),
@@ -23,8 +23,8 @@ def test_each_part_of_friction(law):
         ),
     ):
         _, _, truths = play(friction={**part, "law": law})
-        assert same(truths, PLAIN[2], "reference", "applied_torque", "lumped", "disturbance")
-        assert not same(truths[5:], PLAIN[2][5:], "position")
+        assert same(truths, plain()[2], "reference", "applied_torque", "lumped", "disturbance")
+        assert not same(truths[5:], plain()[2][5:], "position")
         for truth in truths[1:]:
             moving = truth.velocity != 0.0
             np.testing.assert_allclose(
@@ -32,7 +32,7 @@ def test_each_part_of_friction(law):
             )
 
 
-def test_friction_of_one_joint_is_of_that_joint():
+def test_friction_of_one_joint_does_not_act_on_the_other():
     for joint in (0, 1):
         level = [0.0, 0.0]
         level[joint] = 6.0
@@ -43,8 +43,8 @@ def test_friction_of_one_joint_is_of_that_joint():
             assert np.any(friction[5:, :, joint] != 0.0)
 
 
-def test_the_laws_of_friction_differ_at_rest_only_in_what_sticks():
-    """A joint at rest is held by the exact law, and feels nothing by the printed one."""
+def test_the_laws_of_friction_differ_at_rest():
+    """The exact law holds a joint at rest; the printed one does not act on it."""
     rest = {"arm": {"gravity": 0.0}, "reference": {"kind": "minimum-jerk", "points": [(0.0, 0.0)]}, "action": "torque"}
     moved = {}
     for law in ("exact", "literal"):
@@ -57,7 +57,7 @@ def test_the_laws_of_friction_differ_at_rest_only_in_what_sticks():
 
 
 def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
-    """The laws differ at rest; in motion both are the printed curve, so that a swing agrees as closely as the step allows."""
+    """In motion both laws are the printed curve; a swing agrees as closely as the step allows."""
     swings = []
     for law in ("exact", "literal", None):
         friction = law and {"viscous": 1.0, "coulomb": (6.0, 3.0), "stiction": 2.0, "v_s": 4.0, "law": law}
@@ -73,10 +73,10 @@ def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
 
 @pytest.mark.parametrize("v_s", [(1e-3, 2e-3), (0.5, 0.9)])
 def test_the_literal_law_is_the_printed_formula(v_s):
-    """Moving, equation (43) agrees with the exact solution to 1e-8; at the larger v_s all of its curve matters."""
+    """A motion under equation (43) agrees with the solver to 1e-8; the larger v_s tests all of the curve."""
 
     def printed(v):
-        """f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v)."""
+        """Return f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v)."""
         return np.array([3.0, 1.0]) * v + (
             np.array([20.0, 8.0]) + (10.0, 4.0) * np.exp(-(v**2) / np.array(v_s))
         ) * np.sign(v)
@@ -104,7 +104,7 @@ def test_the_literal_law_is_the_printed_formula(v_s):
 
 
 def test_the_literal_law_has_no_friction_at_rest():
-    """sign(0) = 0: the arm starts under any load at all with the acceleration of an arm without friction."""
+    """sign(0) = 0: under any load, the arm starts with the acceleration of an arm without friction."""
     env = TwoLinkArmEnv(
         arm=FLAT, action="torque", actuator=None, reference=STILL, friction={**DRY, "law": "literal"},
         disturbance={"kind": "array", "torque": ((-6.0, 2.0),)},
@@ -116,7 +116,7 @@ def test_the_literal_law_has_no_friction_at_rest():
 
 
 def test_under_the_literal_law_nothing_sticks():
-    """The same load below breakaway moves the arm under the printed formula, and not under the exact rule."""
+    """A load below breakaway moves the arm under the printed formula, but not under the exact rule."""
     moved = {}
     for law in ("literal", "exact"):
         env = TwoLinkArmEnv(arm=FLAT, action="torque", actuator=None, reference=STILL, friction={**DRY, "law": law})

@@ -1,4 +1,4 @@
-"""One option does not shift another: neither its random numbers, nor the plant where a task asks for something else."""
+"""Options are independent: one does not change the random numbers of another."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,10 @@ from tests.fbl_gym.paired_runs import play, same, torques
 
 
 def test_adding_noise_friction_and_error_shifts_no_other_number():
-    push = {"kind": "piecewise-constant", "amplitude": 20.0}
-    _, _, alone = play(disturbance=push)
+    disturbance = {"kind": "piecewise-constant", "amplitude": 20.0}
+    _, _, alone = play(disturbance=disturbance)
     _, _, crowd = play(
-        disturbance=push,
+        disturbance=disturbance,
         noise={"position": 0.01, "velocity": 0.1},
         friction={"coulomb": 3.0},
         parameter_error={"radius": 0.5},
@@ -31,7 +31,7 @@ CROWDED = {
 
 
 def readings(layout, seen, truths):
-    """What the sensors added: [steps + 1 x lanes x 4]."""
+    """Return the errors of the sensors [steps + 1 x lanes x 4]."""
     added = [seen[..., layout[name]] - [getattr(truth, name) for truth in truths] for name in ("position", "velocity")]
     return np.concatenate(added, axis=-1)
 
@@ -48,7 +48,7 @@ def readings(layout, seen, truths):
     ],
     ids=str,
 )
-def test_another_task_in_the_same_world(change):
+def test_another_task_has_the_same_random_numbers(change):
     ours, theirs = play(**{**CROWDED, **change}), play(**CROWDED)
     np.testing.assert_allclose(readings(*ours), readings(*theirs), atol=1e-11)
     assert same(ours[2][1:], theirs[2][1:], *UNRELATED)
@@ -66,8 +66,8 @@ def test_another_task_in_the_same_world(change):
     ],
     ids=str,
 )
-def test_what_does_not_concern_the_arm_does_not_move_it(change):
-    """Everything measured, and the whole truth, to the bit."""
+def test_options_outside_the_arm_do_not_move_it(change):
+    """All readings and the whole truth are the same to the bit."""
     options = {"action": "torque", "limits": {"position": 100.0}, **CROWDED}
     one, two = TwoLinkArmVectorEnv(20, **{**options, **change}), TwoLinkArmVectorEnv(20, **options)
     a, b = one.reset(seed=0)[0], two.reset(seed=0)[0]

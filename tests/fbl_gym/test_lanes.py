@@ -20,7 +20,7 @@ def pair(lanes, mode):
 
 
 def assert_same_infos(a, b, lanes):
-    """Infos of two vector environments: keys, masks, and the final observation of each lane that ended."""
+    """Check that the infos of two vector environments are equal: keys, masks and final observations."""
     assert a.keys() == b.keys()
     for key in a:
         if key == "final_obs":
@@ -40,7 +40,7 @@ def assert_same_infos(a, b, lanes):
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("lanes", [1, 2, 8, 9, 16, 17, 37])
 def test_lanes_are_single_environments(lanes, mode):
-    """Against Gymnasium's own vector environment over single ones: observations, rewards, flags and infos, to the bit."""
+    """Observations, rewards, flags and infos are, to the bit, those of Gymnasium's SyncVectorEnv over single ones."""
     ours, theirs = pair(lanes, mode)
     np.testing.assert_array_equal(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])
     rng, ends = np.random.default_rng(0), 0
@@ -64,7 +64,7 @@ def test_lanes_are_single_environments(lanes, mode):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("seed", range(4))
-def test_any_order_of_steps_and_resets(mode, seed):
+def test_any_order_of_steps_and_resets_gives_what_single_environments_give(mode, seed):
     """200 random calls (steps; resets of all or some lanes, with a seed, a list with None, or without) on both."""
     rng, lanes = np.random.default_rng(seed), (3, 16, 17, 5)[seed]
     ours, theirs = pair(lanes, mode)
@@ -132,26 +132,26 @@ def test_a_reset_mask_touches_only_its_lanes(mode):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_lanes_that_are_not_masked_do_not_notice(mode):
-    """Their observations, rewards, flags and truth are those of a batch in which nothing was reset."""
-    env, twin = pair(20, mode)[0], pair(20, mode)[0]
+def test_a_reset_leaves_the_other_lanes_unchanged(mode):
+    """Their observations, rewards, flags and truth are those of a batch without a reset."""
+    env, undisturbed = pair(20, mode)[0], pair(20, mode)[0]
     env.reset(seed=0)
-    twin.reset(seed=0)
+    undisturbed.reset(seed=0)
     mask = np.arange(20) % 3 == 0
     for k in range(12):
         actions = np.full((20, 2), 0.01 * k)
-        a, b = env.step(actions), twin.step(actions)
+        a, b = env.step(actions), undisturbed.step(actions)
         for x, y in zip(a[:4], b[:4], strict=True):
             np.testing.assert_array_equal(x[~mask], y[~mask])
         if k % 4 == 3:
-            shown, _ = env.reset(options={"reset_mask": mask})
-            np.testing.assert_array_equal(shown[~mask], b[0][~mask])
+            observations, _ = env.reset(options={"reset_mask": mask})
+            np.testing.assert_array_equal(observations[~mask], b[0][~mask])
             for name, value in vars(env.truth).items():
-                np.testing.assert_array_equal(value[~mask], getattr(twin.truth, name)[~mask], err_msg=name)
+                np.testing.assert_array_equal(value[~mask], getattr(undisturbed.truth, name)[~mask], err_msg=name)
     assert not np.array_equal(a[0][mask], b[0][mask])
 
 
-def test_a_lane_that_waits_for_its_reset_goes_on_waiting_when_others_are_reset():
+def test_an_ended_lane_still_waits_after_others_are_reset():
     """NEXT_STEP: an ended lane outside the mask restarts at the next step; one inside the mask does not do so twice."""
     env = TwoLinkArmVectorEnv(2, duration=0.02)
     env.reset(seed=0)
@@ -165,7 +165,7 @@ def test_a_lane_that_waits_for_its_reset_goes_on_waiting_when_others_are_reset()
     np.testing.assert_allclose(env.truth.time, [0.01, 0.0])
 
 
-def test_a_hundred_thousand_lanes():
+def test_a_hundred_thousand_lanes_step():
     env = TwoLinkArmVectorEnv(100_000, "everything-1")
     env.reset(seed=0)
     observations, rewards, *_ = env.step(np.zeros((100_000, 2)))
@@ -178,7 +178,7 @@ def test_a_hundred_thousand_lanes():
 
 
 def test_a_hundred_thousand_arms_take_little_memory():
-    """Their state, and what a step returns, within 256 MiB."""
+    """Their state and the results of a step take less than 256 MiB."""
     env = TwoLinkArmVectorEnv(100_000, "everything-3")
     observations, _ = env.reset(seed=0)
     assert np.isfinite(observations).all()

@@ -6,8 +6,8 @@ from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.arm import forward_dynamics, inertia_matrix
 
 
-def test_leakage_is_what_the_nominal_model_expects_less_what_happens():
-    """Equation (5): the acceleration is a - LS, with a that which the applied torque gives the nominal arm."""
+def test_leakage_is_the_nominal_less_the_real_acceleration():
+    """Equation (5): the acceleration is a - LS, a the nominal acceleration under the applied torque."""
     env = TwoLinkArmEnv(
         action="acceleration", parameter_error={"ratio": (2.0, 0.5, 1.2, 0.9)}, friction={"viscous": 5.0}
     )
@@ -23,7 +23,7 @@ def test_leakage_is_what_the_nominal_model_expects_less_what_happens():
         assert np.abs(truth.leakage).max() > 0.1
 
 
-def test_leakage_of_a_disturbance_alone_is_what_it_does_to_the_arm():
+def test_leakage_of_a_disturbance_alone_is_its_acceleration():
     """Equation (6): LS = M^-1 tau_d."""
     env = TwoLinkArmEnv(disturbance={"kind": "array", "torque": [(30.0, -7.0)]})
     env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""The option `limits`: where the spaces end, and where an arm has diverged and its episode ends."""
+"""The option `limits`: bounds of the spaces, and the end of the episode of a diverged arm."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from gymnasium.error import ResetNeeded
 from fbl_gym import TwoLinkArmEnv
 
 
-def test_each_limit_reaches_its_place():
+def test_each_limit_reaches_its_space():
     env = TwoLinkArmEnv(
         action="acceleration", limits={"position": 1.0, "velocity": 7.0, "acceleration": 11.0, "command": 13.0}
     )
@@ -39,7 +39,7 @@ def test_limits_end_an_episode_and_bound_the_sensors():
 
 @pytest.mark.parametrize("limit", ["position", "velocity"])
 def test_an_arm_diverges_just_beyond_its_limit(limit):
-    """Of where it started, and of either joint; not a step sooner."""
+    """The limit holds for each joint, from its start."""
     bound = {"position": 0.4, "velocity": 2.0}[limit]
     for torque in ((2000.0, 0.0), (0.0, -400.0)):
         env = TwoLinkArmEnv(action="torque", limits={limit: bound}, initial_error=0.3)
@@ -70,7 +70,7 @@ def test_divergence_ends_the_episode_with_reward_zero():
     assert not env.step((0.0, 0.0))[2]
 
 
-def test_an_arm_that_diverges_at_the_very_end_is_terminated_not_truncated():
+def test_divergence_at_the_last_step_is_termination_not_truncation():
     env = TwoLinkArmEnv(limits={"velocity": 2.0})
     env.reset(seed=0)
     last = next(k for k in range(1000) if env.step((1.0, 1.0))[2]) + 1
@@ -79,8 +79,8 @@ def test_an_arm_that_diverges_at_the_very_end_is_terminated_not_truncated():
     assert [env.step((1.0, 1.0))[2:4] for _ in range(last)] == [(False, False)] * (last - 1) + [(True, False)]
 
 
-def test_looking_at_the_truth_of_a_diverged_arm_is_harmless():
-    """pytest turns NumPy's warnings into errors here."""
+def test_the_truth_of_a_diverged_arm_raises_no_warning():
+    """pytest turns NumPy's warnings into errors."""
     env = TwoLinkArmEnv(arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1)
     env.reset(seed=0)
     observation, reward, terminated, *_ = env.step((1.0, -1.0))

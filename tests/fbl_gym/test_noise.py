@@ -5,17 +5,17 @@ import pytest
 from scipy import stats
 
 from fbl_gym import SensorError, TwoLinkArmVectorEnv
-from tests.fbl_gym.paired_runs import LANES, PLAIN, PLANT, WAYS, play, same
+from tests.fbl_gym.paired_runs import LANES, PLANT, WAYS, plain, play, same
 
 
 @pytest.mark.parametrize("sensor", WAYS)
 def test_noise_is_white_has_its_sigma_and_touches_only_its_sensor(sensor):
     sigma = (0.02, 0.05)
     layout, seen, truths = play(noise={sensor: sigma})
-    assert same(truths, PLAIN[2], *PLANT)
-    noise = (seen - PLAIN[1])[..., layout[sensor]]
+    assert same(truths, plain()[2], *PLANT)
+    noise = (seen - plain()[1])[..., layout[sensor]]
     for other in set(WAYS) - {sensor}:
-        assert np.array_equal(seen[..., layout[other]], PLAIN[1][..., layout[other]])
+        assert np.array_equal(seen[..., layout[other]], plain()[1][..., layout[other]])
     for joint in (0, 1):
         x = noise[..., joint]
         assert x.std() == pytest.approx(sigma[joint], rel=0.03)
@@ -26,16 +26,16 @@ def test_noise_is_white_has_its_sigma_and_touches_only_its_sensor(sensor):
     assert abs(np.corrcoef(noise[..., 0].ravel(), noise[..., 1].ravel())[0, 1]) < 0.05
 
 
-def test_sensors_have_noises_of_their_own():
+def test_noises_of_sensors_are_independent():
     layout, seen, _ = play(noise={"position": 0.1, "velocity": 0.1, "acceleration": 0.1})
-    noises = [(seen - PLAIN[1])[..., layout[sensor]][..., 0].ravel() for sensor in WAYS]
+    noises = [(seen - plain()[1])[..., layout[sensor]][..., 0].ravel() for sensor in WAYS]
     assert np.abs(np.corrcoef(noises) - np.eye(3)).max() < 0.05
 
 
 @pytest.mark.parametrize("sensor", WAYS)
 def test_noise_of_one_joint_leaves_the_other_alone(sensor):
     layout, seen, _ = play(noise={sensor: (0.0, 0.1)})
-    error = seen[..., layout[sensor]] - PLAIN[1][..., PLAIN[0][sensor]]
+    error = seen[..., layout[sensor]] - plain()[1][..., plain()[0][sensor]]
     assert np.all(error[..., 0] == 0.0)
     assert np.all(error[..., 1] != 0.0)
 
@@ -43,11 +43,11 @@ def test_noise_of_one_joint_leaves_the_other_alone(sensor):
 def test_noise_is_new_in_each_episode_and_seed_and_the_same_for_every_policy():
     env, plain = TwoLinkArmVectorEnv(3, noise={"position": 1.0}), TwoLinkArmVectorEnv(3)
 
-    def noises(pushed, **start):
-        """[50 x 3 lanes x 2]"""
+    def noises(action, **start):
+        """Return the position noise [50 x 3 lanes x 2]."""
         rows = [env.reset(**start)[0] - plain.reset(**start)[0]]
         for _ in range(49):
-            actions = np.full((3, 2), pushed)
+            actions = np.full((3, 2), action)
             rows.append(env.step(actions)[0] - plain.step(actions)[0])
         return np.array(rows)[..., :2]
 
@@ -62,11 +62,11 @@ def test_noise_is_new_in_each_episode_and_seed_and_the_same_for_every_policy():
 
 def test_bias_and_quantization_are_exact():
     layout, seen, truths = play(noise={"velocity": {"bias": (0.5, -1.0)}, "position": {"quantization": (0.01, 0.25)}})
-    assert same(truths, PLAIN[2], *PLANT)
+    assert same(truths, plain()[2], *PLANT)
     np.testing.assert_allclose(
-        (seen - PLAIN[1])[..., layout["velocity"]], np.broadcast_to([0.5, -1.0], (101, LANES, 2)), atol=1e-12
+        (seen - plain()[1])[..., layout["velocity"]], np.broadcast_to([0.5, -1.0], (101, LANES, 2)), atol=1e-12
     )
-    read, true = seen[..., layout["position"]], PLAIN[1][..., layout["position"]]
+    read, true = seen[..., layout["position"]], plain()[1][..., layout["position"]]
     step = np.array([0.01, 0.25])
     np.testing.assert_allclose(read / step, np.round(read / step), atol=1e-9)
     assert np.all(np.abs(read - true) <= step / 2 + 1e-12)
@@ -80,14 +80,14 @@ def test_a_reading_is_bias_then_noise_then_rounding():
         _, seen, truths = play(noise={sensor: {**sigma, "bias": bias, "quantization": quantum}})
         expected = np.floor((noisy[..., layout[sensor]] + bias) / quantum + 0.5) * quantum
         np.testing.assert_array_equal(seen[..., layout[sensor]], expected)
-        assert same(truths, PLAIN[2], *PLANT)
+        assert same(truths, plain()[2], *PLANT)
 
 
-def test_signal_to_noise_ratio():
-    """1 dB against unit power is variance 0.794, and 10 dB is 0.1, as the errata reckon."""
+def test_a_signal_to_noise_ratio_gives_its_variance():
+    """1 dB against unit power is variance 0.794, and 10 dB is 0.1, as in the errata."""
     for snr, variance in ((1.0, 0.794), (10.0, 0.1)):
         layout, seen, _ = play(noise={"position": {"snr_db": snr}})
-        assert (seen - PLAIN[1])[..., layout["position"]].var() == pytest.approx(variance, rel=0.05)
+        assert (seen - plain()[1])[..., layout["position"]].var() == pytest.approx(variance, rel=0.05)
 
 
 def test_signal_to_noise_ratio_is_ten_times_the_logarithm_of_the_variance():

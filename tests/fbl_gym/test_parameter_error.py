@@ -1,4 +1,4 @@
-"""The arm, and how its parameters err from the nominal model: the plant, and only its parameters."""
+"""The options `arm` and `parameter_error` change the real arm's parameters, and nothing else."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy import stats
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import forward_dynamics
-from tests.fbl_gym.paired_runs import LANES, PLAIN, play, same
+from tests.fbl_gym.paired_runs import LANES, plain, play, same
 
 
 def ratios(truths, index=0):
@@ -14,52 +14,51 @@ def ratios(truths, index=0):
     return np.hstack([truth.masses, truth.lengths]) / [TABLE_1.m1, TABLE_1.m2, TABLE_1.L1, TABLE_1.L2]
 
 
-def test_fixed_ratios():
+def test_fixed_ratios_multiply_the_nominal_parameters():
     _, _, truths = play(parameter_error={"ratio": {"m2": 2.0, "L1": 0.5}})
     np.testing.assert_allclose(ratios(truths), np.broadcast_to([1, 2, 0.5, 1], (LANES, 4)), rtol=1e-15)
-    assert same(truths, PLAIN[2], "reference", "applied_torque", "disturbance")
-    assert not same(truths[5:], PLAIN[2][5:], "position")
+    assert same(truths, plain()[2], "reference", "applied_torque", "disturbance")
+    assert not same(truths[5:], plain()[2][5:], "position")
     np.testing.assert_allclose(ratios(play(parameter_error=0.5, steps=1)[2]), 0.5)
     np.testing.assert_allclose(ratios(play(parameter_error={"ratio": (1, 2, 3, 4)}, steps=1)[2])[0], [1, 2, 3, 4])
 
 
 def test_radius_draws_log_uniformly_from_half_to_double():
     _, _, truths = play(steps=1, lanes=4096, parameter_error={"radius": 1.0})
-    found = ratios(truths)
-    assert found.min() > 0.5
-    assert found.max() < 2.0
-    for column in np.log2(found).T:
+    drawn = ratios(truths)
+    assert drawn.min() > 0.5
+    assert drawn.max() < 2.0
+    for column in np.log2(drawn).T:
         assert stats.kstest(column, stats.uniform(-1, 2).cdf).pvalue > 1e-3
-    assert np.abs(np.corrcoef(found.T) - np.eye(4)).max() < 0.08
+    assert np.abs(np.corrcoef(drawn.T) - np.eye(4)).max() < 0.08
 
 
-def test_radius_together_and_on_some_parameters():
-    found = ratios(play(steps=1, parameter_error={"radius": 1.0, "sampling": "together"})[2])
-    assert np.allclose(found, found[:, :1])
-    assert len(np.unique(found[:, 0])) == LANES
-    found = ratios(play(steps=1, parameter_error={"radius": 1.0, "parameters": ("m1", "m2")})[2])
-    assert np.all(found[:, 2:] == 1.0)
-    assert np.all(found[:, :2] != 1.0)
+def test_a_radius_may_be_shared_or_for_some_parameters():
+    drawn = ratios(play(steps=1, parameter_error={"radius": 1.0, "sampling": "together"})[2])
+    assert np.allclose(drawn, drawn[:, :1])
+    assert len(np.unique(drawn[:, 0])) == LANES
+    drawn = ratios(play(steps=1, parameter_error={"radius": 1.0, "parameters": ("m1", "m2")})[2])
+    assert np.all(drawn[:, 2:] == 1.0)
+    assert np.all(drawn[:, :2] != 1.0)
 
 
 def test_the_radius_multiplies_the_ratio_within_its_bounds():
     error = {"ratio": {"m1": 3.0, "L2": 0.5}, "radius": 0.25}
-    found = ratios(play(steps=1, lanes=4096, parameter_error=error)[2]) / [3.0, 1.0, 1.0, 0.5]
-    assert np.all((found >= 1 / 1.25) & (found <= 1.25))
-    for column in np.log(found).T / np.log(1.25):
+    drawn = ratios(play(steps=1, lanes=4096, parameter_error=error)[2]) / [3.0, 1.0, 1.0, 0.5]
+    assert np.all((drawn >= 1 / 1.25) & (drawn <= 1.25))
+    for column in np.log(drawn).T / np.log(1.25):
         assert stats.kstest(column, stats.uniform(-1, 2).cdf).pvalue > 1e-3
 
 
-def test_one_factor_for_all_is_log_uniform_too_and_spares_what_it_does_not_touch():
+def test_a_shared_factor_is_log_uniform_and_leaves_other_parameters():
     error = {"radius": 1.0, "sampling": "together", "parameters": ("m2", "L1")}
-    found = ratios(play(steps=1, lanes=4096, parameter_error=error)[2])
-    np.testing.assert_array_equal(found[:, [0, 3]], 1.0)
-    np.testing.assert_allclose(found[:, 1], found[:, 2], rtol=1e-14)
-    assert stats.kstest(np.log2(found[:, 1]), stats.uniform(-1, 2).cdf).pvalue > 1e-3
+    drawn = ratios(play(steps=1, lanes=4096, parameter_error=error)[2])
+    np.testing.assert_array_equal(drawn[:, [0, 3]], 1.0)
+    np.testing.assert_allclose(drawn[:, 1], drawn[:, 2], rtol=1e-14)
+    assert stats.kstest(np.log2(drawn[:, 1]), stats.uniform(-1, 2).cdf).pvalue > 1e-3
 
 
-def test_which_parameters_are_touched_does_not_shift_the_others():
-    """Masses alone are off by the very factors by which they are off together with the lengths."""
+def test_the_factor_of_a_mass_does_not_depend_on_the_lengths_having_one():
     every = ratios(play(steps=1, parameter_error={"radius": 1.0})[2])
     masses = ratios(play(steps=1, parameter_error={"radius": 1.0, "parameters": ("m1", "m2")})[2])
     np.testing.assert_array_equal(masses[:, :2], every[:, :2])
@@ -77,7 +76,7 @@ def test_parameters_hold_through_an_episode_and_change_with_the_next():
     assert not np.any(env.truth.masses == first.masses)
 
 
-def test_errors_change_the_plant_and_not_the_nominal_model():
+def test_errors_change_the_real_arm_and_not_the_nominal_model():
     env = TwoLinkArmEnv(parameter_error={"ratio": 2.0, "payload": 4.0})
     env.reset(seed=0)
     assert env.nominal == TABLE_1

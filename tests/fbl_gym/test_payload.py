@@ -1,27 +1,27 @@
-"""A payload: in the plant, from its pick-up to its drop."""
+"""The payload acts on the plant from its pick-up to its drop."""
 
 import numpy as np
 
 from fbl_gym import TABLE_1
-from tests.fbl_gym.paired_runs import PLAIN, PLANT, play, same, watch
+from tests.fbl_gym.paired_runs import PLANT, plain, play, same, watch
 
 
 def test_payload_is_carried_from_pick_up_to_drop():
     _, _, truths = play(parameter_error={"payload": {"mass": 6.0, "pick_up": 0.25, "drop": 0.6}})
     assert [truth.payload[0] for truth in truths] == [6.0 if 25 < k <= 60 else 0.0 for k in range(101)]
-    assert same(truths[:26], PLAIN[2][:26], *PLANT)
+    assert same(truths[:26], plain()[2][:26], *PLANT)
     L1, L2, g = TABLE_1.L1, TABLE_1.L2, TABLE_1.gravity
-    extra = truths[40].lumped[0] - PLAIN[2][40].lumped[0]
+    extra = truths[40].lumped[0] - plain()[2][40].lumped[0]
     np.testing.assert_allclose(extra, 6.0 * np.array([L1 * L1, L2 * L2, L1 * L2, L1 * g, L2 * g]), rtol=1e-12)
-    assert same(truths[61:], PLAIN[2][61:], "lumped")
+    assert same(truths[61:], plain()[2][61:], "lumped")
     _, _, always = play(steps=1, parameter_error={"payload": 6.0})
     assert np.all(always[0].payload == 6.0)
 
 
 def test_a_payload_acts_from_its_physics_step_on():
-    """Picked up at 23 ms, it first moves the arm in the step from 23 to 24 ms; dropped at 71 ms, it last does before."""
-    load = {"mass": 6.0, "pick_up": 0.0231, "drop": 0.0709}
-    payload, lumped, velocity = watch("payload", "lumped", "velocity", parameter_error={"payload": load})
+    """Picked up at 23 ms and dropped at 71 ms, it acts in the physics steps from 23 up to 71 ms."""
+    option = {"mass": 6.0, "pick_up": 0.0231, "drop": 0.0709}
+    payload, lumped, velocity = watch("payload", "lumped", "velocity", parameter_error={"payload": option})
     plain_lumped, plain_velocity = watch("lumped", "velocity")
     carried = np.zeros(151, dtype=bool)
     carried[24:72] = True
@@ -35,14 +35,14 @@ def test_a_payload_acts_from_its_physics_step_on():
     assert np.abs(np.diff(velocity, axis=0)).max() < 0.1  # it does not jump
 
 
-def test_a_payload_from_the_start_is_there_at_the_start():
+def test_a_payload_without_a_pick_up_is_carried_at_the_start():
     payload, lumped = watch("payload", "lumped", steps=1, parameter_error={"payload": 2.0})
     np.testing.assert_array_equal(payload, [2.0, 2.0])
     assert np.all(lumped > TABLE_1.lumped)
 
 
 def test_a_payload_dropped_at_once_is_never_carried():
-    load = {"mass": 5.0, "drop": 4e-4}
-    payload, lumped = watch("payload", "lumped", steps=2, parameter_error={"payload": load})
+    option = {"mass": 5.0, "drop": 4e-4}
+    payload, lumped = watch("payload", "lumped", steps=2, parameter_error={"payload": option})
     np.testing.assert_array_equal(payload, np.zeros(3))
     np.testing.assert_array_equal(lumped, watch("lumped", steps=2)[0])

@@ -1,7 +1,8 @@
-"""Motions of the environment against a high-accuracy ODE solver, and against the laws that every motion obeys.
+"""Motions of the environment against a high-accuracy ODE solver, and against the laws of mechanics.
 
-The reference integrates the arm anew, from its particles, with DOP853 at a relative tolerance of 1e-12. It stops and starts at
-every instant at which something jumps: a new command, a delayed one, a payload, a level of the disturbance.
+The solver integrates an independent model of the arm, made of particles, with DOP853 at a relative
+tolerance of 1e-12. It restarts at every instant at which something jumps: a new command, a delayed
+one, a payload, a level of the disturbance.
 """
 
 import dataclasses
@@ -27,11 +28,11 @@ from fbl_gym.uncertainty import (
     SineDisturbance,
 )
 
-# The reference: a world of its own.
+# The independent model.
 
 
 def particles(mass, length, centre):
-    """A link as point masses at distances: one at its end, or the three that have a rod's mass, centre and inertia."""
+    """Return a link as point masses at distances: one at its end, or three equivalent to a rod."""
     if centre == 1.0:
         return [(mass, length)]
     return [(mass / 6, 0.0), (2 * mass / 3, length / 2), (mass / 6, length)]
@@ -44,7 +45,7 @@ def calm(_t):
 
 @dataclasses.dataclass(frozen=True)
 class World:
-    """A true arm with what acts on it. `sliding` is a constant friction torque; `jumps` are instants when a level changes."""
+    """A real arm and its loads. `sliding` is a constant friction torque; `jumps` are instants of new levels."""
 
     arm: ArmParameters
     viscous: tuple[float, float] = (0.0, 0.0)
@@ -53,11 +54,11 @@ class World:
     jumps: tuple[float, ...] = ()
     lag: float = 0.0
     delay: float = 0.0
-    load: tuple[float, float, float] = (0.0, math.inf, math.inf)  # mass, pick-up, drop
+    payload: tuple[float, float, float] = (0.0, math.inf, math.inf)  # mass, pick-up, drop
 
     def sums(self, t):
-        """First and second moments of link 1's particles; mass and moments of link 2's, with the payload of instant t."""
-        arm, (mass, on, off) = self.arm, self.load
+        """Return first and second moments of link 1, then mass and both moments of link 2 with the payload at t."""
+        arm, (mass, on, off) = self.arm, self.payload
         first = particles(arm.m1, arm.L1, arm.centre)
         second = [*particles(arm.m2, arm.L2, arm.centre), (mass if on <= t < off else 0.0, arm.L2)]
         return [
@@ -66,7 +67,7 @@ class World:
         ]
 
     def acceleration(self, sums, t, q1, q2, v1, v2, t1, t2):
-        """Newton's law for the particles, under the applied torques t1 and t2."""
+        """Return the acceleration of the particles by Newton's law, under the applied torques t1 and t2."""
         first1, second1, mass2, first2, second2 = sums
         L1, g = self.arm.L1, self.arm.gravity
         c1, c2, s2, c12 = math.cos(q1), math.cos(q2), math.sin(q2), math.cos(q1 + q2)
@@ -82,7 +83,7 @@ class World:
         return (m22 * r1 - m12 * r2) / determinant, (m11 * r2 - m12 * r1) / determinant
 
     def run(self, policy, start, held, steps, dt):
-        """Positions and velocities at the control instants, [steps + 1 x 4], and the applied torque at the end.
+        """Return positions and velocities at the control instants [steps + 1 x 4], and the last applied torque.
 
         policy: (t, q1, q2, v1, v2) -> torque. held: the torque before the first command.
         """
@@ -91,7 +92,7 @@ class World:
             commands.append(policy(k * dt, *x[:4]))
             t, end = k * dt, (k + 1) * dt
             jumps = [j * dt + self.delay for j in range(k + 1)][-math.ceil(self.delay / dt) - 2 :]
-            inner = [s for s in (*jumps, *self.jumps, *self.load[1:]) if t + 1e-9 < s < end - 1e-9]
+            inner = [s for s in (*jumps, *self.jumps, *self.payload[1:]) if t + 1e-9 < s < end - 1e-9]
             for a, b in zip([t, *sorted(inner)], [*sorted(inner), end], strict=True):
                 arrived = math.floor((a - self.delay) / dt + 1e-6)
                 u1, u2 = commands[arrived] if arrived >= 0 else held
@@ -103,29 +104,29 @@ class World:
 
     def _solve(self, x, a, b, u1, u2):
         sums, rate = self.sums(0.5 * (a + b)), 1.0 / self.lag if self.lag else 0.0
-        inside = min(b, a + (b - a) * (1 - 1e-12))  # the level that holds up to b, not the one from b on
+        inside = min(b, a + (b - a) * (1 - 1e-12))  # the level before b, not the one from b on
 
         def slope(t, y):
             a1, a2 = self.acceleration(sums, min(t, inside), *y)
             return y[2], y[3], a1, a2, rate * (u1 - y[4]), rate * (u2 - y[5])
 
-        found = solve_ivp(slope, (a, b), x, method="DOP853", rtol=1e-12, atol=1e-13, first_step=(b - a) / 4)
-        assert found.success
-        return found.y[:, -1]
+        solution = solve_ivp(slope, (a, b), x, method="DOP853", rtol=1e-12, atol=1e-13, first_step=(b - a) / 4)
+        assert solution.success
+        return solution.y[:, -1]
 
 
-# The controlled motion: PD and the nominal arm's gravity, about a path of the test's own.
+# The controlled motion: PD and the nominal arm's gravity, along a known path.
 
 
 def hang(arm, q1, q2):
-    """The torque that holds the arm of particles still."""
+    """Return the torque that holds the arm of particles still."""
     first1, _, mass2, first2, _ = World(arm).sums(0.0)
     g2 = arm.gravity * first2 * math.cos(q1 + q2)
     return arm.gravity * (first1 + mass2 * arm.L1) * math.cos(q1) + g2, g2
 
 
 def follow(arm, path, kp, kd):
-    """PD with gravity compensation by a nominal arm. path: t -> positions and velocities wanted."""
+    """Return a PD policy with gravity compensation. `path` maps t to reference positions and velocities."""
 
     def policy(t, q1, q2, v1, v2):
         (r1, r2), (w1, w2) = path(t)
@@ -136,7 +137,7 @@ def follow(arm, path, kp, kd):
 
 
 def sway(reference):
-    """The path of a SineReference without phase, from its definition."""
+    """Return the path of a SineReference without phase, from its definition."""
     w = 2 * math.pi * reference.frequency
 
     def path(t):
@@ -152,7 +153,7 @@ FAR = Limits(position=1000.0, velocity=1000.0)  # let it turn
 
 
 def run_env(policy, steps, dt, **options):
-    """Positions and velocities of the environment at the control instants, [steps + 1 x 4]; and its truth at the end."""
+    """Return the environment's positions and velocities [steps + 1 x 4], and its truth at the end."""
     env = TwoLinkArmEnv(action="torque", control_dt=dt, duration=steps * dt, limits=FAR, **options)
     observation, _ = env.reset(seed=0)
     path = [observation[:4].copy()]
@@ -176,21 +177,21 @@ def sine(t):
 
 
 def levels(t):
-    """LEVELS, each for 1.237 s, the last one for ever."""
+    """Return the torque of LEVELS: each lasts 1.237 s, the last one for ever."""
     return LEVELS[min(int(t / 1.237), 2)]
 
 
 def pulse(t):
-    """From 0.5 s on, for 0.103 s out of every 2.5 s."""
+    """Return a torque that acts for 0.103 s in every 2.5 s, from 0.5 s on."""
     return (150.0, -60.0) if t >= 0.5 and (t - 0.5) % 2.5 < 0.103 else (0.0, 0.0)
 
 
 PULSES = tuple(0.5 + 2.5 * i + width for i in range(4) for width in (0.0, 0.103))
 OTHER = ArmParameters(m1=30.0, m2=12.0, L1=0.84, L2=0.45)
 ERROR = ParameterError(ratio=(1.5, 0.8, 1.2, 0.9))
-LOAD = ParameterError(payload=Payload(mass=10.0, pick_up=2.503, drop=7.0))
+PAYLOAD = ParameterError(payload=Payload(mass=10.0, pick_up=2.503, drop=7.0))
 
-# What the environment is told, and the world that this should be.
+# Options of the environment, and the equivalent model.
 CASES = {
     "ideal": ({}, World(TABLE_1)),
     "rods": ({"arm": TABLE_1.as_rods()}, World(TABLE_1.as_rods())),
@@ -210,21 +211,21 @@ CASES = {
     "delay": ({"actuator": Actuator(None, delay=0.033)}, World(TABLE_1, delay=0.033)),
     "whole delay": ({"actuator": Actuator(None, delay=0.02)}, World(TABLE_1, delay=0.02)),
     "lag and short delay": ({"actuator": Actuator(None, delay=0.007, lag=0.02)}, World(TABLE_1, delay=0.007, lag=0.02)),
-    "payload": ({"parameter_error": LOAD}, World(TABLE_1, load=(10.0, 2.503, 7.0))),
+    "payload": ({"parameter_error": PAYLOAD}, World(TABLE_1, payload=(10.0, 2.503, 7.0))),
     "all at once": (
         {
-            "parameter_error": ParameterError(ratio=(1.5, 0.8, 1.2, 0.9), payload=LOAD.payload),
+            "parameter_error": ParameterError(ratio=(1.5, 0.8, 1.2, 0.9), payload=PAYLOAD.payload),
             "friction": Friction(viscous=(20.0, 6.0)),
             "disturbance": SINE,
             "actuator": Actuator(None, delay=0.007, lag=0.02),
         },
-        World(OTHER, (20.0, 6.0), disturbance=sine, lag=0.02, delay=0.007, load=(10.0, 2.503, 7.0)),
+        World(OTHER, (20.0, 6.0), disturbance=sine, lag=0.02, delay=0.007, payload=(10.0, 2.503, 7.0)),
     ),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_controlled_motion_is_the_solvers(case):
+def test_a_controlled_motion_agrees_with_the_solver(case):
     """Ten seconds in closed loop, each side with its own feedback, agree to 1e-8 rad and 1e-8 rad/s throughout."""
     options, world = CASES[case]
     options = {"reference": SWAY, "actuator": None, "arm": TABLE_1} | options
@@ -238,11 +239,11 @@ def test_a_controlled_motion_is_the_solvers(case):
     np.testing.assert_allclose(truth.applied_torque, applied, rtol=0, atol=1e-6)
 
 
-def test_a_motion_under_drawn_levels_is_the_solvers():
-    """Piecewise-constant disturbance: the levels are read off the environment, and the motion between them is the solver's."""
+def test_a_motion_under_drawn_levels_agrees_with_the_solver():
+    """The levels are read from the environment, and the motion between them agrees with the solver's."""
     period, dt, n = 0.2, 0.02, 50
-    push = PiecewiseConstantDisturbance(amplitude=(100.0, 40.0), period=period)
-    env = TwoLinkArmEnv(action="torque", control_dt=dt, reference=SWAY, disturbance=push)
+    disturbance = PiecewiseConstantDisturbance(amplitude=(100.0, 40.0), period=period)
+    env = TwoLinkArmEnv(action="torque", control_dt=dt, reference=SWAY, disturbance=disturbance)
     observation, _ = env.reset(seed=0)
     policy, path, drawn = follow(TABLE_1, sway(SWAY), (300.0, 60.0), (90.0, 18.0)), [observation[:4]], []
     for k in range(10 * n):
@@ -273,7 +274,7 @@ def nothing(*_):
 
 
 @arms
-def test_a_free_swing_is_the_solvers(arm):
+def test_a_free_swing_agrees_with_the_solver(arm):
     """Ten seconds without torque and friction, agreeing to 1e-8.
 
     The swing of about 0.8 rad about hanging is regular. A higher one would be chaotic: no two integrators agree for long.
@@ -285,7 +286,7 @@ def test_a_free_swing_is_the_solvers(arm):
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8)
 
 
-def test_sliding_under_coulomb_friction_is_the_solvers():
+def test_sliding_under_coulomb_friction_agrees_with_the_solver():
     """Ten seconds in closed loop with both joints turning one way, joint 2 the other way than joint 1."""
     start = SineReference(centre=(-2.0, 3.0), amplitude=1.0, frequency=0.16, phase=(0.0, math.pi))
 
@@ -317,7 +318,7 @@ ORDER_CASES = {
 
 @pytest.mark.parametrize("case", ORDER_CASES)
 def test_halving_the_step_divides_the_error_by_sixteen(case):
-    """Runge and Kutta's fourth order, also of what changes within a step."""
+    """The integrator is of fourth order, also for loads that change within a step."""
     options, world = ORDER_CASES[case]
     options = {"reference": SWAY, "actuator": None} | options
 
@@ -334,7 +335,7 @@ def test_halving_the_step_divides_the_error_by_sixteen(case):
 
 
 def motions(arm, path):
-    """Each particle's mass, place and velocity along a path [n x 4]: lists of (m, x, y, dx, dy)."""
+    """Yield mass, place and velocity (m, x, y, dx, dy) of each particle along a path [n x 4]."""
     q1, q2, v1, v2 = path.T
     for mass, r in particles(arm.m1, arm.L1, arm.centre):
         x, y = r * np.cos(q1), r * np.sin(q1)
@@ -346,12 +347,12 @@ def motions(arm, path):
 
 
 def total_energy(arm, path):
-    """Kinetic and potential, [n]."""
+    """Return kinetic and potential energy [n]."""
     return sum(m * (0.5 * (dx**2 + dy**2) + arm.gravity * y) for m, _, y, dx, dy in motions(arm, path))
 
 
 def angular_momentum(arm, path):
-    """About the base, [n]."""
+    """Return the angular momentum about the base [n]."""
     return sum(m * (x * dy - y * dx) for m, x, y, dx, dy in motions(arm, path))
 
 
@@ -359,45 +360,45 @@ WILD = SineReference(centre=(1.0, 1.5), amplitude=(1.0, 1.0), frequency=0.3)
 
 
 @arms
-def test_energy_is_kept_without_torque_and_friction(arm):
-    """Also in a wild swing over the top, where no trajectory can be compared for long."""
+def test_energy_is_constant_without_torque_and_friction(arm):
+    """Energy is constant even in a chaotic swing over the top."""
     path, _ = run_env(nothing, 200, 0.05, physics_dt=5e-4, arm=arm, reference=WILD, actuator=None)
-    found = total_energy(arm, path)
+    energy = total_energy(arm, path)
     scale = arm.gravity * (arm.m1 * arm.L1 + arm.m2 * (arm.L1 + arm.L2))
-    np.testing.assert_allclose(found, found[0], rtol=0, atol=1e-8 * scale)
+    np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-8 * scale)
 
 
-def test_viscous_friction_only_ever_takes_energy():
+def test_viscous_friction_only_takes_energy():
     path, _ = run_env(
         nothing, 500, 0.02, physics_dt=1e-3, friction=Friction(viscous=(2.0, 1.0)), reference=WILD, actuator=None
     )
-    found = total_energy(TABLE_1, path)
-    assert np.all(np.diff(found) < 0)
+    energy = total_energy(TABLE_1, path)
+    assert np.all(np.diff(energy) < 0)
 
 
 @arms
-def test_angular_momentum_is_kept_without_gravity(arm):
-    """About the base, where no torque acts here; the second joint's torque is an inner one."""
+def test_angular_momentum_is_constant_without_gravity(arm):
+    """No torque acts about the base; the second joint's torque is internal."""
     arm = dataclasses.replace(arm, gravity=0.0)
 
     def policy(t, *_):
         return 0.0, 5.0 * math.sin(3 * t)
 
     path, _ = run_env(policy, 250, 0.02, physics_dt=2.5e-4, arm=arm, reference=WILD, actuator=None)
-    found = angular_momentum(arm, path)
-    np.testing.assert_allclose(found, found[0], rtol=1e-11)
+    momentum = angular_momentum(arm, path)
+    np.testing.assert_allclose(momentum, momentum[0], rtol=1e-11)
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_acceleration_sensor_reads_newtons_law(case):
-    """At the start and at the end of each interval, under the torque, disturbance, friction and payload of then."""
+    """At the start and at the end of each step, under the present torque, disturbance, friction and payload."""
     options, world = CASES[case]
     options = {"reference": SWAY, "actuator": None} | options
     env = TwoLinkArmEnv(action="torque", control_dt=0.02, physics_dt=0.001, limits=FAR, **options)
     rng = np.random.default_rng(0)
     observation, _ = env.reset(seed=0)
     for k in range(200):
-        # What jumps at this very instant still has its old value.
+        # A value that jumps at this instant is still the old one.
         truth, t = env.truth, max(0.02 * k - 1e-9, 0.0)
         expected = world.acceleration(world.sums(t), t, *truth.position, *truth.velocity, *truth.applied_torque)
         np.testing.assert_allclose(truth.acceleration, expected, rtol=1e-6, atol=1e-6)
@@ -407,8 +408,8 @@ def test_the_acceleration_sensor_reads_newtons_law(case):
         observation, *_ = env.step(rng.uniform(-1, 1, 2) * (200.0, 60.0))
 
 
-def test_leakage_is_what_the_errata_say_of_equation_6():
-    """LS = M^-1 [(M - M^) a + (C - C^) v + (G - G^) + F + tau_d], with a what the nominal arm makes of the torque."""
+def test_leakage_is_equation_6_with_the_errata():
+    """LS = M^-1 [(M - M^) a + (C - C^) v + (G - G^) + F + tau_d], a: nominal acceleration."""
     options, _ = CASES["all at once"]
     env = TwoLinkArmEnv(action="torque", control_dt=0.02, reference=SWAY, **options)
     env.reset(seed=0)
@@ -423,8 +424,8 @@ def test_leakage_is_what_the_errata_say_of_equation_6():
         np.testing.assert_allclose(truth.leakage, leakage, rtol=1e-9, atol=1e-9)
 
 
-def test_lanes_of_a_batch_move_as_the_solver_says():
-    """Lanes with their own commands, in two blocks of the kernel."""
+def test_lanes_of_a_batch_agree_with_the_solver():
+    """Each lane has another command, in two blocks of the kernel."""
     n, steps = 20, 25
     env = TwoLinkArmVectorEnv(n, action="torque", control_dt=0.02, physics_dt=1e-3, reference=SWAY, actuator=None)
     observation, _ = env.reset(seed=0)

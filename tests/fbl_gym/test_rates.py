@@ -1,4 +1,4 @@
-"""Control rate and physics step: what happens between two decisions does not depend on how often one decides."""
+"""Control rate and physics step: the motion between two decisions does not depend on their rate."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from fbl_gym import Scenario, TwoLinkArmEnv
 from tests.fbl_gym.paired_runs import torques
 
 
-def test_rates():
+def test_a_held_torque_gives_the_same_motion_at_any_rate():
     """The same held torque at 5 times the control rate, or with a finer physics step, is the same motion."""
     ends = []
     for control_dt, physics_dt in ((0.01, 0.001), (0.002, 0.001), (0.01, 0.0005)):
@@ -30,8 +30,8 @@ def test_rates():
     ],
     ids=["lag", "sine"],
 )
-def test_what_varies_within_a_physics_step_is_followed_there(options):
-    """A physics step of 1 ms and one of 0.1 ms agree to the order of Runge-Kutta, not only to that of a held torque."""
+def test_loads_that_vary_within_a_physics_step_are_integrated(options):
+    """Physics steps of 1 ms and of 0.1 ms agree to the order of Runge-Kutta."""
     ends = []
     for physics_dt in (1e-3, 1e-4):
         env = TwoLinkArmEnv(action="torque", physics_dt=physics_dt, **options)
@@ -60,7 +60,7 @@ WORLDS = st.fixed_dictionaries(
             st.fixed_dictionaries({"kind": st.just("piecewise-constant"), "period": STEPS}),
             st.fixed_dictionaries(
                 {"kind": st.just("pulses"), "period": STEPS, "width": st.integers(1, 60), "start": st.integers(0, 60)}
-            ).filter(lambda push: push["width"] <= push["period"]),
+            ).filter(lambda disturbance: disturbance["width"] <= disturbance["period"]),
             st.fixed_dictionaries({"kind": st.just("sine")}),
             st.fixed_dictionaries({"kind": st.just("array"), "dt": STEPS}),
         ),
@@ -70,23 +70,25 @@ WORLDS = st.fixed_dictionaries(
 
 
 def in_seconds(world):
-    """Options of an environment from those drawn above, whose times are whole physics steps of 1 ms."""
+    """Return options in seconds from options in physics steps of 1 ms."""
     options = {name: dict(value) for name, value in world.items()}
     if "parameter_error" in options:
-        load = options["parameter_error"]
-        begin = load.pop("pick_up")
-        load["payload"] = {
-            "mass": load.pop("mass"),
+        error = options["parameter_error"]
+        begin = error.pop("pick_up")
+        error["payload"] = {
+            "mass": error.pop("mass"),
             "pick_up": begin * 1e-3,
-            "drop": (begin + load.pop("carry")) * 1e-3,
+            "drop": (begin + error.pop("carry")) * 1e-3,
         }
     if "disturbance" in options:
-        push = options["disturbance"]
-        push.update({name: push[name] * 1e-3 for name in ("period", "width", "start", "dt") if name in push})
-        if push["kind"] == "array":
-            push["torque"] = np.random.default_rng(0).uniform(-90, 90, (7, 2)).tolist()
+        disturbance = options["disturbance"]
+        disturbance.update(
+            {name: disturbance[name] * 1e-3 for name in ("period", "width", "start", "dt") if name in disturbance}
+        )
+        if disturbance["kind"] == "array":
+            disturbance["torque"] = np.random.default_rng(0).uniform(-90, 90, (7, 2)).tolist()
         else:
-            push["amplitude"] = (90.0, 30.0)
+            disturbance["amplitude"] = (90.0, 30.0)
     if "actuator" in options:
         options["actuator"]["delay"] *= 1e-3
     return options
@@ -94,10 +96,10 @@ def in_seconds(world):
 
 @settings(max_examples=80, deadline=None)
 @given(WORLDS, st.sampled_from([2, 5, 7, 10]), st.integers(0, 1000))
-def test_a_decision_held_is_the_same_decision_taken_again(world, substeps, seed):
+def test_a_held_decision_is_the_same_as_a_repeated_one(world, substeps, seed):
     """To the bit: n physics steps under one command are n intervals of one step under the same command.
 
-    So delay, lag, payload and every disturbance act at their own times, whether they are multiples of control_dt or not.
+    Delay, lag, payload and every disturbance act at their times, multiples of control_dt or not.
     """
     options = in_seconds(world)
     coarse = TwoLinkArmEnv(action="torque", control_dt=substeps * 1e-3, duration=substeps, **options)
@@ -125,7 +127,7 @@ def test_a_decision_held_is_the_same_decision_taken_again(world, substeps, seed)
     ("control_dt", "physics_dt", "substeps"),
     [(0.01, 0.001, 10), (0.001, 0.001, 1), (0.3, 0.1, 3), (1 / 30, 1 / 300, 10), (0.02, 1e-4, 200), (0.7, 0.1, 7)],
 )
-def test_any_pair_of_rates_of_which_one_divides_the_other(control_dt, physics_dt, substeps):
+def test_any_physics_step_that_divides_the_control_step_works(control_dt, physics_dt, substeps):
     scenario = Scenario(control_dt=control_dt, physics_dt=physics_dt, duration=3 * control_dt)
     assert scenario.substeps == substeps
     env = TwoLinkArmEnv(scenario)

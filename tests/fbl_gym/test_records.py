@@ -1,4 +1,4 @@
-"""Options as plain data: records are values, and what is given in their place."""
+"""Records: frozen values, and the plain data that makes them."""
 
 import dataclasses
 import json
@@ -31,7 +31,7 @@ from fbl_gym import (
 )
 
 ROWS = ((0.0, 1.0), (2.0, 3.0))
-# One of each, with no field at its default.
+# One of each kind, with no field at its default.
 RECORDS = [
     ArmParameters(1.0, 2.0, 3.0, 4.0, gravity=5.0, centre=0.5, inertia=0.1),
     Payload(2.0, pick_up=1.0, drop=3.0),
@@ -55,7 +55,7 @@ RECORDS = [
     Reward(tracking="l1", worst=1.0, resolution=0.1, weight_tracking=2.0, weight_effort=3.0, weight_chatter=4.0),
 ]
 NAMES = [f"{type(record).__name__}-{i}" for i, record in enumerate(RECORDS)]
-# Where each record stands among an environment's options.
+# The option of the environment that takes each record.
 PLACES = [
     lambda x: {"arm": x},
     lambda x: {"parameter_error": {"payload": x}},
@@ -77,9 +77,6 @@ def plain(record):
     return json.loads(json.dumps(dataclasses.asdict(record)))
 
 
-# Records are values.
-
-
 @pytest.mark.parametrize("record", RECORDS, ids=NAMES)
 def test_records_are_frozen(record):
     for field in dataclasses.fields(record):
@@ -99,13 +96,12 @@ def test_records_hash_and_compare_by_value(record):
 
 
 @pytest.mark.parametrize("record", RECORDS, ids=NAMES)
-def test_records_come_back_from_json(record):
+def test_records_survive_json(record):
     assert type(record)(**plain(record)) == record
 
 
 @pytest.mark.parametrize("record", RECORDS, ids=NAMES)
-def test_records_hold_nothing_that_can_change(record):
-    """Nor do their defaults: numbers, strings, None, and tuples and records of such."""
+def test_records_and_their_defaults_hold_only_immutable_values(record):
 
     def is_fixed(value):
         if isinstance(value, tuple):
@@ -131,7 +127,7 @@ def test_a_record_and_its_plain_data_are_the_same_option(record, place):
     assert a[1] == b[1]
 
 
-def test_numbers_pairs_lists_and_arrays_are_alike():
+def test_numbers_pairs_lists_and_arrays_make_equal_records():
     for value in (0.5, (0.5, 0.5), [0.5, 0.5], np.array([0.5, 0.5]), np.float64(0.5), np.float32(0.5)):
         assert SensorError(sigma=value) == SensorError(sigma=(0.5, 0.5))
     assert Friction(coulomb=2) == Friction(coulomb=np.int32(2)) == Friction(coulomb=(2.0, 2))
@@ -141,7 +137,7 @@ def test_numbers_pairs_lists_and_arrays_are_alike():
     assert Scenario(sensors="position") == Scenario(sensors=["position"])
 
 
-def test_a_ratio_may_be_an_array_as_every_other_sequence_may():
+def test_a_ratio_may_be_an_array():
     assert ParameterError(ratio=np.array([1.0, 2.0, 1.0, 1.0])) == ParameterError(ratio=(1.0, 2.0, 1.0, 1.0))
 
 
@@ -161,8 +157,8 @@ def test_none_switches_an_option_off():
     assert TwoLinkArmEnv(actuator=None, action="torque").torque_limit is None
 
 
-def test_what_is_given_is_not_kept():
-    """Changing a dict, list or array afterwards changes no record, and building a record changes none of them."""
+def test_a_record_does_not_share_the_data_it_was_made_from():
+    """Later changes of a dict, list or array change no record; making a record changes none of them."""
     table, ratio, sensors = np.array(ROWS), {"m1": 2.0}, ["position", "velocity"]
     error = {"ratio": ratio, "payload": {"mass": 1.0}}
     options = {"disturbance": {"kind": "array", "torque": table}, "parameter_error": error, "sensors": sensors}
@@ -185,7 +181,7 @@ def test_no_default_is_shared_between_environments():
     assert TwoLinkArmEnv()._batch._memory.any()
 
 
-def test_derived_numbers():
+def test_derived_numbers_of_records():
     assert SensorError(snr_db=20.0).std == pytest.approx((0.1, 0.1))
     assert SensorError(sigma=(0.1, 0.2)).std == (0.1, 0.2)
     assert ParameterError(ratio={"L2": 3.0}).ratios == (1.0, 1.0, 1.0, 3.0)

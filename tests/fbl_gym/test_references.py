@@ -1,4 +1,4 @@
-"""The references against their definitions, and the default one against the torque limits."""
+"""References: each equals its definition, and the arm can follow the default within its torque limits."""
 
 import itertools
 
@@ -56,7 +56,7 @@ def test_minimum_jerk_moves_from_rest_to_rest_through_its_points():
     np.testing.assert_allclose(v[500], 1.875 * np.subtract(POINTS[1], POINTS[0]), atol=1e-12)
 
 
-def test_steps_jump_at_their_times_and_start_at_the_first_level():
+def test_steps_start_at_the_first_level_and_jump_at_each_period():
     env = TwoLinkArmEnv(reference={"kind": "steps", "points": POINTS, "period": 1.0}, **FINE)
     env.reset(seed=0)
     np.testing.assert_allclose(env.truth.position, POINTS[0])
@@ -67,7 +67,7 @@ def test_steps_jump_at_their_times_and_start_at_the_first_level():
     assert not a.any()
 
 
-def test_filtered_steps_obey_their_filter():
+def test_filtered_steps_solve_the_filters_equation():
     """r'' = w^2 (s - r) - 2 w r', through every jump of s."""
     w = 6.0
     r, v, a = motion({"kind": "filtered-steps", "points": POINTS, "period": 0.7, "bandwidth": w})
@@ -79,7 +79,7 @@ def test_filtered_steps_obey_their_filter():
     np.testing.assert_allclose(r[-1], POINTS[2], atol=1e-6)
 
 
-def test_sine():
+def test_a_sine_reference_is_its_formula():
     t = 1e-3 * np.arange(5001)[:, None]
     r, _, _ = motion(
         {"kind": "sine", "centre": (-1.0, 0.5), "amplitude": (0.3, 0.6), "frequency": 0.4, "phase": (0.0, 1.0)}
@@ -97,7 +97,7 @@ def test_fourier_series_has_its_harmonics_and_bound():
     assert spectrum[5:].max() < 1e-9
 
 
-def test_an_array_is_reproduced_and_its_end_held():
+def test_an_array_reference_returns_its_samples_and_holds_the_last():
     position = np.cumsum(np.random.default_rng(0).normal(size=(101, 2)) * 0.01, axis=0) - [1.5, 0.0]
     env = TwoLinkArmEnv(reference={"kind": "array", "position": position, "dt": 0.01}, duration=1.5)
     rows = [env.reset(seed=0)[0]] + [env.step((0, 0))[0] for _ in range(150)]
@@ -110,7 +110,7 @@ def test_an_array_is_reproduced_and_its_end_held():
 
 
 @pytest.mark.parametrize("kind", ["minimum-jerk", "steps", "filtered-steps"])
-def test_drawn_points_fill_their_box_and_follow_the_seed(kind):
+def test_drawn_points_fill_their_box_and_depend_on_the_seed(kind):
     env = TwoLinkArmVectorEnv(512, reference={"kind": kind, "low": (-2.0, 0.1), "high": (-1.0, 0.3)})
     first = env.reset(seed=0)[0][:, env.layout["position"]]
     assert np.all((first >= (-2.0, 0.1)) & (first <= (-1.0, 0.3)))
@@ -129,7 +129,7 @@ def test_an_arm_starts_on_its_reference():
         np.testing.assert_array_equal(env.truth.velocity, env.truth.reference_velocity)
 
 
-# More of the above. A long preview shows a whole motion at once, at 10 kHz.
+# A long preview gives a whole motion at once, at 10 kHz.
 
 H = 1e-4
 KINDS = {
@@ -164,7 +164,7 @@ def foreseen(reference, duration=2.5, seed=0):
 
 @pytest.mark.parametrize("reference", KINDS.values(), ids=KINDS.keys())
 def test_finite_differences_give_velocity_and_acceleration(reference):
-    """Central differences of 0.1 ms, to their own error, except next to where a filtered step jumps."""
+    """Central differences of 0.1 ms, except next to the jumps of filtered steps."""
     t, r, v, a = foreseen(reference)
     smooth = np.ones(len(t) - 2, dtype=bool)
     if reference["kind"] == "filtered-steps":
@@ -180,7 +180,7 @@ def test_finite_differences_give_velocity_and_acceleration(reference):
 
 
 def test_minimum_jerk_is_twice_continuously_differentiable():
-    """No jump of position, velocity or acceleration anywhere: a sample differs from the last by its slope at most."""
+    """Position, velocity and acceleration differ from the last sample by their slope at most."""
     move = 0.3
     _, r, v, a = foreseen(KINDS["minimum-jerk-points"])
     way = np.abs(np.diff(POINTS, axis=0)).max(axis=0)
@@ -203,7 +203,7 @@ def test_minimum_jerk_is_the_polynomial_of_flash_and_hogan():
     np.testing.assert_allclose(a[rest], 0.0, atol=1e-10)
 
 
-def test_a_reference_without_rests_is_as_smooth():
+def test_minimum_jerk_without_rests_is_smooth():
     _, r, v, a = foreseen({"kind": "minimum-jerk", "points": POINTS, "move_time": 1.0, "hold_time": 0.0})
     for i, point in enumerate(POINTS):
         np.testing.assert_allclose(r[10000 * i], point, atol=1e-12)
@@ -212,7 +212,7 @@ def test_a_reference_without_rests_is_as_smooth():
 
 
 def test_filtered_steps_stay_between_their_levels():
-    """Critically damped: no overshoot, and after ten time constants on the level."""
+    """The filter is critically damped: no overshoot, and on the level after ten time constants."""
     _, r, _, _ = foreseen({"kind": "filtered-steps", "points": POINTS, "period": 1.0, "bandwidth": 20.0})
     assert np.all(np.diff(r[:10001], axis=0) * np.sign(np.subtract(POINTS[1], POINTS[0])) >= -1e-12)
     np.testing.assert_allclose(r[10000], POINTS[1], atol=1e-6)
@@ -240,7 +240,7 @@ def test_fourier_is_a_sum_of_sines_with_amplitudes_in_proportion_to_one_over_h(c
 
 
 @pytest.mark.parametrize("reference", [{"kind": "sine", "phase": None}, {"kind": "fourier"}], ids=["sine", "fourier"])
-def test_drawn_phases_follow_the_seed(reference):
+def test_drawn_phases_depend_on_the_seed(reference):
     env = TwoLinkArmVectorEnv(64, reference=reference)
     first = env.reset(seed=0)[0][:, env.layout["reference_position"]]
     assert len(np.unique(first[:, 0])) == len(np.unique(first[:, 1])) == 64
@@ -250,8 +250,7 @@ def test_drawn_phases_follow_the_seed(reference):
 
 
 @pytest.mark.parametrize("reference", ANY.values(), ids=ANY.keys())
-def test_a_preview_is_the_reference_observed_later(reference):
-    """To the bit, for every kind and every sample up to the episode's end."""
+def test_a_preview_equals_the_reference_observed_later_bit_for_bit(reference):
     env = TwoLinkArmEnv(reference=reference, duration=1.0, preview=7, limits={"position": 1e3, "velocity": 1e4})
     rows = [env.reset(seed=4)[0]] + [env.step((0.0, 0.0))[0] for _ in range(100)]
     seen = np.array(rows)
@@ -262,7 +261,7 @@ def test_a_preview_is_the_reference_observed_later(reference):
 
 
 @pytest.mark.parametrize("reference", ANY.values(), ids=ANY.keys())
-def test_what_is_observed_is_what_is_true(reference):
+def test_the_observed_reference_is_the_true_one(reference):
     env = TwoLinkArmEnv(reference=reference, duration=0.5, limits={"position": 1e3, "velocity": 1e4})
     observation, _ = env.reset(seed=1)
     for _ in range(50):
@@ -274,8 +273,7 @@ def test_what_is_observed_is_what_is_true(reference):
 
 
 @pytest.mark.parametrize("reference", ANY.values(), ids=ANY.keys())
-def test_a_longer_episode_begins_like_a_shorter_one(reference):
-    """Before its end, what is asked of the arm does not depend on how long the episode will be."""
+def test_a_reference_does_not_depend_on_the_episodes_duration(reference):
     seen = []
     for duration in (2.0, 5.0):
         env = TwoLinkArmEnv(reference=reference, duration=duration, limits={"position": 1e3, "velocity": 1e4})
@@ -302,7 +300,7 @@ def test_all_levels_of_an_episode_are_drawn_uniformly_from_the_box(kind):
     assert np.abs(np.corrcoef(flat) - np.eye(len(flat))).max() < 0.3
 
 
-def test_the_arm_starts_off_its_reference_by_the_initial_error():
+def test_the_arm_starts_at_its_reference_plus_the_initial_error():
     for name, reference in ANY.items():
         env, plain = TwoLinkArmEnv(reference=reference, initial_error=(0.1, -0.2)), TwoLinkArmEnv(reference=reference)
         env.reset(seed=3)
@@ -311,7 +309,7 @@ def test_the_arm_starts_off_its_reference_by_the_initial_error():
         np.testing.assert_array_equal(env.truth.velocity, plain.truth.velocity, err_msg=name)
 
 
-def test_a_single_point_is_held():
+def test_a_single_point_is_a_constant_reference():
     for name in ("one-point", "one-level", "one-filtered-level", "one-sample"):
         _, r, v, a = foreseen(ANY[name], duration=0.5)
         np.testing.assert_array_equal(r, np.broadcast_to(POINTS[0], r.shape), err_msg=name)
@@ -319,8 +317,8 @@ def test_a_single_point_is_held():
         assert not a.any()
 
 
-def test_an_array_with_its_own_rate_and_derivatives():
-    """Sampled at 20 ms and read at 10 ms: on the samples, the very numbers; velocity and acceleration as given."""
+def test_an_array_reference_may_have_its_own_rate_and_derivatives():
+    """Samples at 20 ms are read at 10 ms."""
     rng = np.random.default_rng(0)
     position, velocity, acceleration = rng.normal(size=(3, 51, 2))
     reference = {
@@ -331,10 +329,10 @@ def test_an_array_with_its_own_rate_and_derivatives():
         "dt": 0.02,
     }
     env = TwoLinkArmEnv(reference=reference, duration=1.0, preview=100)
-    shown = env.reset(seed=0)[0][env.layout["preview"]].reshape(100, 6)[1::2]
-    np.testing.assert_allclose(shown[:, :2], position[1:], atol=1e-12)
-    np.testing.assert_allclose(shown[:, 2:4], velocity[1:], atol=1e-12)
-    np.testing.assert_allclose(shown[:, 4:], acceleration[1:], atol=1e-12)
+    preview = env.reset(seed=0)[0][env.layout["preview"]].reshape(100, 6)[1::2]
+    np.testing.assert_allclose(preview[:, :2], position[1:], atol=1e-12)
+    np.testing.assert_allclose(preview[:, 2:4], velocity[1:], atol=1e-12)
+    np.testing.assert_allclose(preview[:, 4:], acceleration[1:], atol=1e-12)
 
 
 def test_an_array_longer_than_the_episode_is_cut():
@@ -354,10 +352,10 @@ def test_an_array_longer_than_the_episode_is_cut():
     ],
     ids=["table-1", "section-2-2"],
 )
-def test_no_move_in_the_box_asks_more_than_is_stated(arm, load, stated, limit):
+def test_no_move_in_the_box_needs_more_than_the_stated_torque(arm, load, stated, limit):
     """Between any two points of a 9 x 9 grid over the box, at the uncertainty's corners: torque is linear in each mass.
 
-    `references.py` and `scenarios.py` state the numbers.
+    `references.py` and `scenarios/families.py` state the numbers.
     """
     s = np.linspace(0, 1, 61)
     share, rate, bend = 10 * s**3 - 15 * s**4 + 6 * s**5, 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
@@ -366,19 +364,19 @@ def test_no_move_in_the_box_asks_more_than_is_stated(arm, load, stated, limit):
     begin, way = ends[:, 0], ends[:, 1] - ends[:, 0]
     q = begin[:, None] + way[:, None] * share[:, None]
     v, a = way[:, None] * rate[:, None] / 1.5, way[:, None] * bend[:, None] / 1.5**2
-    found = np.zeros(2)
+    largest = np.zeros(2)
     for f in itertools.product((0.5, 2), repeat=4):
         real = ArmParameters(arm.m1 * f[0], arm.m2 * f[1], arm.L1 * f[2], arm.L2 * f[3])
         carried = np.array([real.L1**2, real.L2**2, real.L1 * real.L2, real.L1 * 9.81, real.L2 * 9.81])
         for mass in (0.0, load):
             torque = inverse_dynamics(real.lumped + mass * carried, q, v, a)
-            found = np.maximum(found, np.abs(torque).max(axis=(0, 1)))
-    assert np.all(found < limit)
-    np.testing.assert_array_less(found, np.array(stated) + 1.0)
+            largest = np.maximum(largest, np.abs(torque).max(axis=(0, 1)))
+    assert np.all(largest < limit)
+    np.testing.assert_array_less(largest, np.array(stated) + 1.0)
 
 
-def test_the_simulated_arm_can_follow_the_default_reference_at_its_worst():
-    """With every parameter doubled and 15 kg more, the very torque of inverse dynamics, within the limits, tracks it."""
+def test_the_heaviest_arm_can_follow_the_default_reference():
+    """With every parameter doubled and 15 kg more, inverse dynamics tracks it within the torque limits."""
     corners = [(LOW[0], LOW[1]), (LOW[0], HIGH[1]), (HIGH[0], LOW[1]), (HIGH[0], HIGH[1]), (LOW[0], LOW[1])]
     env = TwoLinkArmEnv(
         action="torque",
@@ -403,7 +401,7 @@ def test_the_simulated_arm_can_follow_the_default_reference_at_its_worst():
 
 
 @pytest.mark.parametrize("kind", ["steps", "filtered-steps"])
-def test_levels_stand_for_a_control_step_at_least(kind):
+def test_a_level_lasts_at_least_one_control_step(kind):
     with pytest.raises(ValueError, match=r"reference.period must be at least control_dt=0.01 s, got 1e-30 s"):
         TwoLinkArmEnv(reference={"kind": kind, "period": 1e-30})
     with pytest.raises(ValueError, match=r"reference.move_time \+ hold_time must be at least control_dt=0.01 s"):

@@ -1,4 +1,4 @@
-"""Frames, films and windows, as Gymnasium's users ask for them; and that drawing shows the truth and changes nothing."""
+"""Rendering: frames show the real arm and change no episode; films and windows work as in Gymnasium."""
 
 import copy
 import gc
@@ -18,10 +18,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo, RenderCollection
 from scipy import ndimage
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, canvas, render
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, picture, render
 from fbl_gym.arm import ArmParameters, inverse_dynamics, joint_positions
-from fbl_gym.canvas import INK, ORANGE, PAPER, PURPLE, RULE, VERMILLION, Canvas
-from fbl_gym.render import Picture, Trail, View, draw
+from fbl_gym.picture import INK, ORANGE, PAPER, PURPLE, RULE, VERMILLION, Canvas, Picture, draw
+from fbl_gym.render import Trail, View
 
 ID = "fbl_gym/TwoLinkArm-v0"
 ACTION = np.array([0.1, -0.05])
@@ -35,7 +35,7 @@ def _without_a_display(monkeypatch):
     render.pygame.display.quit()
 
 
-def picture(**changes):
+def instant(**changes):
     plain = {
         "title": "", "subtitle": "", "time": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1),
         "torque": (0.0, 0.0), "push": None, "full_torque": (2000.0, 800.0), "payload": 0.0, "trail": np.zeros((0, 3)),
@@ -44,38 +44,43 @@ def picture(**changes):
 
 
 def follow(env):
-    """A step under computed torque with the truth."""
+    """Make a step under computed torque with the true arm."""
     now = env.unwrapped.truth
     a = 100.0 * (now.reference - now.position) + 20.0 * (now.reference_velocity - now.velocity)
     return env.step(inverse_dynamics(now.lumped, now.position, now.velocity, a) / env.unwrapped.torque_limit)
 
 
+def mask(frame, colour):
+    """Return the pixels of a colour; averaging may change a channel by two."""
+    return (abs(frame.astype(int) - colour) <= 2).all(axis=-1)
+
+
 def count(frame, colour):
-    return int((frame == colour).all(axis=-1).sum())
+    return int(mask(frame, colour).sum())
 
 
-def discs(frame, near):
-    """The middle of each patch of the joints' colour within the ring, the nearest to each of some points."""
-    labels, n = ndimage.label((frame == INK).all(axis=-1))
+def discs(frame, points):
+    """Return the centre of the joint's disc that is nearest to each point."""
+    labels, n = ndimage.label(mask(frame, INK))
     sizes = ndimage.sum_labels(np.ones_like(labels), labels, range(1, n + 1))
     # A pixel's middle lies half a pixel from its corner.
-    found = [ndimage.center_of_mass(labels == k + 1)[::-1] for k in range(n) if sizes[k] > 30]
-    found = np.array(found) + 0.5
-    return np.array([found[np.hypot(*(found - point).T).argmin()] for point in near])
+    centres = [ndimage.center_of_mass(labels == k + 1)[::-1] for k in range(n) if sizes[k] > 30]
+    centres = np.array(centres) + 0.5
+    return np.array([centres[np.hypot(*(centres - point).T).argmin()] for point in points])
 
 
 @pytest.mark.parametrize("size", [480, 800])
 @pytest.mark.parametrize("lengths", [(0.7, 0.5), (20.0, 15.0), (0.3, 0.9)])
-def test_joints_are_drawn_where_the_kinematics_has_them(size, lengths):
-    """Base in the middle of the ring, y upwards, one scale for both links: within half a pixel, in any pose."""
+def test_joints_are_drawn_at_the_positions_of_the_kinematics(size, lengths):
+    """The base is in the ring's centre, y points upwards, both links have one scale; within half a pixel."""
     arm = ArmParameters(L1=lengths[0], L2=lengths[1])
     for q in ((0.6, 1.1), (-1.4, 0.3), (2.9, -1.9), (4.0, 0.9)):
         expected = joint_positions(arm, q) / sum(lengths) * (1, -1) * 0.35 * size + (0.5 * size, 0.458 * size)
-        found = discs(draw(picture(lengths=lengths, position=q, reference=q), size), expected)
-        np.testing.assert_allclose(found, expected, atol=0.5)
+        drawn = discs(draw(instant(lengths=lengths, position=q, reference=q), size), expected)
+        np.testing.assert_allclose(drawn, expected, atol=0.5)
 
 
-def test_an_environment_draws_its_true_arm():
+def test_an_environment_draws_the_real_arm():
     env = gym.make(ID, scenario="everything-3", render_mode="rgb_array")
     env.reset(seed=3)
     for _ in range(330):
@@ -83,7 +88,7 @@ def test_an_environment_draws_its_true_arm():
     truth = env.unwrapped.truth
     arm = ArmParameters(L1=truth.lengths[0], L2=truth.lengths[1])
     assert arm.L1 != env.unwrapped.nominal.L1
-    expected = render.project(joint_positions(arm, truth.position), tuple(truth.lengths), 480)
+    expected = picture.project(joint_positions(arm, truth.position), tuple(truth.lengths), 480)
     frame = env.render()
     assert (frame.shape, frame.dtype) == ((480, 480, 3), np.uint8)
     np.testing.assert_allclose(discs(frame, expected), expected, atol=0.5)
@@ -92,46 +97,46 @@ def test_an_environment_draws_its_true_arm():
     assert count(frame, PURPLE) > 50
 
 
-def test_a_picture_shows_what_it_is_told():
-    bare = draw(picture())
+def test_a_change_of_the_picture_changes_the_frame():
+    bare = draw(instant())
     assert count(bare, ORANGE) == 0
-    assert count(draw(picture(payload=2.0)), ORANGE) > 100
-    assert count(draw(picture(push=(0.0, 0.0))), PURPLE) > count(bare, PURPLE)  # its line of the table
-    loads = [count(draw(picture(torque=(torque, 0.0))), VERMILLION) for torque in (0.0, 100.0, 500.0, 2000.0, 1e9)]
+    assert count(draw(instant(payload=2.0)), ORANGE) > 100
+    assert count(draw(instant(push=(0.0, 0.0))), PURPLE) > count(bare, PURPLE)  # its line of the table
+    loads = [count(draw(instant(torque=(torque, 0.0))), VERMILLION) for torque in (0.0, 100.0, 500.0, 2000.0, 1e9)]
     assert loads == sorted(loads)
     assert loads[0] < loads[1] < loads[2] < loads[3] == loads[4]
     for change in ({"title": "x"}, {"subtitle": "x"}, {"time": 1.0}, {"reference": (0.9, 1.1)}, {"torque": (0.1, 0.0)}):
-        assert not np.array_equal(draw(picture(**change)), bare), change
+        assert not np.array_equal(draw(instant(**change)), bare), change
     trail = np.array([[-0.4, 0.1, 0.9], [-0.2, 0.2, 1.0], [0.0, 0.3, 1.0]])
-    assert not np.array_equal(draw(picture(trail=trail)), bare)
-    np.testing.assert_array_equal(draw(picture()), bare)
+    assert not np.array_equal(draw(instant(trail=trail)), bare)
+    np.testing.assert_array_equal(draw(instant()), bare)
 
 
 @pytest.mark.parametrize("turn", [1, -1])
-def test_torques_turn_the_way_they_push(turn):
-    """Of an arm that lies to the right, a positive torque's arc is above the first link, a negative one's below."""
-    frame = draw(picture(position=(0.0, 0.0), reference=(0.0, 0.0), torque=(100.0 * turn, 0.0)))
-    rows = np.nonzero((frame[:380] == VERMILLION).all(axis=-1))[0]
+def test_an_arc_points_in_the_direction_of_its_torque(turn):
+    """For an arm to the right, a positive torque's arc is above the first link, a negative one's below."""
+    frame = draw(instant(position=(0.0, 0.0), reference=(0.0, 0.0), torque=(100.0 * turn, 0.0)))
+    rows = np.nonzero(mask(frame[:380], VERMILLION))[0]
     assert np.all(np.sign(0.458 * 480 - rows) == turn)
 
 
 @pytest.mark.parametrize("turn", [1, -1])
-def test_an_arc_begins_at_its_link_and_is_as_long_as_the_root_of_its_share(turn):
-    """A quarter of joint 2's torque: half the longest arc, from beside the second link on, and a head beyond."""
+def test_an_arc_begins_at_its_link_and_grows_with_the_square_root_of_the_torque(turn):
+    """A quarter of joint 2's full torque gives half the longest arc, and an arrowhead at its end."""
     q = (0.6, 1.1)
-    frame = draw(picture(position=q, torque=(0.0, turn * 200.0)), 800)
-    x, y = render.project(joint_positions(ArmParameters(), q)[1], (0.7, 0.5), 800)
-    rows, columns = np.nonzero((frame[:640] == VERMILLION).all(axis=-1))
+    frame = draw(instant(position=q, torque=(0.0, turn * 200.0)), 800)
+    x, y = picture.project(joint_positions(ArmParameters(), q)[1], (0.7, 0.5), 800)
+    rows, columns = np.nonzero(mask(frame[:640], VERMILLION))
     away = turn * (np.arctan2(y - rows - 0.5, columns + 0.5 - x) - sum(q)) % (2 * np.pi)
     assert away.min() == pytest.approx(0.6 * 0.04 / 0.052, abs=0.1)
-    assert away.max() - away.min() == pytest.approx(0.5 * render.FULL_TURN + 3 * 0.007 / 0.052, abs=0.15)
+    assert away.max() - away.min() == pytest.approx(0.5 * picture.FULL_TURN + 3 * 0.007 / 0.052, abs=0.15)
 
 
 def test_the_numbers_are_those_of_the_picture(monkeypatch):
     written = []
     monkeypatch.setattr(Canvas, "write", lambda self, text, *_: written.append(text))
-    told = {"title": "here", "subtitle": "there", "time": 1.234, "position": (0.5, 1.2), "payload": 2.5}
-    draw(picture(**told, torque=(-1234.56, 2.0), push=(-3.0, 1e300)))
+    values = {"title": "here", "subtitle": "there", "time": 1.234, "position": (0.5, 1.2), "payload": 2.5}
+    draw(instant(**values, torque=(-1234.56, 2.0), push=(-3.0, 1e300)))
     assert {"here", "there", "1.23 s", "payload 2.5 kg", "0.5 m"} < set(written)
     rows = [
         ["error [mrad]", "+100.0", "−100.0"],
@@ -141,7 +146,7 @@ def test_the_numbers_are_those_of_the_picture(monkeypatch):
     assert written[-9:] == [text for row in rows for text in row]
 
 
-def test_the_trail_forgets_and_an_earlier_time_begins_a_new_one():
+def test_the_trail_has_a_duration_and_an_earlier_time_begins_a_new_one():
     trail = Trail()
     for k in range(400):
         rows = trail.extended(0.01 * k, np.array([k, -k]))
@@ -166,13 +171,13 @@ def test_drawing_changes_no_episode():
             assert step[1:] == steps[2][1:]
 
 
-def test_importing_and_stepping_brings_neither_pygame_nor_matplotlib():
+def test_importing_and_stepping_load_neither_pygame_nor_matplotlib():
     code = """
 import sys, gymnasium as gym, fbl_gym
 env = gym.make("fbl_gym/TwoLinkArm-v0", render_mode="rgb_array")
 env.reset(seed=0)
 env.step(env.action_space.sample())
-assert not {"pygame", "matplotlib", "fbl_gym.render", "fbl_gym.canvas"} & set(sys.modules)
+assert not {"pygame", "matplotlib", "fbl_gym.render", "fbl_gym.picture"} & set(sys.modules)
 env.render()
 assert "matplotlib" not in sys.modules
 import pygame
@@ -181,12 +186,12 @@ assert not pygame.display.get_init()
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_without_pygame_the_error_says_what_to_install(monkeypatch):
+def test_without_pygame_the_error_names_the_extra_to_install(monkeypatch):
     env = TwoLinkArmEnv(render_mode="rgb_array")
     env.reset(seed=0)
     monkeypatch.setitem(sys.modules, "pygame", None)
     monkeypatch.delitem(sys.modules, "fbl_gym.render")
-    monkeypatch.delitem(sys.modules, "fbl_gym.canvas")
+    monkeypatch.delitem(sys.modules, "fbl_gym.picture")
     with pytest.raises(DependencyNotInstalled, match=r"pip install 'fbl-gym\[render\]'"):
         env.render()
 
@@ -204,7 +209,7 @@ def test_checker_passes_with_a_render_mode(mode):
     check_env(gym.make(ID, scenario="everything-1", render_mode=mode).unwrapped, skip_render_check=False)
 
 
-def test_a_window_shows_the_episode_in_real_time_and_close_takes_it_away():
+def test_a_window_shows_the_episode_in_real_time_until_close():
     env = gym.make(ID, render_mode="human", render_size=200)
     env.reset(seed=0)
     window = render.pygame.display.get_surface()
@@ -221,17 +226,17 @@ def test_a_window_shows_the_episode_in_real_time_and_close_takes_it_away():
     env.close()
 
 
-def test_several_arms_stand_side_by_side_and_leave_one_by_one():
-    """Also one that is forgotten without `close`, and after another environment has shut pygame down."""
+def test_several_arms_share_the_window_side_by_side():
+    """An arm leaves it by `close` or with its environment; `pygame.quit` of another program does no harm."""
     sizes = (200, 300, 160)
     first, second, third = (TwoLinkArmEnv(render_mode="human", render_size=size) for size in sizes)
     for env in (first, second, third):
         env.reset(seed=0)
     window = render.pygame.display.get_surface()
     assert window.get_size() == (660, 300)
-    found = render.pygame.surfarray.array3d(window).swapaxes(0, 1)
-    np.testing.assert_array_equal(found[:, 200:500], View(second.scenario, 300).frame(second.truth))
-    assert tuple(found[250, 100]) == PAPER
+    pixels = render.pygame.surfarray.array3d(window).swapaxes(0, 1)
+    np.testing.assert_array_equal(pixels[:, 200:500], View(second.scenario, 300).frame(second.truth))
+    assert tuple(pixels[250, 100]) == PAPER
     first.close()
     assert render.pygame.display.get_surface().get_size() == (460, 300)
     del second, env
@@ -250,7 +255,7 @@ import gymnasium as gym
 import controllers, fbl_gym
 
 def windows():
-    for _ in range(20):  # it fails where a window goes away while it looks
+    for _ in range(20):  # it fails if a window closes meanwhile
         tree = subprocess.run(["xwininfo", "-root", "-tree"], capture_output=True, text=True)
         if tree.returncode == 0:
             return [line.split()[-2].split("+")[0] for line in tree.stdout.splitlines() if '"fbl-gym"' in line]
@@ -274,14 +279,14 @@ for env in envs:
     not (shutil.which("Xvfb") and shutil.which("xwininfo")), reason="needs Xvfb and xwininfo (packages xvfb, x11-utils)"
 )
 def test_a_real_window_opens_and_closes():
-    """On a screen in memory, with X11's own list of windows as the witness."""
+    """X11 lists the windows of a screen in memory."""
     reading, writing = os.pipe()
     command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1024x768x24", "-nolisten", "tcp"]
     with subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL) as screen:
         os.close(writing)
         try:
-            with os.fdopen(reading) as told:
-                display = f":{told.readline().strip()}"
+            with os.fdopen(reading) as number:
+                display = f":{number.readline().strip()}"
             environment = {**os.environ, "DISPLAY": display, "SDL_VIDEODRIVER": "x11"}
             done = subprocess.run([sys.executable, "-c", WATCH], env=environment, capture_output=True, text=True)
         finally:
@@ -293,7 +298,7 @@ def test_a_real_window_opens_and_closes():
 @pytest.mark.parametrize(("control_dt", "drawn"), [(0.1, 5), (0.01, 25), (0.001, 25)])
 def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt, drawn):
     frames = []
-    monkeypatch.setattr(render, "draw", lambda picture, size: frames.append(1) or np.zeros((size, size, 3), np.uint8))
+    monkeypatch.setattr(render, "draw", lambda instant, size: frames.append(1) or np.zeros((size, size, 3), np.uint8))
     monkeypatch.setattr(render.time, "sleep", lambda _: None)
     env = TwoLinkArmEnv(render_mode="human", control_dt=control_dt, physics_dt=0.001)
     env.reset(seed=0)
@@ -339,7 +344,7 @@ def test_frames_can_be_collected():
     assert len(gym.make(ID, render_mode="rgb_array_list", render_size=160).unwrapped.metadata["render_modes"]) == 2
 
 
-def test_rendering_in_the_wrong_moment():
+def test_rendering_without_a_mode_warns_and_before_reset_is_an_error():
     with pytest.warns(UserWarning, match="render_mode"):
         assert TwoLinkArmEnv().render() is None
     with pytest.warns(UserWarning, match="render_mode"):
@@ -372,7 +377,7 @@ def test_a_vector_environment_draws_every_lane_as_a_single_one():
 @pytest.mark.parametrize(
     "duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
 )
-def test_a_copy_draws_on(duplicate):
+def test_a_copy_of_an_environment_draws_the_same_frames(duplicate):
     env = TwoLinkArmEnv(render_mode="rgb_array", render_size=160)
     env.reset(seed=0)
     env.render()
@@ -382,14 +387,14 @@ def test_a_copy_draws_on(duplicate):
     np.testing.assert_array_equal(env.render(), other.render())
 
 
-def test_letters_outlive_another_environments_close():
+def test_letters_survive_pygame_quit():
     """Gymnasium's own environments shut all of pygame down when they close."""
     env = TwoLinkArmEnv(render_mode="rgb_array")
     env.reset(seed=0)
     before = env.render()
     render.pygame.quit()
     np.testing.assert_array_equal(env.render(), before)
-    canvas._letters.cache_clear()
+    picture._letters.cache_clear()
     np.testing.assert_array_equal(env.render(), before)
 
 
@@ -403,7 +408,7 @@ def test_an_arm_that_diverged_can_be_drawn():
 
 
 @pytest.mark.parametrize("scenario", ["nominal", "section-2-2/nominal", "paper-10"])
-def test_drives_without_a_limit_are_measured_by_the_arms_weight(scenario):
+def test_without_a_torque_limit_the_longest_arc_is_ten_times_the_arms_weight(scenario):
     env = TwoLinkArmEnv(scenario, action="torque")
     limit = env.torque_limit
     full = View(env.scenario, 160).picture(env.truth).full_torque

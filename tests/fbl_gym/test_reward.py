@@ -1,4 +1,4 @@
-"""The option `reward`."""
+"""The reward: equation, bounds and slope."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from fbl_gym import TwoLinkArmEnv
 
 
-def test_reward_reaches_the_reward():
+def test_the_option_changes_the_reward():
     rewards = []
     for reward in (None, {"tracking": "l1"}, {"worst": 0.5}, {"resolution": 0.1}, {"weight_effort": 1.0}):
         env = TwoLinkArmEnv(reward=reward, initial_error=0.05)
@@ -19,7 +19,7 @@ def test_reward_reaches_the_reward():
 
 
 @pytest.mark.parametrize("form", ["log", "l1"])
-def test_reward_is_what_its_documentation_says(form):
+def test_the_reward_is_the_documented_equation(form):
     weights = {"weight_tracking": 2.0, "weight_effort": 0.3, "weight_chatter": 0.7}
     reward = {"tracking": form, "worst": 1.5, "resolution": 2e-3, **weights}
     env = TwoLinkArmEnv(reward=reward, noise={"position": 0.1})
@@ -27,16 +27,16 @@ def test_reward_is_what_its_documentation_says(form):
     rng, before = np.random.default_rng(0), env.truth.applied_torque / env.torque_limit
     for _ in range(60):
         u = rng.uniform(-0.2, 0.2, 2)
-        found = env.step(u)[1]
+        reward = env.step(u)[1]
         error = np.abs(env.truth.reference - env.truth.position).sum()
         t = np.log(1 + error / 2e-3) / np.log(1 + 1.5 / 2e-3) if form == "log" else error / 1.5
         e, c = np.abs(u).mean(), np.abs(u - before).mean() / 2
-        assert found == pytest.approx(1 - (2.0 * min(t, 1.0) + 0.3 * e + 0.7 * c) / 3.0, abs=1e-12)
-        assert 0.0 <= found <= 1.0
+        assert reward == pytest.approx(1 - (2.0 * min(t, 1.0) + 0.3 * e + 0.7 * c) / 3.0, abs=1e-12)
+        assert 0.0 <= reward <= 1.0
         before = u
 
 
-def test_effort_and_chatter_are_of_the_command_not_of_what_the_drive_delivers():
+def test_effort_and_chatter_measure_the_command_not_the_applied_torque():
     env = TwoLinkArmEnv(
         actuator={"delay": 0.05, "lag": 0.1},
         reward={"weight_tracking": 0.0, "weight_effort": 1.0, "weight_chatter": 3.0},
@@ -67,7 +67,7 @@ def test_reward_stays_within_its_bounds_at_any_action(form):
     assert len(set(rewards)) > 10
 
 
-def test_an_arm_without_limits_pays_for_tracking_alone():
+def test_without_torque_limits_only_tracking_counts():
     env = TwoLinkArmEnv(actuator=None, action="torque", reward={"tracking": "l1", "worst": 3.0})
     env.reset(seed=0)
     for k in range(30):
@@ -78,7 +78,7 @@ def test_an_arm_without_limits_pays_for_tracking_alone():
 
 @pytest.mark.parametrize("form", ["log", "l1"])
 def test_reward_has_a_slope_at_zero_error(form):
-    """And is one at perfect tracking without effort or chatter."""
+    """It is one at perfect tracking without effort or chatter."""
     weights = {"weight_effort": 0.0, "weight_chatter": 0.0}
 
     def reward(error):

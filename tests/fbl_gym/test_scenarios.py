@@ -1,4 +1,4 @@
-"""The named scenarios, and records as plain data."""
+"""The named scenarios: names, families, the paper's figures; and any combination of options."""
 
 import dataclasses
 import json
@@ -44,7 +44,7 @@ def test_severities_grow_from_the_nominal_arm():
         (("noise", 1, "table1"), "did you mean 'table-1'"),
     ],
 )
-def test_wrong_families_are_named(arguments, message):
+def test_a_wrong_family_severity_or_arm_is_named(arguments, message):
     with pytest.raises(ValueError, match=message):
         scenarios.family(*arguments)
 
@@ -60,7 +60,7 @@ def test_records_are_frozen_and_hashable():
         Scenario.from_dict({"nme": "x"})
 
 
-def test_papers_figures_have_the_papers_arms():
+def test_the_papers_scenarios_have_the_papers_arms():
     assert scenarios.get("paper-3b").parameter_error.ratios == (2.0,) * 4
     real = TwoLinkArmEnv("paper-3b", action="torque")
     real.reset(seed=0)
@@ -68,9 +68,6 @@ def test_papers_figures_have_the_papers_arms():
     large = TwoLinkArmEnv("paper-6a", action="torque")
     large.reset(seed=0)
     np.testing.assert_allclose([*large.truth.masses, *large.truth.lengths], [200.0, 150.0, 7.0, 5.0])
-
-
-# More of the above.
 
 
 def test_the_names_are_the_papers_figures_and_the_families_for_both_arms():
@@ -88,15 +85,15 @@ def test_the_names_are_the_papers_figures_and_the_families_for_both_arms():
         "disturbance",
         "everything",
     )
-    own = {"nominal"} | {f"{family}-{severity}" for family in families for severity in range(4)}
-    assert set(scenarios.names()) == figures | own | {f"section-2-2/{name}" for name in own}
+    members = {"nominal"} | {f"{family}-{severity}" for family in families for severity in range(4)}
+    assert set(scenarios.names()) == figures | members | {f"section-2-2/{name}" for name in members}
     assert len(scenarios.names()) == len(set(scenarios.names()))
     assert set(scenarios.families()) == {"nominal", *families}
 
 
 @pytest.mark.parametrize("arm", scenarios.arms())
 @pytest.mark.parametrize("name", scenarios.families())
-def test_severity_zero_behaves_as_nominal_to_the_bit(name, arm):
+def test_severity_zero_equals_nominal_bit_for_bit(name, arm):
     nominal = TwoLinkArmEnv(scenarios.family("nominal", arm=arm))
     none = TwoLinkArmEnv(scenarios.family(name, 0, arm))
     np.testing.assert_array_equal(nominal.reset(seed=0)[0], none.reset(seed=0)[0])
@@ -107,8 +104,7 @@ def test_severity_zero_behaves_as_nominal_to_the_bit(name, arm):
 
 
 @pytest.mark.parametrize("name", sorted(set(scenarios.families()) - {"nominal"}))
-def test_every_severity_is_another_world_of_the_same_motion(name):
-    """The seed's way-points are the same in all, so that policies are compared on one task."""
+def test_severities_differ_in_the_arm_and_share_the_reference(name):
     ends, motions = [], []
     for severity in scenarios.SEVERITIES:
         env = TwoLinkArmEnv(scenarios.family(name, severity), preview=100, limits={"position": 1e3, "velocity": 1e4})
@@ -121,8 +117,8 @@ def test_every_severity_is_another_world_of_the_same_motion(name):
     np.testing.assert_array_equal(motions, np.tile(motions[0], (4, 1)))
 
 
-def test_each_family_varies_its_own_option_only():
-    own = {
+def test_each_family_changes_only_its_option():
+    changes = {
         "mass-error": {"parameter_error"},
         "length-error": {"parameter_error"},
         "mixed-error": {"parameter_error"},
@@ -132,7 +128,7 @@ def test_each_family_varies_its_own_option_only():
         "disturbance": {"disturbance"},
         "everything": {"parameter_error", "noise", "friction", "disturbance"},
     }
-    for name, options in own.items():
+    for name, options in changes.items():
         for severity in (1, 2, 3):
             scenario = scenarios.family(name, severity)
             changed = {
@@ -149,13 +145,13 @@ def test_parameter_families_draw_within_their_radius(name, touched):
     for severity, radius in ((1, 0.25), (2, 0.5), (3, 1.0)):
         env = TwoLinkArmVectorEnv(2048, scenarios.family(name, severity))
         env.reset(seed=0)
-        found = np.hstack([env.truth.masses, env.truth.lengths]) / nominal
+        ratios = np.hstack([env.truth.masses, env.truth.lengths]) / nominal
         for i in range(4):
             if i in touched:
-                assert found[:, i].min() == pytest.approx(1 / (1 + radius), rel=0.01)
-                assert found[:, i].max() == pytest.approx(1 + radius, rel=0.01)
+                assert ratios[:, i].min() == pytest.approx(1 / (1 + radius), rel=0.01)
+                assert ratios[:, i].max() == pytest.approx(1 + radius, rel=0.01)
             else:
-                assert np.all(found[:, i] == 1.0)
+                assert np.all(ratios[:, i] == 1.0)
 
 
 def test_the_payload_family_carries_up_to_the_second_links_mass_from_3_to_7_s():
@@ -167,7 +163,7 @@ def test_the_payload_family_carries_up_to_the_second_links_mass_from_3_to_7_s():
 
 
 @pytest.mark.parametrize("name", scenarios.names())
-def test_every_named_scenario_makes_a_batch_too(name):
+def test_every_named_scenario_makes_a_vector_environment(name):
     scenario = scenarios.get(name)
     action = "torque" if scenario.actuator.torque_limit is None else "normalized"
     env, single = TwoLinkArmVectorEnv(3, name, action=action), TwoLinkArmEnv(name, action=action)
@@ -177,8 +173,8 @@ def test_every_named_scenario_makes_a_batch_too(name):
 
 def test_a_scenario_by_name_record_or_dict_is_the_same():
     scenario = scenarios.get("everything-2")
-    made = [TwoLinkArmEnv(x).scenario for x in ("everything-2", scenario, scenario.to_dict())]
-    assert made[0] == made[1] == made[2] == scenario
+    built = [TwoLinkArmEnv(x).scenario for x in ("everything-2", scenario, scenario.to_dict())]
+    assert built[0] == built[1] == built[2] == scenario
     assert TwoLinkArmEnv(None).scenario == TwoLinkArmEnv().scenario == scenarios.get("nominal")
     assert Scenario.from_dict({}) == Scenario()
 
@@ -197,7 +193,7 @@ def test_a_wrong_severity_is_named(severity):
 
 
 @pytest.mark.parametrize("severity", [np.int64(2), 2.0])
-def test_a_severity_that_equals_a_right_one_makes_its_scenario(severity):
+def test_a_severity_may_be_any_number_equal_to_a_valid_one(severity):
     assert scenarios.family("mass-error", severity) == scenarios.get("mass-error-2")
 
 
@@ -210,6 +206,15 @@ def test_the_nearest_scenario_is_suggested(name, near):
         scenarios.get(name)
     with pytest.raises(ValueError, match=f"did you mean '{near}'"):
         TwoLinkArmVectorEnv(2, name)
+
+
+@pytest.mark.parametrize("name", ["everything", "section-2-2/mass-error"])
+def test_a_family_without_a_severity_names_its_severities(name):
+    severities = f"{name}-0, {name}-1, {name}-2 or {name}-3"
+    with pytest.raises(ValueError, match=f"scenario '{name}' needs a severity: {severities}"):
+        scenarios.get(name)
+    with pytest.raises(ValueError, match="needs a severity"):
+        TwoLinkArmEnv(name)
 
 
 def test_the_papers_scenarios_run_at_the_papers_rates():
@@ -287,7 +292,7 @@ options = st.fixed_dictionaries(
 
 
 def divides(options):
-    """Whether every time is a multiple of the physics step, as it must be: with a coarse step, some drawn ones are not."""
+    """Return True if every time is a multiple of the physics step, as it must be."""
     h = options.get("physics_dt", 0.001)
     push = options.get("disturbance", {})
     times = [push.get(name, 0.0) for name in ("period", "width", "dt")] + [
@@ -299,7 +304,7 @@ def divides(options):
 @settings(max_examples=80, deadline=None)
 @given(options, st.integers(0, 2**64 - 1), st.sampled_from([0.0, 0.3, 1.0, 1e9]))
 def test_any_combination_of_options_runs(options, seed, reach):
-    """No NaN, observations in their space, rewards in [0, 1], no exception; single and batched alike."""
+    """Observations are in their space, rewards in [0, 1], and a lane equals the single environment."""
     assume(divides(options))
     env, batch = TwoLinkArmEnv(**options), TwoLinkArmVectorEnv(2, **options)
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Seeds: what decides an episode, and what has no say in it."""
+"""Seeds: an episode depends on its seed, and on no global random state."""
 
 import random
 
@@ -25,7 +25,7 @@ def test_without_a_seed_episodes_differ():
     assert not np.array_equal(TwoLinkArmEnv().reset()[0], TwoLinkArmEnv().reset()[0])
 
 
-def test_an_episode_does_not_depend_on_what_was_run_before():
+def test_an_episode_does_not_depend_on_earlier_ones():
     fresh, used = TwoLinkArmEnv(**RECORDS), TwoLinkArmEnv(**RECORDS)
     for seed in range(3):
         episode(used, 7 * seed, seed)
@@ -58,24 +58,24 @@ def test_global_seeds_change_no_episode():
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "1", True, 2**64])
-def test_a_bad_seed_is_named(seed):
+def test_a_bad_seed_is_an_error(seed):
     env = TwoLinkArmEnv()
     with pytest.raises(ValueError, match="seed must be"):
         env.reset(seed=seed)
     env.reset(seed=2**64 - 1)
 
 
-def test_seeds_by_list_and_by_number():
+def test_a_list_of_seeds_is_the_same_as_a_first_seed():
     env = TwoLinkArmVectorEnv(3)
     by_number, _ = env.reset(seed=4)
     by_list, _ = env.reset(seed=[4, 5, 6])
     np.testing.assert_array_equal(by_number, by_list)
-    kept, _ = env.reset(seed=[None, 5, None])
-    np.testing.assert_array_equal(kept[1], by_list[1])
-    assert not np.array_equal(kept[0], by_list[0])
+    later, _ = env.reset(seed=[None, 5, None])
+    np.testing.assert_array_equal(later[1], by_list[1])
+    assert not np.array_equal(later[0], by_list[0])
     single = TwoLinkArmEnv()
     single.reset(seed=4)
-    np.testing.assert_array_equal(kept[0], single.reset()[0])
+    np.testing.assert_array_equal(later[0], single.reset()[0])
 
 
 def test_seeds_may_be_numpy_numbers():

@@ -13,9 +13,9 @@ from tests.fbl_gym.dry_arm import FLAT, STILL, flat
 
 
 def stick_slip(h):
-    """A push and pull through breakaway and back, long enough to stick and slip several times."""
-    push = {"kind": "sine", "amplitude": (40.0, 16.0), "frequency": (0.5, 0.4), "phase": (0.0, 1.5)}
-    env = flat(disturbance=push, control_dt=0.02, physics_dt=h, duration=4.0)
+    """Return positions under a sine torque beyond breakaway, with several phases of stick and slip."""
+    disturbance = {"kind": "sine", "amplitude": (40.0, 16.0), "frequency": (0.5, 0.4), "phase": (0.0, 1.5)}
+    env = flat(disturbance=disturbance, control_dt=0.02, physics_dt=h, duration=4.0)
     env.reset(seed=0)
     path = []
     for _ in range(200):
@@ -25,7 +25,7 @@ def stick_slip(h):
 
 
 def test_the_solution_converges_as_the_step_shrinks():
-    """First order over a 500-fold range, on the whole: just when a joint lets go or stops makes single ratios uneven."""
+    """The order is one over a 500-fold range of steps; single ratios vary with the instants of release."""
     fine = stick_slip(2e-2 / 8192)
     steps = 0.02 / 5 / 2.0 ** np.arange(10)
     errors = [np.abs(stick_slip(h) - fine).max() for h in steps]
@@ -34,18 +34,18 @@ def test_the_solution_converges_as_the_step_shrinks():
     assert errors[-1] < 3e-5
     assert np.ptp(fine, axis=0).min() > 0.05
     moves = {tuple(row) for row in (np.diff(fine, axis=0) != 0.0).tolist()}
-    assert len(moves) == 4  # both stick, both slip, and each while the other does not
+    assert len(moves) == 4  # both stick, both slip, and each alone
 
 
-# One joint at a time has solutions of its own: here friction that nothing overcomes locks joint 2.
+# A single joint has solutions in closed form; here a large friction locks joint 2.
 
 LOCKED = {"coulomb": (20.0, 1e5), "stiction": (10.0, 0.0), "v_s": 1e-3}
 ALONE = float(inertia_matrix(FLAT, (0.4, 0.7))[0, 0])
 
 
 @pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 5e-2])
-def test_a_coasting_joint_stops_where_mechanics_says(h):
-    """Under Coulomb friction alone it stops after v^2 I / (2 f). The step in which it stops adds at most f h^2 / (8 I)."""
+def test_a_coasting_joint_stops_after_v2_i_over_2f(h):
+    """Under Coulomb friction alone it stops after v^2 I / (2 f), late by f h^2 / (8 I) at most."""
     coasting = {"kind": "sine", "centre": (0.4, 0.7), "amplitude": (0.5, 0.0), "frequency": 1 / math.pi}
     friction = {"coulomb": (20.0, 1e5)}
     env = TwoLinkArmEnv(
@@ -67,10 +67,15 @@ def test_a_coasting_joint_stops_where_mechanics_says(h):
 
 @pytest.mark.parametrize("phase", [0.0, 0.5])
 def test_a_joint_without_dry_friction_is_never_held(phase):
-    """Whatever the other joint's friction: its motion is the smooth one, also where it starts at rest under no load."""
-    push = {"kind": "sine", "amplitude": (45.0, 0.0), "frequency": 1.0, "phase": (phase, 0.0)}
+    """Its motion is smooth under any friction of the other joint, also from rest without a load."""
+    disturbance = {"kind": "sine", "amplitude": (45.0, 0.0), "frequency": 1.0, "phase": (phase, 0.0)}
     env = TwoLinkArmEnv(
-        arm=FLAT, action="torque", actuator=None, reference=STILL, friction={"coulomb": (0.0, 1e5)}, disturbance=push
+        arm=FLAT,
+        action="torque",
+        actuator=None,
+        reference=STILL,
+        friction={"coulomb": (0.0, 1e5)},
+        disturbance=disturbance,
     )
     env.reset(seed=0)
     for _ in range(100):
@@ -83,7 +88,7 @@ def test_a_joint_without_dry_friction_is_never_held(phase):
 
 
 def slip_by_events(times):
-    """The position of joint 1 alone under -45 sin(pi t) N m, from rest: phases that stick and slip, each solved by itself."""
+    """Return joint 1's position under -45 sin(pi t) N m from rest, each phase of stick or slip solved alone."""
 
     def load(t):
         return -45.0 * math.sin(math.pi * t)
@@ -124,15 +129,15 @@ def slip_by_events(times):
     return path
 
 
-def test_stick_and_slip_are_those_of_an_event_driven_solution():
+def test_stick_and_slip_agree_with_an_event_driven_solution():
     """Release, slip, stop and hold, four times over: the error is first order in the step, and small."""
-    push = {"kind": "sine", "amplitude": (45.0, 0.0), "frequency": 0.5, "phase": 0.0}
+    disturbance = {"kind": "sine", "amplitude": (45.0, 0.0), "frequency": 0.5, "phase": 0.0}
     times = 0.02 * np.arange(201)
     right, errors = slip_by_events(times), []
     assert np.abs(np.diff(right)).max() > 0.005
     for h in (1e-3, 2.5e-4, 6.25e-5):
         env = TwoLinkArmEnv(
-            arm=FLAT, action="torque", actuator=None, reference=STILL, friction=LOCKED, disturbance=push,
+            arm=FLAT, action="torque", actuator=None, reference=STILL, friction=LOCKED, disturbance=disturbance,
             control_dt=0.02, physics_dt=h,
         )  # fmt: skip
         env.reset(seed=0)

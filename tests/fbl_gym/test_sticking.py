@@ -1,4 +1,4 @@
-"""Joints that stick, slide and come to rest, against what mechanics says of them."""
+"""Joints that stick, slide and come to rest, against mechanics."""
 
 import itertools
 
@@ -28,8 +28,8 @@ def test_below_breakaway_not_one_bit_moves(h, load):
 @pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 5e-2])
 def test_a_changing_load_below_breakaway_moves_nothing(h):
     """Torques that swing to 99 % of breakaway and back, of either sign."""
-    push = {"kind": "sine", "amplitude": tuple(0.99 * BREAKAWAY), "frequency": (1.0, 1.7), "phase": (0.0, 1.0)}
-    env = flat(disturbance=push, control_dt=max(h, 1e-2), physics_dt=h, duration=2.0)
+    disturbance = {"kind": "sine", "amplitude": tuple(0.99 * BREAKAWAY), "frequency": (1.0, 1.7), "phase": (0.0, 1.0)}
+    env = flat(disturbance=disturbance, control_dt=max(h, 1e-2), physics_dt=h, duration=2.0)
     env.reset(seed=0)
     before = env.truth.position
     largest = np.zeros(2)
@@ -44,8 +44,8 @@ def test_a_changing_load_below_breakaway_moves_nothing(h):
 @pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 5e-2])
 @pytest.mark.parametrize("joint", [0, 1])
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
-def test_just_above_breakaway_it_moves(h, joint, direction):
-    """A load a ten-thousandth above breakaway releases the joint, its way, at any step size."""
+def test_a_load_just_above_breakaway_moves_a_joint(h, joint, direction):
+    """A load 1e-4 above breakaway moves the joint in its direction, at any step size."""
     env = flat(control_dt=h, physics_dt=h, duration=200 * h)
     env.reset(seed=0)
     before = env.truth.position
@@ -57,7 +57,7 @@ def test_just_above_breakaway_it_moves(h, joint, direction):
 
 
 def test_a_load_one_rounding_above_breakaway_hardly_moves():
-    """30 and 12 N m hold the arm; a few parts in 1e16 more may not make it jump."""
+    """30 and 12 N m hold the arm; a few parts in 1e16 more do not make it jump."""
     env = flat(control_dt=1e-3, physics_dt=1e-3)
     for i, j in itertools.product(range(1, 6), repeat=2):
         for s1, s2 in itertools.product((-1, 1), repeat=2):
@@ -66,8 +66,8 @@ def test_a_load_one_rounding_above_breakaway_hardly_moves():
             assert np.abs(env.truth.velocity).max() < 1e-12, (s1, s2, i, j, env.truth.velocity)
 
 
-def test_a_hanging_load_holds_with_gravity():
-    """With gravity the static load is the torque less G(q); within breakaway the arm stays put for 10 s."""
+def test_friction_holds_a_load_with_gravity():
+    """With gravity the static load is the torque less G(q); within breakaway the arm does not move for 10 s."""
     env = TwoLinkArmEnv(action="torque", reference=STILL, friction=DRY)
     env.reset(seed=0)
     before = env.truth.position
@@ -80,7 +80,7 @@ def test_a_hanging_load_holds_with_gravity():
 
 @pytest.mark.parametrize("slider", [0, 1])
 def test_one_joint_slides_while_the_other_sticks(slider):
-    """The stuck one does not move by one bit; the slider moves as if the other were welded: its own M_ii alone."""
+    """The stuck joint does not move by one bit; the other one moves with the inertia M_ii."""
     env = flat(duration=2.0)
     env.reset(seed=0)
     before, load = env.truth.position, np.zeros(2)
@@ -92,8 +92,8 @@ def test_one_joint_slides_while_the_other_sticks(slider):
         assert truth.velocity[1 - slider] == 0.0
         assert truth.velocity[slider] > 0.0
         coulomb = truth.friction_torque[slider]
-        own = inertia_matrix(FLAT, truth.position)[slider, slider]
-        assert truth.acceleration[slider] == pytest.approx((load[slider] - coulomb) / own, rel=1e-9)
+        inertia = inertia_matrix(FLAT, truth.position)[slider, slider]
+        assert truth.acceleration[slider] == pytest.approx((load[slider] - coulomb) / inertia, rel=1e-9)
 
 
 def test_a_thrown_arm_comes_to_rest_and_stays():
@@ -109,8 +109,8 @@ def test_a_thrown_arm_comes_to_rest_and_stays():
     assert np.array_equal(env.truth.position, rest)
 
 
-def test_friction_never_drives():
-    """Random torques on many arms: friction takes power at every sample, and keeps within its bound."""
+def test_friction_never_adds_power():
+    """Under random torques, friction takes power at every sample and stays within its bound."""
     env = TwoLinkArmVectorEnv(64, "stiction-3", action="torque")
     env.reset(seed=0)
     rng = np.random.default_rng(0)
@@ -125,7 +125,7 @@ def test_friction_never_drives():
 
 
 def test_friction_balances_equation_1():
-    """M a + C v + G + F + tau_d = tau at every sample of a rough motion, whether joints slide, stick, or one does each."""
+    """M a + C v + G + F + tau_d = tau at every sample, with both joints sliding, both stuck, or one of each."""
     env = TwoLinkArmVectorEnv(
         64, "stiction-2", action="torque", disturbance={"kind": "sine", "amplitude": (30.0, 10.0)}
     )

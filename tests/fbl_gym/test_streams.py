@@ -1,4 +1,4 @@
-"""The random streams against NumPy's Philox, and against the distributions they promise."""
+"""The random streams against NumPy's Philox and against their distributions."""
 
 import hashlib
 
@@ -17,7 +17,7 @@ LAST = WORD - 1
 
 
 def numpys_words(k0, k1, c0, c1, c2):
-    """NumPy counts up before it draws: set to one less than a counter, it draws that counter's block."""
+    """Return the words of NumPy's Philox; it increments its counter before it draws."""
     counter = (c0 + (c1 << 64) + (c2 << 128) - 1) % 2**256
     return [int(w) for w in np.random.Philox(key=k0 + (k1 << 64), counter=counter).random_raw(4)]
 
@@ -27,7 +27,7 @@ def our_words(*key_and_counter):
 
 
 def test_words_are_those_of_numpys_philox():
-    """Random keys and counters."""
+    """At random keys and counters."""
     rng = np.random.default_rng(0)
     for _ in range(300):
         case = [int(x) for x in rng.integers(0, WORD, 5, dtype=np.uint64)]
@@ -48,7 +48,7 @@ def test_words_are_those_of_numpys_philox():
         (0, LAST, 0, 0, 0),
     ],
 )
-def test_words_are_numpys_where_counters_and_keys_wrap_around(case):
+def test_words_are_numpys_when_counters_and_keys_wrap_around(case):
     """The round keys wrap modulo 2**64, too."""
     assert our_words(*case) == numpys_words(*case)
 
@@ -74,7 +74,7 @@ def draw(seed, stream, uniform, normal):
         normal[i] = streams.normals(seed, stream, U(0), U(i), U(1))
 
 
-def test_distributions():
+def test_uniforms_and_normals_have_their_distributions():
     uniform, normal = np.empty((200_000, 4)), np.empty((200_000, 2))
     draw(U(3), streams.stream_key("test"), uniform, normal)
     assert uniform.min() >= 0.0
@@ -89,7 +89,7 @@ def test_distributions():
 
 
 def test_uniforms_are_the_words_upper_bits():
-    """52 of them, so that 1 is never reached; four numbers from one block."""
+    """52 bits, which excludes 1; four numbers from one block."""
     key = streams.stream_key("a")
     words = numpys_words(1, int(key), 3, 4, 2)
     drawn = streams.uniforms(U(1), key, U(2), U(3), U(4))
@@ -106,7 +106,7 @@ def test_normals_are_box_and_mullers():
 
 
 def test_streams_of_different_names_are_independent():
-    """Position and velocity noise of one step have nothing in common."""
+    """Position and velocity noise of one step are not correlated."""
     position, velocity = np.empty((50_000, 2)), np.empty((50_000, 2))
     draw(U(3), streams.stream_key("position noise"), np.empty((50_000, 4)), position)
     draw(U(3), streams.stream_key("velocity noise"), np.empty((50_000, 4)), velocity)
@@ -114,7 +114,7 @@ def test_streams_of_different_names_are_independent():
     assert np.abs(np.corrcoef(np.c_[position, velocity].T) - np.eye(4)).max() < 0.02
 
 
-def test_each_coordinate_of_a_number_matters():
+def test_each_coordinate_changes_the_number():
     key = streams.stream_key("a")
     base = streams.uniforms(U(1), key, U(2), U(3), U(4))
     others = [

@@ -11,8 +11,8 @@ from fbl_gym import TwoLinkArmVectorEnv
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_threads_change_nothing(mode):
-    """Not one bit, through several episodes; more threads than blocks are no error."""
+def test_threads_change_no_bit(mode):
+    """Through several episodes, also with more threads than blocks."""
     envs = [
         TwoLinkArmVectorEnv(75, "everything-3", autoreset_mode=mode, duration=0.2, threads=threads)
         for threads in (1, 2, 3, 64)
@@ -29,7 +29,7 @@ def test_threads_change_nothing(mode):
             assert ("final_obs" in one[4]) == ("final_obs" in other[4])
 
 
-def test_no_lane_moves_where_one_of_several_threads_would_refuse():
+def test_no_lane_moves_if_one_thread_finds_an_error():
     env = TwoLinkArmVectorEnv(64, autoreset_mode="Disabled", duration=0.05, threads=4)
     env.reset(seed=0)
     before = env.truth.position
@@ -54,15 +54,15 @@ def test_a_number_of_threads_is_whole_and_positive(threads):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_forked_process_has_threads_of_its_own():
+def test_a_forked_process_starts_its_own_threads():
     env = TwoLinkArmVectorEnv(64, threads=2)
     env.reset(seed=0)
     env.step(np.zeros((64, 2)))
     with multiprocessing.get_context("fork").Pool(1) as pool:
-        found = pool.apply_async(_positions_of_a_step).get(60)
+        positions = pool.apply_async(_positions_of_a_step).get(60)
     env.reset(seed=0)
     env.step(np.zeros((64, 2)))
-    assert np.array_equal(found, env.truth.position)
+    assert np.array_equal(positions, env.truth.position)
 
 
 def _positions_of_a_step():

@@ -1,4 +1,4 @@
-"""The batch as Gymnasium and its users expect it; each lane's motion is in `test_lanes.py`."""
+"""The vector environment fulfils Gymnasium's rules; `test_lanes.py` tests the motion of its lanes."""
 
 import gymnasium as gym
 import numpy as np
@@ -11,26 +11,26 @@ from fbl_gym.kernel import api
 MODES = [mode.value for mode in AutoresetMode]
 
 
-def test_the_mode_is_named_and_is_next_step_by_default():
+def test_the_default_autoreset_mode_is_next_step():
     assert TwoLinkArmVectorEnv(2).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     assert TwoLinkArmVectorEnv(2, autoreset_mode="SameStep").metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
 
 
-def test_max_episode_steps():
+def test_max_episode_steps_truncates():
     env = gym.make_vec("fbl_gym/TwoLinkArm-v0", 2, vectorization_mode="vector_entry_point", max_episode_steps=5)
     env.reset(seed=0)
     assert [bool(env.step(np.zeros((2, 2)))[3].all()) for _ in range(5)] == [False] * 4 + [True]
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_what_is_returned_is_never_written_to_again(mode):
+def test_returned_arrays_are_never_changed_later(mode):
     env = TwoLinkArmVectorEnv(3, autoreset_mode=mode, duration=0.05)
-    kept = [(env.reset(seed=0)[0], np.zeros(3), np.zeros(3), np.zeros(3))]
-    copies = [[x.copy() for x in kept[0]]]
+    returned = [(env.reset(seed=0)[0], np.zeros(3), np.zeros(3), np.zeros(3))]
+    copies = [[x.copy() for x in returned[0]]]
     finals, before = [], []
     for _ in range(20):
         *arrays, infos = env.step(np.full((3, 2), 0.1))
-        kept.append(arrays)
+        returned.append(arrays)
         copies.append([x.copy() for x in arrays])
         finals += [x for x in infos.get("final_obs", ()) if x is not None]
         before += [x.copy() for x in infos.get("final_obs", ()) if x is not None]
@@ -40,7 +40,7 @@ def test_what_is_returned_is_never_written_to_again(mode):
     position = truth.position.copy()
     env.reset(seed=9)
     env.step(np.full((3, 2), 0.3))
-    for arrays, old in zip(kept, copies, strict=True):
+    for arrays, old in zip(returned, copies, strict=True):
         for x, y in zip(arrays, old, strict=True):
             np.testing.assert_array_equal(x, y)
     for x, y in zip(finals, before, strict=True):
@@ -78,23 +78,22 @@ def test_make_vec_takes_the_same_options_as_make():
     assert a[1][0] == b[1]
 
 
-def test_both_names_make_a_batch():
+def test_the_vector_environment_is_made_by_id_and_by_class():
     envs = gym.make_vec("fbl_gym:fbl_gym/TwoLinkArm-v0", 2, vectorization_mode="vector_entry_point")
     assert envs.num_envs == 2
 
 
 @pytest.mark.parametrize("mode", [*AutoresetMode, *MODES, "NEXT_STEP", "SAME_STEP", "DISABLED"])
-def test_every_way_to_name_a_mode(mode):
+def test_a_mode_is_given_as_enum_name_or_value(mode):
     envs = gym.make_vec("fbl_gym/TwoLinkArm-v0", 2, vectorization_mode="vector_entry_point", autoreset_mode=mode)
-    found = envs.metadata["autoreset_mode"]
-    assert isinstance(found, AutoresetMode)
-    assert mode in (found, found.value, found.name)
+    actual = envs.metadata["autoreset_mode"]
+    assert isinstance(actual, AutoresetMode)
+    assert mode in (actual, actual.value, actual.name)
     assert "autoreset_mode" not in TwoLinkArmEnv.metadata
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_max_episode_steps_ends_each_episode(mode):
-    """If it is sooner than the duration; else the duration does."""
+def test_an_episode_ends_at_the_smaller_of_max_episode_steps_and_duration(mode):
     for most, expected in ((5, 5), (50, 10)):
         env = TwoLinkArmVectorEnv(2, autoreset_mode=mode, max_episode_steps=most, duration=0.1)
         env.reset(seed=0)
@@ -103,26 +102,25 @@ def test_max_episode_steps_ends_each_episode(mode):
 
 
 @pytest.mark.parametrize("lanes", [1, 16, 17])
-def test_what_a_step_returns_is_the_callers(lanes):
-    """The next step writes elsewhere."""
+def test_a_step_does_not_write_to_the_arrays_of_the_last_one(lanes):
     env = TwoLinkArmVectorEnv(lanes)
     env.reset(seed=0)
-    kept = env.step(np.full((lanes, 2), 0.5))[:4]
-    copies = [part.copy() for part in kept]
+    returned = env.step(np.full((lanes, 2), 0.5))[:4]
+    copies = [part.copy() for part in returned]
     for _ in range(3):
         env.step(np.full((lanes, 2), -1.0))
-    assert all(np.array_equal(a, b) for a, b in zip(kept, copies, strict=True))
-    assert not any(np.shares_memory(part, env._batch._memory) for part in kept)
+    assert all(np.array_equal(a, b) for a, b in zip(returned, copies, strict=True))
+    assert not any(np.shares_memory(part, env._batch._memory) for part in returned)
 
 
-def test_actions_of_any_layout_are_taken_without_another_compilation():
-    """Read-only, with gaps, backwards, in Fortran's order, of other types: all move the arms alike."""
+def test_actions_of_any_memory_layout_and_type_move_the_arms_alike():
+    """None of them needs another compilation."""
     spread = np.zeros((8, 4))
     spread[:, ::2] = 0.25
     actions = np.full((8, 2), 0.25)
     frozen = actions.copy()
     frozen.flags.writeable = False
-    found = []
+    observations = []
     for given in (
         actions,
         frozen,
@@ -134,7 +132,7 @@ def test_actions_of_any_layout_are_taken_without_another_compilation():
     ):
         env = TwoLinkArmVectorEnv(8)
         env.reset(seed=0)
-        found.append(env.step(given)[0])
+        observations.append(env.step(given)[0])
     env.reset(options={"reset_mask": np.ones(16, dtype=bool)[::2]})
-    assert all(np.array_equal(found[0], other) for other in found)
+    assert all(np.array_equal(observations[0], other) for other in observations)
     assert len(api.step.signatures) == 1

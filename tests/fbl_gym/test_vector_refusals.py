@@ -1,4 +1,4 @@
-"""What a batch refuses, in which words, and that nothing is lost by it."""
+"""Errors of the vector environment: they name the lane and the value, and change no episode."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_a_bad_number_of_lanes_is_named(num_envs):
         TwoLinkArmVectorEnv(num_envs)
 
 
-def test_one_bad_action_moves_no_lane():
+def test_after_a_bad_action_no_lane_has_moved():
     env, twin = TwoLinkArmVectorEnv(20), TwoLinkArmVectorEnv(20)
     env.reset(seed=0)
     twin.reset(seed=0)
@@ -42,7 +42,7 @@ def test_one_bad_action_moves_no_lane():
     np.testing.assert_array_equal(env.step(np.zeros((20, 2)))[0], twin.step(np.zeros((20, 2)))[0])
 
 
-def test_the_first_bad_lane_is_named_and_the_batch_goes_on():
+def test_the_first_bad_lane_is_named_and_the_episode_continues():
     env, twin = TwoLinkArmVectorEnv(37, **EVENTFUL), TwoLinkArmVectorEnv(37, **EVENTFUL)
     env.reset(seed=0)
     twin.reset(seed=0)
@@ -67,7 +67,7 @@ def test_bad_seeds_are_named():
 
 
 @pytest.mark.parametrize("seed", [2.5, np.float64(2.0), "ab", True, -1, [1, 2.5], [1, "2"], {}, [1]])
-def test_a_bad_seed_is_named_and_nothing_is_lost(seed):
+def test_a_bad_seed_is_named_and_changes_no_episode(seed):
     env, twin = TwoLinkArmVectorEnv(2), TwoLinkArmVectorEnv(2)
     env.reset(seed=0)
     twin.reset(seed=0)
@@ -85,7 +85,7 @@ def test_bad_masks_are_named(mask):
         env.reset(options={"reset_mask": mask})
 
 
-def test_a_bad_mask_or_option_loses_nothing():
+def test_a_bad_mask_or_option_changes_no_episode():
     env, twin = TwoLinkArmVectorEnv(2), TwoLinkArmVectorEnv(2)
     env.reset(seed=0)
     twin.reset(seed=0)
@@ -105,12 +105,12 @@ def test_the_first_reset_is_of_every_lane(mode):
 
 
 @pytest.mark.parametrize("seed", [np.array(5), "5", 1.5, {1: 2}])
-def test_what_is_no_seed_is_named(seed):
+def test_a_seed_of_the_wrong_type_is_named(seed):
     with pytest.raises(ValueError, match="seed must be"):
         TwoLinkArmVectorEnv(2).reset(seed=seed)
 
 
-def test_a_finished_lane_must_be_reset_where_nothing_resets_it():
+def test_without_autoreset_a_lane_that_ended_must_be_reset():
     env = TwoLinkArmVectorEnv(2, autoreset_mode="Disabled", duration=0.02)
     with pytest.raises(ResetNeeded):
         env.step(np.zeros((2, 2)))

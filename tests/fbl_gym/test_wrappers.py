@@ -1,4 +1,4 @@
-"""Error coordinates and residuals, single and batched."""
+"""Wrappers: error coordinates and residuals, of the single and the vector environment."""
 
 import gymnasium as gym
 import numpy as np
@@ -12,7 +12,7 @@ from fbl_gym.wrappers import ErrorCoordinates, Residual, VectorErrorCoordinates,
 OPTIONS = {"scenario": "everything-2", "duration": 0.5, "preview": 2, "actuator": {"delay": 0.01}}
 
 
-def test_error_coordinates_are_what_they_say():
+def test_error_coordinates_are_the_documented_ones():
     plain, wrapped = TwoLinkArmEnv(**OPTIONS), ErrorCoordinates(TwoLinkArmEnv(**OPTIONS), position=0.2)
     a, b = plain.reset(seed=1)[0], wrapped.reset(seed=1)[0]
     for _ in range(20):
@@ -47,8 +47,8 @@ def test_wrapped_environments_pass_the_checkers():
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_batched_wrappers_are_the_single_ones(mode):
-    """Errors on top of a residual on top of a stateful controller, over several episodes, final observations included."""
+def test_each_lane_of_a_vector_wrapper_equals_the_single_wrapper(mode):
+    """Error coordinates over a residual on a controller with state, over several episodes."""
 
     def single():
         env = gym.make("fbl_gym/TwoLinkArm-v0", **OPTIONS)
@@ -77,7 +77,7 @@ def test_batched_wrappers_are_the_single_ones(mode):
             a, b = ours.reset(options={"reset_mask": mask})[0], theirs.reset(options={"reset_mask": mask})[0]
 
 
-def test_a_zero_residual_is_the_policy():
+def test_a_zero_residual_leaves_the_policys_action():
     plain = TwoLinkArmEnv("mixed-error-3")
     env = Residual(TwoLinkArmEnv("mixed-error-3"), controllers.make("cascade-flm", plain))
     policy, state = controllers.make("cascade-flm", plain), None
@@ -89,7 +89,7 @@ def test_a_zero_residual_is_the_policy():
 
 
 @pytest.mark.parametrize("bad", [np.zeros(3), np.array([np.nan, 0.0]), np.array(["a", "b"])])
-def test_a_bad_residual_is_refused_before_the_policy_moves(bad):
+def test_a_bad_residual_does_not_advance_the_policy(bad):
     env = Residual(TwoLinkArmEnv(), controllers.make("cascade-flm", TwoLinkArmEnv()))
     env.reset(seed=0)
     with pytest.raises(ValueError, match="action must be finite numbers"):

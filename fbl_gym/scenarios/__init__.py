@@ -1,0 +1,51 @@
+"""Scenarios by name: the paper's figures and the families of the leaderboard.
+
+`get(name)` returns a scenario of the paper (`paper-3a` to `paper-10`) or of a family (`nominal`,
+`mass-error-0` to `everything-3`). `Scenario` describes any other task.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fbl_gym.checks import unknown
+from fbl_gym.records import build
+from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, arms, families, family
+from fbl_gym.scenarios.paper import FIGURES
+from fbl_gym.scenarios.scenario import Scenario
+
+__all__ = ["SEVERITIES", "Scenario", "arms", "as_scenario", "families", "family", "get", "names"]
+
+
+def names() -> tuple[str, ...]:
+    """Return every name that `get` knows: the paper's figures, then the families of both arms."""
+    return (*FIGURES, *MEMBERS)
+
+
+def get(name: str) -> Scenario:
+    """Return the scenario of a name.
+
+    Args:
+        name: one of `names()`.
+    """
+    if name in FIGURES:
+        return FIGURES[name]
+    if name in MEMBERS:
+        return family(*MEMBERS[name])
+    severities = [f"{name}-{severity}" for severity in SEVERITIES]
+    if severities[0] in MEMBERS:
+        raise ValueError(f"scenario {name!r} needs a severity: {', '.join(severities[:-1])} or {severities[-1]}")
+    raise unknown("scenario", name, names())
+
+
+def as_scenario(value: Any) -> Scenario:
+    """Return a scenario from itself, its name or its plain data; None: the nominal one.
+
+    Args:
+        value: the value given.
+    """
+    if value is None:
+        return Scenario()
+    if isinstance(value, str):
+        return get(value)
+    return build("scenario", value, Scenario)
