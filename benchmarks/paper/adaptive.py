@@ -402,7 +402,7 @@ GRAVITY = 314.0
 
 def figure_10(effort: Effort) -> Measured:
     """Measure figure 10: steady-state error with wrong parameters, stiction and disturbance."""
-    base = scenarios.get("paper-10")
+    base: Any = scenarios.get("paper-10")
     steps = {"kind": "steps", "points": vars(base.reference)["points"], "period": 2.0}
     ratios = (1 / 11, 0.1, 1.0, 3.0, 10.0, 11.0) if effort.points > 3 else (0.1, 10.0)
     loads = (0.0, 0.0064, 0.064, 0.64) if effort.points > 3 else (0.0, 0.64)
@@ -413,15 +413,11 @@ def figure_10(effort: Effort) -> Measured:
         options: dict[str, Any] = {"friction": None, "disturbance": None}
         if part:
             options["friction"] = _friction(part, law="literal")
-            options["disturbance"] = {
-                "kind": "piecewise-constant",
-                "amplitude": (200.0 * part, 100.0 * part),
-                "period": 2.0,
-            }
+            options["disturbance"] = dataclasses.replace(base.disturbance, amplitude=(200.0 * part, 100.0 * part))
         scenario = _at(base, 1e-3 if ratio >= 1 else 1e-4, parameter_error=ratio, duration=4.0, **options)
-        trace, rows = run("adaptive-flm", scenario, seeds, alpha=ALPHA)
+        _, rows = run("adaptive-flm", scenario, seeds, alpha=ALPHA)
         cases.append(Case(f"x{ratio:.3g}, disturbance {100 * load:g} % of gravity", _within(rows), _steady(rows)))
-        within[ratio, load], lost[ratio, load] = share(_within(rows)), rows["diverged"].mean()
+        within[ratio, load], lost[ratio, load] = _within(rows), rows["diverged"].mean()
     for ratio, dt in ((10.0, 1e-3), (0.1, 1e-4)):
         scenario = _at(base, dt, parameter_error=ratio, duration=4.0)
         variants = {
@@ -430,10 +426,8 @@ def figure_10(effort: Effort) -> Measured:
             "literal steps": scenario.replace(reference=steps),
         }
         for name, variant in variants.items():
-            trace, rows = run("adaptive-flm", variant, seeds, alpha=ALPHA)
+            _, rows = run("adaptive-flm", variant, seeds, alpha=ALPHA)
             cases.append(Case(f"x{ratio:g}, figure 10's loads, {name}", _within(rows), _steady(rows)))
-            if name == "200 and 100 N m" and ratio == 10.0:
-                shown = trace
     short = base.replace(duration=4.0)
     _, unscheduled = run("adaptive-flm", short, seeds)
     _, robust = run("cascade-flm", short, seeds)
@@ -449,23 +443,16 @@ def figure_10(effort: Effort) -> Measured:
         scenario="paper-10", seed=seed_range(seeds),
     )  # fmt: skip
 
-    def draw(path: Any) -> None:
-        x, labels = np.array(ratios), {load: f"disturbance {100 * load:g} % of gravity" for load in loads}
-        kept = tuple(
-            Line(x, 100 * np.array([within[r, load].value for r in ratios]), labels[load],
-                 low=100 * np.array([within[r, load].low for r in ratios]),
-                 high=100 * np.array([within[r, load].high for r in ratios]))
-            for load in loads
-        )  # fmt: skip
-        gone = tuple(Line(x, 100 * np.array([lost[r, load] for r in ratios]), labels[load]) for load in loads)
-        panels = (
-            Panel("within figure 10's bounds", "real / nominal", "seeds [%]", kept, ("log", "linear"), (-2.0, 102.0)),
-            Panel("diverged", "real / nominal", "seeds [%]", gone, ("log", "linear"), (-2.0, 102.0)),
-        )
-        plot_lines("Figure 10 over the parameter error and the loads", panels, path)
-        plot_trace(shown, "Figure 10: the adaptive controller", path.with_stem(path.stem + "-trace"))
-
-    return claim, draw
+    kept, gone = [], []
+    for load in loads:
+        label, shares = f"disturbance {100 * load:g} % of gravity", share([within[ratio, load] for ratio in ratios])
+        kept.append(Line(np.array(ratios), 100 * shares.value, label, low=100 * shares.low, high=100 * shares.high))
+        gone.append(Line(np.array(ratios), 100 * np.array([lost[ratio, load] for ratio in ratios]), label))
+    panels = tuple(
+        Panel(title, "real / nominal", "seeds [%]", tuple(lines), ("log", "linear"), (-2.0, 102.0))
+        for title, lines in (("within figure 10's bounds", kept), ("diverged", gone))
+    )
+    return claim, lambda path: plot_lines("Figure 10 over the parameter error and the loads", panels, path)
 
 
 def figure_10_with_noise(effort: Effort) -> Measured:
