@@ -10,7 +10,7 @@ from controllers.feedback_linearization import friction_torque, linearize, winds
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.checks import Pair
-from fbl_gym.records import number, pair, record
+from fbl_gym.records import Distribution, number, pair, record
 from fbl_gym.uncertainty import Friction
 
 
@@ -25,9 +25,8 @@ class CascadeFlm(TorqueLaw):
     are off by default: (22) has F^ and tau_d^ in the torque, and the paper feeds no acceleration
     forward.
 
-    Sensors: position and velocity.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3.1, equation (8).
+    Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
+    2016, §3.1, equation (8).
 
     Args:
         kp: Kp of the outer loop [1/s], per joint. The paper leaves it open.
@@ -44,6 +43,15 @@ class CascadeFlm(TorqueLaw):
     feedforward: float = number(0.0, low=0, high=1)
     friction: Friction | None = record(Friction, None)
     disturbance: Pair | float = pair(0.0, unit="N m")
+
+    def validate(self) -> None:
+        """Refuse a known friction that varies, or that is not equation (43)."""
+        super().validate()
+        fields = () if self.friction is None else vars(self.friction).values()
+        if any(isinstance(value, Distribution) for value in fields) or getattr(
+            self.friction, "stribeck_velocity", None
+        ):
+            raise ValueError(f"friction must have fixed numbers and v_s, got {self.friction}")
 
     def initial(self, observation: Array) -> State:
         """Return the state: the integral of the velocity error [n x 2], zero."""
@@ -66,14 +74,9 @@ class CascadeFlm(TorqueLaw):
     ) -> tuple[Array, Array]:
         """Return the torque [n x 2] N m of both loops, and the next integral [n x 2].
 
-        Args:
-            observation: for the reference, [n x size].
-            q: measured or estimated position [n x 2] rad.
-            v: measured or estimated velocity [n x 2] rad/s.
-            integral: of the inner loops' errors [n x 2].
-            model: the arm to linearise with, or estimated lumped parameters [n x 5].
-            schedule: factor on the inner loops' error, in P and in the integral; see
-                `gain_scheduling.py`.
+        q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped
+        parameters [n x 5]. The schedule multiplies the inner loops' error, in P and in the
+        integral; see `gain_scheduling.py`.
         """
         r, r_dot = self.read(observation, "reference_position", "reference_velocity")
         error = schedule * (r_dot + np.array(self.kp) * (r - q) - v)
