@@ -107,7 +107,7 @@ class AdaptiveFlmLs(RobustFlm):
             unknowns = np.where(rich[:, None], self.fit(a_sum, b_sum, unknowns), unknowns)
 
         torque, integral = self.drive(observation, q, v, integral, with_rotors(unknowns[:, :5], rotor))
-        torque = torque + self.friction(observation, v, unknowns)
+        torque = torque + self.estimated_friction(observation, v, unknowns)
         applied = self.interface.saturate(torque)
         return torque, (integral, motion, count, np.ones_like(started), z, filtered, a_sum, b_sum, unknowns, applied)
 
@@ -133,7 +133,7 @@ class AdaptiveFlmLs(RobustFlm):
         new[:, 5:] = np.maximum(new[:, 5:], 0.0)
         return np.where(plausible(new[:, :5])[:, None], new, before)
 
-    def friction(self, observation: Array, v: Array, unknowns: Array) -> Array:
+    def estimated_friction(self, observation: Array, v: Array, unknowns: Array) -> Array:
         """Return the friction to compensate [n x 2] N m.
 
         The Coulomb part follows the reference's velocity, whose sign is steady.

@@ -29,11 +29,21 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
-def claims(measured: Iterable[Claim]) -> str:
-    """Return a table of the paper's claims: claim, measurement, verdict and choices."""
-    header = ("figure", "claim", "paper", "measured", "verdict", "assumptions", "seeds")
-    rows = ((c.figure, c.claim, c.paper, c.measured, c.verdict, c.assumptions, c.seed) for c in measured)
-    return table(header, rows)
+def claims(measured: Mapping[str, Claim]) -> str:
+    """Return a table of the paper's claims and their verdicts, and a section on each.
+
+    Args:
+        measured: Claims, by name.
+    """
+    header = ("figure", "claim", "paper", "verdict", "holds in cases", "details")
+    rows = [(c.figure, c.claim, c.paper, c.verdict, c.holds, f"[{name}](#{name})") for name, c in measured.items()]
+    sections = [table(header, rows)]
+    for name, c in measured.items():
+        sections.append(f"\n### {name}\n\n{c.claim} ({c.paper}): *{c.verdict}*. Measured: {c.measured}.\n\n")
+        sections.append(f"Measured with: {c.assumptions}. Scenario `{c.scenario}`, seeds {c.seed}.\n")
+        if len(c.cases) > 1:
+            sections.append("\n" + table(("case", "measured", "seeds that meet it", "holds"), c.cases))
+    return "".join(sections)
 
 
 def leaderboard(board: Board, ranges: Mapping[str, RangeErrors] = MappingProxyType({}), *, short: bool = False) -> str:

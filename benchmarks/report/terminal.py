@@ -131,12 +131,14 @@ def evaluation(console: Console, title: str, rows: list[dict[str, float]], decis
 def claims(console: Console, measured: Sequence[Claim]) -> None:
     """Print the paper's claims: claim, measurement and verdict."""
     table = Table(title="The paper's claims, measured", title_style="bold", box=SIMPLE_HEAD)
-    for name in ("figure", "claim", "paper", "measured", "verdict"):
+    for name in ("figure", "claim", "paper", "measured", "holds", "verdict"):
         table.add_column(name, overflow="fold")
-    colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red"}
+    colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red", "–": "default"}
     for claim in measured:
         verdict = f"[{colour[claim.verdict]}]{claim.verdict}[/]"
-        table.add_row(claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), verdict)
+        table.add_row(
+            claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), claim.holds, verdict
+        )
     console.print(table)
 
 
