@@ -6,6 +6,7 @@ import argparse
 import os
 from pathlib import Path
 
+from benchmarks.files import write_text
 from benchmarks.analysis.board import assemble
 from benchmarks.analysis.generalization import measure_ranges
 from benchmarks.analysis.learned import measure_learned
@@ -16,7 +17,7 @@ from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv, write_generalization
 from benchmarks.report.page import contents, write_page
 from benchmarks.report.scenes import selected
-from benchmarks.run.store import Store, write_text
+from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 from benchmarks.run.traces import trace_of
 

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from benchmarks.files import write_text
 from benchmarks.paper import adaptive, leakage, robust
 from benchmarks.paper.claim import ARMS, Claim, Effort, Measured
 from benchmarks.paper.radius import adaptive_radius, robust_radius
 from benchmarks.report import markdown
-from benchmarks.run.store import write_text
 from fbl_gym.checks import unknown
 
 

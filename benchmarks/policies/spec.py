@@ -29,7 +29,7 @@ from benchmarks.policies import external
 from benchmarks.policies.apart import Died, call_apart
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
-from benchmarks.rl.agent_folder import access_of, saved_agent
+from benchmarks.rl.agent_folder import access_of, files, saved_agent
 from benchmarks.rl.policy import shipped
 from benchmarks.rl.sb3 import load_zip
 from controllers.registry import KINDS
@@ -267,7 +267,7 @@ def _weights(text: str) -> list[Path]:
     """The files of a trained policy that is no code."""
     if external.is_archive(text):
         return [Path(text)]
-    return [Path(text) / name for name in ("agent.json", "weights.npz")] if external.is_agent(text) else []
+    return files(Path(text)) if external.is_agent(text) else []
 
 
 def _resolve(text: str) -> PolicySpec:

@@ -8,11 +8,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from benchmarks.files import write_text
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.run.current import current_keys, current_runs
 from benchmarks.run.metrics import METRICS
-from benchmarks.run.store import Result, write_text
+from benchmarks.run.store import Result
 
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 

@@ -22,6 +22,7 @@ from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.statistics import Radius
+from benchmarks.files import write_text
 from benchmarks.report import figures
 from benchmarks.report.columns import Column, columns
 from benchmarks.report.figures import DASHES, MARKS, style
@@ -156,8 +157,7 @@ def write_page(path: Path, page: Page) -> None:
         ).replace("<", "\\u003c"),
     }
     template = resources.files("benchmarks.report").joinpath("page.html").read_text(encoding="utf-8")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template), encoding="utf-8")
+    write_text(path, re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template))
 
 
 def _table(page: Page) -> str:

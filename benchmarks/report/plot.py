@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.analysis.linear import LinearLoop
+from benchmarks.files import replacing
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import Array
 
@@ -173,8 +174,8 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, lane: i
 
 def _save(figure: Figure, title: str, path: Path) -> None:
     figure.suptitle(title, x=0.01, horizontalalignment="left")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    with replacing(path) as beside:
+        figure.savefig(beside, dpi=120)
 
 
 def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path) -> None:

@@ -15,7 +15,6 @@ import math
 import os
 import platform
 import re
-import uuid
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell
@@ -212,24 +212,3 @@ def _digest(document: dict[str, Any]) -> str:
 
 def _write(path: Path, document: dict[str, Any]) -> None:
     write_text(path, json.dumps(document, indent=None, separators=(",", ":"), allow_nan=False) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file, complete or not at all.
-
-    It is written beside its place, flushed to the disk, and renamed into it.
-
-    Args:
-        path: the file; its folder is created.
-        text: its content, written as UTF-8.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name[:80]}.{uuid.uuid4().hex}")
-    try:
-        with beside.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)

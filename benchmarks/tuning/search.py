@@ -27,10 +27,11 @@ from typing import Any
 import numpy as np
 import optuna
 
+from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
-from benchmarks.run.store import provenance, write_text
+from benchmarks.run.store import provenance
 from benchmarks.run.suite import leaderboard_scenarios
 from benchmarks.seeds import SPLITS
 from controllers.registry import TUNED
