@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.files import write_text
 from benchmarks.cli.common import command_line, console, count
+from benchmarks.files import write_text
 from benchmarks.report import terminal
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.run.store import provenance

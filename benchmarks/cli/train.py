@@ -80,4 +80,6 @@ def _hyperparameters(path: Path, algorithm: str) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))[algorithm]
     except (ValueError, KeyError, TypeError, RecursionError) as problem:
-        raise ValueError(f"{path} must be JSON with an entry {algorithm!r}: {type(problem).__name__}: {problem}") from None
+        raise ValueError(
+            f"{path} must be JSON with an entry {algorithm!r}: {type(problem).__name__}: {problem}"
+        ) from None

@@ -18,13 +18,13 @@ import sys
 import sysconfig
 from collections.abc import Callable, Iterator, Mapping
 from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-import controllers
-from benchmarks.policies.digest import PACKAGES, closure, code_digest, entry_points
+from benchmarks.policies.digest import PACKAGES, closure, code_digest
+from controllers.registry import entry_point
 from fbl_gym.checks import unknown
 
 ATTRIBUTE = "make_policy"
@@ -42,9 +42,24 @@ class NotFound(ValueError):
 _TRUSTED: set[str] = set()
 
 
-def trust(path: str) -> None:
-    """Allow an archive to be loaded. Loading runs any code that it holds."""
-    _TRUSTED.add(str(Path(path).resolve()))
+def trust(text: str) -> None:
+    """Allow the code of a policy that a file names, or of an archive, to be run."""
+    _TRUSTED.add(_place(text))
+
+
+def expect_trust(text: str, origin: str) -> None:
+    """Raise an error if a file names a policy whose code nobody has vouched for.
+
+    Args:
+        text: names the policy.
+        origin: the file.
+    """
+    if runs_code(text) and _place(text) not in _TRUSTED:
+        raise Untrusted(f"{origin} names {text}, whose code would be run; give --trust if you trust it")
+
+
+def _place(text: str) -> str:
+    return str(Path(text).resolve()) if is_archive(text) else text
 
 
 def is_archive(text: str) -> bool:
@@ -54,7 +69,21 @@ def is_archive(text: str) -> bool:
 
 def is_file(text: str) -> bool:
     """Return whether a policy is a Python file, with or without an attribute."""
-    return text.partition(":")[0].endswith(".py")
+    return split(text)[0].endswith(".py")
+
+
+def split(text: str) -> tuple[str, str]:
+    """Return the place of a policy's code and the attribute; empty: none is named.
+
+    A path may contain colons, as on Windows.
+    """
+    source, _, name = text.rpartition(":")
+    return (source, name) if source and name.isidentifier() else (text, "")
+
+
+def runs_code(text: str) -> bool:
+    """Return whether code at a place that the text names is run to make the policy."""
+    return is_external(text) and not is_agent(text)
 
 
 def is_agent(text: str) -> bool:
@@ -70,13 +99,13 @@ def is_external(text: str) -> bool:
 def check(text: str) -> None:
     """Raise an error if an external policy does not exist or may not be loaded."""
     if is_archive(text) or is_file(text):
-        path = Path(text.partition(":")[0])
+        path = Path(split(text)[0])
         if not path.is_file():
             raise ValueError(f"policy must name a file that exists, but there is no file {path}")
-        if is_archive(text) and str(path.resolve()) not in _TRUSTED:
+        if is_archive(text) and _place(text) not in _TRUSTED:
             raise Untrusted(f"loading {path} runs any code that it holds; give --trust if you trust its source")
     elif ":" in text:
-        source = text.partition(":")[0]
+        source = split(text)[0]
         if not all(part.isidentifier() for part in source.split(".")):
             raise ValueError(
                 f"the module of a policy must be named as in an import, such as my_laws.pd, got {source!r}"
@@ -100,7 +129,7 @@ def load(text: str) -> Callable[..., Any]:
     A file is loaded again when its code has changed.
     """
     _HAS_LOADED.append(text)
-    source, _, name = text.partition(":")
+    source, name = split(text)
     module = _load_file(Path(source)) if source.endswith(".py") else _load_module(source)
     name = name or ATTRIBUTE
     if not callable(getattr(module, name, None)):
@@ -223,30 +252,42 @@ def sources(text: str) -> dict[str, Path]:
     if is_archive(text) or is_agent(text):
         return {}
     if is_file(text):
-        path = Path(text.partition(":")[0]).resolve()
-        return {"": path, **_beside(path)}
+        file = Path(split(text)[0]).resolve()
+        return {"": file, **_beside(file)}
     entry = entry_module(text) if ":" not in text else ""
-    name = entry or text.partition(":")[0]
-    module, top = _load_module(name), _load_module(name.partition(".")[0])
-    if getattr(module, "__file__", None) is None:
+    name = entry or split(text)[0]
+    top = name.partition(".")[0]
+    path, package = _locate(name)[0], _locate(top)[1]
+    if path is None:
         return {}
-    path = Path(str(module.__file__))
-    if top.__name__ in PACKAGES:
+    if top in PACKAGES:
         return {name: path}
-    if hasattr(top, "__path__"):
-        files = sorted({file for folder in top.__path__ for file in Path(folder).rglob("*.py")})
-        return {name: path, **{file.as_posix().rpartition(f"/{top.__name__}/")[2]: file for file in files}}
+    if package:
+        files = sorted({file for folder in package for file in Path(folder).rglob("*.py")})
+        return {name: path, **{file.as_posix().rpartition(f"/{top}/")[2]: file for file in files}}
     installed = path.parent.name in ("site-packages", "dist-packages")
     return {"": path} if entry or installed else {"": path, **_beside(path)}
 
 
+def _locate(module: str) -> tuple[Path | None, list[str]]:
+    """The file of a module, and the folders of a package, found without running any code."""
+    if (loaded := sys.modules.get(module)) is not None:
+        file = getattr(loaded, "__file__", None)
+        return (Path(file) if file else None), list(getattr(loaded, "__path__", []))
+    folders, spec = [str(Path.cwd()), *sys.path], None
+    importlib.invalidate_caches()
+    for n in range(1, module.count(".") + 2):
+        spec = PathFinder.find_spec(".".join(module.split(".")[:n]), folders)
+        if spec is None:
+            return None, []
+        folders = list(spec.submodule_search_locations or [])
+    return Path(spec.origin) if spec and spec.has_location and spec.origin else None, folders
+
+
 def entry_module(name: str) -> str:
     """Return the module by which another package registers a policy; empty: there is none."""
-    for point in entry_points():
-        if point.name == name and point.module.partition(".")[0] not in PACKAGES:
-            # A built-in policy of that name wins.
-            return point.module if point.load() is controllers.factory(name) else ""
-    return ""
+    point = entry_point(name)
+    return "" if point is None or point.module.partition(".")[0] in PACKAGES else point.module
 
 
 def _beside(path: Path) -> dict[str, Path]:

@@ -26,7 +26,7 @@ from typing import Any
 
 import controllers
 from benchmarks.policies import external
-from benchmarks.policies.apart import Died, call_apart
+from benchmarks.policies.apart import Failed, call_apart
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.rl.agent_folder import access_of, files, saved_agent
@@ -103,7 +103,7 @@ class PolicySpec:
 
         The place of an external policy does not count.
         """
-        attribute = self.name.partition(":")[2] if external.is_external(self.name) else ""
+        attribute = external.split(self.name)[1] if external.is_external(self.name) else ""
         return {
             "policy": f"external:{attribute}" if external.is_external(self.name) else self.name,
             "access": self.access,
@@ -209,8 +209,8 @@ def resolve_apart(text: str) -> PolicySpec:
         return resolve(text)
     try:
         spec: PolicySpec = call_apart(text, "benchmarks.policies.spec:resolve", text)
-    except Died as death:
-        return PolicySpec(text, "classical", "nominal", external=True, problem=f"{death} while the policy was loaded")
+    except Failed as problem:
+        return PolicySpec(text, "classical", "nominal", external=True, problem=f"{problem}, while it was loaded")
     return spec
 
 
@@ -220,7 +220,7 @@ def is_unchanged(spec: PolicySpec) -> bool:
     No code of a file is run.
     """
     try:
-        if external.is_file(spec.name) and not _registered(spec.name):
+        if external.runs_code(spec.name) and not (_registered(spec.name) or external.is_archive(spec.name)):
             data = {path: external.file_digest(Path(path)) for path in spec.data}
             return _digest(external.sources(spec.name)) == spec.digest and data == spec.data
         now = _trained(spec.name) if _weights(spec.name) else resolve_apart(spec.name)
@@ -274,7 +274,7 @@ def _resolve(text: str) -> PolicySpec:
     if not _registered(text) and _weights(text):
         return _trained(text)
     if external.is_file(text) and text in _RESOLVED:
-        external.forget(Path(text.partition(":")[0]))
+        external.forget(Path(external.split(text)[0]))
     is_external = not _registered(text) or external.entry_module(_registered(text)) != ""
     modules: dict[str, Path] = {}
     spec = PolicySpec(text, "classical", "nominal", external=is_external)
@@ -283,6 +283,9 @@ def _resolve(text: str) -> PolicySpec:
         with external.watch() as reads:
             modules = external.sources(text) if is_external else {}
             factory = _factory(text)
+            modules = external.sources(text) if is_external else {}
+            if is_external and not modules:
+                raise BadDeclaration(f"{text} must be Python code in files, since its key follows them")
             modules = modules or _files(factory.__module__)
             spec = _declared(spec, factory)
             spec = dataclasses.replace(spec, configuration=configuration(_make(text, _example(spec), {})))

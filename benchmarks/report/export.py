@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.files import write_text
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
+from benchmarks.files import write_text
 from benchmarks.run.current import current_keys, current_runs
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
@@ -58,7 +58,7 @@ def write_generalization(path: Path, board: Board, ranges: Mapping[str, RangeErr
     write_text(path, text.getvalue())
 
 
-def query(results: Iterable[Result], sql: str) -> str | None:
+def query(results: Iterable[Result], sql: str, files: bool = False) -> str | None:
     """Return DuckDB's answer to a question about stored results; None for a command.
 
     The table `results` has each run of the current results once, with the columns of the CSV. The
@@ -69,6 +69,7 @@ def query(results: Iterable[Result], sql: str) -> str | None:
         results: All results of a store.
         sql: Question, such as "SELECT policy, avg(error_pct) FROM results GROUP BY policy", or
             command, such as "COPY results TO 'board.parquet'".
+        files: Whether it may read and write files, and load extensions.
 
     Raises:
         ValueError: If DuckDB cannot run it.
@@ -88,6 +89,9 @@ def query(results: Iterable[Result], sql: str) -> str | None:
     connection.register("results", pd.DataFrame.from_records(current, columns=list(COLUMNS)))
     connection.register("all_results", pd.DataFrame.from_records(every, columns=[*COLUMNS, *APART]))
     try:
+        if not files:
+            connection.execute("SET enable_external_access = false")
+        connection.execute("SET lock_configuration = true")
         answer = connection.sql(sql)
         return None if answer is None else str(answer)
     except duckdb.Error as problem:

@@ -108,6 +108,7 @@ def contents(
             f"{len(board.policies)} policies on {len(board.scenarios)} scenarios with the same {len(board.seeds)} seeds. "
             "Intervals cover 95 %, by a bootstrap over seeds."
             + ("" if statistics.enough(len(board.seeds)) else " There are too few episodes to claim failure rates.")
+            + "".join(f" {gap}." for gap in board.gaps)
         ),
         "facts": {
             "command": command,

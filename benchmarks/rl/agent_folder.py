@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +29,7 @@ from fbl_gym.arm import Array
 from fbl_gym.interface import Interface
 
 DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
+_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError)  # the errors of damaged archives
 
 
 def write(folder: Path, actor: Actor, description: dict[str, Any]) -> None:
@@ -77,7 +79,7 @@ def _reading(path: Path) -> Iterator[None]:
     """Turn each error of reading a malformed file into one that names the file."""
     try:
         yield
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError, zipfile.BadZipFile) as problem:
+    except (ArithmeticError, AttributeError, EOFError, LookupError, OSError, TypeError, ValueError, *_ZIP) as problem:
         reason = f"it lacks {problem}" if isinstance(problem, KeyError) else problem
         raise ValueError(f"{path} must be as `fbl-gym train` wrote it: {reason}") from None
 

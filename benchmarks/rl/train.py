@@ -36,6 +36,7 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
+
 def train(
     settings: TrainingSettings, folder: Path, command: str = "", evaluations: int = 40, wandb: str | None = None
 ) -> Path:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import os
 import random
+import signal
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
-from benchmarks.policies.apart import ATTEMPTS
+from benchmarks.policies.apart import ATTEMPTS, limits
 from benchmarks.run.cell import Outcome, compute
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
@@ -99,15 +101,30 @@ def _pool(
     """Run cells in one pool of workers. It ends early, with an exception, if a worker dies."""
     from joblib import Parallel, delayed
 
-    jobs = [delayed(compute)(cell, store, command) for cell in cells]
+    jobs = [delayed(compute)(cell, store, command, limits()) for cell in cells]
     with _backend(backend, workers, address):
         if backend != "ray":
-            yield from Parallel(return_as="generator_unordered")(jobs)
+            with _ignoring_interrupts():
+                outcomes = Parallel(return_as="generator_unordered")(jobs)
+            yield from outcomes
             return
         # Ray's backend returns lists only. Short ones show progress, and little is lost with a
         # worker.
         for first in range(0, len(jobs), _ROUND):
             yield from Parallel()(jobs[first : first + _ROUND])
+
+
+@contextmanager
+def _ignoring_interrupts() -> Iterator[None]:
+    """Start workers that ignore Ctrl-C: this process decides."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _backend(backend: str, workers: int, address: str | None) -> AbstractContextManager[Any]:

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 
 from benchmarks.files import replacing
-from benchmarks.run.rollout import Trace, rollout
+from benchmarks.run.cell import trace_apart
+from benchmarks.run.rollout import Trace
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 
@@ -23,7 +24,7 @@ def trace_of(cell: Cell, store: Store) -> Trace:
     """
     path = store.path(cell).with_suffix(".npz")
     if not path.exists():
-        trace = dataclasses.replace(rollout(cell.policy, cell.scenario, cell.seeds), watched={})
+        trace = dataclasses.replace(trace_apart(cell.policy, cell.scenario, cell.seeds), watched={})
         arrays = {name: getattr(trace, name) for name in _ARRAYS}
         with replacing(path) as beside:
             np.savez_compressed(beside, decision_time=trace.decision_time, **arrays)
