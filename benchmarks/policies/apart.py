@@ -18,6 +18,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing import current_process
 from typing import Any
@@ -107,13 +108,12 @@ class _Process:
     """A Python process that waits for calls. It ends with its parent, since its input ends then."""
 
     def __init__(self) -> None:
-        # The parent decides about Ctrl-C.
         code = (
-            "import signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); "
-            f"sys.path[:] = {sys.path!r}; from benchmarks.policies.apart import serve; serve({os.getpid()})"
+            f"import sys; sys.path[:] = {sys.path!r}; from benchmarks.policies.apart import serve; serve({os.getpid()})"
         )
         self.late = False
-        self.process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        with parent_decides():
+            self.process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
     def call(self, function: str, arguments: tuple[Any, ...]) -> tuple[BaseException | None, Any]:
         assert self.process.stdin is not None
@@ -213,14 +213,25 @@ def reason_of(problem: BaseException) -> str:
     return f"{type(problem).__name__}: {text_of(problem)}"
 
 
+@contextlib.contextmanager
+def parent_decides() -> Iterator[None]:
+    """Let processes that are started here ignore the signals of a terminal."""
+    main = threading.current_thread() is threading.main_thread()
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if main and hasattr(signal, name)]
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 _WATCHED: list[int] = []
 
 
 def end_with_parent() -> None:
     """End this process when its parent has ended, if it is a worker of joblib."""
     if current_process().name.startswith("LokyProcess") and not _WATCHED:
-        with contextlib.suppress(ValueError):  # not the main thread
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
         _watch(os.getppid())
 
 

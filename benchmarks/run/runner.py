@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import os
 import random
-import signal
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from typing import Any
 
-from benchmarks.policies.apart import ATTEMPTS, limits
+from benchmarks.policies.apart import ATTEMPTS, limits, parent_decides
 from benchmarks.run.cell import Outcome, compute
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
@@ -104,7 +102,7 @@ def _pool(
     jobs = [delayed(compute)(cell, store, command, limits()) for cell in cells]
     with _backend(backend, workers, address):
         if backend != "ray":
-            with _ignoring_interrupts():
+            with parent_decides():
                 outcomes = Parallel(return_as="generator_unordered")(jobs)
             yield from outcomes
             return
@@ -112,19 +110,6 @@ def _pool(
         # worker.
         for first in range(0, len(jobs), _ROUND):
             yield from Parallel()(jobs[first : first + _ROUND])
-
-
-@contextmanager
-def _ignoring_interrupts() -> Iterator[None]:
-    """Start workers that ignore Ctrl-C: this process decides."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _backend(backend: str, workers: int, address: str | None) -> AbstractContextManager[Any]:
