@@ -137,6 +137,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except MemoryError as problem:
+        print(f"fbl-gym: not enough memory: {problem}", file=sys.stderr)
+        return 2
     except OSError as problem:
         reason = f"{problem.strerror}: {problem.filename}" if problem.filename else problem
         print(f"fbl-gym: {reason}", file=sys.stderr)

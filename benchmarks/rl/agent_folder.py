@@ -29,7 +29,7 @@ from fbl_gym.arm import Array
 from fbl_gym.interface import Interface
 
 DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
-_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError)  # the errors of damaged archives
+_ZIP = (zipfile.BadZipFile, zlib.error, RuntimeError)  # the errors of damaged archives
 
 
 def write(folder: Path, actor: Actor, description: dict[str, Any]) -> None:
