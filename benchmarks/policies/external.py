@@ -18,7 +18,7 @@ import sys
 import sysconfig
 from collections.abc import Callable, Iterator, Mapping
 from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from importlib.machinery import ModuleSpec, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -274,14 +274,15 @@ def _locate(module: str) -> tuple[Path | None, list[str]]:
     if (loaded := sys.modules.get(module)) is not None:
         file = getattr(loaded, "__file__", None)
         return (Path(file) if file else None), list(getattr(loaded, "__path__", []))
-    folders, spec = [str(Path.cwd()), *sys.path], None
-    importlib.invalidate_caches()
-    for n in range(1, module.count(".") + 2):
-        spec = PathFinder.find_spec(".".join(module.split(".")[:n]), folders)
-        if spec is None:
-            return None, []
-        folders = list(spec.submodule_search_locations or [])
-    return Path(spec.origin) if spec and spec.has_location and spec.origin else None, folders
+    file, folders = None, [Path.cwd(), *map(Path, sys.path)]
+    for part in module.split("."):
+        places = [place for folder in folders for place in (folder / part / "__init__.py", folder / f"{part}.py")]
+        file = next((place for place in places if place.is_file()), None)
+        if file is None:  # a package without __init__.py
+            folders = [folder / part for folder in folders if (folder / part).is_dir()]
+        else:
+            folders = [file.parent] if file.name == "__init__.py" else []
+    return file, list(map(str, folders))
 
 
 def entry_module(name: str) -> str:
