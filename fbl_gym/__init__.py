@@ -10,6 +10,7 @@ from fbl_gym.arm import SECTION_2_2, TABLE_1, ArmParameters
 from fbl_gym.batch import Truth
 from fbl_gym.env import TwoLinkArmEnv
 from fbl_gym.interface import Interface, Layout, Limits
+from fbl_gym.records import Distribution
 from fbl_gym.references import (
     ArrayReference,
     FilteredSteps,
@@ -23,6 +24,7 @@ from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import (
     Actuator,
     ArrayDisturbance,
+    Encoder,
     Friction,
     Noise,
     ParameterError,
@@ -43,6 +45,8 @@ __all__ = [
     "ArmParameters",
     "ArrayDisturbance",
     "ArrayReference",
+    "Distribution",
+    "Encoder",
     "FilteredSteps",
     "FourierReference",
     "Friction",

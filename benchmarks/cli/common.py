@@ -35,7 +35,7 @@ def episodes(text: str) -> int:
 
 def policy_name(text: str) -> str:
     """Return the text that names a policy; an argument's type. A path must exist."""
-    if ("/" in text or os.sep in text) and not external.is_file(text):
+    if ("/" in text or os.sep in text) and external.form_of(text) != "file":
         if not Path(text).exists():
             raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
         if Path(text).is_dir() and not (Path(text) / "agent.json").is_file():

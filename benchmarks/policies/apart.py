@@ -32,10 +32,10 @@ except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
 ATTEMPTS = 2
-"""How often a process may die over one call before the call fails."""
+"""Number of processes that may die over one call before the call fails."""
 
-LARGEST = 3
-"""Processes that wait for further calls."""
+MOST_PROCESSES = 3
+"""Largest number of processes that wait for further calls."""
 
 
 class Failed(RuntimeError):
@@ -151,7 +151,7 @@ def _process(owner: str) -> _Process:
     mine = [key for key in _PROCESSES if key[0] == os.getpid()]
     key = os.getpid(), owner
     if key not in _PROCESSES:
-        if len(mine) >= LARGEST:
+        if len(mine) >= MOST_PROCESSES:
             _PROCESSES.pop(mine[0]).close()
         _PROCESSES[key] = _Process()
     _PROCESSES[key] = _PROCESSES.pop(key)  # the last used stands last

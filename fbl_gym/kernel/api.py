@@ -60,18 +60,18 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, queue, waypoints, settings, tables, actions, count, width):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width):
     """Advance a block by one control step."""
-    command(block, queue, settings, actions, count)
+    command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
         if substep == 0 or settings.torque_varies:
             apply_torque(block, queue, settings, tables, width, substep)
-        if settings.payload_mass != 0.0:
+        if settings.has_payload:
             carry_payload(block, settings, width, substep)
         advance(block, settings, width)
-    for lane in range(LANES):
+    for lane in range(width):
         block.step[lane] += _ONE
-    sense(block, settings, width)
+    sense(block, rows, settings, width)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
@@ -80,6 +80,14 @@ def _move(block, queue, waypoints, settings, tables, actions, count, width):
 def _report(block, rows, waypoints, settings, tables, memory, first, count):
     """Write rewards and flags of a block, and mark the lanes that start another episode now."""
     flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
+    events = 0
+    for lane in range(count):
+        memory[settings.rewards + first + lane] = block.reward[lane]
+        flags[0, first + lane] = flags[1, first + lane] = 0
+    for lane in range(count):
+        events += (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != RUNNING)
+    if events == 0:
+        return
     for lane in range(count):
         over = block.terminated[lane] + block.truncated[lane] != 0.0
         restarts = over and settings.autoreset == SAME_STEP
@@ -130,7 +138,7 @@ def _compile(fingerprint):
         for number in range(blocks * part // parts, blocks * (part + 1) // parts):
             place = settings.blocks + number * settings.block_size
             block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (ROWS, LANES), np.float64)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
             queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
             waypoints = array_at(memory, place + BLOCK_SIZE + queue.size, (points, 2, LANES), np.float64)
             first = number * LANES
@@ -139,15 +147,16 @@ def _compile(fingerprint):
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
                 actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
-                _move(block, queue, waypoints, settings, tables, actions, count, width)
+                _move(block, rows, queue, waypoints, settings, tables, actions, count, width)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
-            started = False
-            for lane in range(LANES):
-                if block.status[lane] == RESTART:
-                    start(block, queue, waypoints, settings, tables, lane)
-                    started = True
-            if started:
-                sense(block, settings, width)
+            restarts = 0
+            for lane in range(width):
+                restarts += block.status[lane] == RESTART
+            if restarts > 0:
+                for lane in range(width):
+                    if block.status[lane] == RESTART:
+                        start(block, rows, queue, waypoints, settings, tables, lane)
+                sense(block, rows, settings, width)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
@@ -179,7 +188,8 @@ def _compile(fingerprint):
             block, rows = record_at(memory, place, BLOCK), array_at(memory, place, (ROWS, LANES), np.float64)
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
-            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, settings.friction_law)
+            law, linear = settings.friction_law, settings.stribeck_linear
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, lane, law, linear)
             expected1, expected2 = nominal_acceleration(block, settings, lane)
             out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
             out[i, column + 1], out[i, column + 2] = a1, a2

@@ -152,7 +152,7 @@ def test_the_key_follows_the_package_of_an_external_policy(tmp_path, monkeypatch
     points = [
         metadata.EntryPoint(name, "external_laws.part.law:make_policy", ENTRY_POINTS) for name in ("theirs", "pid-flm")
     ]
-    monkeypatch.setattr("controllers.registry._entry_points", lambda: tuple(points))
+    monkeypatch.setattr("controllers.registry.entry_points", lambda: tuple(points))
     policies = ("external_laws.part.law:make_policy", "theirs", "pid-flm")
 
     def keys():

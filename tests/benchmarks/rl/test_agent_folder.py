@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.policies.configuration import configuration
 from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.agent_folder import SavedAgent, describe, files, read, write
+from benchmarks.rl.agent import describe, files, read, saved_agent, write
 from fbl_gym import TwoLinkArmEnv
 from tests.benchmarks.rl.agents import random_actor
 
@@ -26,7 +27,10 @@ def test_a_folder_returns_the_agent_that_was_written(tmp_path):
     for layer, read_layer in zip(actor.layers, read_actor.layers, strict=True):
         for values, read_values in zip(layer, read_layer, strict=True):
             np.testing.assert_array_equal(values, read_values)
-    assert SavedAgent(interface, str(tmp_path)) == SavedAgent(interface, str(tmp_path))
+    one, other = (configuration(saved_agent(interface, str(tmp_path))) for _ in range(2))
+    assert one == other
+    write_agent(tmp_path, interface, action="residual", history=1, residual=0.4)
+    assert configuration(saved_agent(interface, str(tmp_path))) != one
 
 
 def test_weights_that_need_code_to_load_are_refused(tmp_path):
@@ -34,12 +38,12 @@ def test_weights_that_need_code_to_load_are_refused(tmp_path):
     write_agent(tmp_path, interface)
     np.savez(files(tmp_path)[1], weight_0=np.array([print], dtype=object))
     with pytest.raises(ValueError, match="allow_pickle=False"):
-        SavedAgent(interface, str(tmp_path))
+        saved_agent(interface, str(tmp_path))
 
 
 def test_a_folder_without_an_agent_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"folder must hold an agent.json"):
-        SavedAgent(TwoLinkArmEnv().interface, str(tmp_path))
+        saved_agent(TwoLinkArmEnv().interface, str(tmp_path))
 
 
 def test_weights_and_description_change_in_one_step(tmp_path, monkeypatch):
@@ -47,7 +51,7 @@ def test_weights_and_description_change_in_one_step(tmp_path, monkeypatch):
     interface = TwoLinkArmEnv().interface
     settings, actor = write_agent(tmp_path, interface)
     before = describe(tmp_path)
-    monkeypatch.setattr("benchmarks.rl.agent_folder.write_text", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr("benchmarks.rl.agent.write_text", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     other = dataclasses.replace(actor, layers=tuple((2 * weight, bias) for weight, bias in actor.layers))
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path, other, {"interface": dataclasses.asdict(settings)})
@@ -68,7 +72,7 @@ def test_a_malformed_folder_is_an_error_that_names_the_file(damage, tmp_path):
     write_agent(tmp_path, TwoLinkArmEnv().interface)
     (tmp_path / "agent.json").write_text(damage)
     with pytest.raises(ValueError, match=r"must be as `fbl-gym train` wrote it"):
-        SavedAgent(TwoLinkArmEnv().interface, str(tmp_path))
+        saved_agent(TwoLinkArmEnv().interface, str(tmp_path))
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"PK\x03\x04" + 40 * b"x"])
@@ -76,4 +80,4 @@ def test_damaged_weights_are_an_error_that_names_the_file(content, tmp_path):
     write_agent(tmp_path, TwoLinkArmEnv().interface)
     files(tmp_path)[1].write_bytes(content)
     with pytest.raises(ValueError, match=r"weights-.*npz must be as `fbl-gym train` wrote it"):
-        SavedAgent(TwoLinkArmEnv().interface, str(tmp_path))
+        saved_agent(TwoLinkArmEnv().interface, str(tmp_path))
