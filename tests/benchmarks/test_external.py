@@ -157,8 +157,8 @@ FAILS = {
     "memory": ("import numpy as np\n", "return np.ones(10**10), state"),
 }
 REASONS = {
-    "text": "E: (its text raises an error)", "loads": "E: no, while it was loaded",
-    "segment": "its worker died 2 times, while it was loaded", "memory": "MemoryError: Unable to allocate 74.5 GiB",
+    "text": "E: (its text raises an error)", "loads": "ValueError: E: no, while it was loaded",
+    "segment": "ValueError: its worker died 2 times, while it was loaded", "memory": "MemoryError: Unable to allocate 74.5 GiB",
 }  # fmt: skip
 
 
@@ -188,7 +188,7 @@ def test_no_bad_policy_stops_the_board(tmp_path):
     rows = [line for line in table.splitlines() if line.startswith("|")]
     assert len(rows) == 2 + 1 + len(NAMES)
     assert "`` :zap: a:b\\|`c*_<i> " in table
-    assert "Left out: loads.py: E: no" in table
+    assert "Left out: loads.py: ValueError: E: no" in table
 
 
 def test_a_policy_that_hangs_is_a_failed_cell(tmp_path, monkeypatch):
