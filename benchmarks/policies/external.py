@@ -170,7 +170,7 @@ def forget(path: Path) -> None:
 
 def _prefix(path: Path) -> str:
     """Return the beginning of the names under which the states of a file are loaded."""
-    return f"fbl_gym_external_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}_"
+    return f"fbl_gym_external_{hashlib.sha256(os.fsencode(path)).hexdigest()[:12]}_"
 
 
 @contextlib.contextmanager

@@ -246,7 +246,7 @@ def _state(text: str, spec: PolicySpec | None = None) -> str:
     spec = spec or _RESOLVED.get(text, (None, ""))[0]
     files = {*external.sources(text).values(), *external.weights(text), *map(Path, spec.data if spec else ())}
     digests = [str(Path.cwd()), *(external.file_digest(path) for path in sorted(files))]
-    return hashlib.sha256("".join(digests).encode()).hexdigest()
+    return hashlib.sha256("".join(digests).encode(errors="surrogateescape")).hexdigest()
 
 
 def _trained(text: str) -> PolicySpec:

@@ -90,7 +90,8 @@ def test_a_mistake_is_answered_with_what_is_right(options, message, folder, caps
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), [("run.json", b""), ("run.json", b"[]"), ("checkpoint.zip", b"PK"), ("curve.csv", b"\xff")]
+    ("name", "content"),
+    [("run.json", b""), ("run.json", b"[]"), ("checkpoint.zip", b"PK"), ("curve.csv", b"\xff")],
 )
 def test_a_damaged_run_is_refused(name, content, folder, capsys):
     assert train("--steps", "80", "--out", "run") == 0
