@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import error
 
 from fbl_gym.arm import Array
-from fbl_gym.batch import ArmBatch, Truth, single
+from fbl_gym.batch import Truth, single
 from fbl_gym.checks import check_whole, unknown
 from fbl_gym.env_common import (
     MAX_SEED,
@@ -21,6 +21,7 @@ from fbl_gym.env_common import (
     check_seed,
     configure,
     frame_rate,
+    make_batch,
 )
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
@@ -144,7 +145,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         self.observation_space = program.interface.observation_space
         self.action_space = program.interface.action_space
         self._view: View | None = None
-        self._batch = ArmBatch(program, 1)
+        self._batch = make_batch(self.scenario, program, 1)
         self._seeded = False
         self._size = program.interface.layout.size
 

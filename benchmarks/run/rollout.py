@@ -129,7 +129,9 @@ def rollout(
 
 def _asked(scenario: Scenario, seeds: Sequence[int]) -> Array:
     """The reference of each seed over the whole episode, [T + 1 x n x 2], whatever the arm does."""
-    calm = scenario.replace(parameter_error=None, friction=None, disturbance=None, actuator=None, initial_error=0.0)
+    calm = scenario.replace(
+        plant=None, parameter_error=None, friction=None, disturbance=None, actuator=None, initial_error=0.0
+    )
     env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
     env.reset(seed=list(seeds))
     rows = [env.truth.reference]

@@ -64,11 +64,23 @@ def _move(block, queue, waypoints, settings, tables, actions, count, width):
     """Advance a block by one control step."""
     command(block, queue, settings, actions, count)
     for substep in range(settings.substeps):
-        if substep == 0 or settings.torque_varies:
-            apply_torque(block, queue, settings, tables, width, substep)
-        if settings.payload_mass != 0.0:
-            carry_payload(block, settings, width, substep)
+        _load(block, queue, settings, tables, width, substep)
         advance(block, settings, width)
+    _end(block, waypoints, settings, tables, width)
+
+
+@merged_njit
+def _load(block, queue, settings, tables, width, substep):
+    """Set the torques and the payload of a block for one physics step."""
+    if substep == 0 or settings.torque_varies:
+        apply_torque(block, queue, settings, tables, width, substep)
+    if settings.payload_mass != 0.0:
+        carry_payload(block, settings, width, substep)
+
+
+@merged_njit
+def _end(block, waypoints, settings, tables, width):
+    """End the control step of a block, after its physics."""
     for lane in range(LANES):
         block.step[lane] += _ONE
     sense(block, settings, width)
@@ -111,7 +123,7 @@ def _compile(fingerprint):
             out: takes the observations [lanes * size].
             part: the part of the lanes to work on, from 0.
             parts: number of parts, one for each thread. One: all lanes, after a check. More: no
-                check. Zero: no lane moves, but episodes start.
+                check. Zero: no lane moves, but episodes start and readings are taken.
 
         Returns:
             The result of `check`; then reward, terminated and truncated of the first lane.
@@ -141,12 +153,12 @@ def _compile(fingerprint):
                 actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
                 _move(block, queue, waypoints, settings, tables, actions, count, width)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
-            started = False
+            reads = not moves
             for lane in range(LANES):
                 if block.status[lane] == RESTART:
                     start(block, queue, waypoints, settings, tables, lane)
-                    started = True
-            if started:
+                    reads = True
+            if reads:
                 sense(block, settings, width)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
@@ -186,7 +198,56 @@ def _compile(fingerprint):
             out[i, column + 3], out[i, column + 4] = friction1, friction2
             out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
 
-    return step, check, inspect
+    @cached_njit
+    def load(memory, substep):
+        """Set the torques and payloads of a physics step, for an engine other than the kernel.
+
+        With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
+        load(memory, substeps - 1), each before the engine's physics step, then `end`, then
+        step(memory, out, 0, 0).
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            substep: number of the physics step within the control step. 0 takes the actions first.
+
+        Returns:
+            The result of `check` at substep 0, else -1.
+        """
+        _ = fingerprint
+        if substep == 0:
+            problem = _check(memory)
+            if problem >= 0:
+                return problem
+        settings = record_at(memory, 0, SETTINGS)
+        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        for number in range((settings.lanes + LANES - 1) // LANES):
+            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
+            count = min(LANES, count)
+            block = record_at(memory, place, BLOCK)
+            queue = array_at(memory, place + BLOCK_SIZE, (settings.delay_steps + 1, 2, LANES), np.float64)
+            if substep == 0:
+                actions = array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+                command(block, queue, settings, actions, count)
+            _load(block, queue, settings, tables, count, substep)
+        return -1
+
+    @cached_njit
+    def end(memory):
+        """End a control step after its physics: clock, readings, reference, reward and flags."""
+        _ = fingerprint
+        settings = record_at(memory, 0, SETTINGS)
+        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        for number in range((settings.lanes + LANES - 1) // LANES):
+            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
+            count = min(LANES, count)
+            block = record_at(memory, place, BLOCK)
+            rows = array_at(memory, place, (ROWS, LANES), np.float64)
+            place += BLOCK_SIZE + 2 * LANES * (settings.delay_steps + 1)
+            waypoints = array_at(memory, place, (settings.waypoints, 2, LANES), np.float64)
+            _end(block, waypoints, settings, tables, count)
+            _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+
+    return step, check, inspect, load, end
 
 
-step, check, inspect = _compile(_fingerprint())
+step, check, inspect, load, end = _compile(_fingerprint())

@@ -12,6 +12,7 @@ from typing import Any
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.interface import Limits
+from fbl_gym.plants import PLANTS, MuJoCo
 from fbl_gym.records import Record, build, choices, declared, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
@@ -63,6 +64,7 @@ class Scenario(Record):
         duration: length of an episode, a multiple of control_dt.
         initial_error: difference between the arm's first position and the reference's.
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
+        plant: engine that moves the real arm; None: the package's own.
     """
 
     name: str = "nominal"
@@ -87,6 +89,7 @@ class Scenario(Record):
     duration: float = number(10.0, unit="s", above=0)
     initial_error: Pair | float = pair(0.0, unit="rad")
     limits: Limits = record(Limits, Limits())
+    plant: MuJoCo | None = one_of(PLANTS, None)
 
     def validate(self) -> None:
         """Refuse noise on a sensor that is left out, and times that do not divide each other."""

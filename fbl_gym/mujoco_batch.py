@@ -1,0 +1,216 @@
+"""A batch of arms that MuJoCo moves: the plant that is not this package's.
+
+The kernel draws the episode, applies limit, delay, lag and disturbance, and takes the readings.
+MuJoCo integrates the torque in between. It holds a torque over a step, so a torque that varies
+within a physics step acts with its mean by Simpson's rule.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from fbl_gym.arm import Array
+from fbl_gym.batch import ArmBatch, Truth
+from fbl_gym.checks import Pair
+from fbl_gym.kernel import api
+from fbl_gym.memory import LANES, RESTART
+from fbl_gym.plants import MuJoCo
+from fbl_gym.program import Program
+from fbl_gym.scenarios import Scenario
+from fbl_gym.uncertainty import Friction
+
+_POINT_INERTIA = 1e-12
+"""Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero."""
+
+
+class MuJoCoBatch(ArmBatch):
+    """A batch of arms of one scenario, each with a MuJoCo model of its real parameters.
+
+    Lanes are advanced one after the other, so that a lane equals the single environment.
+
+    Args:
+        scenario: the task; its `plant` is a `MuJoCo`.
+        program: the scenario in numbers.
+        lanes: number of arms, one or more.
+    """
+
+    def __init__(self, scenario: Scenario, program: Program, lanes: int) -> None:
+        super().__init__(program, lanes)
+        self._scenario = scenario
+        self._unchanging = not self._settings["torque_varies"] and self._settings["payload_mass"] == 0.0
+        self._senses_acceleration = bool(self._settings["senses_acceleration"])
+        self._settings["senses_acceleration"] = False  # the kernel's own; this class writes MuJoCo's
+        self._arms: dict[int, _Arm] = {}  # of each lane, from the first reset on
+        numbers = np.arange(lanes)
+        self._place = numbers // LANES, slice(None), numbers % LANES
+
+    def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
+        """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
+        self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
+        self._observe(out)
+
+    def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
+        """Advance every lane by one control step; see `ArmBatch.step`."""
+        memory, blocks, place = self._memory, self._blocks, self._place
+        memory[self._actions] = actions
+        substeps, steps = self._scenario.substeps, _plant(self._scenario).substeps
+        if self._unchanging:
+            substeps, steps = 1, substeps * steps
+        for substep in range(substeps):
+            problem = api.load(memory, substep)
+            if problem >= 0:
+                return problem, 0.0, False, False
+            torque = (blocks["tau_start"][place] + 4.0 * blocks["tau_half"][place] + blocks["tau_end"][place]) / 6.0
+            payload = blocks["payload"][place[0], place[2]]
+            for lane, arm in self._arms.items():
+                if arm.payload != payload[lane]:
+                    arm = self._arms[lane] = arm.carrying(payload[lane])
+                arm.advance(torque[lane], steps)
+        blocks["position"][place] = [arm.position for arm in self._arms.values()]
+        blocks["velocity"][place] = [arm.velocity for arm in self._arms.values()]
+        if self._senses_acceleration:
+            blocks["acceleration"][place] = self._accelerate()[0]
+        api.end(memory)
+        rewards, terminated, truncated = self.outcomes
+        self._observe(out)
+        return -1, float(rewards[0]), bool(terminated[0]), bool(truncated[0])
+
+    def _observe(self, out: Array) -> None:
+        """Start the lanes marked RESTART, and write all observations."""
+        blocks, place = self._blocks, self._place
+        starts = np.flatnonzero(blocks["status"][place[0], place[2]] == RESTART)
+        api.step(self._memory, out, 0, 0)
+        payload = blocks["payload"][place[0], place[2]]
+        state = blocks["parameters"][place], payload, blocks["position"][place], blocks["velocity"][place]
+        for lane in starts:
+            parameters, payload, position, velocity = (values[lane] for values in state)
+            arm = _Arm(self._scenario, parameters, payload)
+            arm.place(position, velocity)
+            self._arms[int(lane)] = arm
+        if self._senses_acceleration and len(starts):
+            blocks["acceleration"][place] = self._accelerate()[0]
+            api.step(self._memory, out, 0, 0)
+
+    def _accelerate(self) -> tuple[Array, Array]:
+        """Return acceleration and friction torque of each lane now, [lanes x 2] each."""
+        torque = self._blocks["torque"][self._place] - self._blocks["disturbance"][self._place]
+        each = np.array([arm.accelerate(torque[lane]) for lane, arm in self._arms.items()])
+        return each[:, 0], each[:, 1]
+
+    def truth(self) -> Truth:
+        """Return the truth at this instant."""
+        truth = super().truth()
+        if not self._arms:
+            return truth
+        acceleration, friction = self._accelerate()
+        leakage = truth.leakage + truth.acceleration - acceleration
+        return dataclasses.replace(truth, acceleration=acceleration, friction_torque=friction, leakage=leakage)
+
+
+class _Arm:
+    """MuJoCo's model and state of one lane, for one payload.
+
+    Args:
+        scenario: the task.
+        parameters: real m1, m2 [kg], L1 and L2 [m].
+        payload: carried at the tip [kg].
+    """
+
+    def __init__(self, scenario: Scenario, parameters: Array, payload: float) -> None:
+        self._scenario, self._parameters, self.payload = scenario, parameters.copy(), float(payload)
+        self._model = mujoco.MjModel.from_xml_string(_describe(scenario, self._parameters, self.payload))
+        self._data = mujoco.MjData(self._model)
+        for warning in self._data.warning:
+            warning.number = 1  # MuJoCo writes a file at the first warning of each kind
+        # With links that bend, every other degree of freedom is a link's own hinge.
+        self._joints = slice(0, None, self._model.nv // 2)
+
+    def place(self, position: Array, velocity: Array) -> None:
+        """Set the joints' state [2]; links that bend begin where their springs carry the load."""
+        model, data, joints = self._model, self._data, self._joints
+        data.qpos[joints], data.qvel[joints] = position, velocity
+        springs = model.jnt_stiffness > 0
+        for _ in range(3):
+            mujoco.mj_forward(model, data)
+            data.qpos[springs] = -data.qfrc_bias[springs] / model.jnt_stiffness[springs]
+
+    def carrying(self, payload: float) -> _Arm:
+        """Return this arm in its present state with another payload."""
+        arm = _Arm(self._scenario, self._parameters, payload)
+        arm._data.qpos[:], arm._data.qvel[:] = self._data.qpos, self._data.qvel
+        return arm
+
+    def advance(self, torque: Array, steps: int) -> None:
+        """Hold a torque [2] for a number of MuJoCo's steps."""
+        self._data.qfrc_applied[self._joints] = torque
+        mujoco.mj_step(self._model, self._data, steps)
+
+    def accelerate(self, torque: Array) -> tuple[Array, Array]:
+        """Return acceleration and friction torque under a torque at this instant, [2] each."""
+        data, joints = self._data, self._joints
+        data.qfrc_applied[joints] = torque
+        mujoco.mj_forward(self._model, data)
+        return data.qacc[joints].copy(), -(data.qfrc_passive + data.qfrc_constraint)[joints]
+
+    @property
+    def position(self) -> Array:
+        """Joint angles, [2] rad."""
+        return self._data.qpos[self._joints]
+
+    @property
+    def velocity(self) -> Array:
+        """Joint velocities, [2] rad/s."""
+        return self._data.qvel[self._joints]
+
+
+def _plant(scenario: Scenario) -> MuJoCo:
+    assert scenario.plant is not None
+    return scenario.plant
+
+
+def _describe(scenario: Scenario, parameters: Array, payload: float) -> str:
+    """Return the arm in MuJoCo's language: x to the right, y up, hinges about z."""
+    plant, (m1, m2, L1, L2) = _plant(scenario), parameters
+    load = f'<body pos="{L2} 0 0">{_mass(payload, 0.0, 0.0)}</body>' if payload > 0 else ""
+    second = f'<body pos="{L1} 0 0">{_link(scenario, 1, m2, L2, load)}</body>'
+    return f"""
+    <mujoco>
+      <compiler angle="radian" autolimits="false"/>
+      <option timestep="{scenario.physics_dt / plant.substeps}" integrator="{plant.integrator}"
+              gravity="0 {-scenario.arm.gravity} 0">
+        <flag contact="disable" warmstart="disable" autoreset="disable"/>
+      </option>
+      <worldbody><body>{_link(scenario, 0, m1, L1, second)}</body></worldbody>
+    </mujoco>"""
+
+
+def _link(scenario: Scenario, joint: int, mass: float, length: float, end: str) -> str:
+    """Return the content of a link's body, with the bodies at its end."""
+    arm, plant, friction = scenario.arm, _plant(scenario), scenario.friction or Friction()
+    viscous, coulomb, stiction = (_of(x, joint) for x in (friction.viscous, friction.coulomb, friction.stiction))
+    loss = coulomb + stiction if plant.friction == "breakaway" else coulomb
+    hinge = f'<joint axis="0 0 1" damping="{viscous}" frictionloss="{loss}"/>'
+    centre, inertia = arm.centre * length, arm.inertia * mass * length**2
+    if plant.bend is None:
+        return hinge + _mass(mass, centre, inertia) + end
+    # Both halves have the whole link's centre: a link that does not bend is the rigid one.
+    half, stiffness, damping = (
+        _mass(mass / 2, centre, inertia / 2),
+        _of(plant.bend, joint),
+        _of(plant.bend_damping, joint),
+    )
+    spring = f'<joint axis="0 0 1" pos="{length / 2} 0 0" stiffness="{stiffness}" damping="{damping}"/>'
+    return f"{hinge}{half}<body>{spring}{half}{end}</body>"
+
+
+def _mass(mass: float, centre: float, inertia: float) -> str:
+    moment = max(inertia, _POINT_INERTIA)
+    return f'<inertial pos="{centre} 0 0" mass="{mass}" diaginertia="{moment} {moment} {moment}"/>'
+
+
+def _of(pair: Pair | float, joint: int) -> float:
+    return pair[joint]  # type: ignore[index]
