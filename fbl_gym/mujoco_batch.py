@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.arm import Array
+from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.batch import ArmBatch, Truth
 from fbl_gym.checks import Pair
 from fbl_gym.kernel import api
@@ -25,6 +25,9 @@ from fbl_gym.uncertainty import Friction
 
 _POINT_INERTIA = 1e-12
 """Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero."""
+
+_HINGE = 0.15
+"""Place of the hinge of a link that bends, as a fraction of its length."""
 
 
 class MuJoCoBatch(ArmBatch):
@@ -198,13 +201,22 @@ def _link(scenario: Scenario, joint: int, mass: float, length: float, end: str) 
     if plant.bend is None:
         return hinge + _mass(mass, centre, inertia) + end
     # Both halves have the whole link's centre: a link that does not bend is the rigid one.
-    half, stiffness, damping = (
-        _mass(mass / 2, centre, inertia / 2),
-        _of(plant.bend, joint),
-        _of(plant.bend_damping, joint),
-    )
-    spring = f'<joint axis="0 0 1" pos="{length / 2} 0 0" stiffness="{stiffness}" damping="{damping}"/>'
+    half, place = _mass(mass / 2, centre, inertia / 2), _HINGE * length
+    rate, moment = 2 * np.pi * _of(plant.bend, joint), _moment_beyond_hinge(arm)[joint]
+    stiffness, damping = rate**2 * moment, 2 * plant.bend_damping * rate * moment
+    spring = f'<joint axis="0 0 1" pos="{place} 0 0" stiffness="{stiffness}" damping="{damping}"/>'
     return f"{hinge}{half}<body>{spring}{half}{end}</body>"
+
+
+def _moment_beyond_hinge(arm: ArmParameters) -> tuple[float, float]:
+    """Return the moment of inertia that turns on each link's own hinge when the arm is straight."""
+
+    def half(mass: float, length: float) -> float:
+        return mass / 2 * length**2 * ((arm.centre - _HINGE) ** 2 + arm.inertia)
+
+    reach = (1 - _HINGE) * arm.L1 + arm.centre * arm.L2
+    first = half(arm.m1, arm.L1) + arm.m2 * (reach**2 + arm.inertia * arm.L2**2)
+    return first, half(arm.m2, arm.L2)
 
 
 def _mass(mass: float, centre: float, inertia: float) -> str:

@@ -73,6 +73,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
+    "mujoco": ("mujoco",),
     "cluster": ("dask", "distributed", "ray"),
 }
 """What each extra brings, by the names that are imported."""

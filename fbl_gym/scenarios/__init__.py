@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from fbl_gym.checks import unknown
+from fbl_gym.plants import WORLDS
 from fbl_gym.records import build
 from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
@@ -26,8 +27,13 @@ def get(name: str) -> Scenario:
     """Return the scenario of a name.
 
     Args:
-        name: one of `names()`.
+        name: one of `names()`, and optionally "@" and one of `WORLDS`, which moves its arm.
     """
+    name, _, world = name.partition("@")
+    if world:
+        if world not in WORLDS:
+            raise unknown("plant", world, WORLDS)
+        return get(name).replace(name=f"{name}@{world}", plant=WORLDS[world])
     if name in FIGURES:
         return FIGURES[name]
     if name in MEMBERS:
