@@ -102,8 +102,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
       arm.
     * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`,
       `noise`, `friction`, `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`,
-      `physics_dt`, `duration`, `initial_error`, `limits`. Each is a record or the plain data that
-      makes one. None switches an option off. `fbl-gym list options` prints their fields.
+      `physics_dt`, `duration`, `initial_error`, `limits`, `plant`. Each is a record or the plain
+      data that makes one. None switches an option off. `fbl-gym list options` prints their fields.
     * `action`: "normalized", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: number of coming samples of the reference in the observation.
@@ -116,6 +116,11 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     An episode is a function of (scenario, seed, actions). `reset(seed=s)` starts the first episode
     of seed s, `reset()` the next one of the same seed. Each random number comes from a named
     stream, so that an option does not change the random numbers of another.
+
+    ## Another engine
+
+    `fbl_gym/TwoLinkArmMuJoCo-v0` is this environment with `plant="mujoco"`: MuJoCo moves the arm,
+    and everything else is the same. It needs the extra `mujoco`.
 
     ## Version history
 

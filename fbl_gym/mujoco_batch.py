@@ -46,7 +46,7 @@ class MuJoCoBatch(ArmBatch):
         self._scenario = scenario
         self._unchanging = not self._settings["torque_varies"] and self._settings["payload_mass"] == 0.0
         self._senses_acceleration = bool(self._settings["senses_acceleration"])
-        self._settings["senses_acceleration"] = False  # the kernel's own; this class writes MuJoCo's
+        self._settings["external_physics"] = True
         self._arms: dict[int, _Arm] = {}  # of each lane, from the first reset on
         numbers = np.arange(lanes)
         self._place = numbers // LANES, slice(None), numbers % LANES

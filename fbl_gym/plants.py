@@ -45,4 +45,4 @@ WORLDS: dict[str, MuJoCo] = {
     "mujoco-friction": MuJoCo(friction="breakaway"),
     "mujoco-bend": MuJoCo(friction="breakaway", bend=25.0),
 }
-"""Plants by name: `scenarios.get("everything-2@mujoco-bend")`."""
+"""Plants by name, as in `scenarios.get("everything-2@mujoco-bend")`."""

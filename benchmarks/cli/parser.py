@@ -48,6 +48,11 @@ COMMANDS: dict[str, Command] = {
         "ask stored results in SQL, or write them as CSV or Parquet",
         '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"',
     ),
+    "transfer": Command(
+        "transfer",
+        "run policies on the package's arm and on MuJoCo's, and compare their orders",
+        "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4",
+    ),
     "verify": Command("verify", "run a published row again and say whether it holds", "cascade-flm/mass-error-2"),
     "check-policy": Command("check_policy", "whether a policy keeps what policies promise", "my_law.py"),
     "tune": Command("tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20"),

@@ -25,7 +25,7 @@ def _within(value, bound):
 @kernel_njit
 def sense(block, settings, width):
     """Take the readings of a block; they depend on its state alone."""
-    if settings.senses_acceleration:
+    if settings.senses_acceleration and not settings.external_physics:
         _accelerate(block, settings, width)
     for joint in range(2):
         for lane in range(width):

@@ -15,7 +15,7 @@ from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, arms, families, fami
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.scenario import Scenario
 
-__all__ = ["SEVERITIES", "Scenario", "arms", "as_scenario", "families", "family", "get", "names"]
+__all__ = ["SEVERITIES", "WORLDS", "Scenario", "arms", "as_scenario", "families", "family", "get", "in_world", "names"]
 
 
 def names() -> tuple[str, ...]:
@@ -27,13 +27,11 @@ def get(name: str) -> Scenario:
     """Return the scenario of a name.
 
     Args:
-        name: one of `names()`, and optionally "@" and one of `WORLDS`, which moves its arm.
+        name: one of `names()`, and optionally "@" and one of `WORLDS`: "everything-2@mujoco-bend".
     """
     name, _, world = name.partition("@")
     if world:
-        if world not in WORLDS:
-            raise unknown("plant", world, WORLDS)
-        return get(name).replace(name=f"{name}@{world}", plant=WORLDS[world])
+        return in_world(get(name), world)
     if name in FIGURES:
         return FIGURES[name]
     if name in MEMBERS:
@@ -42,6 +40,18 @@ def get(name: str) -> Scenario:
     if severities[0] in MEMBERS:
         raise ValueError(f"scenario {name!r} needs a severity: {', '.join(severities[:-1])} or {severities[-1]}")
     raise unknown("scenario", name, names())
+
+
+def in_world(scenario: Scenario, world: str) -> Scenario:
+    """Return a scenario whose real arm another engine moves.
+
+    Args:
+        scenario: the task.
+        world: one of `WORLDS`.
+    """
+    if world not in WORLDS:
+        raise unknown("world", world, WORLDS)
+    return scenario.replace(name=f"{scenario.name}@{world}", plant=WORLDS[world])
 
 
 def as_scenario(value: Any) -> Scenario:
