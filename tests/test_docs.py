@@ -105,7 +105,7 @@ def test_the_suite_of_the_documentation_is_read(tmp_path, monkeypatch):
     for name, text in named_files().items():
         Path(name).write_text(text)
     suite = load("mine.toml")
-    assert suite.policies[-1] == "my_law.py"
+    assert suite.policies[-1].name == "my_law.py"
     assert {"noise-1@500Hz", "heavy@500Hz"} <= {scenario.name for scenario in suite.scenarios}
 
 

@@ -1,25 +1,27 @@
-"""The board: what the results of a suite say of each policy, with intervals."""
+"""The board: score, errors, failures and rank of each policy of a suite, with intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from benchmarks.analysis import statistics
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
+from fbl_gym import Scenario
 from fbl_gym.arm import Array
 
 ORACLE = "oracle-flm"
 """The policy whose error scores 100."""
 
 UNSCORED = f"No scores, since they need the errors of {ORACLE}, which is not on this board; ranked by the mean error."
-"""What a board without the oracle says."""
+"""The remark on a board without the oracle."""
 
 CHANCE = 0
 """Seed of the bootstrap."""
@@ -27,23 +29,28 @@ CHANCE = 0
 
 @dataclass(frozen=True)
 class Board:
-    """Results of several policies on the same scenarios and seeds. p policies, s scenarios, n seeds.
+    """Results of p policies on the same s scenarios with the same n seeds.
 
     Args:
-        policies: [p], those with a result for every scenario.
+        specs: policies [p] with a result for every scenario.
         scenarios: [s] names.
         seeds: [n].
         runs: each metric, [p x s x n].
-        decision_us: of each policy, the median over scenarios [p].
-        incomplete: policies left out, each with the reason.
+        decision_us: time of a decision of each policy, the median over scenarios [p].
+        incomplete: policies that are left out, each with the reason.
     """
 
-    policies: tuple[str, ...]
+    specs: tuple[PolicySpec, ...]
     scenarios: tuple[str, ...]
     seeds: tuple[int, ...]
     runs: dict[str, Array]
     decision_us: Array
     incomplete: dict[str, str]
+
+    @cached_property
+    def policies(self) -> tuple[str, ...]:
+        """Name of each policy [p]."""
+        return tuple(spec.name for spec in self.specs)
 
     @property
     def errors(self) -> Array:
@@ -52,12 +59,12 @@ class Board:
 
     @cached_property
     def ranked(self) -> list[int]:
-        """The policies that are ranked: those that are not told the truth."""
-        return [i for i, policy in enumerate(self.policies) if resolve.access(policy) != "privileged"]
+        """Indices of the policies that are ranked: those that do not know the truth."""
+        return [i for i, spec in enumerate(self.specs) if spec.ranked]
 
     @cached_property
     def counts(self) -> Array:
-        """How often each resample counts each seed; see `statistics.resample`."""
+        """Weight of each seed in each resample; see `statistics.resample`."""
         return statistics.resample(len(self.seeds), CHANCE)
 
     @cached_property
@@ -70,7 +77,7 @@ class Board:
 
     @cached_property
     def score(self) -> Estimate | None:
-        """The mean score of each policy [p]: the mean, since a policy that fails now and then must feel it."""
+        """Mean score of each policy [p]. The mean, not the median, so that rare failures count."""
         return None if self.scores is None else statistics.estimate(self.scores, self.counts, statistics.mean)
 
     @cached_property
@@ -86,42 +93,46 @@ class Board:
     @cached_property
     def failures(self) -> Estimate:
         """Share of each policy's runs that diverged [p]."""
-        failed = self.runs["diverged"]
-        return statistics.failures(failed.sum(axis=(1, 2)), np.full(len(failed), failed[0].size))
+        diverged = self.runs["diverged"]
+        return statistics.failures(diverged.sum(axis=(1, 2)), np.full(len(diverged), diverged[0].size))
 
     @cached_property
     def rank(self) -> Estimate:
-        """Rank of each ranked policy, in the order of `ranked`; by score, or by error where there is no oracle."""
+        """Rank of each ranked policy, in the order of `ranked`.
+
+        By score, or by error where there is no oracle.
+        """
         better = self.errors if self.scores is None else -self.scores
         return statistics.ranks(statistics.mean(better[self.ranked], self.counts))
 
     @cached_property
     def order(self) -> list[int]:
-        """The policies, the best first; those told the truth stand at the end."""
+        """Indices of the policies, the best first; unranked ones stand at the end."""
         value = self.mean_error.value if self.score is None else -self.score.value
-        told = [resolve.access(policy) == "privileged" for policy in self.policies]
-        return sorted(range(len(self.policies)), key=lambda i: (told[i], value[i]))
+        return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, value[i]))
 
     @cached_property
     def families(self) -> dict[str, list[int]]:
-        """The scenarios of each family, as indices."""
-        found: dict[str, list[int]] = {}
+        """Indices of the scenarios of each family."""
+        families: dict[str, list[int]] = {}
         for i, scenario in enumerate(self.scenarios):
-            found.setdefault(family_of(scenario), []).append(i)
-        return found
+            families.setdefault(family_of(scenario), []).append(i)
+        return families
 
     @cached_property
     def family_errors(self) -> dict[str, Estimate]:
-        """The interquartile mean of each policy's errors in each family [p]."""
-        found = self.families.items()
-        return {family: statistics.estimate(self.errors[:, indices], self.counts) for family, indices in found}
+        """Interquartile mean of each policy's errors in each family [p]."""
+        families = self.families.items()
+        return {family: statistics.estimate(self.errors[:, indices], self.counts) for family, indices in families}
 
     def degradation(self, family: str, arm: str) -> tuple[list[int], Estimate] | None:
-        """Severities [k], and the interquartile mean of each policy's errors at each [p x k]; None with fewer than two.
+        """Return severities [k] and the interquartile mean of each policy's errors [p x k].
+
+        With fewer than two severities there is no curve, and the result is None.
 
         Args:
             family: of scenarios, such as "mass-error".
-            arm: the head of its scenarios' names: "" for Table 1's arm, or "section-2-2/".
+            arm: the beginning of the scenarios' names: "" for Table 1's arm, or "section-2-2/".
         """
         named = {severity: f"{arm}{family}-{severity}" for severity in (1, 2, 3)} | {0: f"{arm}nominal"}
         at = {s: self.scenarios.index(named[s]) for s in range(4) if named[s] in self.scenarios}
@@ -132,38 +143,52 @@ class Board:
 
 
 def family_of(scenario: str) -> str:
-    """The family of a scenario, such as "mass-error".  scenario: a name, such as "section-2-2/mass-error-2@1000Hz"."""
-    own = scenario.rpartition("/")[2].partition("@")[0]
-    head, _, tail = own.rpartition("-")
-    return head if head and tail.isdigit() else own
+    """Return the family of a scenario's name: "mass-error" of "section-2-2/mass-error-2@1000Hz"."""
+    name = scenario.rpartition("/")[2].partition("@")[0]
+    family, _, severity = name.rpartition("-")
+    return family if family and severity.isdigit() else name
 
 
 def assemble(results: Sequence[Result]) -> Board:
-    """The board of a suite's results. Policies that lack a scenario, or failed, are left out and named.
+    """Return the board of a suite's results.
+
+    A policy that lacks a scenario, or failed, is left out and named.
 
     Args:
         results: of cells with the same seeds.
+
+    Raises:
+        ValueError: two different scenarios or policies share a name, or no policy is complete.
     """
-    scenarios = tuple(dict.fromkeys(r.cell.scenario.name for r in results))
-    policies = tuple(dict.fromkeys(r.cell.policy for r in results))
-    found = {(r.cell.policy, r.cell.scenario.name): r for r in results if r.rows}
-    incomplete = {r.cell.policy: r.error for r in results if r.error}
-    for policy in policies:
-        lacking = [s for s in scenarios if (policy, s) not in found]
+    tasks = _by_name([result.cell.scenario for result in results])
+    specs = _by_name([result.cell.policy for result in results])
+    finished = {(r.cell.policy.name, r.cell.scenario.name): r for r in results if r.rows}
+    incomplete = {r.cell.policy.name: r.error for r in results if r.error}
+    for policy in specs:
+        lacking = [task for task in tasks if (policy, task) not in finished]
         if lacking and policy not in incomplete:
-            incomplete[policy] = f"no result yet for {lacking[0]}" + (
-                f" and {len(lacking) - 1} more" if lacking[1:] else ""
-            )
-    kept = tuple(policy for policy in policies if policy not in incomplete)
-    if not kept:
-        raise ValueError("there is no policy with a result for every scenario: " + _because(incomplete))
-    first = found[kept[0], scenarios[0]].cell
-    runs = {
-        name: np.array([[[row[name] for row in found[p, s].rows] for s in scenarios] for p in kept]) for name in METRICS
-    }
-    decision = np.array([np.median([found[p, s].decision_us for s in scenarios]) for p in kept])
-    return Board(kept, scenarios, first.seeds, runs, decision, incomplete)
+            more = f" and {len(lacking) - 1} more" if lacking[1:] else ""
+            incomplete[policy] = f"no result yet for {lacking[0]}{more}"
+    complete = [policy for policy in specs if policy not in incomplete]
+    if not complete:
+        reasons = "; ".join(f"{policy}: {reason}" for policy, reason in incomplete.items())
+        raise ValueError(
+            f"there is no policy with a result for every scenario: {reasons or 'the store has none of the cells'}"
+        )
+    rows = [[finished[policy, task] for task in tasks] for policy in complete]
+    runs = {name: np.array([[[run[name] for run in r.rows] for r in row] for row in rows]) for name in METRICS}
+    decision = np.array([np.median([result.decision_us for result in row]) for row in rows])
+    return Board(
+        tuple(specs[policy] for policy in complete), tuple(tasks), rows[0][0].cell.seeds, runs, decision, incomplete
+    )  # fmt: skip
 
 
-def _because(reasons: dict[str, str]) -> str:
-    return "; ".join(f"{policy}: {reason}" for policy, reason in reasons.items()) or "the store has none of the cells"
+_Named = TypeVar("_Named", Scenario, PolicySpec)
+
+
+def _by_name(things: Sequence[_Named]) -> dict[str, _Named]:
+    named: dict[str, _Named] = {}
+    for thing in things:
+        if named.setdefault(thing.name, thing) != thing:
+            raise ValueError(f"names on a board must differ, but two different entries are named {thing.name!r}")
+    return named

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.analysis.statistics import Components, Estimate, components, resample, trained
+from benchmarks.policies.spec import resolve
 from benchmarks.rl.policy import shipped
 from benchmarks.run.runner import run
 from benchmarks.run.store import Store
@@ -54,7 +55,7 @@ def measure_learned(
     """
     agents = {policy: training for policy, training in shipped().items() if len(training) > 1}
     cells = {
-        (policy, scenario.name): [Cell(f"{policy}@{seed}", scenario, tuple(seeds)) for seed in training]
+        (policy, scenario.name): [Cell(resolve(f"{policy}@{seed}"), scenario, tuple(seeds)) for seed in training]
         for policy, training in agents.items()
         for scenario in scenarios
     }

@@ -1,31 +1,35 @@
-"""How far off the model may be for a policy: the uncertainty radius, each step of its search a cell of the store."""
+"""The uncertainty radius up to which a policy tracks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from benchmarks.analysis.statistics import Radius, radius
-from benchmarks.run.runner import run_cell
+from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.run.cell import compute
 from benchmarks.run.store import Store
-from benchmarks.run.suite import SPLITS, Cell
+from benchmarks.run.suite import Cell
+from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
+from fbl_gym.arm import Array
 
 BOUND, SHARE, LARGEST = 5.0, 0.95, 10.0
-"""A seed tracks within this mean error [%]; so must this share of them; up to this radius, the paper's 1000 %."""
+"""A seed tracks if its mean error is at most BOUND [%]. At the radius, the share SHARE of them
+must. LARGEST is the paper's largest radius, 1000 %."""
 
 DIRECTIONS = ("larger", "smaller", "both")
 
 
 def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
-    """The scenario with real parameters within a radius, each by its own factor.
+    """Return the scenario with real parameters within a radius, each by its own factor.
 
     Args:
         scenario: without parameter error.
         r: zero or more.
-        direction: "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1], "both" from
-            [1 / (1 + r), 1 + r]; all log-uniformly.
+        direction: "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1],
+            "both" from [1 / (1 + r), 1 + r]; all log-uniformly.
     """
     if direction == "both":
         return scenario.replace(parameter_error={"radius": r})
@@ -35,40 +39,62 @@ def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
 
 
 def task() -> Scenario:
-    """The nominal scenario without torque limits, which would otherwise set the radius."""
+    """Return the nominal scenario without torque limits, which would otherwise set the radius."""
     return scenarios.get("nominal").replace(actuator=None)
 
 
-def reach(policy: str, direction: str, store: Store, seeds: int = 64, tolerance: float = 0.05) -> Radius:
-    """The largest radius at which 95 % of the seeds track within 5 %, by bisection. What the store has is not run again.
+def search(errors: Callable[[float], Array], *, scan: int = 6, tolerance: float = 0.05) -> Radius:
+    """Return the largest radius at which 95 % of the seeds track within 5 %, by scan and bisection.
 
     Args:
-        policy: its name.
+        errors: of each seed at a radius [%].
+        scan: as in `statistics.radius`.
+        tolerance: as in `statistics.radius`.
+    """
+    return radius(
+        lambda r: float(np.mean(errors(r) <= BOUND)),
+        bracket=(0.0, LARGEST),
+        share=SHARE,
+        scan=scan,
+        tolerance=tolerance,
+    )
+
+
+def stored_radius(
+    policy: PolicySpec | str, direction: str, store: Store, seeds: int = 64, tolerance: float = 0.05
+) -> Radius:
+    """Return a policy's radius.
+
+    Every radius that is tried is a cell of the store and is not computed again.
+
+    Args:
+        policy: its specification or name.
         direction: of the error, see `with_radius`.
         store: for the cells of the search.
         seeds: how many test seeds.
         tolerance: of log(1 + r).
     """
+    spec = resolve(policy)
 
-    def share(r: float) -> float:
+    def errors(r: float) -> Array:
         scenario = with_radius(task(), r, direction).replace(name=f"radius-{direction}-{r:.4g}")
-        cell = Cell(policy, scenario, tuple(SPLITS["test"][:seeds]))
+        cell = Cell(spec, scenario, tuple(SPLITS["test"][:seeds]))
+        outcome = compute(cell, store, "fbl-gym report --radius")
         result = store.find(cell)
         if result is None:
-            result = run_cell(cell, "fbl-gym report --radius")
-            store.save(result)
-        if result.error:
-            raise ValueError(f"{policy} failed at radius {r:.3g}: {result.error}")
-        return float(np.mean([row["error_pct"] <= BOUND for row in result.rows]))
+            raise ValueError(f"{spec.name} failed at radius {r:.3g}: {outcome.error}")
+        return np.array([row["error_pct"] for row in result.rows])
 
-    return radius(share, bracket=(0.0, LARGEST), share=SHARE, tolerance=tolerance)
+    return search(errors, tolerance=tolerance)
 
 
-def reaches(policies: Sequence[str], store: Store, workers: int, seeds: int = 64) -> dict[tuple[str, str], Radius]:
-    """The radius of each policy in each direction."""
+def stored_radii(
+    policies: Sequence[PolicySpec], store: Store, workers: int, seeds: int = 64
+) -> dict[tuple[str, str], Radius]:
+    """Return the radius of each policy, by name, in each direction."""
     from joblib import Parallel, delayed, parallel_config
 
-    asked = [(policy, direction) for policy in policies for direction in DIRECTIONS]
+    searches = [(spec, direction) for spec in policies for direction in DIRECTIONS]
     with parallel_config(backend="loky", n_jobs=workers, inner_max_num_threads=1):
-        found = Parallel()(delayed(reach)(policy, direction, store, seeds) for policy, direction in asked)
-    return dict(zip(asked, found, strict=True))
+        radii = Parallel()(delayed(stored_radius)(spec, direction, store, seeds) for spec, direction in searches)
+    return {(spec.name, direction): value for (spec, direction), value in zip(searches, radii, strict=True)}

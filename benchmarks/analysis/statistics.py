@@ -1,15 +1,18 @@
-"""What the leaderboard's numbers mean, and how sure they are. Pure functions on arrays.
+"""Statistics of the leaderboard: pure functions on arrays.
 
-Runs lie in arrays [... x s x n]: s scenarios, n seeds; axes before these (policies, severities, training seeds) are kept. A
-bootstrap resample is how often it counts each run, so all of a bootstrap's chance lies in one array of counts, made once by
-`resample`. Whatever is computed with the same counts is compared on the same resampled seeds: that is what pairs policies.
+Runs lie in arrays [... x s x n] of s scenarios and n seeds. Axes before these (policies,
+severities, training seeds) stay. A bootstrap resample is an array of counts, the weight of each
+run, and `resample` draws all counts of a bootstrap at once. Statistics with the same counts use the
+same resampled seeds, so policies are compared in pairs.
 
-Seeds are shared by scenarios: seed 7 asks for the same motion everywhere, so a policy's errors in two scenarios are
-correlated, and an interval of an aggregate must resample whole seeds (`resample(n)`). Resampling the seeds of each scenario
-on its own (`resample(n, strata=s)`; Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice",
-NeurIPS 2021) is right where scenarios have seeds of their own, and too narrow here.
+Scenarios share seeds: seed 7 has the same motion everywhere, so a policy's errors in two scenarios
+are correlated. An interval of an aggregate must therefore resample whole seeds (`resample(n)`).
+Resampling the seeds of each scenario separately (`resample(n, strata=s)`; Agarwal et al., "Deep
+Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021) is right where
+scenarios have different seeds, and too narrow here.
 
-Errors are better when smaller. A run that diverged must come with its worst error, never be left out: NaN is refused.
+Smaller errors are better. A run that diverged counts with its worst error and is never left out:
+NaN is refused.
 """
 
 from __future__ import annotations
@@ -27,28 +30,31 @@ from fbl_gym.arm import Array
 from fbl_gym.checks import check_number, check_whole
 
 LEVEL = 0.95
-"""Confidence of every interval, unless told otherwise."""
+"""Default confidence of every interval."""
 
 RESAMPLES = 2000
-"""Bootstrap resamples, unless told otherwise."""
+"""Default number of bootstrap resamples."""
 
 WORST_SCORE = -100.0
-"""The score of a run that diverged; no other scores less."""
+"""The score of a run that diverged, and the least score of any run."""
 
 ENOUGH_EPISODES = 256
-"""So many test episodes are needed to claim a failure rate: without any failure they bound it by 1.4 % (`failures`)."""
+"""Test episodes that a claim about a failure rate needs: without any failure they bound it by 1.4 %
+(`failures`)."""
 
 ENOUGH_TRAINING_SEEDS = 10
-"""An interval over fewer training seeds is labelled optimistic: it covers less often than it says."""
+"""An interval over fewer training seeds is labelled optimistic: it covers less often than its
+confidence."""
 
 ONCE = np.ones((1, 1, 1))
-"""Counts that count each run once: with them a statistic is that of the data."""
+"""Counts of 1 for each run: with them a statistic is that of the data."""
 
 Rng: TypeAlias = np.random.Generator | int
 """A generator, or the seed of one."""
 
 Statistic: TypeAlias = Callable[[Array, Array], Array]
-"""Runs [... x s x n] and counts [b x s x n] to one number per resample [b x ...]: `iqm` or `mean`."""
+"""Runs [... x s x n] and counts [b x s x n] to one number per resample [b x ...]: `iqm` or
+`mean`."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,8 @@ class Estimate:
 
     Args:
         value: of the data.
-        low, high: of the interval, in the shape of `value`.
+        low: lower end of the interval, in the shape of `value`.
+        high: upper end of the interval.
         label: "optimistic" where the interval is known to be too narrow; else empty.
     """
 
@@ -68,12 +75,15 @@ class Estimate:
 
 
 def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -> Array:
-    """How often each bootstrap resample counts each seed, [b x strata x n]; each row of n sums to n.
+    """Return how often each bootstrap resample counts each seed [b x strata x n].
+
+    Each row of n sums to n.
 
     Args:
         n: seeds.
         rng: generator or seed.
-        strata: 1: all scenarios share the resampled seeds; their number: each scenario resamples its own.
+        strata: 1: all scenarios share the resampled seeds; their number: each scenario resamples
+            its own.
         resamples: b.
     """
     n, strata, b = (
@@ -85,17 +95,24 @@ def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -
 
 
 def mean(runs: ArrayLike, counts: Array) -> Array:
-    """Mean of the runs of each resample [b x ...].  runs: [... x s x n]; counts: [b x s x n] or broadcast to it."""
+    """Return the mean of the runs of each resample [b x ...].
+
+    Args:
+        runs: [... x s x n].
+        counts: [b x s x n] or broadcast to it.
+    """
     x, axes = _runs(runs, counts), list(range(1 - counts.ndim, 0))
     # Along an axis that shares its counts, resampling changes nothing: average it first.
     x = x.mean(axis=tuple(axis for axis in axes if counts.shape[axis] == 1), keepdims=True)
     total = counts.reshape(len(counts), -1).sum(axis=1)
-    found = np.tensordot(counts, x, axes=(axes, axes))
-    return found / total.reshape(-1, *[1] * (found.ndim - 1))
+    sums = np.tensordot(counts, x, axes=(axes, axes))
+    return sums / total.reshape(-1, *[1] * (sums.ndim - 1))
 
 
 def iqm(runs: ArrayLike, counts: Array) -> Array:
-    """Interquartile mean of the runs of each resample [b x ...]: the mean of the middle half, all scenarios pooled.
+    """Return the interquartile mean of the runs of each resample [b x ...].
+
+    This is the mean of the middle half of the runs of all scenarios.
 
     Args:
         runs: [... x s x n].
@@ -106,7 +123,7 @@ def iqm(runs: ArrayLike, counts: Array) -> Array:
     shape, x = x.shape[-axes:], x.reshape(*x.shape[:-axes], -1)
     order = np.argsort(x, axis=-1)
     x = np.take_along_axis(x, order, axis=-1)
-    found = np.empty((len(counts), *x.shape[:-1]))
+    means = np.empty((len(counts), *x.shape[:-1]))
     for first in range(0, len(counts), _BLOCK):
         block = slice(first, first + _BLOCK)
         w = np.broadcast_to(counts[block], (len(counts[block]), *shape)).reshape(-1, x.shape[-1])
@@ -115,12 +132,12 @@ def iqm(runs: ArrayLike, counts: Array) -> Array:
         for row in np.ndindex(x.shape[:-1]):
             # Of the runs in order, those from number `cut` to `total - cut` count.
             upto = np.clip(np.cumsum(w[:, order[row]], axis=1), cut, total - cut)
-            found[(block, *row)] = np.diff(upto, axis=1, prepend=cut) @ x[row] / (total - 2 * cut)[:, 0]
-    return found
+            means[(block, *row)] = np.diff(upto, axis=1, prepend=cut) @ x[row] / (total - 2 * cut)[:, 0]
+    return means
 
 
 _BLOCK = 16
-"""Resamples worked on at a time, so that they stay in the processor's cache."""
+"""Resamples of one block, which stays in the processor's cache."""
 
 
 def _runs(runs: ArrayLike, counts: Array) -> Array:
@@ -134,14 +151,20 @@ def _runs(runs: ArrayLike, counts: Array) -> Array:
 
 
 def interval(value: ArrayLike, draws: Array, level: float = LEVEL) -> Estimate:
-    """A value with the percentile interval of its bootstrap draws.  value: [...]; draws: [b x ...]; level: confidence."""
+    """Return a value with the percentile interval of its bootstrap draws.
+
+    Args:
+        value: [...].
+        draws: [b x ...].
+        level: confidence.
+    """
     tail = (1 - check_number("level", level, above=0, high=1)) / 2
     low, high = np.quantile(draws, (tail, 1 - tail), axis=0)
     return Estimate(np.asarray(value)[()], low, high)
 
 
 def estimate(x: ArrayLike, counts: Array, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
-    """A statistic of the runs with its interval, each [...].
+    """Return a statistic of the runs with its interval, each [...].
 
     With runs [families x severities x arms x n] it is a degradation curve with its pointwise band.
 
@@ -159,11 +182,14 @@ def _once(counts: Array) -> Array:
 
 
 def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
-    """The statistic of a less that of b, on the same resampled seeds; below 0: a errs less.
+    """Return the statistic of a minus that of b on the same resampled seeds; below 0, a errs less.
 
     Args:
-        a, b: [... x s x n].
-        counts, statistic, level: as in `estimate`.
+        a: runs of one policy [... x s x n].
+        b: runs of the other.
+        counts: as in `estimate`.
+        statistic: as in `estimate`.
+        level: as in `estimate`.
     """
     a, b = np.asarray(a), np.asarray(b)
     value = statistic(a, _once(counts)) - statistic(b, _once(counts))
@@ -171,25 +197,32 @@ def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic =
 
 
 def wins(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
-    """Share of the runs in which a errs less than b on the same seed; ties count half.
+    """Return the share of the runs in which a errs less than b on the same seed; ties count half.
 
     Args:
-        a, b: [... x s x n].
-        counts, level: as in `estimate`.
+        a: runs of one policy [... x s x n].
+        b: runs of the other.
+        counts: as in `estimate`.
+        level: as in `estimate`.
     """
     return estimate(_beats(np.asarray(a), np.asarray(b)), counts, mean, level)
 
 
 def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
-    """Probability that a run of a errs less than a run of b on another seed of the same scenario, averaged over scenarios.
+    """Return the probability that a run of a errs less than a run of b on another seed.
+
+    It is averaged over scenarios.
 
     Args:
-        a, b: [s x n]. Seeds are resampled jointly, since both policies met the same ones.
-        counts, level: as in `estimate`.
+        a: runs of one policy [s x n].
+        b: runs of the other. Seeds are resampled jointly, since both policies met the same ones.
+        counts: as in `estimate`.
+        level: as in `estimate`.
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     n = a.shape[-1]
-    # U / n^2 = sum_ij [a_i < b_j] / n^2, ties half: Mann and Whitney (1947), averaged over scenarios.
+    # U / n^2 = sum_ij [a_i < b_j] / n^2, ties half: Mann and Whitney (1947), averaged over
+    # scenarios.
     u = _beats(a[:, :, None], b[:, None, :])
     c = counts.swapaxes(0, 1)
     if len(c) == 1:
@@ -203,20 +236,24 @@ def _beats(a: Array, b: Array) -> Array:
 
 
 def profile(x: ArrayLike, tau: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
-    """Performance profile: share of the runs with an error of at most tau, [... x k], with its pointwise band.
+    """Return the performance profile [... x k] with a pointwise band.
+
+    This is the share of the runs with an error of at most tau.
 
     Args:
         x: [... x s x n].
         tau: [k]. For a score, where larger is better, give -x and -tau.
         counts: from `resample`.
-        level: confidence of the band, at each tau on its own.
+        level: confidence of the band at each tau.
     """
     reached = np.asarray(x)[..., None, :, :] <= np.asarray(tau)[:, None, None]
     return estimate(reached, counts, mean, level)
 
 
 def ranks(draws: Array, level: float = LEVEL) -> Estimate:
-    """Median and interval of each policy's rank over the resamples; rank 1 has the smallest number, ties share their mean.
+    """Return median and interval of each policy's rank over the resamples.
+
+    Rank 1 has the smallest number, and ties share their mean.
 
     Args:
         draws: [b x p], such as `iqm(x, counts)` of runs [p x s x n].
@@ -229,14 +266,18 @@ def ranks(draws: Array, level: float = LEVEL) -> Estimate:
 
 
 def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayLike) -> Array:
-    """The score of each run: 0 no better than an arm that stays where it started, 100 as the true-parameter oracle.
+    """Return the score of each run.
 
-    A run that diverged has WORST_SCORE, and none has less, so a survivor never loses to one that fell. There is no upper
-    bound: the oracle knows the plant, but its gains are not optimal.
+    An arm that stays at its start has 0, the oracle with the true parameters 100.
+
+    A run that diverged has WORST_SCORE, and no run has less. There is no upper bound: the oracle
+    knows the arm, but its gains are not optimal.
 
     Args:
-        error, stay, oracle: errors of the policy, of an arm that stays and of the oracle on the same seeds [... x s x n].
-        diverged: whether the policy's run did [... x s x n].
+        error: of the policy [... x s x n].
+        stay: error of an arm that stays at its start, on the same seeds.
+        oracle: error of the oracle, on the same seeds.
+        diverged: True where the policy's run diverged [... x s x n].
     """
     error, stay, oracle = (np.asarray(x, dtype=float) for x in (error, stay, oracle))
     if not np.all(oracle < stay):
@@ -244,15 +285,18 @@ def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayL
         raise ValueError(
             f"oracle must err less than staying does on every seed to score a run, got otherwise at {worst}"
         )
-    found = 100 * (stay - error) / (stay - oracle)
-    return np.where(np.asarray(diverged, dtype=bool), WORST_SCORE, np.maximum(found, WORST_SCORE))
+    scores = 100 * (stay - error) / (stay - oracle)
+    return np.where(np.asarray(diverged, dtype=bool), WORST_SCORE, np.maximum(scores, WORST_SCORE))
 
 
 def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estimate:
-    """The share of runs that failed, with Clopper and Pearson's interval (1934), which covers at least as often as it says.
+    """Return the share of runs that failed with Clopper and Pearson's interval (1934).
+
+    The interval covers at least as often as its confidence.
 
     Args:
-        failed, runs: how many, [...].
+        failed: number of runs that failed [...].
+        runs: number of all runs [...].
         level: confidence.
     """
     k, n = np.asarray(failed, dtype=float), np.asarray(runs, dtype=float)
@@ -266,16 +310,17 @@ def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estima
 
 
 def enough(episodes: int) -> bool:
-    """Whether there are enough runs for a claim about a failure rate.  episodes: independent ones."""
+    """Return whether there are enough independent episodes for a claim about a failure rate."""
     return check_whole("episodes", episodes) >= ENOUGH_EPISODES
 
 
 @dataclass(frozen=True)
 class Radius:
-    """How far off a model may be.
+    """The largest radius up to which a policy tracks.
 
     Args:
-        value: largest radius tried below which nothing failed; NaN where the bracket's lower end failed.
+        value: largest radius tried below which none failed; NaN where the bracket's lower end
+            failed.
         fails: smallest radius that failed; infinite where none did, up to the bracket's upper end.
         tried: each radius with its share of successful seeds, in the order of the radii.
     """
@@ -286,7 +331,7 @@ class Radius:
 
     @property
     def monotone(self) -> bool:
-        """Whether the share of successes never rose with the radius."""
+        """True if the share of successes never rises with the radius."""
         return all(after[1] <= before[1] for before, after in zip(self.tried, self.tried[1:], strict=False))
 
     def __str__(self) -> str:
@@ -303,14 +348,16 @@ def radius(
     scan: int = 6,
     tolerance: float = 0.01,
 ) -> Radius:
-    """The largest error radius up to which a policy tracks, by scan and bisection in log(1 + r).
+    """Return the largest radius up to which a policy tracks, by scan and bisection in log(1 + r).
 
-    Success need not fall with the radius. What is meant is the first failure: `scan` radii are tried from below, evenly
-    in log(1 + r), up to the first that fails, and the step before it is bisected. A gap of failures narrower than a step of
-    the scan can be missed. For each direction of error (real parameters larger, or smaller, than nominal) ask once.
+    Success need not fall with the radius, so the first failure is sought: `scan` radii are tried
+    from below, evenly in log(1 + r), up to the first that fails, and the step before it is
+    bisected. A gap of failures narrower than a step of the scan can be missed. Call this once for
+    each direction of error (real parameters larger, or smaller, than nominal).
 
     Args:
-        success_share: share of seeds that track within the bound at a radius; the same seeds at each.
+        success_share: share of seeds that track within the bound at a radius; the same seeds at
+            each.
         bracket: least and largest radius.
         share: of seeds that must succeed.
         scan: steps of the scan; 1: bisection alone.
@@ -325,30 +372,30 @@ def radius(
         tried[r] = float(success_share(r))
         return tried[r] >= share
 
-    def found(works_at: float, fails_at: float) -> Radius:
+    def result(works_at: float, fails_at: float) -> Radius:
         return Radius(expm1(works_at), expm1(fails_at), tuple(sorted(tried.items())))
 
     grid = [float(z) for z in np.linspace(log1p(low), log1p(high), steps + 1)]
     first = next((i for i, z in enumerate(grid) if not works(z)), None)
     if first is None:
-        return found(grid[-1], inf)
+        return result(grid[-1], inf)
     if first == 0:
-        return found(nan, grid[0])
+        return result(nan, grid[0])
     good, bad = grid[first - 1], grid[first]
     while bad - good > tolerance:
         middle = (good + bad) / 2
         good, bad = (middle, bad) if works(middle) else (good, middle)
-    return found(good, bad)
+    return result(good, bad)
 
 
 @dataclass(frozen=True)
 class Components:
-    """Where the spread of a learned policy's runs comes from, as variances.
+    """The spread of a learned policy's runs as variances.
 
     Args:
         training: between training seeds.
         world: between test seeds, the same for every training seed.
-        rest: what neither explains: some training seeds meet some worlds better.
+        rest: of the remainder, since some training seeds do better in some worlds.
         standard_error: of the mean over both.
     """
 
@@ -359,10 +406,11 @@ class Components:
 
 
 def components(x: ArrayLike) -> Components:
-    """Variance components of runs, of one scenario or a mean over some.
+    """Return the variance components of runs of one scenario, or of a mean over some.
 
-    Every training seed meets the same worlds, so the two are crossed, not nested: y_tn = mu + a_t + w_n + e_tn. From mean
-    squares, negative estimates set to 0: Searle, Casella and McCulloch, "Variance Components" (1992), chapter 4.
+    Every training seed meets the same worlds, so the two are crossed, not nested: y_tn = mu + a_t +
+    w_n + e_tn. From mean squares, negative estimates set to 0: Searle, Casella and McCulloch,
+    "Variance Components" (1992), chapter 4.
 
     Args:
         x: [t x n], of t training seeds on the same n test seeds.
@@ -379,13 +427,17 @@ def components(x: ArrayLike) -> Components:
 
 
 def over_training(counts: Array, training_seeds: int, rng: Rng) -> Array:
-    """Counts [b x t x s x n] that resample training seeds too, for runs [t x s x n] of a learned policy.
+    """Return counts [b x t x s x n] that resample training seeds too.
 
-    The hierarchical bootstrap of crossed data (Owen, "The pigeonhole bootstrap", Annals of Applied Statistics 1, 2007):
-    training seeds are drawn, then, independently, the test seeds that all of them meet.
+    They are for runs [t x s x n] of a learned policy.
+
+    This is the bootstrap of crossed data (Owen, "The pigeonhole bootstrap", Annals of Applied
+    Statistics 1, 2007): training seeds are drawn, and independently the test seeds that all of them
+    meet.
 
     Args:
-        counts: [b x s x n] from `resample`. Test seeds stay theirs, so that learned policies too are compared on the same.
+        counts: [b x s x n] from `resample`; test seeds keep these counts, so that learned policies
+            are compared in pairs too.
         training_seeds: t.
         rng: generator or seed.
     """
@@ -394,13 +446,15 @@ def over_training(counts: Array, training_seeds: int, rng: Rng) -> Array:
 
 
 def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
-    """A statistic of a learned policy's runs with an interval over training and test seeds.
+    """Return a statistic of a learned policy's runs with an interval over training and test seeds.
 
     Args:
         x: [t x s x n], t training seeds.
         rng: generator or seed of the draw of training seeds.
-        counts, statistic, level: as in `estimate`.
+        counts: as in `estimate`.
+        statistic: as in `estimate`.
+        level: as in `estimate`.
     """
     t = np.asarray(x).shape[0]
-    found = estimate(x, over_training(counts, t, rng), statistic, level)
-    return replace(found, label="optimistic" if t < ENOUGH_TRAINING_SEEDS else "")
+    result = estimate(x, over_training(counts, t, rng), statistic, level)
+    return replace(result, label="optimistic" if t < ENOUGH_TRAINING_SEEDS else "")

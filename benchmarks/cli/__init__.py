@@ -2,7 +2,8 @@
 
 A command file has `add_arguments(parser)` and `run(arguments)`, which returns the exit status.
 
-A command's file is imported only when that command runs, so each file imports what it needs at its head.
+A command's file is imported only when that command runs, so each file imports what it needs at its
+head.
 """
 
 from benchmarks.cli.parser import COMMANDS, EXTRAS, Parser, main, prepare

@@ -1,38 +1,35 @@
-"""`fbl-gym check-policy`."""
+"""The command `fbl-gym check-policy`."""
 
 from __future__ import annotations
 
 import argparse
 
-from benchmarks.policies import resolve
-from benchmarks.policies.contract import check
+from benchmarks.cli.common import add_policy, add_trust, trust
+from benchmarks.policies.spec import resolve
+from benchmarks.run.contract import check
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "policy", metavar="POLICY", help="a name, module:factory, file.py, file.py:factory, or model.zip"
-    )
-    parser.add_argument(
-        "--trust", action="store_true", help="load an archive of stable-baselines3, which runs its code"
-    )
+    """Add the arguments of the command."""
+    add_policy(parser)
+    add_trust(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if arguments.trust:
-        resolve.trust(arguments.policy)
-    resolve.check(arguments.policy)
+    """Run the command and return its exit status."""
+    trust(arguments)
     broken: dict[str, list[str]] = {}
-    for found in check(arguments.policy):
-        if found.kept:
-            print(f"ok      {found.promise}: {found.detail}", flush=True)
+    for checked in check(resolve(arguments.policy)):
+        if checked.kept:
+            print(f"ok      {checked.promise}: {checked.detail}", flush=True)
         else:
-            broken.setdefault(found.detail, []).append(found.promise)
-    # One mistake often breaks many promises.
+            broken.setdefault(checked.detail, []).append(checked.promise)
+    # One mistake often breaks several promises.
     for detail, promises in broken.items():
         if len(promises) == 1:
             print(f"BROKEN  {promises[0]}: {detail}")
         else:
             print(f"BROKEN  {len(promises)} promises: {detail}", *promises, sep="\n        ")
     count = sum(map(len, broken.values()))
-    print(f"breaks {count} of its promises" if count else "keeps what policies promise")
+    print(f"breaks {count} promises" if count else "keeps every promise of a policy")
     return 1 if count else 0

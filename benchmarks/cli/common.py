@@ -1,4 +1,4 @@
-"""What several commands share."""
+"""Arguments and output that several commands share."""
 
 from __future__ import annotations
 
@@ -13,30 +13,31 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from benchmarks.run.suite import SPLITS
+from benchmarks.policies import external
+from benchmarks.seeds import SPLITS
 
 
 def count(text: str) -> int:
-    """A whole number, 1 or more, as an argument's type."""
+    """Return a whole number, 1 or more; an argument's type."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more, got {text!r}")
     return int(text)
 
 
 def episodes(text: str) -> int:
-    """How many of the test seeds, as an argument's type."""
-    if (found := count(text)) > len(SPLITS["test"]):
+    """Return a number of test seeds; an argument's type."""
+    if (number := count(text)) > len(SPLITS["test"]):
         raise argparse.ArgumentTypeError(
             f"must be at most {len(SPLITS['test'])}, the test seeds there are, got {text!r}"
         )
-    return found
+    return number
 
 
 def policy_name(text: str) -> str:
-    """What names a policy, as an argument's type; what can only be a path must lead somewhere."""
+    """Return the text that names a policy; an argument's type. A path must exist."""
     if ("/" in text or os.sep in text) and ":" not in text:
         if not Path(text).exists():
-            raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that is there, got {text!r}")
+            raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
         if Path(text).is_dir() and not (Path(text) / "agent.json").is_file():
             raise argparse.ArgumentTypeError(f"must be a folder with an agent.json, got {text!r}")
     return text
@@ -58,19 +59,19 @@ def _file(text: str, *endings: str) -> Path:
 
 
 def picture(text: str) -> Path:
-    """A file that a plot can be written to, as an argument's type."""
+    """Return a file that a plot can be written to; an argument's type."""
     return _file(text, ".png", ".svg", ".pdf")
 
 
 def film(text: str) -> Path:
-    """A file that a film can be written to, as an argument's type."""
+    """Return a file that a film can be written to; an argument's type."""
     path = _file(text, ".mp4", ".gif")
-    importlib.import_module("benchmarks.report.video")  # if its extra is missing, say so before the work
+    importlib.import_module("benchmarks.report.video")  # if its extra is missing, the error comes before the work
     return path
 
 
 def gain(text: str) -> tuple[str, Any]:
-    """A gain and its value, one number or one for each joint, as an argument's type."""
+    """Return a gain and its value, one number or one for each joint; an argument's type."""
     name, _, value = text.partition("=")
     try:
         numbers = tuple(float(part) for part in value.split(","))
@@ -82,17 +83,40 @@ def gain(text: str) -> tuple[str, Any]:
 
 
 def console() -> Console:
-    """What tables are printed on; a file has no width of its own."""
+    """Return the console for tables; a file has no width, so 132 columns are used."""
     return Console(width=None if sys.stdout.isatty() else 132)
 
 
 def command_line() -> str:
-    """The command that this process was started with, as one could type it."""
+    """Return the command that started this process, as one could type it."""
     return " ".join(["fbl-gym", *sys.argv[1:]])
 
 
 def add_store(parser: argparse.ArgumentParser) -> None:
-    """The folder of results."""
+    """Add the folder of results."""
     parser.add_argument(
         "--store", type=Path, default=Path("results/board"), metavar="DIR", help="the folder of results (results/board)"
     )
+
+
+def add_policy(parser: argparse.ArgumentParser) -> None:
+    """Add one policy."""
+    parser.add_argument(
+        "policy", type=policy_name, metavar="POLICY",
+        help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip",
+    )  # fmt: skip
+
+
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Add the permission to load archives."""
+    parser.add_argument(
+        "--trust", action="store_true", help="load archives of stable-baselines3, which runs the code in them"
+    )
+
+
+def trust(arguments: argparse.Namespace) -> None:
+    """Allow the archives among the arguments to be loaded, if `--trust` is given."""
+    names = [getattr(arguments, "policies", ()), getattr(arguments, "policy", ())]
+    for some in names if arguments.trust else ():
+        for name in (some,) if isinstance(some, str) else some:
+            external.trust(name)

@@ -1,4 +1,4 @@
-"""`fbl-gym compare`."""
+"""The command `fbl-gym compare`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from rich.table import Table
 
 from benchmarks.analysis.statistics import resample, wins
 from benchmarks.cli.common import console, episodes, film, picture, policy_name
+from benchmarks.policies.spec import resolve
 from benchmarks.report.plot import plot_comparison
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
@@ -16,6 +17,7 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument(
         "policies", nargs="+", type=policy_name, metavar="POLICY", help="two or more, as for `fbl-gym evaluate`"
     )
@@ -32,24 +34,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     if len(set(arguments.policies)) < 2:
         raise ValueError(f"two policies or more can be compared, got {' '.join(arguments.policies)}")
     scenario = scenarios.get(arguments.scenario)
-    traces = {policy: rollout(policy, scenario, range(arguments.seeds)) for policy in arguments.policies}
+    traces = {policy: rollout(resolve(policy), scenario, range(arguments.seeds)) for policy in arguments.policies}
     rows = {policy: measure(trace) for policy, trace in traces.items()}
-    errors = {policy: [[row["error_pct"] for row in found]] for policy, found in rows.items()}
+    errors = {policy: [[row["error_pct"] for row in runs]] for policy, runs in rows.items()}
     first, counts = arguments.policies[0], resample(arguments.seeds, 0)
     table = Table(title=f"{scenario.name}, {arguments.seeds} seeds", title_style="bold", box=SIMPLE_HEAD)
-    for name in ("policy", "error %", "worst seed", "failed %", "torque variation", f"errs less than {first}"):
+    for name in ("policy", "error %", "worst seed", "diverged %", "torque variation", f"errs less than {first}"):
         table.add_column(name, justify="left" if name == "policy" else "right")
-    for policy, found in rows.items():
+    for policy, runs in rows.items():
         better = wins(errors[policy], errors[first], counts)
         table.add_row(
             policy,
-            f"{_mean(found, 'error_pct'):.3g}",
-            f"{max(row['error_pct'] for row in found):.3g}",
-            f"{100 * _mean(found, 'diverged'):.2g}",
-            f"{_mean(found, 'variation'):.3g}",
+            f"{_mean(runs, 'error_pct'):.3g}",
+            f"{max(row['error_pct'] for row in runs):.3g}",
+            f"{100 * _mean(runs, 'diverged'):.2g}",
+            f"{_mean(runs, 'variation'):.3g}",
             "" if policy == first else f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})",
         )  # fmt: skip
     screen = console()

@@ -1,4 +1,4 @@
-"""`fbl-gym completion`."""
+"""The command `fbl-gym completion`."""
 
 from __future__ import annotations
 
@@ -10,43 +10,46 @@ import shtab
 
 from benchmarks.cli.parser import COMMANDS, prepare
 from benchmarks.paper.claims import CLAIMS
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import names as policy_names
 from benchmarks.run.suite import SUITES
 from fbl_gym import scenarios
 
 SHELLS = ("bash", "zsh", "fish")
 
 KNOWN: Mapping[str, tuple[Callable[[], Iterable[str]], bool]] = {
-    "policy": (resolve.names, True),
-    "policies": (resolve.names, True),
+    "policy": (policy_names, True),
+    "policies": (policy_names, True),
     "scenario": (scenarios.names, False),
     "scenarios": (lambda: {**scenarios.families(), **dict.fromkeys(scenarios.names())}, False),
     "suite": (lambda: SUITES, True),
     "only": (lambda: CLAIMS, False),
 }
-"""What an argument expects, by its name: which names, and whether a file will do too."""
+"""The names that complete an argument, by the argument's name, and whether files complete it
+too."""
 
 _BREAKS = "# So that POLICY@tuned is one word.\nCOMP_WORDBREAKS=${COMP_WORDBREAKS//@}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("shell", choices=SHELLS, help="whose script to print; docs/tutorials.md says where it belongs")
+    """Add the arguments of the command."""
+    parser.add_argument("shell", choices=SHELLS, help="the shell; docs/tutorials.md says where to put its script")
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     shell = arguments.shell
     print(shtab.complete(_everything(), shell, preamble=_BREAKS if shell == "bash" else ""))
     return 0
 
 
 def _everything() -> argparse.ArgumentParser:
-    """All commands in one parser, with what the shell is to offer for each argument."""
+    """All commands in one parser, with the completions of each argument."""
     whole = argparse.ArgumentParser(prog="fbl-gym")
     commands = whole.add_subparsers()
     for name, command in COMMANDS.items():
         try:
             parser, _ = prepare(name)
-        except ModuleNotFoundError:  # of an extra that is not installed: then its options are not known
+        except ModuleNotFoundError:  # its extra is not installed, so its options are unknown
             commands.add_parser(name, help=command.help)
             continue
         for action in parser._actions:
@@ -62,7 +65,7 @@ def _everything() -> argparse.ArgumentParser:
 
 
 def _or_files(what: str, names: Iterable[str]) -> dict[str, Any]:
-    """Names, or files where none fits, as shtab's `complete` takes it."""
+    """Completion by names, or by files where no name fits, in shtab's form."""
     function, text = f"_fbl_gym_{what}_or_file", " ".join(names)
     return {
         "bash": function,

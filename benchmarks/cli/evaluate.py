@@ -1,11 +1,11 @@
-"""`fbl-gym evaluate`."""
+"""The command `fbl-gym evaluate`."""
 
 from __future__ import annotations
 
 import argparse
 
-from benchmarks.cli.common import console, episodes, film, gain, picture, policy_name
-from benchmarks.policies import resolve
+from benchmarks.cli.common import add_policy, add_trust, console, episodes, film, gain, picture, trust
+from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
 from benchmarks.report.plot import plot_trace
 from benchmarks.run.metrics import measure
@@ -14,12 +14,8 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "policy",
-        type=policy_name,
-        metavar="POLICY",
-        help="a name from `fbl-gym list policies`, module:factory, or a file",
-    )
+    """Add the arguments of the command."""
+    add_policy(parser)
     parser.add_argument(
         "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
     )
@@ -28,20 +24,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--gains", nargs="+", type=gain, default=(), metavar="GAIN=VALUE",
-        help="other gains than the policy's own, such as kp=25, or kp=25,30 for the two joints",
+        help="gains in place of the policy's defaults, such as kp=25, or kp=25,30 for the two joints",
     )  # fmt: skip
     parser.add_argument("--plot", type=picture, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
-    parser.add_argument(
-        "--trust", action="store_true", help="load an archive of stable-baselines3, which runs its code"
-    )
+    add_trust(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if arguments.trust:
-        resolve.trust(arguments.policy)
+    """Run the command and return its exit status."""
+    trust(arguments)
     scenario = scenarios.get(arguments.scenario)
-    trace = rollout(arguments.policy, scenario, range(arguments.seeds), dict(arguments.gains))
+    trace = rollout(resolve(arguments.policy), scenario, range(arguments.seeds), dict(arguments.gains))
     screen = console()
     title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
     terminal.evaluation(screen, title, measure(trace), 1e6 * trace.decision_time)

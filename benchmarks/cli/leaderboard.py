@@ -1,4 +1,4 @@
-"""`fbl-gym leaderboard`."""
+"""The command `fbl-gym leaderboard`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from benchmarks.analysis.board import assemble
-from benchmarks.cli.common import add_store, command_line, console, count, policy_name
-from benchmarks.policies import resolve
+from benchmarks.cli.common import add_store, add_trust, command_line, console, count, policy_name, trust
 from benchmarks.report import terminal
-from benchmarks.run.runner import BACKENDS, Outcome
+from benchmarks.run.cell import Outcome
+from benchmarks.run.runner import BACKENDS
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import SUITES, Cell, Suite, load, narrow
@@ -23,7 +23,7 @@ from fbl_gym import scenarios
 
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
-    """Which cells."""
+    """Add the arguments that choose cells."""
     parser.add_argument("--suite", default="quick", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (quick)")
     parser.add_argument(
         "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
@@ -34,9 +34,9 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
         type=policy_name,
         default=[],
         metavar="P",
-        help="this one too: module:factory, file.py, or model.zip",
+        help="one more policy: module:factory, file.py, ./folder, or model.zip",
     )
-    parser.add_argument("--trust", action="store_true", help="load archives of stable-baselines3, which run their code")
+    add_trust(parser)
     parser.add_argument(
         "--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)"
     )
@@ -46,9 +46,10 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
 
 
 def suite_of(arguments: argparse.Namespace) -> Suite:
-    """The suite that the arguments of `add_suite` mean."""
+    """Return the suite that the arguments of `add_suite` describe."""
     suite = narrow(load(arguments.suite), arguments.policies, arguments.scenarios, arguments.seeds)
-    suite = narrow(suite, (*suite.policies, *arguments.policy))
+    if arguments.policy:
+        suite = narrow(suite, (*suite.policies, *arguments.policy))
     if arguments.arm is None:
         return suite
     arm = scenarios.get(scenarios.family("nominal", 0, arguments.arm).name).arm
@@ -56,18 +57,18 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     add_suite(parser)
     parser.add_argument(
         "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
     )
     parser.add_argument("--backend", choices=BACKENDS, default="loky", help="this machine, or a cluster (loky)")
-    parser.add_argument("--address", metavar="A", help="of the Ray or Dask cluster (one of its own)")
+    parser.add_argument("--address", metavar="A", help="address of the Ray or Dask cluster (a new one on this machine)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    trusted = [p for p in (*arguments.policies, *arguments.policy) if p.endswith(".zip")] if arguments.trust else []
-    for path in trusted:
-        resolve.trust(path)
+    """Run the command and return its exit status."""
+    trust(arguments)
     cells, store = suite_of(arguments).cells, Store(arguments.store)
     outcomes: list[Outcome] = []
     stopped = False
@@ -80,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             for outcome in run_cells(
                 cells, store, workers=arguments.workers, backend=arguments.backend, address=arguments.address,
-                command=command_line(), trusted=trusted,
+                command=command_line(),
             ):  # fmt: skip
                 outcomes.append(outcome)
                 progress.update(task, advance=1, description=outcome.id)
@@ -98,12 +99,12 @@ def run(arguments: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 130
-    # A policy whose extra is not installed is named above; that is no failure.
+    # A policy whose extra is not installed is named above and does not count as failed.
     return 1 if any(o.error and not o.error.startswith("DependencyNotInstalled") for o in outcomes) else 0
 
 
 def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]:
-    """How fast cells are computed, and how many failed, as text."""
+    """Cells per second and number of failed cells, as text."""
     computed = sum(outcome.done == "computed" for outcome in outcomes)
     failures = sum(outcome.done == "failed" for outcome in outcomes)
     rate = f"{computed / elapsed:.1f} cells/s" if computed and elapsed else ""
@@ -111,12 +112,15 @@ def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]
 
 
 def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] = ()) -> list[Result]:
-    """What the store has of the cells, in their order, and a result with its error for those that failed."""
+    """Return the stored results of some cells, in their order.
+
+    A cell that failed has a result with its error.
+    """
     errors = {outcome.id: outcome.error for outcome in outcomes if outcome.error}
-    found = []
+    results = []
     for cell in cells:
         if cell.id in errors:
-            found.append(Result(cell, (), float("nan"), 0.0, errors[cell.id]))
+            results.append(Result(cell, (), float("nan"), 0.0, errors[cell.id]))
         elif (result := store.find(cell)) is not None:
-            found.append(result)
-    return found
+            results.append(result)
+    return results

@@ -19,7 +19,7 @@ from fbl_gym.checks import nearest, unknown
 
 @dataclass(frozen=True)
 class Command:
-    """A command: its file in `commands`, a line on what it does, and an example of its arguments."""
+    """A command: the name of its module, one line on it, and an example of its arguments."""
 
     module: str
     help: str
@@ -29,12 +29,12 @@ class Command:
 COMMANDS: dict[str, Command] = {
     "evaluate": Command(
         "evaluate",
-        "the metrics of one policy on one scenario, and a plot",
+        "evaluate one policy on one scenario: metrics, plot, video",
         "cascade-flm --scenario everything-2 --plot trace.png",
     ),
     "compare": Command(
         "compare",
-        "several policies on one scenario and the same seeds: table, plot, video",
+        "compare policies on one scenario and the same seeds: table, plot, video",
         "pid-flm cascade-flm --scenario payload-2 --plot errors.png",
     ),
     "leaderboard": Command(
@@ -42,10 +42,12 @@ COMMANDS: dict[str, Command] = {
         "run a suite: all policies on all scenario families, with the same seeds",
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4",
     ),
-    "report": Command("report", "the board as Markdown, CSV and one HTML page, from stored results", "--out board"),
+    "report": Command(
+        "report", "write the board as Markdown, CSV and one HTML page, from stored results", "--out board"
+    ),
     "query": Command(
         "query",
-        "ask stored results in SQL, or write them as CSV or Parquet",
+        "query stored results in SQL, or write them as CSV or Parquet",
         '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"',
     ),
     "transfer": Command(
@@ -53,39 +55,53 @@ COMMANDS: dict[str, Command] = {
         "run policies on the package's arm and on MuJoCo's, and compare their orders",
         "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4",
     ),
-    "verify": Command("verify", "run a published row again and say whether it holds", "cascade-flm/mass-error-2"),
-    "check-policy": Command("check_policy", "whether a policy keeps what policies promise", "my_law.py"),
+    "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
+    "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/mass-error-2"),
+    "check-policy": Command("check_policy", "check that a policy keeps every promise of a policy", "my_law.py"),
     "tune": Command("tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20"),
     "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2"),
     "reproduce": Command(
-        "reproduce", "the paper's figures and claims, measured, each with a verdict", "--only figure-2-table-1 --short"
+        "reproduce", "measure the paper's figures and claims, each with a verdict", "--only figure-2-table-1 --short"
     ),
-    "speed": Command("speed", "steps per second beside other environments, in one interleaved run"),
+    "speed": Command("speed", "measure steps per second beside other environments, in one interleaved run"),
     "list": Command(
-        "names", "the names of policies, scenarios, suites or the paper's claims, with a line each", "scenarios"
+        "names", "list policies, scenarios, options, gains, suites or claims, with one line each", "scenarios"
     ),
     "completion": Command(
         "completion",
-        "a script that lets a shell complete commands, options and names",
+        "print a script that completes commands, options and names in a shell",
         "bash > ~/.local/share/bash-completion/completions/fbl-gym",
     ),
-    "doctor": Command("doctor", "versions, extras, compile cache and a self-check"),
+    "doctor": Command(
+        "doctor", "show versions, extras, compile cache and places of the packages, and run a self-check"
+    ),
 }
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl"),
+    "bench": (
+        "control",
+        "duckdb",
+        "joblib",
+        "matplotlib",
+        "optuna",
+        "pandas",
+        "plotly",
+        "rich",
+        "shtab",
+        "threadpoolctl",
+    ),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
     "mujoco": ("mujoco",),
     "cluster": ("dask", "distributed", "ray"),
 }
-"""What each extra brings, by the names that are imported."""
+"""The modules that each extra installs."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status."""
+    """Run a command and return the exit status."""
     given = list(sys.argv[1:] if argv is None else argv)
     try:
         if not given or given[0].startswith("-"):
@@ -93,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         parser, run = prepare(given[0])
         return run(parser.parse_args(given[1:]))
-    except BrokenPipeError:  # whoever read our output, such as `head`, has seen enough
+    except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as problem:
@@ -116,10 +132,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors name the option or the choice that is nearest to what was typed."""
+    """A parser whose errors name the nearest option or choice."""
 
     def error(self, message: str) -> NoReturn:
-        """Leave with a message.  message: argparse's own, which quotes what was typed."""
+        """Exit with a message.
+
+        Args:
+            message: of argparse; it quotes what was typed.
+        """
         option = re.search(r"unrecognized arguments: (-\S+)", message)
         choice = re.search(r"argument (\S+): invalid choice: '([^']*)'", message)
         if option:
@@ -144,7 +164,11 @@ def _overview() -> argparse.ArgumentParser:
 
 
 def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Namespace], int]]:
-    """The parser of a command's arguments, and what runs it.  name: one of `COMMANDS`."""
+    """Return the parser of a command's arguments and the function that runs the command.
+
+    Args:
+        name: one of `COMMANDS`.
+    """
     if name not in COMMANDS:
         raise unknown("command", name, COMMANDS)
     command = COMMANDS[name]

@@ -1,4 +1,4 @@
-"""`fbl-gym query`."""
+"""The command `fbl-gym query`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from benchmarks.run.store import Store
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument(
         "sql", metavar="SQL",
-        help="about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
-        "or \"COPY results TO 'board.parquet'\"",
+        help="a question about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
+        "or \"COPY results TO 'board.parquet'\"; the table `all_results` has results of older code and copies too",
     )  # fmt: skip
     add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     answer = query(Store(arguments.store).results(), arguments.sql)
     if answer is not None:
         print(answer)

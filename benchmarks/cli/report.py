@@ -1,4 +1,4 @@
-"""`fbl-gym report`."""
+"""The command `fbl-gym report`."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import os
 from pathlib import Path
 
 from benchmarks.analysis.board import assemble
+from benchmarks.analysis.generalization import measure_ranges
 from benchmarks.analysis.learned import measure_learned
-from benchmarks.analysis.robustness import reaches
-from benchmarks.analysis.splits import measure_splits
-from benchmarks.cli.common import command_line, console, count
+from benchmarks.analysis.robustness import stored_radii
+from benchmarks.cli.common import command_line, console, count, trust
 from benchmarks.cli.leaderboard import add_suite, results_of, suite_of
-from benchmarks.policies import resolve
 from benchmarks.report import markdown, terminal
-from benchmarks.report.export import write_csv, write_splits
+from benchmarks.report.export import write_csv, write_generalization
 from benchmarks.report.page import contents, write_page
 from benchmarks.report.scenes import selected
 from benchmarks.run.store import Store, write_text
@@ -23,20 +22,23 @@ from benchmarks.run.traces import trace_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     add_suite(parser)
     parser.add_argument(
-        "--out", type=Path, default=Path("results/report"), metavar="DIR", help="where to write (results/report)"
+        "--out", type=Path, default=Path("results/report"), metavar="DIR", help="folder of the report (results/report)"
     )
     parser.add_argument(
-        "--radius", action="store_true", help="measure the uncertainty radius of every policy too (minutes)"
+        "--radius", action="store_true", help="also measure the uncertainty radius of every policy (minutes)"
     )
     parser.add_argument(
-        "--splits",
+        "--generalization",
         action="store_true",
-        help="columns of the error within and beyond what agents are trained on (minutes)",
+        help="add columns of the error within and beyond the radius that agents are trained on (minutes)",
     )
     parser.add_argument(
-        "--learned", action="store_true", help="agents over all their training seeds, in learned.md (minutes)"
+        "--learned",
+        action="store_true",
+        help="also write learned.md, the agents over all their training seeds (minutes)",
     )
     parser.add_argument(
         "--readme",
@@ -50,14 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=count,
         default=os.cpu_count() or 1,
         metavar="N",
-        help="processes for --radius, --splits and --learned (one per core)",
+        help="processes for --radius, --generalization and --learned (one per core)",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    trusted = (*arguments.policies, *arguments.policy) if arguments.trust else ()
-    for policy in trusted:
-        resolve.trust(policy)
+    """Run the command and return its exit status."""
+    trust(arguments)
     store = Store(arguments.store)
     results = results_of(suite_of(arguments).cells, store)
     if not results:
@@ -65,21 +66,21 @@ def run(arguments: argparse.Namespace) -> int:
             f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments first"
         )
     board = assemble(results)
-    radii = reaches(board.policies, store, arguments.workers) if arguments.radius else {}
-    splits = measure_splits(board, store, arguments.workers, trusted) if arguments.splits else {}
+    radii = stored_radii(board.specs, store, arguments.workers) if arguments.radius else {}
+    ranges = measure_ranges(board, store, arguments.workers) if arguments.generalization else {}
     terminal.leaderboard(console(), board)
-    table = markdown.leaderboard(board, splits)
+    table = markdown.leaderboard(board, ranges)
     write_text(arguments.out / "board.md", table)
     write_csv(arguments.out / "board.csv", results)
     tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
     traces = [
-        {board.policies[i]: trace_of(Cell(board.policies[i], tasks[name], board.seeds[:1]), store) for i in board.order}
+        {board.policies[i]: trace_of(Cell(board.specs[i], tasks[name], board.seeds[:1]), store) for i in board.order}
         for name in selected(list(tasks))
     ]
-    write_page(arguments.out / "board.html", contents(board, results, traces, radii, splits, command_line()))
-    if splits:
-        terminal.splits(console(), board, splits)
-        write_splits(arguments.out / "splits.csv", board, splits)
+    write_page(arguments.out / "board.html", contents(board, results, traces, radii, ranges, command_line()))
+    if ranges:
+        terminal.generalization(console(), board, ranges)
+        write_generalization(arguments.out / "generalization.csv", board, ranges)
     if arguments.learned:
         rows = measure_learned(list(tasks.values()), board.seeds, store, arguments.workers)
         write_text(arguments.out / "learned.md", markdown.learned_table(rows))

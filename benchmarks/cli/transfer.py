@@ -11,10 +11,19 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from benchmarks.analysis.transfer import FLOOR_PCT, compare_orders
-from benchmarks.cli.common import add_store, command_line, console, count, episodes, policy_name
+from benchmarks.cli.common import (
+    add_store,
+    add_trust,
+    command_line,
+    console,
+    count,
+    episodes,
+    policy_name,
+    trust,
+)
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
-from benchmarks.run.suite import SPLITS, Cell
+from benchmarks.run.suite import Cell, Suite
 from fbl_gym import scenarios
 from fbl_gym.arm import Array
 
@@ -22,6 +31,7 @@ _OWN = "package"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument("policies", nargs="+", type=policy_name, metavar="POLICY", help="as for `fbl-gym evaluate`")
     parser.add_argument(
         "--scenario", nargs="+", default=["everything-2"], metavar="S", help="names of scenarios (everything-2)"
@@ -34,24 +44,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
     )
+    add_trust(parser)
     add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    seeds, store = tuple(SPLITS["test"][: arguments.seeds]), Store(arguments.store)
+    """Run the command and return its exit status."""
+    trust(arguments)
+    store = Store(arguments.store)
     tasks = [scenarios.get(name) for name in arguments.scenario]
     worlds = {_OWN: tasks} | {world: [scenarios.in_world(task, world) for task in tasks] for world in arguments.world}
-    cells = {
-        world: {policy: [Cell(policy, task, seeds) for task in members] for policy in arguments.policies}
-        for world, members in worlds.items()
-    }
+    cells: dict[str, dict[str, list[Cell]]] = {}
+    for world, members in worlds.items():
+        cells[world] = {}
+        for cell in Suite("transfer", tuple(arguments.policies), tuple(members), arguments.seeds).cells:
+            cells[world].setdefault(cell.policy.name, []).append(cell)
     every = [cell for rows in cells.values() for row in rows.values() for cell in row]
-    failures = {}
+    failures = set()
     for outcome in run_cells(every, store, workers=arguments.workers, command=command_line()):
         if outcome.error:
-            failures[outcome.id] = outcome.error
+            failures.add(outcome.id)
             print(f"fbl-gym: {outcome.id} failed: {outcome.error}", file=sys.stderr)
-    policies = [p for p in arguments.policies if not any(failures.get(c.id) for w in cells for c in cells[w][p])]
+    policies = [p for p in cells[_OWN] if not any(cell.id in failures for rows in cells.values() for cell in rows[p])]
     errors = {world: _column(store, [rows[p] for p in policies], "error_pct") for world, rows in cells.items()}
     lost = {world: _column(store, [rows[p] for p in policies], "diverged") for world, rows in cells.items()}
 

@@ -1,4 +1,4 @@
-"""`fbl-gym tune`."""
+"""The command `fbl-gym tune`."""
 
 from __future__ import annotations
 
@@ -7,70 +7,72 @@ import json
 import re
 from pathlib import Path
 
-from benchmarks.cli.common import command_line, count
-from benchmarks.policies import resolve
+from benchmarks.cli.common import add_policy, command_line, count
+from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, ship, summary, tune
 from controllers.registry import TUNED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    add_policy(parser)
     parser.add_argument(
-        "policy", metavar="POLICY", help="a name from `fbl-gym list policies`, module:factory, or a file"
+        "--trials", type=count, default=40, metavar="N", help="number of trials, those of earlier runs counted (40)"
     )
-    parser.add_argument("--trials", type=count, default=40, metavar="N", help="in all, earlier runs counted (40)")
     parser.add_argument("--seeds", type=count, default=16, metavar="N", help="tuning seeds of each scenario (16)")
     parser.add_argument(
         "--also", nargs="+", type=_gain, default=(), metavar="GAIN=VALUE", help="gains to try as one of the trials"
     )
     parser.add_argument(
-        "--candidates", type=count, default=10, metavar="N", help="how many of the best trials to judge once more (10)"
+        "--candidates", type=count, default=10, metavar="N", help="number of best trials to judge once more (10)"
     )
     parser.add_argument(
         "--fresh-seeds", type=count, default=128, metavar="N", help="tuning seeds to judge on, of each scenario (128)"
     )
     parser.add_argument(
         "--scenarios", nargs="+", metavar="S",
-        help=f"what to try and to judge on ({len(SCENARIOS)} of the board's, then {len(JUDGED)})",
+        help=f"scenarios of trials and judging ({len(SCENARIOS)} of the board's, then {len(JUDGED)})",
     )  # fmt: skip
     parser.add_argument(
         "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",
-        help="of the studies; several processes may share it, and a stopped one goes on (results/tuning)",
+        help="folder of the studies; several processes may share it, and a stopped study goes on (results/tuning)",
     )  # fmt: skip
     parser.add_argument(
         "--ship",
         action="store_true",
-        help=f"write the gains of a policy of fbl-gym's own to {TUNED.parent.name}/{TUNED.name}",
+        help=f"write the gains of a built-in policy to {TUNED.parent.name}/{TUNED.name}",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    policy = arguments.policy
-    resolve.check(policy)
-    if arguments.ship and not resolve.own(policy):
+    """Run the command and return its exit status."""
+    policy = resolve(arguments.policy)
+    if arguments.ship and policy.external:
         raise ValueError(
-            f"--ship is for the policies that fbl-gym comes with, got {policy!r}: "
-            "leave it out, and make the gains that are found the law's defaults"
+            f"--ship is for the policies that fbl-gym comes with, got {policy.name!r}: "
+            "leave it out, and make the best gains the law's defaults"
         )
     tried, fresh = seeds(arguments.seeds, arguments.fresh_seeds)
     task = Task(policy, tuple(arguments.scenarios or SCENARIOS), tried)
     judging = Task(policy, tuple(arguments.scenarios or JUDGED), fresh)
     study = tune(task, arguments.trials, arguments.storage / f"{_study(policy)}.db", dict(arguments.also))
-    found = summary(task, study, judging, judge(judging, study, arguments.candidates), command_line())
-    print(json.dumps({key: found[key] for key in ("gains", "judged")}, indent=1))
+    best = summary(task, study, judging, judge(judging, study, arguments.candidates), command_line())
+    print(json.dumps({key: best[key] for key in ("gains", "judged")}, indent=1))
     if arguments.ship:
-        print(f"shipped: {ship(found)}")
-    elif found["gains"]:
-        gains = " ".join(f"{name}={value:g}" for name, value in found["gains"].items())
-        print(f"best: {gains}; try them: fbl-gym evaluate {policy} --gains {gains}; then make them the law's defaults")
+        print(f"shipped: {ship(best)}")
+    elif best["gains"]:
+        gains = " ".join(f"{name}={value:g}" for name, value in best["gains"].items())
+        print(
+            f"best: {gains}; try them: fbl-gym evaluate {policy.name} --gains {gains}; then make them the law's defaults"
+        )
     else:
-        print("best: the gains as they are")
+        print("best: the default gains")
     return 0
 
 
-def _study(policy: str) -> str:
-    """The name of a policy's file; a law that was changed begins a study of its own."""
-    code = resolve.digest(policy)
-    return re.sub(r"[^\w@.-]+", "_", policy) + (f"-{code[:12]}" if code else "")
+def _study(policy: PolicySpec) -> str:
+    """The name of a study's file. An external law that has changed begins a new study."""
+    return re.sub(r"[^\w@.-]+", "_", policy.name) + (f"-{policy.digest[:12]}" if policy.external else "")
 
 
 def _gain(text: str) -> tuple[str, float]:

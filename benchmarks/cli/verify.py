@@ -1,4 +1,4 @@
-"""`fbl-gym verify`."""
+"""The command `fbl-gym verify`."""
 
 from __future__ import annotations
 
@@ -7,60 +7,66 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add_store
-from benchmarks.policies import resolve
+from benchmarks.cli.common import add_store, add_trust
+from benchmarks.policies import external
+from benchmarks.policies.spec import resolve
+from benchmarks.run.cell import run_apart, run_cell
 from benchmarks.run.metrics import METRICS
-from benchmarks.run.runner import run_cell
 from benchmarks.run.store import Result, Store, provenance
+from benchmarks.run.suite import Cell
 from fbl_gym.checks import unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
     parser.add_argument("rows", nargs="+", metavar="ROW", help="a policy/scenario of the store, or a file of a result")
-    parser.add_argument("--trust", action="store_true", help="load archives of stable-baselines3, which run their code")
+    add_trust(parser)
     add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Run the command and return its exit status."""
     store = Store(arguments.store)
     differs = 0
     for row in arguments.rows:
         for published in _find(store, row):
             if arguments.trust:
-                resolve.trust(published.cell.policy)
-            told = compare(published, run_cell(published.cell))
-            differs += bool(told)
-            print(f"{published.cell.id}, {len(published.rows)} seeds: {told or 'holds, bit for bit'}")
+                external.trust(published.cell.policy.name)
+            cell = Cell(resolve(published.cell.policy.name), published.cell.scenario, published.cell.seeds)
+            difference = compare(published, run_apart(cell) if cell.policy.external else run_cell(cell))
+            differs += bool(difference)
+            print(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")
     return 1 if differs else 0
 
 
 def _find(store: Store, row: str) -> list[Result]:
     if Path(row).is_file():
         return [store.load(Path(row))]
-    found = list(store.results())
-    if not found:
+    results = list(store.results())
+    if not results:
         raise ValueError(f"there are no results in {store.folder}")
-    mine = [result for result in found if result.cell.id == row]
-    if not mine:
-        raise unknown("row", row, sorted({result.cell.id for result in found}))
-    return mine
+    same = [result for result in results if result.cell.id == row]
+    if not same:
+        raise unknown("row", row, sorted({result.cell.id for result in results}))
+    return same
 
 
 def compare(published: Result, now: Result) -> str:
-    """In what a result differs from a published one; empty: in nothing."""
+    """Return the difference of a result from a published one in words; empty: there is none."""
     if now.error:
-        return f"DIFFERS: it failed now: {now.error}"
+        return f"DIFFERS: it fails now: {now.error}"
     before, after = ([[row[name] for name in METRICS] for row in result.rows] for result in (published, now))
     if np.array_equal(before, after, equal_nan=True):
         return ""
-    # Where a metric applied to one of the two only, it differs by any measure; where to neither, by nothing.
+    # A metric that applies to one of the two only differs by infinity; one that applies to neither,
+    # by nothing.
     apart = np.abs(np.subtract(before, after))
     apart = np.where(np.isnan(apart), np.where(np.isnan(before) & np.isnan(after), 0.0, np.inf), apart)
     worst = apart.max(axis=0)
     name = max(METRICS, key=lambda m: worst[list(METRICS).index(m)])
     text = f"DIFFERS: {name} by up to {worst[list(METRICS).index(name)]:.3g}"
-    if published.identity != now.identity:
-        text += "; the policy, the scenario or the results' version changed since"
+    if published.cell.key != now.cell.key:
+        text += "; the code or the configuration of the policy changed since"
     old, new = published.provenance.get("packages", {}), provenance("")["packages"]
     changed = [f"{package} {old.get(package)} -> {new[package]}" for package in new if old.get(package) != new[package]]
     return text + ("; " + ", ".join(changed) if changed else "")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.analysis.robustness import BOUND, LARGEST, SHARE, with_radius
-from benchmarks.analysis.statistics import Radius, radius
+from benchmarks.analysis.robustness import BOUND, LARGEST, search, with_radius
+from benchmarks.analysis.statistics import Radius
 from benchmarks.paper.claim import ARMS, Claim, Draw, Effort, Measured, seed_range, verdict
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.run.metrics import measure
@@ -28,13 +28,10 @@ def errors(policy: str, scenario: Scenario, seeds: int) -> Array:
 
 def measured_radius(policy: str, scenario: Scenario, direction: str, seeds: int, effort: Effort) -> Radius:
     """Return the largest radius at which 95 % of the seeds track within 5 %."""
-
-    def share(r: float) -> float:
-        return float(np.mean(errors(policy, with_radius(scenario, r, direction), seeds) <= BOUND))
-
-    return radius(
-        share, bracket=(0.0, LARGEST), share=SHARE, scan=effort.ratios // 2 + 1, tolerance=0.6 / effort.ratios
-    )
+    return search(
+        lambda r: errors(policy, with_radius(scenario, r, direction), seeds),
+        scan=effort.ratios // 2 + 1, tolerance=0.6 / effort.ratios,
+    )  # fmt: skip
 
 
 def _maps(scenario: Scenario, effort: Effort, arm: str) -> Draw:

@@ -13,9 +13,8 @@ from typing import TypeAlias
 import numpy as np
 
 from benchmarks.analysis.board import Board
-from benchmarks.analysis.splits import MEANING, Split
+from benchmarks.analysis.generalization import MEANING, RangeErrors
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.policies import resolve
 from fbl_gym import scenarios
 
 Value: TypeAlias = float | str | None
@@ -74,12 +73,12 @@ def fixed(digits: int) -> Callable[[float], str]:
     return lambda x: f"{x:.{digits}f}"
 
 
-def columns(board: Board, splits: Mapping[str, Split]) -> list[Column]:
+def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
     """Return the columns of a board, from left to right.
 
     Args:
         board: Source of the numbers.
-        splits: Errors at each radius of the parameters' error; may be empty.
+        ranges: Errors at each radius of the parameters' error; may be empty.
     """
     policies = board.policies
     rank: list[Value] = [None] * len(policies)
@@ -124,11 +123,11 @@ def columns(board: Board, splits: Mapping[str, Split]) -> list[Column]:
         ),
         *(
             estimated(
-                f"split-{name}", name, f"Error % on {MEANING[name]}, and the share of runs that diverged. An agent counts "
-                "with all its training seeds.", split.error, best=-1, form=fixed(3),
-                notes=[f"{100 * share:.2g} % diverged" if share else "" for share in split.diverged],
+                f"range-{name}", name, f"Error % on {MEANING[name]}, and the share of runs that diverged. An agent counts "
+                "with all its training seeds.", errors.error, best=-1, form=fixed(3),
+                notes=[f"{100 * share:.2g} % diverged" if share else "" for share in errors.diverged],
             )
-            for name, split in splits.items()
+            for name, errors in ranges.items()
         ),
         Column(
             "decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].",
@@ -136,12 +135,12 @@ def columns(board: Board, splits: Mapping[str, Split]) -> list[Column]:
         ),
         Column(
             "access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",
-            [resolve.access(policy) for policy in policies],
+            [spec.access for spec in board.specs],
         ),
-        Column("sensors", "sensors", "Sensors that the policy needs.", [resolve.sensors(p) for p in policies]),
+        Column("sensors", "sensors", "Sensors that the policy needs.", [", ".join(spec.needs) for spec in board.specs]),
         Column(
             "preview", "preview", "Part of the reference's future that the policy reads.",
-            [f"{seconds:.2g} s" if (seconds := resolve.preview(policy)) else "none" for policy in policies],
+            [f"{spec.preview:.2g} s" if spec.preview else "none" for spec in board.specs],
         ),
-        Column("tuning", "gains", "Origin of the gains.", [resolve.tuning(policy) for policy in policies]),
+        Column("tuning", "gains", "Origin of the gains.", [spec.tuning for spec in board.specs]),
     ]  # fmt: skip

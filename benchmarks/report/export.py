@@ -9,20 +9,28 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.analysis.board import Board
-from benchmarks.analysis.splits import Split
+from benchmarks.analysis.generalization import RangeErrors
+from benchmarks.run.current import current_keys, current_runs
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result, write_text
 
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 
+APART = ("key", "current", "seeds", "code", "time")
+"""Columns that only the table `all_results` has."""
+
 
 def rows(results: Iterable[Result]) -> Iterator[dict[str, Any]]:
     """Yield one row for each policy, scenario and seed."""
     for result in results:
-        cell = result.cell
-        for seed, row in zip(cell.seeds, result.rows, strict=False):
-            task = {"policy": cell.policy, "scenario": cell.scenario.name, "control_dt": cell.scenario.control_dt}
-            yield {**task, "seed": seed, **row}
+        for i in range(len(result.rows)):
+            yield _row(result, i)
+
+
+def _row(result: Result, i: int) -> dict[str, Any]:
+    cell = result.cell
+    task = {"policy": cell.policy.name, "scenario": cell.scenario.name, "control_dt": cell.scenario.control_dt}
+    return {**task, "seed": cell.seeds[i], **result.rows[i]}
 
 
 def _short(row: dict[str, Any]) -> dict[str, Any]:
@@ -38,26 +46,26 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
     write_text(path, text.getvalue())
 
 
-def write_splits(path: Path, board: Board, splits: Mapping[str, Split]) -> None:
+def write_generalization(path: Path, board: Board, ranges: Mapping[str, RangeErrors]) -> None:
     """Write each policy's error in % at each radius, its interval and its diverged share as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ["policy", *(f"{split}{part}" for split in splits for part in ("", ": low", ": high", ": diverged"))]
-    )
+    writer.writerow(["policy", *(f"{name}{part}" for name in ranges for part in ("", ": low", ": high", ": diverged"))])
     for i in board.order:
-        numbers = (x[i] for s in splits.values() for x in (s.error.value, s.error.low, s.error.high, s.diverged))
+        numbers = (x[i] for s in ranges.values() for x in (s.error.value, s.error.low, s.error.high, s.diverged))
         writer.writerow([board.policies[i], *(f"{x:.7g}" for x in numbers)])
     write_text(path, text.getvalue())
 
 
 def query(results: Iterable[Result], sql: str) -> str | None:
-    """Return DuckDB's answer to a question about the table `results`; None for a command.
+    """Return DuckDB's answer to a question about stored results; None for a command.
 
-    The table has the columns of the CSV.
+    The table `results` has each run of the current results once, with the columns of the CSV. The
+    table `all_results` has every stored run, those of older code and other sets of seeds among
+    them, and the columns `APART` too.
 
     Args:
-        results: Rows of the table.
+        results: All results of a store.
         sql: Question, such as "SELECT policy, avg(error_pct) FROM results GROUP BY policy", or
             command, such as "COPY results TO 'board.parquet'".
 
@@ -67,10 +75,20 @@ def query(results: Iterable[Result], sql: str) -> str | None:
     import duckdb
     import pandas as pd
 
+    stored = list(results)
+    keys = current_keys(stored)
+    current = [_row(result, i) for result, i in current_runs(stored)]
+    every = [
+        {**_row(result, i), "key": result.cell.key, "current": result.cell.key in keys, "seeds": len(result.rows),
+         "code": result.cell.policy.digest[:12], "time": result.provenance.get("time", "")}
+        for result in stored for i in range(len(result.rows))
+    ]  # fmt: skip
     connection = duckdb.connect()
-    connection.register("results", pd.DataFrame.from_records(list(rows(results)), columns=list(COLUMNS)))
+    connection.register("results", pd.DataFrame.from_records(current, columns=list(COLUMNS)))
+    connection.register("all_results", pd.DataFrame.from_records(every, columns=[*COLUMNS, *APART]))
     try:
         answer = connection.sql(sql)
         return None if answer is None else str(answer)
     except duckdb.Error as problem:
-        raise ValueError(f"{problem}\nThe table results has the columns {', '.join(COLUMNS)}") from None
+        columns = f"The table results has the columns {', '.join(COLUMNS)}"
+        raise ValueError(f"{problem}\n{columns}; all_results has {', '.join(APART)} too") from None

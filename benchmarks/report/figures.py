@@ -14,7 +14,6 @@ from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.robustness import DIRECTIONS
 from benchmarks.analysis.statistics import Estimate, Radius
-from benchmarks.policies import resolve
 from benchmarks.rl.policy import curves, shipped
 from fbl_gym import scenarios
 from fbl_gym.arm import Array
@@ -190,7 +189,7 @@ def learning(board: Board) -> list[Figure]:
         points = [x for line in data for x in line["x"]]
         for i in board.order:
             policy = board.policies[i]
-            if not resolve.learned(policy):
+            if board.specs[i].kind != "learned":
                 level = np.full((1, 2), rms[i])
                 data += _curve(policy, place[policy], [min(points), max(points)], Estimate(level, none, none), 0)
         description = (

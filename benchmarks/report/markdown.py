@@ -8,8 +8,8 @@ from types import MappingProxyType
 import numpy as np
 
 from benchmarks.analysis.board import UNSCORED, Board
+from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.learned import Learned
-from benchmarks.analysis.splits import Split
 from benchmarks.paper.claim import Claim
 from benchmarks.report.columns import Column, columns
 
@@ -36,16 +36,16 @@ def claims(measured: Iterable[Claim]) -> str:
     return table(header, rows)
 
 
-def leaderboard(board: Board, splits: Mapping[str, Split] = MappingProxyType({}), *, short: bool = False) -> str:
+def leaderboard(board: Board, ranges: Mapping[str, RangeErrors] = MappingProxyType({}), *, short: bool = False) -> str:
     """Return the board as a table, the best policy first.
 
     Args:
         board: Source of the rows.
-        splits: Errors at each radius of the parameters' error; each becomes a column.
+        ranges: Errors at each radius of the parameters' error; each becomes a column.
         short: True for the best ten rows with rank, error, diverged share and effort only.
     """
-    every = {column.key: column for column in columns(board, splits)}
-    keys = _SHORT if short else (*_LONG, *(key for key in every if key.startswith(("family-", "split-"))))
+    every = {column.key: column for column in columns(board, ranges)}
+    keys = _SHORT if short else (*_LONG, *(key for key in every if key.startswith(("family-", "range-"))))
     selected = [every[key] for key in keys if key in every]
     rows = [[_cell(column, i) for column in selected] for i in (board.order[:ROWS] if short else board.order)]
     note = f"\n{UNSCORED}\n" if board.score is None and not short else ""
@@ -58,7 +58,7 @@ def _cell(column: Column, i: int) -> str:
     if column.key == "rank":
         low, _, high = column.interval(i).partition("–")
         return "not ranked" if not low else low if low == high else f"{low}–{high}"
-    ends = column.interval(i) if column.key in ("score", "error") or column.key.startswith("split-") else ""
+    ends = column.interval(i) if column.key in ("score", "error") or column.key.startswith("range-") else ""
     note = f", {column.notes[i]}" if column.notes and column.notes[i] else ""
     return column.text(i) + (f" ({ends})" if ends else "") + note
 

@@ -18,10 +18,9 @@ from typing import Any, TypedDict
 import numpy as np
 from plotly.offline import get_plotlyjs
 
-import controllers
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
-from benchmarks.analysis.splits import Split
+from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.statistics import Radius
 from benchmarks.report import figures
 from benchmarks.report.columns import Column, columns
@@ -88,7 +87,7 @@ def contents(
     results: Sequence[Result],
     traces: Sequence[Mapping[str, Trace]],
     radii: Mapping[tuple[str, str], Radius],
-    splits: Mapping[str, Split],
+    ranges: Mapping[str, RangeErrors],
     command: str,
 ) -> Page:
     """Return what the page shows of a board.
@@ -98,11 +97,10 @@ def contents(
         results: Results of the cells, for their provenance.
         traces: Traces of one seed, for each scene and policy; may be empty.
         radii: Uncertainty radius of each policy and direction; may be empty.
-        splits: Errors at each radius of the parameters' error; may be empty.
+        ranges: Errors at each radius of the parameters' error; may be empty.
         command: Command that makes the page.
     """
     latest = max(results, key=lambda result: result.provenance.get("time", ""))
-    names = controllers.names()
     return {
         "title": "fbl-gym leaderboard",
         "summary": (
@@ -119,10 +117,10 @@ def contents(
             **latest.provenance.get("packages", {}),
         },
         "policies": list(board.policies),
-        "summaries": [controllers.summary(name) if name in names else "" for name in board.policies],
+        "summaries": [spec.summary for spec in board.specs],
         "order": [board.policies[i] for i in board.order],
         "ranked": [board.policies[i] for i in board.ranked],
-        "columns": columns(board, splits),
+        "columns": columns(board, ranges),
         "figures": {
             "degradation": figures.degradation(board),
             "radius": figures.radius(board, radii),

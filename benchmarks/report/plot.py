@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from benchmarks.analysis.linear import LinearLoop
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import Array
 
@@ -174,3 +175,22 @@ def _save(figure: Figure, title: str, path: Path) -> None:
     figure.suptitle(title, x=0.01, horizontalalignment="left")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
+
+
+def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path) -> None:
+    """Draw |L| and |S| of each joint over the frequency.
+
+    Args:
+        loops: Linearised loops by their labels.
+        title: Title above the figure.
+        path: File, whose ending gives the format (.png, .svg, .pdf).
+    """
+    responses = [{name: loop.response(joint) for name, loop in loops.items()} for joint in (0, 1)]
+    panels = []
+    for label, size in (("loop transfer |L|", lambda x: np.abs(x)), ("sensitivity |S|", lambda x: np.abs(1 / (1 + x)))):
+        for joint in (0, 1):
+            lines = tuple(Line(w, size(transfer), name) for name, (w, transfer) in responses[joint].items())
+            panels.append(
+                Panel(f"joint {joint + 1}", "frequency [rad/s]", label, lines, ("log", "log"), marks=((1.0, ""),))
+            )
+    plot_lines(title, panels, path)

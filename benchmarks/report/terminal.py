@@ -11,9 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.analysis.board import UNSCORED, Board
-from benchmarks.analysis.splits import RADII, TRAINED_ON, Split
+from benchmarks.analysis.generalization import RADII, TRAINED_ON, RangeErrors
 from benchmarks.paper.claim import Claim
-from benchmarks.policies import resolve
 from benchmarks.run.metrics import describe, summarize
 from benchmarks.speed.environments import Speed
 
@@ -66,7 +65,7 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
         table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)
     ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
     for i in board.order:
-        privileged = resolve.access(board.policies[i]) == "privileged"
+        privileged = not board.specs[i].ranked
         cells = [f"({board.policies[i]})" if privileged else board.policies[i]]
         if summary:
             diverged = 100 * board.failures.value[i]
@@ -85,18 +84,18 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
     return table
 
 
-def splits(console: Console, board: Board, measured: Mapping[str, Split]) -> None:
+def generalization(console: Console, board: Board, measured: Mapping[str, RangeErrors]) -> None:
     """Print each policy's error within and beyond the radius that agents are trained on."""
     table = Table(title="Error % over the uncertainty radius", title_style="bold", box=SIMPLE_HEAD)
     table.add_column("policy", no_wrap=True)
     for name, radius in RADII.items():
         table.add_column(f"{name}\nradius {radius:g}", justify="right", no_wrap=True)
     for i in board.order:
-        privileged = resolve.access(board.policies[i]) == "privileged"
+        privileged = not board.specs[i].ranked
         cells = []
-        for split in measured.values():
-            value, low, high = (_number(x[i]) for x in (split.error.value, split.error.low, split.error.high))
-            diverged = f" [red]{100 * split.diverged[i]:.2g} %[/red]" if split.diverged[i] else ""
+        for errors in measured.values():
+            value, low, high = (_number(x[i]) for x in (errors.error.value, errors.error.low, errors.error.high))
+            diverged = f" [red]{100 * errors.diverged[i]:.2g} %[/red]" if errors.diverged[i] else ""
             cells.append(f"{value} [dim]{low}-{high}[/dim]{diverged}")
         table.add_row(
             f"({board.policies[i]})" if privileged else board.policies[i], *cells, style="dim" if privileged else ""

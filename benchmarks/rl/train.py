@@ -27,7 +27,7 @@ from benchmarks.rl.sb3 import find_class
 from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.rl.vec_env import ArmVecEnv
 from benchmarks.rl.vector_adapter import VectorAdapter
-from benchmarks.run.suite import SPLITS
+from benchmarks.seeds import SPLITS
 from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
 try:

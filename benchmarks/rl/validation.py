@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.run.suite import SPLITS
+from benchmarks.seeds import SPLITS
 from controllers import Policy
 from fbl_gym.arm import Array
 from fbl_gym.vector_env import TwoLinkArmVectorEnv

@@ -1,7 +1,7 @@
-"""From a trace to numbers: one row per seed. Pure functions.
+"""Metrics of a trace, one row for each seed. Pure functions.
 
-A diverged run counts: from the sample at which it ended on, the error of both joints is half a turn, the largest that counts
-anywhere. So no policy gains by falling out of the average.
+A diverged run counts: from the sample at which it ended on, the error of both joints is half a
+turn, the largest error of any sample. No policy gains by diverging.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from fbl_gym.arm import Array
 from fbl_gym.references import FilteredSteps, Steps
 
 WORST_ERROR = np.pi
-"""A joint that is further off [rad], or whose run has diverged, counts as half a turn off."""
+"""Largest error of a joint [rad]; a joint whose run has diverged has it too."""
 
 REST = 0.2
-"""A reference that stands still for at least so long [s] rests; steady-state error is that of a rest's last quarter."""
+"""A reference rests when it stands still at least this long [s]; steady-state error is that of a
+rest's last quarter."""
 
 BAND = 0.02
-"""A step has settled when the joint stays within this share of it."""
+"""A step has settled when the joint stays within this share of the step."""
 
 METRICS: dict[str, str] = {
     "error_pct": "mean absolute tracking error, both joints, in % of the reference's amplitude",
@@ -36,28 +37,31 @@ METRICS: dict[str, str] = {
     "variation": "total variation of the torque per second, both joints [N m/s]",
     "saturated_pct": "share of samples in which a joint's torque is at its limit [%]",
     "diverged": "1 where the run diverged, else 0",
-    "stay_pct": "error_pct of an arm that stays where it started: what the score counts as 0",
+    "stay_pct": "error_pct of an arm that stays at its start, for which the score is 0",
 }
-"""Every metric's name and meaning, in the order of the columns."""
+"""Name and meaning of each metric, in the order of the columns."""
 
 
 def errors(trace: Trace) -> Array:
-    """Absolute tracking error [T + 1 x n x 2] rad.  trace: of n seeds; diverged runs have the worst error."""
+    """Return the absolute tracking error [T + 1 x n x 2] rad; diverged runs have the worst."""
     error = np.abs(trace.reference - trace.position)
     return np.where(trace.alive[..., None], np.minimum(error, WORST_ERROR), WORST_ERROR)
 
 
 def amplitude(trace: Trace) -> Array:
-    """The reference's largest departure from where the arm started [n x 2] rad; 1 for a joint that is to stand still.
+    """Return the reference's largest distance from the arm's start [n x 2] rad.
 
-    trace: of n seeds.
+    It is 1 for a joint that shall stand still.
     """
     size = np.abs(trace.reference - trace.position[0]).max(axis=0)
     return np.where(size > 1e-9, size, 1.0)
 
 
 def measure(trace: Trace) -> list[dict[str, float]]:
-    """The metrics of each seed, in the seeds' order.  trace: NaN where a metric does not apply to it."""
+    """Return the metrics of each seed, in the seeds' order.
+
+    A metric that does not apply to the trace is NaN.
+    """
     error, size = errors(trace), amplitude(trace)
     alive = trace.alive[..., None]
     count = np.maximum(trace.alive.sum(axis=0), 1)
@@ -87,10 +91,10 @@ def measure(trace: Trace) -> list[dict[str, float]]:
 
 
 def _steady(trace: Trace, error: Array) -> Array:
-    """Mean error [n x 2] over the last quarter of each rest of the reference; NaN where it never rests."""
+    """Mean error [n x 2] over the last quarter of each rest of the reference, or NaN."""
     dt = trace.scenario.control_dt
     still = np.abs(np.diff(trace.reference, axis=0)) < 1e-4 * dt
-    found = np.full(error.shape[1:], np.nan)
+    steady = np.full(error.shape[1:], np.nan)
     for lane in range(error.shape[1]):
         for joint in (0, 1):
             padded = np.concatenate([[False], still[:, lane, joint], [False]]).astype(int)
@@ -98,12 +102,12 @@ def _steady(trace: Trace, error: Array) -> Array:
             rests = [(i, j) for i, j in zip(begins, ends, strict=True) if (j - i) * dt > REST - 1e-9]
             last = [error[j - (j - i) // 4 + 1 : j + 1, lane, joint] for i, j in rests]
             if last:
-                found[lane, joint] = np.concatenate(last).mean()
-    return found
+                steady[lane, joint] = np.concatenate(last).mean()
+    return steady
 
 
 def _steps(trace: Trace) -> tuple[Array, Array]:
-    """Largest overshoot [n] in % of its step, and mean settling time [n] s; NaN for references without steps."""
+    """Largest overshoot [n] in % of its step and mean settling time [n] s, or NaN."""
     reference = trace.scenario.reference
     n = len(trace.seeds)
     if not isinstance(reference, Steps | FilteredSteps):
@@ -134,7 +138,7 @@ def _steps(trace: Trace) -> tuple[Array, Array]:
 
 
 def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
-    """The mean of each metric over the seeds (NaN where it applies to none).  rows: of all seeds, diverged ones too."""
+    """Return the mean of each metric over all seeds; NaN where it applies to none."""
     return {name: _mean([row[name] for row in rows]) for name in METRICS}
 
 
@@ -144,7 +148,7 @@ def _mean(values: list[float]) -> float:
 
 
 def describe(summary: dict[str, float]) -> list[tuple[str, str, str]]:
-    """Name, value and meaning of each metric, for a table.  summary: a number for each metric."""
+    """Return name, value and meaning of each metric, for a table."""
     return [(name, _format(summary[name]), meaning) for name, meaning in METRICS.items()]
 
 

@@ -1,4 +1,4 @@
-"""A policy in closed loop with a batch of arms, in lockstep; every lane is one seed."""
+"""Closed loop of a policy and a batch of arms in lockstep; every lane is one seed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import PolicySpec, resolve
 from fbl_gym.arm import Array
 from fbl_gym.scenarios import Scenario
 from fbl_gym.vector_env import TwoLinkArmVectorEnv
@@ -19,21 +19,24 @@ from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
 @dataclass(frozen=True)
 class Trace:
-    """What happened, sample by sample, of the true arm.
+    """The signals of the real arm, sample by sample.
 
-    T is the number of control steps and n that of seeds. Sample 0 is the start.
+    T is the number of control steps and n the number of seeds. Sample 0 is the start.
 
     Args:
-        scenario: in which it happened.
+        scenario: the task.
         seeds: [n].
         time: [T + 1] s.
         position, velocity, reference: [T + 1 x n x 2] rad, rad/s, rad.
         torque: applied torque [T + 1 x n x 2] N m.
         disturbance: [T + 1 x n x 2] N m.
-        alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the reference is of its episode.
-        decision_time: wall time of the policy for one decision of one lane [s], the median over the steps.
+        alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the
+            reference still belongs to the episode.
+        decision_time: wall time of the policy for one decision of one lane [s], the median over the
+            steps.
         lengths: true link lengths of each seed's first episode [n x 2] m.
-        watched: what `rollout` was asked to watch besides, by name; [T x n x ...], from sample 1 on.
+        watched: the signals of `rollout`'s argument `watch`, by name; [T x n x ...], from sample 1
+            on.
     """
 
     scenario: Scenario
@@ -50,48 +53,49 @@ class Trace:
     watched: dict[str, Array] = field(default_factory=dict)
 
 
-def make_env(policy: str, scenario: Scenario, lanes: int) -> TwoLinkArmVectorEnv:
-    """The environment in which a policy is evaluated: with as much preview of the reference as it declares.
+def make_env(policy: PolicySpec, scenario: Scenario, lanes: int) -> TwoLinkArmVectorEnv:
+    """Return the environment of an evaluation, with the preview that the policy declares.
 
     Args:
-        policy: a name, or what else `resolve.make` understands.
+        policy: to be evaluated.
         scenario: the task.
         lanes: how many arms.
     """
-    preview = math.ceil(resolve.preview(policy) / scenario.control_dt - 1e-9)
+    preview = math.ceil(policy.preview / scenario.control_dt - 1e-9)
     return TwoLinkArmVectorEnv(lanes, scenario, action=action_of(scenario), preview=preview)
 
 
 Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
-"""What to look at after each step: a function of the environment, the policy and its state."""
+"""A signal to record after each step: a function of the environment, the policy and its state."""
 
 _SIGNALS = ("position", "velocity", "reference", "torque", "disturbance")
 
 
 def action_of(scenario: Scenario) -> str:
-    """The kind of action of an evaluation.  scenario: with a torque limit it is "normalized", without "torque"."""
+    """Return the kind of action: "normalized" with a torque limit, "torque" without."""
     return "torque" if scenario.actuator.torque_limit is None else "normalized"
 
 
 def rollout(
-    policy: str,
+    policy: PolicySpec | str,
     scenario: Scenario,
     seeds: Sequence[int],
     gains: Mapping[str, Any] | None = None,
     watch: Mapping[str, Watch] | None = None,
 ) -> Trace:
-    """One episode for each seed.
+    """Run one episode for each seed and return the trace.
 
     Args:
-        policy: a name, or what else `resolve.make` understands.
+        policy: its specification, or the text that names it.
         scenario: the task.
         seeds: one lane each.
         gains: arguments of the policy.
-        watch: what else to record after each step, by name.
+        watch: more signals to record after each step, by name.
     """
     n, steps = len(seeds), scenario.steps
-    env = make_env(policy, scenario, n)
-    actor = resolve.make(policy, env, **(gains or {}))
+    spec = resolve(policy)
+    env = make_env(spec, scenario, n)
+    actor = spec.make(env, **(gains or {}))
     signals = {name: np.empty((steps + 1, n, 2)) for name in _SIGNALS}
     alive = np.ones((steps + 1, n), dtype=bool)
     waits = np.empty(steps)
@@ -105,16 +109,16 @@ def rollout(
         begin = time.perf_counter()
         action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
         waits[k] = time.perf_counter() - begin
-        # A lane that diverged begins its next episode one step later, which nobody looks at.
+        # A lane that diverged begins its next episode one step later; that episode is not used.
         observation, _, terminated, truncated, _ = env.step(action)
         starts, ended = ended, terminated | truncated
         alive[k + 1] = alive[k] & ~terminated
         _record(signals, k + 1, env)
-        for name, look in (watch or {}).items():
-            watched[name].append(look(env, actor, state))
+        for name, signal in (watch or {}).items():
+            watched[name].append(signal(env, actor, state))
     env.close()
     if not alive.all():
-        signals["reference"] = _asked(scenario, seeds)
+        signals["reference"] = _reference(scenario, seeds)
     return Trace(
         scenario=scenario,
         seeds=tuple(seeds),
@@ -127,8 +131,8 @@ def rollout(
     )
 
 
-def _asked(scenario: Scenario, seeds: Sequence[int]) -> Array:
-    """The reference of each seed over the whole episode, [T + 1 x n x 2], whatever the arm does."""
+def _reference(scenario: Scenario, seeds: Sequence[int]) -> Array:
+    """The reference of each seed over the whole episode [T + 1 x n x 2]."""
     calm = scenario.replace(
         plant=None, parameter_error=None, friction=None, disturbance=None, actuator=None, initial_error=0.0
     )

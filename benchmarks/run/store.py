@@ -1,12 +1,13 @@
 """Results on disk: a folder with one file for each finished cell.
 
-A file's name says what was run and ends in a hash of all that the result depends on. It is written beside its place and
-renamed into it, so it is there whole or not at all, on a cluster's shared file system too; and whoever finds it need not run
-the cell again.
+A file's name says what was run and ends in the cell's key, a hash of all that the result depends
+on. A file is written beside its place and renamed into it, so it is complete or absent, on a
+cluster's shared file system too. A result that is there is not computed again.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import hashlib
 import json
@@ -15,38 +16,44 @@ import os
 import platform
 import re
 import uuid
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
-from benchmarks.run.rollout import make_env
 from benchmarks.run.suite import Cell
 
-VERSION = 2
-"""Raised when the same cell gives other numbers than before: results of older versions are then computed anew."""
+FORMAT = 3
+"""Layout of a result's file. Files of another layout are left alone and not read."""
+
+DAMAGED = "damaged"
+"""The folder in a store to which damaged files are moved."""
 
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "scipy", "numba")
 
 
 class Damaged(ValueError):
-    """A file of the store that is not what was written."""
+    """A file of the store that is not as it was written, or belongs elsewhere."""
+
+
+class OtherFormat(Damaged):
+    """A file of the store that another version of fbl-gym wrote."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a cell gave.
+    """The outcome of a cell.
 
     Args:
-        cell: which one.
-        rows: the metrics of each seed, in the seeds' order; empty where it failed.
+        cell: the cell.
+        rows: the metrics of each seed, in the seeds' order; empty where the cell failed.
         decision_us: the policy's wall time for one decision of one lane [us].
         wall_s: time that the cell took [s].
-        error: what went wrong; empty: nothing.
-        identity: all that the numbers depend on, as plain data; see `identity`.
+        error: why the cell failed; empty: it did not.
         provenance: packages, machine, command and time, as plain data.
     """
 
@@ -55,35 +62,11 @@ class Result:
     decision_us: float
     wall_s: float
     error: str = ""
-    identity: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
 
 
-def identity(cell: Cell) -> dict[str, Any]:
-    """All that a cell's numbers depend on, as plain data.  cell: its policy is made for this, so its errors come through."""
-    made = resolve.make(cell.policy, make_env(cell.policy, cell.scenario, 1))
-    scenario = cell.scenario.to_dict()
-    del scenario["description"]
-    return {
-        "policy": "joined" if resolve.foreign(cell.policy) else cell.policy,
-        "configuration": _plain(resolve.configuration(cell.policy, made)),
-        "scenario": scenario,
-        "seeds": list(cell.seeds),
-        "version": VERSION,
-    }
-
-
-def key(identity: dict[str, Any]) -> str:
-    """A hash, 20 hexadecimal digits.  identity: from `identity`."""
-    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:20]
-
-
-def _plain(value: Any) -> Any:
-    return json.loads(json.dumps(value, default=str))
-
-
 def provenance(command: str) -> dict[str, Any]:
-    """Where and how a result came about: packages, Python, machine, time.  command: the line that was typed."""
+    """Return packages, Python, machine, time and the command that was typed."""
     return {
         "command": command,
         "python": platform.python_version(),
@@ -98,19 +81,19 @@ class Store:
     """A folder of results, shared by any number of processes.
 
     Args:
-        folder: made when something is first written.
+        folder: is created when a result is written first.
     """
 
     folder: Path
 
-    def path(self, cell: Cell, identity: dict[str, Any]) -> Path:
-        """Where the result of a cell belongs.  cell: which; identity: from `identity(cell)`."""
-        name = re.sub(r"[^\w@.-]+", "_", f"{cell.policy}--{cell.scenario.name}")[-120:]
-        return self.folder / f"{name}--{key(identity)}.json"
+    def path(self, cell: Cell) -> Path:
+        """Return the place of a cell's result."""
+        name = re.sub(r"[^\w@.-]+", "_", f"{cell.policy.name}--{cell.scenario.name}")[-120:]
+        return self.folder / f"{name}--{cell.key}.json"
 
     def save(self, result: Result) -> Path:
-        """Write a result into its place, whole or not at all.  result: a failed one does not count as finished."""
-        path = self.path(result.cell, result.identity)
+        """Write a result into its place. A failed one does not count as finished."""
+        path = self.path(result.cell)
         failed = path.with_suffix(".error")
         _write(failed if result.error else path, _document(result))
         if not result.error:
@@ -118,63 +101,102 @@ class Store:
         return path
 
     def find(self, cell: Cell) -> Result | None:
-        """The result of a cell, if there is one.  cell: which."""
-        path = self.path(cell, identity(cell))
-        return self.load(path) if path.exists() else None
+        """Return the result of a cell, or None.
+
+        A damaged one is moved aside, with a warning.
+        """
+        path = self.path(cell)
+        if not path.exists():
+            return None
+        try:
+            result = self.load(path)
+            if result.cell.key != cell.key:
+                raise Damaged(f"{path} is damaged (it holds the result of another cell, {result.cell.id})")
+        except Damaged as problem:
+            self._set_aside(path, problem)
+            return None
+        return dataclasses.replace(result, cell=cell)
 
     def load(self, path: Path) -> Result:
-        """The result in a file.  path: one of `files()`, or a copy.
+        """Return the result in a file of a store, or in a copy of one.
 
         Raises:
-            Damaged: if the file is not what was written.
+            OtherFormat: another version of fbl-gym wrote the file.
+            Damaged: the file is not as it was written.
         """
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
+            if document.get("format") != FORMAT:
+                raise OtherFormat(f"{path} has format {document.get('format')}, this version reads {FORMAT}")
             if document.pop("sha256") != _digest(document):
                 raise ValueError("its checksum is wrong")
-            cell = document["cell"]
-            names, columns = list(METRICS), document["rows"]
+            cell = Cell(PolicySpec.from_dict(document["policy"]), document["scenario"], tuple(document["seeds"]))
+            if cell.key != document["key"]:
+                raise ValueError("its key is not that of its content")
+            columns = document["rows"]
             rows = [
-                {name: math.nan if (value := columns[name][i]) is None else value for name in names}
+                {name: math.nan if (value := columns[name][i]) is None else value for name in METRICS}
                 for i in range(len(columns["error_pct"]))
             ]
             return Result(
-                Cell(cell["policy"], cell["scenario"], tuple(cell["seeds"])), tuple(rows),
-                math.nan if document["decision_us"] is None else document["decision_us"], document["wall_s"],
-                document["error"], document["identity"], document["provenance"],
+                cell, tuple(rows), math.nan if document["decision_us"] is None else document["decision_us"],
+                document["wall_s"], document["error"], document["provenance"],
             )  # fmt: skip
-        except (ValueError, KeyError, TypeError) as problem:
-            raise Damaged(f"{path} is damaged ({problem}); delete it, and its cell is computed again") from None
+        except OtherFormat:
+            raise
+        except (ValueError, KeyError, TypeError, AttributeError) as problem:
+            raise Damaged(f"{path} is damaged ({problem})") from None
 
     def results(self, failed: bool = False) -> Iterator[Result]:
-        """Every result, in the order of the files' names.  failed: True: those that failed too.
+        """Yield every result, in the order of the files' names.
 
-        Raises:
-            Damaged: at a file that is not what was written; the others can still be read.
+        A damaged one is moved aside, with a warning.
+
+        Args:
+            failed: whether failed cells are included.
         """
         for path in self.files(failed):
-            yield self.load(path)
+            try:
+                result = self.load(path)
+                if self.path(result.cell).stem != path.stem:
+                    raise Damaged(
+                        f"{path} is no result of this store (its name should be {self.path(result.cell).name})"
+                    )
+            except OtherFormat:
+                continue
+            except Damaged as problem:
+                self._set_aside(path, problem)
+                continue
+            yield result
 
     def files(self, failed: bool = False) -> list[Path]:
-        """The files of the results, sorted.  failed: True: of those that failed too."""
-        found = [*self.folder.glob("*.json"), *(self.folder.glob("*.error") if failed else ())]
-        return sorted(path for path in found if "--" in path.name and not path.name.startswith("."))
+        """Return the files of the results, sorted, with those of failed cells if asked for."""
+        paths = [*self.folder.glob("*.json"), *(self.folder.glob("*.error") if failed else ())]
+        return sorted(path for path in paths if "--" in path.name and not path.name.startswith("."))
+
+    def _set_aside(self, path: Path, problem: Damaged) -> None:
+        target = self.folder / DAMAGED / path.name
+        target.parent.mkdir(exist_ok=True)
+        try:
+            path.replace(target)
+        except FileNotFoundError:  # another process was faster
+            return
+        warnings.warn(f"{problem}; moved to {target}, and its cell is computed again", stacklevel=3)
 
 
 def _document(result: Result) -> dict[str, Any]:
-    rows = {name: [_json(row[name]) for row in result.rows] for name in METRICS}
+    cell = result.cell
     document = {
-        "id": result.cell.id,
-        "cell": {
-            "policy": result.cell.policy,
-            "scenario": result.cell.scenario.to_dict(),
-            "seeds": list(result.cell.seeds),
-        },
-        "rows": rows,
+        "format": FORMAT,
+        "id": cell.id,
+        "key": cell.key,
+        "policy": cell.policy.to_dict(),
+        "scenario": cell.scenario.to_dict(),
+        "seeds": list(cell.seeds),
+        "rows": {name: [_json(row[name]) for row in result.rows] for name in METRICS},
         "decision_us": _json(result.decision_us),
         "wall_s": result.wall_s,
         "error": result.error,
-        "identity": result.identity,
         "provenance": result.provenance,
     }
     return {**document, "sha256": _digest(document)}
@@ -193,11 +215,13 @@ def _write(path: Path, document: dict[str, Any]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all: beside its place, flushed to the disk, and renamed into it.
+    """Write a file, complete or not at all.
+
+    It is written beside its place, flushed to the disk, and renamed into it.
 
     Args:
-        path: of the file; its folder is made.
-        text: all of it, written as UTF-8.
+        path: the file; its folder is created.
+        text: its content, written as UTF-8.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name[:80]}.{uuid.uuid4().hex}")

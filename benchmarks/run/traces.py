@@ -8,7 +8,7 @@ import uuid
 import numpy as np
 
 from benchmarks.run.rollout import Trace, rollout
-from benchmarks.run.store import Store, identity
+from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 
 _ARRAYS = ("time", "position", "velocity", "reference", "torque", "disturbance", "alive", "lengths")
@@ -21,7 +21,7 @@ def trace_of(cell: Cell, store: Store) -> Trace:
         cell: Cell, whose policy must not fail.
         store: Store of results and traces.
     """
-    path = store.path(cell, identity(cell)).with_suffix(".npz")
+    path = store.path(cell).with_suffix(".npz")
     if not path.exists():
         trace = dataclasses.replace(rollout(cell.policy, cell.scenario, cell.seeds), watched={})
         path.parent.mkdir(parents=True, exist_ok=True)

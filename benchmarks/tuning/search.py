@@ -1,18 +1,23 @@
-"""Tunes the gains of a policy on the tuning seeds, with Optuna, and counts what that cost.
+"""Tunes the gains of a policy on the tuning seeds, with Optuna, and counts the cost.
 
-The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter), where error is the mean error_pct of the seeds, a
-diverged run counting as half a turn from then on, and chatter the torque's total variation in full swings of both limits per
-second. Logarithms, so that a scenario counts by the share of its error that is saved, not by its size.
+The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter). Error is the mean
+error_pct of the seeds; a diverged run counts as half a turn from then on. Chatter is the torque's
+total variation in full swings of both limits per second. Because of the logarithms, a scenario
+counts by the relative change of its error.
 
-Trials look for gains on few scenarios and seeds, and do not see a failure in some hundred runs. So the best of them, and the
-defaults, are judged once more: on more scenarios, those of severity 3 among them, and on tuning seeds that no trial saw. There
-each percent of diverged runs adds to the objective, whose logarithms hardly count failures that share a scenario. What is best
-then is shipped.
+Trials use few scenarios and seeds, so they miss a divergence in some hundred runs. The best trials
+and the defaults are therefore judged once more: on more scenarios, those of severity 3 among them,
+and on tuning seeds that no trial used. There each percent of diverged runs adds to the objective,
+since the logarithms hardly count a few of them in a scenario. The gains that are judged best are
+shipped.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import platform
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,59 +27,66 @@ from typing import Any
 import numpy as np
 import optuna
 
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance, write_text
-from benchmarks.run.suite import SPLITS, leaderboard_scenarios
+from benchmarks.run.suite import leaderboard_scenarios
+from benchmarks.seeds import SPLITS
 from controllers.registry import TUNED
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, unknown
-from fbl_gym.records import tuning_ranges
+from fbl_gym.records import set_fields, tuning_ranges
 
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
 
 FAILURE = 1.0
-"""Weight of each percent of diverged runs where trials are judged: as much as an error e times as large."""
+"""Weight of each percent of diverged runs in judging: as much as an error e times as large."""
 
 SCENARIOS = (
     "nominal", "mixed-error-2", "smaller-error-2", "payload-2", "noise-2", "stiction-2", "disturbance-2", "everything-2",
     "section-2-2/everything-2",
 )  # fmt: skip
-"""What gains are looked for on."""
+"""The scenarios of the trials."""
 
 JUDGED = (
     *leaderboard_scenarios(["table-1"], [2, 3]), "section-2-2/everything-2", "section-2-2/everything-3",
 )  # fmt: skip
-"""What the best trials and the defaults are judged on."""
+"""The scenarios that the best trials and the defaults are judged on."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is tuned, and on what.
+    """A policy to tune, with scenarios and seeds.
 
     Args:
-        policy: a name, or what else `resolve.make` understands.
+        policy: its specification, or the text that names it.
         names: of the scenarios.
         seeds: of each scenario.
     """
 
-    policy: str
+    policy: PolicySpec
     names: tuple[str, ...]
     seeds: range
 
+    def __post_init__(self) -> None:
+        set_fields(self, policy=resolve(self.policy))
+
     @property
     def ranges(self) -> Mapping[str, tuple[float, float]]:
-        """Between which values each gain is looked for."""
-        factory = resolve.factory(self.policy)
-        found = tuning_ranges(factory) if isinstance(factory, type) else {}
-        if not found:
-            raise ValueError(f"{self.policy} has nothing to tune: none of its gains is declared with a range `tune`")
-        return found
+        """Least and largest value of each gain."""
+        factory = self.policy.factory()
+        ranges = tuning_ranges(factory) if isinstance(factory, type) else {}
+        if not ranges:
+            raise ValueError(
+                f"{self.policy.name} has nothing to tune: none of its gains is declared with a range `tune`"
+            )
+        return ranges
 
     @property
     def tasks(self) -> list[Scenario]:
+        """The scenarios."""
         return [scenarios.get(name) for name in self.names]
 
     @property
@@ -84,23 +96,26 @@ class Task:
 
     @property
     def described(self) -> dict[str, Any]:
-        """Scenarios and seeds as plain data, for the record."""
+        """Scenarios and seeds as plain data."""
         return {"scenarios": list(self.names), "seeds": [self.seeds.start, self.seeds.stop]}
 
     def cost(self, gains: Mapping[str, float]) -> tuple[float, float]:
-        """The objective, lower is better, and the diverged runs [%].  gains: by name; those left out take their defaults."""
-        found, diverged = [], []
+        """Return the objective (lower is better) and the diverged runs [%].
+
+        Gains left out take their defaults.
+        """
+        costs, diverged = [], []
         for task in self.tasks:
             mean = summarize(measure(rollout(self.policy, task, self.seeds, gains)))
             limit = task.actuator.torque_limit
             assert limit is not None
-            found.append(np.log(mean["error_pct"]) + CHATTER * np.log1p(mean["variation"] / np.sum(limit)))
+            costs.append(np.log(mean["error_pct"]) + CHATTER * np.log1p(mean["variation"] / np.sum(limit)))
             diverged.append(mean["diverged"])
-        return float(np.mean(found)), 100 * float(np.mean(diverged))
+        return float(np.mean(costs)), 100 * float(np.mean(diverged))
 
 
 def seeds(trial: int, fresh: int) -> tuple[range, range]:
-    """Tuning seeds for the trials, from the split's start, and others to judge on, from its end.
+    """Return tuning seeds for the trials, and others to judge on.
 
     Args:
         trial: how many for the trials.
@@ -115,60 +130,95 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
 
 
 def tune(
-    task: Task, trials: int, storage: Path, also: Mapping[str, float] | None = None, sampler_seed: int = 0
+    task: Task, trials: int, storage: Path, also: Mapping[str, float] | None = None, sampler_seed: int | None = None
 ) -> optuna.Study:
-    """Go on with a study until it has so many finished trials. Several processes may share the storage.
+    """Go on with a study until it has enough finished trials.
+
+    Several processes may share the storage.
 
     Args:
-        task: what to tune.
-        trials: in all, those of earlier runs counted.
+        task: the policy, scenarios and seeds.
+        trials: number of trials, those of earlier runs counted.
         storage: file of the study.
         also: gains to try as one of them, such as those of an earlier study.
-        sampler_seed: of the sampler.
+        sampler_seed: seed of the sampler; None: a new one for each run and process, so that no
+            trial is repeated.
     """
     ranges = task.ranges
     for name, value in (also or {}).items():
         if name not in ranges:
-            raise unknown(f"gain of {task.policy}", name, ranges)
+            raise unknown(f"gain of {task.policy.name}", name, ranges)
         low, high = ranges[name]
         check_number(name, value, low=low, high=high)
     storage.parent.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(
-        study_name=task.policy, storage=f"sqlite:///{storage}", load_if_exists=True,
+        study_name=task.policy.name, storage=f"sqlite:///{storage}", load_if_exists=True,
         sampler=optuna.samplers.TPESampler(seed=sampler_seed),
     )  # fmt: skip
 
+    _close_stale(study)
+
     def objective(trial: optuna.Trial) -> float:
         begin = time.process_time()
-        # The first trial is that of the gains as they are.
+        trial.set_user_attr("process", _process())
+        # The first trial is that of the default gains.
         gains = {} if trial.number == 0 else {n: trial.suggest_float(n, *ends, log=True) for n, ends in ranges.items()}
         try:
             return task.cost(gains)[0]
         finally:
             trial.set_user_attr("cpu_s", time.process_time() - begin)
 
-    while (left := trials - len(finished(study))) > 0:
-        if also and study.trials:
-            study.enqueue_trial(dict(also), skip_if_exists=True)
-        study.optimize(objective, n_trials=min(left, 1))
+    try:
+        while len(finished(study)) < trials:
+            if also and study.trials:
+                study.enqueue_trial(dict(also), skip_if_exists=True)
+            study.optimize(objective, n_trials=1)
+    finally:
+        _close_stale(study, including=_process())
     return study
 
 
+def _process() -> str:
+    return f"{platform.node()} {os.getpid()}"
+
+
+def _close_stale(study: optuna.Study, including: str = "") -> None:
+    """Mark trials as failed whose process has ended, and those of one that ends now."""
+    for trial in study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.RUNNING,)):
+        process = trial.user_attrs.get("process", "")
+        machine, _, pid = process.rpartition(" ")
+        if process == including or (machine == platform.node() and not _lives(int(pid))):
+            with contextlib.suppress(ValueError, RuntimeError):  # another process closed it
+                study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
 def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
-    """The trials that ended with a number.  study: of `tune`."""
+    """Return the trials of a study that ended with a number."""
     return study.get_trials(states=(optuna.trial.TrialState.COMPLETE,))
 
 
 def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, Any]]:
-    """The best trials and the defaults (trial 0), judged on a task that no trial saw; best first.
+    """Judge the best trials and the defaults (trial 0) on a task that no trial used.
 
-    Each verdict is written into the study, and read from there the next time.
+    The verdicts are returned best first.
+
+    Each verdict is written into the study and read from there the next time.
 
     Args:
-        task: what to judge on.
+        task: to judge on.
         study: of `tune`.
-        candidates: how many of the trials.
+        candidates: number of trials.
     """
     trials = sorted((t for t in finished(study) if t.params), key=lambda trial: trial.value or 0.0)[:candidates]
     # Gains are judged as they are shipped, with four digits.
@@ -195,19 +245,19 @@ def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, An
 def summary(
     task: Task, study: optuna.Study, judging: Task, verdicts: list[dict[str, Any]], command: str
 ) -> dict[str, Any]:
-    """What is shipped of a study: the gains judged best, what they are worth, and what they cost.
+    """Return the gains that are judged best, with their verdict and cost, as plain data.
 
     Args:
-        task: what was tuned.
+        task: of the trials.
         study: of `tune`.
-        judging: what was judged on.
+        judging: the task of `judge`.
         verdicts: of `judge`.
-        command: the line that was typed, for the record.
+        command: the command that was typed, for the record.
     """
     done = finished(study)
-    shown = ("trial", "objective", "diverged_pct")
+    columns = ("trial", "objective", "diverged_pct")
     return {
-        "policy": task.policy,
+        "policy": task.policy.name,
         "gains": verdicts[0]["gains"],
         "trials": {
             "count": len(done),
@@ -216,7 +266,7 @@ def summary(
             **task.described,
         },
         "judged": {
-            "best_first": [{name: verdict[name] for name in shown} for verdict in verdicts],
+            "best_first": [{name: verdict[name] for name in columns} for verdict in verdicts],
             "environment_steps": judging.steps * len(verdicts),
             "cpu_s": round(sum(verdict["cpu_s"] for verdict in verdicts), 1),
             **judging.described,
@@ -226,21 +276,21 @@ def summary(
     }
 
 
-def ship(found: dict[str, Any], folder: Path = TUNED) -> Path:
-    """Write the gains of a summary, and how they were found, where `controllers` reads them as POLICY@tuned.
+def ship(summary: dict[str, Any], folder: Path = TUNED) -> Path:
+    """Write gains, verdict and cost where `controllers` reads them as POLICY@tuned.
 
     Of the judged trials, the file has the number and the errors of the best and of the defaults.
 
     Args:
-        found: the return value of `summary`.
+        summary: from `summary`.
         folder: of all tuned gains.
     """
-    verdicts = found["judged"]["best_first"]
+    verdicts = summary["judged"]["best_first"]
     (defaults,) = (verdict for verdict in verdicts if verdict["trial"] == 0)
-    judged = {"count": len(verdicts), "best": verdicts[0], "defaults": defaults, **found["judged"]}
+    judged = {"count": len(verdicts), "best": verdicts[0], "defaults": defaults, **summary["judged"]}
     del judged["best_first"]
-    entries = {**found, "judged": judged}
+    entries = {**summary, "judged": judged}
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
-    path = folder / f"{found['policy']}.json"
+    path = folder / f"{summary['policy']}.json"
     write_text(path, f"{{\n{lines}\n}}\n")
     return path

@@ -11,7 +11,7 @@ from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.cli import names
 from benchmarks.report import terminal
-from benchmarks.run.runner import run_cell
+from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import leaderboard_scenarios, narrow
 from benchmarks.run.suite import load as load_suite
 
@@ -33,7 +33,7 @@ from benchmarks.run.suite import load as load_suite
         ),
         ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
         ("compare zero pid-flm --seeds 20000", "must be at most 10000, the test seeds there are, got '20000'"),
-        ("evaluate runs/lost", "must be a name, or a file or folder that is there, got 'runs/lost'"),
+        ("evaluate runs/lost", "must be a name, or a file or folder that exists, got 'runs/lost'"),
         ("leaderboard --policies zero ./", "must be a folder with an agent.json, got './'"),
         ("compare zero", "two policies or more can be compared, got zero"),
         ("leaderboard --suite quik", "unknown suite 'quik'; did you mean 'quick'"),

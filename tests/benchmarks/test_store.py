@@ -1,4 +1,4 @@
-"""The store and the engine: killed, damaged, shared, full, and spread over workers."""
+"""The store and the runner: killed, damaged, shared, full, and spread over workers."""
 
 import json
 import os
@@ -6,20 +6,16 @@ import signal
 import subprocess
 import sys
 import time
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import controllers
-from benchmarks.policies import resolve
-from benchmarks.run import runner, store
-from benchmarks.run.runner import run, run_cell
-from benchmarks.run.store import Damaged, Store, identity, key
-from benchmarks.run.suite import SPLITS, SUITES, Cell, load, named, narrow
-from controllers.registry import ENTRY_POINTS
-from fbl_gym import TwoLinkArmEnv
+from benchmarks.run import cell as cell_module
+from benchmarks.run.cell import run_cell
+from benchmarks.run.runner import run
+from benchmarks.run.store import Damaged, Store
+from benchmarks.run.suite import Cell, named, narrow
 
 SHORT = {"duration": 0.5}
 
@@ -45,7 +41,7 @@ def contents(folder):
 def test_a_finished_cell_is_found_and_not_run_again(tmp_path, monkeypatch):
     assert {o.done for o in finish(cells(), tmp_path)} == {"computed"}
     before = {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()}
-    monkeypatch.setattr(runner, "rollout", lambda *_: pytest.fail("it was run again"))
+    monkeypatch.setattr(cell_module, "rollout", lambda *_: pytest.fail("it was run again"))
     assert {o.done for o in finish(cells(), tmp_path)} == {"found"}
     assert {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()} == before
 
@@ -59,95 +55,6 @@ def test_a_stored_result_is_what_was_measured(tmp_path):
     for one, two in zip(fresh.rows, again.rows, strict=True):
         np.testing.assert_array_equal(list(one.values()), list(two.values()))
     assert again.provenance["packages"]["numpy"] == np.__version__
-
-
-def test_the_key_follows_everything_that_matters():
-    (cell,) = cells(["pid-flm"], families=["nominal"])
-    others = [
-        Cell("cascade-flm", cell.scenario, cell.seeds),
-        Cell("pid-flm", cell.scenario.replace(noise={"position": 1e-9}), cell.seeds),
-        Cell("pid-flm", cell.scenario.replace(control_dt=0.02), cell.seeds),
-        Cell("pid-flm", cell.scenario, (0, 1)),
-    ]
-    keys = [key(identity(c)) for c in (cell, *others)]
-    assert len(set(keys)) == len(keys)
-    assert key(identity(Cell("pid-flm", cell.scenario.replace(description="other words"), cell.seeds))) == keys[0]
-
-
-def test_the_key_follows_gains_and_the_results_version(monkeypatch):
-    (cell,) = cells(["pid-flm"], families=["nominal"])
-    before = key(identity(cell))
-    real = controllers.make
-    monkeypatch.setattr("benchmarks.policies.resolve.controllers.make", lambda name, env: real(name, env, kp=11.0))
-    assert key(identity(cell)) != before
-    monkeypatch.undo()
-    assert key(identity(cell)) == before
-    monkeypatch.setattr(store, "VERSION", 99)
-    assert key(identity(cell)) != before
-
-
-def test_the_key_follows_a_strangers_code(tmp_path):
-    file = tmp_path / "mine.py"
-    file.write_text("from controllers.simple import Zero as make_policy\n")
-    cell = Cell(str(file), "nominal", (0,))
-    before = key(identity(cell))
-    file.write_text("from controllers.simple import Zero as make_policy  # changed\n")
-    assert key(identity(cell)) != before
-
-
-def tree(folder, files):
-    """Files of Python, by their names without .py."""
-    for name, text in files.items():
-        path = folder / f"{name}.py"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-
-
-LAW = "from controllers.simple import Zero as make_policy\n"
-
-
-def test_the_key_follows_what_a_strangers_file_imports(tmp_path):
-    files = {
-        "mine": f"def late():\n    import helper\n{LAW}",
-        "helper": "from parts import deep\n",
-        "parts/__init__": "",
-        "parts/deep": "from .deeper import x\n",
-        "parts/deeper": "x = 1\n",
-        "other": "",
-    }
-    tree(tmp_path, files)
-    cell = Cell(str(tmp_path / "mine.py"), "nominal", (0,))
-    keys = [key(identity(cell))]
-    for name in ("helper", "parts/__init__", "parts/deep", "parts/deeper"):
-        with (tmp_path / f"{name}.py").open("a") as file:
-            file.write("# changed\n")
-        keys.append(key(identity(cell)))
-    assert len(set(keys)) == 5
-    (tmp_path / "other.py").write_text("# nobody imports it\n")
-    assert key(identity(cell)) == keys[-1]
-
-
-def test_the_key_follows_a_strangers_package(tmp_path, monkeypatch):
-    """Named by a module, or by an entry point; a name of fbl-gym's own stays its own."""
-    monkeypatch.syspath_prepend(tmp_path)
-    tree(tmp_path, {"strangers_laws/part/law": LAW, "strangers_laws/gains": ""})
-    points = [
-        metadata.EntryPoint(name, "strangers_laws.part.law:make_policy", ENTRY_POINTS) for name in ("own", "pid-flm")
-    ]
-    monkeypatch.setattr("controllers.registry._entry_points", lambda: tuple(points))
-    monkeypatch.setattr("benchmarks.policies.resolve._entry_points", lambda: tuple(points))
-    some = [Cell(name, "nominal", (0,)) for name in ("strangers_laws.part.law:make_policy", "own", "pid-flm")]
-    before = [key(identity(cell)) for cell in some]
-    tree(tmp_path, {"strangers_laws/gains": "# changed\n"})
-    after = [key(identity(cell)) for cell in some]
-    assert [old == new for old, new in zip(before, after, strict=True)] == [False, False, True]
-
-
-def test_the_keys_of_the_packages_own_policies_stay():
-    """The board's results are found by them."""
-    for policy in (*resolve.names(), "ppo-memory@1"):
-        assert resolve.sources(policy) == []
-    assert set(resolve.configuration("pid-flm", resolve.make("pid-flm", TwoLinkArmEnv()))) == {"kp", "ki", "kd"}
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -171,18 +78,42 @@ def test_a_failing_policy_is_a_row_with_its_error(tmp_path):
     file.write_text("from controllers.simple import Zero as make_policy\n")
 
 
-def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path):
+def test_a_damaged_file_is_moved_aside_named_and_computed_again(tmp_path):
     finish(cells(), tmp_path)
-    victim = Store(tmp_path).files()[0]
+    store = Store(tmp_path)
+    victim = store.files()[0]
     victim.write_text(victim.read_text().replace('"seeds":[0,1,2]', '"seeds":[0,1,3]'))
-    with pytest.raises(Damaged, match=rf"{victim.name} is damaged \(its checksum is wrong\); delete it"):
-        list(Store(tmp_path).results())
-    victim.write_text("{")
-    with pytest.raises(Damaged, match="is damaged"):
-        Store(tmp_path).load(victim)
-    assert len([Store(tmp_path).load(p) for p in Store(tmp_path).files()[1:]]) == len(cells()) - 1
-    victim.unlink()
-    assert [o.done for o in finish(cells(), tmp_path)].count("computed") == 1
+    with pytest.raises(Damaged, match=rf"{victim.name} is damaged \(its checksum is wrong\)"):
+        store.load(victim)
+    with pytest.warns(UserWarning, match=rf"{victim.name} is damaged .* moved to .*, and its cell is computed again"):
+        assert [o.done for o in finish(cells(), tmp_path)].count("computed") == 1
+    assert (tmp_path / "damaged" / victim.name).is_file()
+    assert len(list(store.results())) == len(cells())
+    for damage in ("", "{", "[]", "null", victim.read_text()[:-40]):
+        victim.write_text(damage)
+        with pytest.warns(UserWarning, match="is damaged"):
+            assert len(list(store.results())) == len(cells()) - 1
+
+
+def test_a_result_in_the_place_of_another_is_moved_aside(tmp_path):
+    finish(cells(), tmp_path)
+    store = Store(tmp_path)
+    one, other = (store.path(cell) for cell in cells()[:2])
+    one.write_text(other.read_text())
+    with pytest.warns(UserWarning, match="it holds the result of another cell"):
+        assert store.find(cells()[0]) is None
+    copy = tmp_path / f"copy--{other.name}"
+    copy.write_text(other.read_text())
+    with pytest.warns(UserWarning, match="is no result of this store"):
+        assert len(list(store.results())) == len(cells()) - 1
+
+
+def test_a_file_of_another_format_is_left_alone(tmp_path):
+    finish(cells(["zero"]), tmp_path)
+    old = tmp_path / "zero--nominal--0123456789abcdef0123.json"
+    old.write_text(json.dumps({"id": "zero/nominal", "rows": {}}))
+    assert len(list(Store(tmp_path).results())) == len(cells(["zero"]))
+    assert old.is_file()
 
 
 def test_a_full_disk_is_an_error_and_leaves_the_rest(tmp_path, monkeypatch):
@@ -273,36 +204,3 @@ def test_a_policy_that_always_kills_its_worker_is_a_failure_and_the_rest_is_done
     assert len(list(Store(tmp_path / "store").results())) == len(some) - 1
     (failed,) = [o for o in outcomes if o.error]
     assert "its worker died" in failed.error
-
-
-def test_splits_do_not_overlap():
-    ranges = list(SPLITS.values())
-    for i, one in enumerate(ranges):
-        for other in ranges[i + 1 :]:
-            assert one.stop <= other.start or other.stop <= one.start
-
-
-def test_suites(tmp_path):
-    for name in SUITES:
-        suite = named(name)
-        assert len({c.id for c in suite.cells}) == len(suite.cells)
-        assert all(seed in SPLITS["test"] for c in suite.cells[:1] for seed in c.seeds)
-    assert {c.scenario.control_dt for c in named("kilohertz").cells} == {1e-3}
-    assert len(named("full").scenarios) >= 8 * 4
-    assert named("full").seeds == 256
-    file = tmp_path / "mine.toml"
-    file.write_text('policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n')
-    suite = load(str(file))
-    assert [s.name for s in suite.scenarios][-1] == "own"
-    assert len(suite.cells) == 7
-    assert suite.cells[0].seeds == tuple(range(5))
-    file.write_text("policy = 3\n")
-    with pytest.raises(ValueError, match=r"unknown entry of .*mine.toml 'policy'; did you mean 'policies'"):
-        load(str(file))
-    file.write_text("policies = [\n")
-    with pytest.raises(ValueError, match="is no TOML"):
-        load(str(file))
-    with pytest.raises(ValueError, match="unknown suite 'quik'; did you mean 'quick'"):
-        load("quik")
-    with pytest.raises(ValueError, match="seeds must be at most"):
-        narrow(named("quick"), seeds=20_000)

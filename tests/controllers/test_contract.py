@@ -4,9 +4,9 @@ import dataclasses
 
 import gymnasium as gym
 import pytest
+from benchmarks.policies.contract import check
 
 import controllers
-from benchmarks.policies.contract import check
 from fbl_gym import Interface, TwoLinkArmEnv
 
 NAMES = controllers.names()

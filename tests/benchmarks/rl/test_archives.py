@@ -10,7 +10,8 @@ import pytest
 from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
 
-from benchmarks.policies import resolve
+from benchmarks.policies import external
+from benchmarks.policies.spec import resolve
 from benchmarks.rl.sb3 import load_zip
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.wrappers import ErrorCoordinates
@@ -88,10 +89,10 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, t
         pytest.importorskip("sb3_contrib")
     env = TwoLinkArmEnv()
     model, path = save_model(tmp_path, env, algorithm, **settings)
-    resolve.trust(str(path))
+    external.trust(str(path))
     observation, _ = env.reset(seed=0)
     np.testing.assert_array_equal(
-        resolve.make(str(path), env).predict(observation, deterministic=True)[0],
+        resolve(str(path)).make(env).predict(observation, deterministic=True)[0],
         model.predict(observation, deterministic=True)[0],
     )
 

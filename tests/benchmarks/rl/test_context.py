@@ -7,13 +7,13 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.analysis.board import assemble
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import resolve
 from benchmarks.rl.adapter import CONTEXT, AdapterSettings
 from benchmarks.rl.agent import Agent
 from benchmarks.rl.agent_folder import SavedAgent, saved_agent, write
 from benchmarks.rl.policy import SHIPPED
 from benchmarks.rl.vector_adapter import VectorAdapter
-from benchmarks.run.runner import run_cell
+from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
@@ -81,8 +81,8 @@ def test_only_an_agent_with_context_is_privileged_and_gets_the_environment(conte
     env = TwoLinkArmVectorEnv(3, "everything-2")
     settings = AdapterSettings(context=context)
     write(tmp_path, random_actor(settings, env.interface), {"interface": dataclasses.asdict(settings)})
-    assert resolve.access(str(tmp_path)) == access
-    agent = resolve.make(str(tmp_path), env)
+    assert resolve(str(tmp_path)).access == access
+    agent = resolve(str(tmp_path)).make(env)
     assert agent.env is (env if context else None)
     assert agent.configuration.keys() == {"agent"}
 
@@ -94,7 +94,7 @@ def test_an_agent_with_context_needs_the_environment(tmp_path):
     write(tmp_path, actor, {"interface": dataclasses.asdict(settings)})
     for make in (
         lambda: saved_agent(env.interface, str(tmp_path)),
-        lambda: resolve.make(str(tmp_path), env.interface),
+        lambda: resolve(str(tmp_path)).make(env.interface),
         lambda: SavedAgent(env.interface, str(tmp_path)),
         lambda: Agent(env.interface, settings, actor),
     ):
@@ -102,7 +102,7 @@ def test_an_agent_with_context_needs_the_environment(tmp_path):
             make()
     observations, _ = env.reset(seed=0)
     with pytest.raises(ValueError, match=r"made for an environment of 3 lanes, .* got 1 observations"):
-        resolve.make(str(tmp_path), env).predict(observations[:1])
+        resolve(str(tmp_path)).make(env).predict(observations[:1])
 
 
 AGENTS = ("ppo-context", str(SHIPPED / "ppo-context" / "0"))
@@ -118,10 +118,10 @@ def test_the_board_does_not_rank_an_agent_with_context():
 @pytest.mark.parametrize("name", AGENTS)
 def test_commands_take_an_agent_with_context(name, tmp_path, capsys):
     """By its name and by its folder."""
-    assert resolve.access(name) == "privileged"
-    assert resolve.learned(name)
+    assert resolve(name).access == "privileged"
+    assert resolve(name).kind == "learned"
     assert cli.main(["check-policy", name]) == 0
-    assert "not so" in capsys.readouterr().out
+    assert "no: it knows the truth" in capsys.readouterr().out
     assert cli.main(["evaluate", name, "--seeds", "1"]) == 0
     arguments = ["--policies", "oracle-flm", name, "--scenarios", "everything-2", "--seeds", "2", "--workers", "1"]
     assert cli.main(["leaderboard", *arguments, "--store", str(tmp_path)]) == 0

@@ -15,7 +15,7 @@ from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
 from benchmarks.rl.training_settings import TrainingSettings, shipped_hyperparameters
 from benchmarks.rl.validation import VALIDATION, tracking_error
-from benchmarks.run.suite import SPLITS
+from benchmarks.seeds import SPLITS
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)

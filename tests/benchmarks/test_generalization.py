@@ -1,4 +1,4 @@
-"""The splits of the uncertainty radius: their cells, their columns, and that they are kept in the store."""
+"""The ranges of the uncertainty radius: their cells, their columns, and that they are kept in the store."""
 
 import csv
 
@@ -7,15 +7,15 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.analysis.board import assemble
-from benchmarks.analysis.splits import RADII, measure_splits, split_cells
+from benchmarks.analysis.generalization import RADII, measure_ranges, range_cells
 from benchmarks.analysis.statistics import iqm
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown
 from benchmarks.rl.policy import shipped
 from benchmarks.run import runner
+from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
-from benchmarks.run.runner import run_cell
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
@@ -26,8 +26,8 @@ POLICIES = ("cascade-flm", "ppo-residual", "oracle-flm")
 
 def test_a_split_is_the_scenario_of_training_at_its_radius():
     assert [*RADII] == ["interpolation", "in distribution", "extrapolation", "far extrapolation"]
-    for split, radius in RADII.items():
-        (cell,) = split_cells("cascade-flm", split, SEEDS)
+    for name, radius in RADII.items():
+        (cell,) = range_cells("cascade-flm", name, SEEDS)
         env = TwoLinkArmVectorEnv(400, cell.scenario)
         env.reset(seed=0)
         ratios = np.hstack([env.truth.masses / [20.0, 15.0], env.truth.lengths / [0.7, 0.5]])
@@ -35,31 +35,31 @@ def test_a_split_is_the_scenario_of_training_at_its_radius():
         same = scenarios.get("everything-2").replace(parameter_error=cell.scenario.parameter_error)
         assert cell.scenario.replace(name="everything-2") == same
     # What was trained on is a cell of the board already.
-    assert split_cells("cascade-flm", "in distribution", SEEDS) == [Cell("cascade-flm", "everything-2", SEEDS)]
+    assert range_cells("cascade-flm", "in distribution", SEEDS) == [Cell("cascade-flm", "everything-2", SEEDS)]
 
 
 def test_an_agent_is_named_with_its_training_seed():
-    assert [cell.policy for cell in split_cells("ppo-residual", "extrapolation", SEEDS)] == [
+    assert [cell.policy.name for cell in range_cells("ppo-residual", "extrapolation", SEEDS)] == [
         f"ppo-residual@{seed}" for seed in shipped()["ppo-residual"]
     ]
     env = TwoLinkArmEnv()
-    assert resolve.make("ppo-residual@3", env).folder.endswith("ppo-residual/3")
-    assert resolve.learned("ppo-residual@3")
-    assert resolve.access("ppo-residual@3") == resolve.access("ppo-residual") == "nominal"
+    assert resolve("ppo-residual@3").make(env).folder.endswith("ppo-residual/3")
+    assert resolve("ppo-residual@3").kind == "learned"
+    assert resolve("ppo-residual@3").access == resolve("ppo-residual").access == "nominal"
     with pytest.raises(ValueError, match="unknown training seed 9"):
-        resolve.make("ppo-residual@9", env)
+        resolve("ppo-residual@9").make(env)
     with pytest.raises(ValueError, match="unknown policy 'pid-flm@3'"):
-        resolve.make("pid-flm@3", env)
+        resolve("pid-flm@3")
 
 
 def test_columns_against_their_definition_and_kept_in_the_store(tmp_path, monkeypatch):
     store = Store(tmp_path)
     board = assemble([run_cell(Cell(policy, "nominal", SEEDS)) for policy in POLICIES])
-    found = measure_splits(board, store, workers=1)
+    found = measure_ranges(board, store, workers=1)
     assert [*found] == [*RADII]
     training = shipped()["ppo-residual"]
     assert len(store.files()) == len(RADII) * (2 + len(training))
-    task = split_cells("cascade-flm", "extrapolation", SEEDS)[0].scenario
+    task = range_cells("cascade-flm", "extrapolation", SEEDS)[0].scenario
     runs = [[row["error_pct"] for row in measure(rollout("cascade-flm", task, SEEDS))]]
     once = np.ones((1, 1, 1))
     assert found["extrapolation"].error.value[0] == iqm(runs, once)[0]
@@ -69,24 +69,24 @@ def test_columns_against_their_definition_and_kept_in_the_store(tmp_path, monkey
     assert found["extrapolation"].error.value[1] == pytest.approx(
         iqm([[run] for run in runs], once[None])[0], rel=1e-12
     )
-    for split in found.values():
-        assert split.error.value.shape == split.diverged.shape == (len(POLICIES),)
-        assert np.all((split.error.low <= split.error.value) & (split.error.value <= split.error.high))
+    for measured in found.values():
+        assert measured.error.value.shape == measured.diverged.shape == (len(POLICIES),)
+        assert np.all((measured.error.low <= measured.error.value) & (measured.error.value <= measured.error.high))
     monkeypatch.setattr(runner, "compute", lambda *_: pytest.fail("it was run again"))
-    again = measure_splits(board, store, workers=1)
-    for split in RADII:
-        np.testing.assert_array_equal(again[split].error.value, found[split].error.value)
-        np.testing.assert_array_equal(again[split].error.low, found[split].error.low)
+    again = measure_ranges(board, store, workers=1)
+    for name in RADII:
+        np.testing.assert_array_equal(again[name].error.value, found[name].error.value)
+        np.testing.assert_array_equal(again[name].error.low, found[name].error.low)
 
 
 def test_runs_that_diverge_are_counted_and_said(tmp_path):
-    """An arm without torque falls now and then; of the arms of the last split, more often."""
+    """An arm without torque falls now and then; of the arms of the last range, more often."""
     store, seeds = Store(tmp_path / "store"), tuple(range(24))
     board = assemble([run_cell(Cell("zero", "everything-2", seeds))])
-    found = measure_splits(board, store, workers=1)
-    for name, split in found.items():
-        trace = rollout("zero", split_cells("zero", name, seeds)[0].scenario, seeds)
-        assert split.diverged[0] == (~trace.alive[-1]).mean()
+    found = measure_ranges(board, store, workers=1)
+    for name, measured in found.items():
+        trace = rollout("zero", range_cells("zero", name, seeds)[0].scenario, seeds)
+        assert measured.diverged[0] == (~trace.alive[-1]).mean()
     assert found["far extrapolation"].diverged[0] > 0
     assert f"{100 * found['far extrapolation'].diverged[0]:.2g} % diverged" in markdown.leaderboard(board, found)
 
@@ -96,25 +96,25 @@ def test_every_report_has_the_columns(tmp_path, capsys):
     some = ["--policies", *POLICIES, "--scenarios", "nominal", "--seeds", "2", "--store", store, "--workers", "1"]
     assert cli.main(["leaderboard", *some]) == 0
     capsys.readouterr()
-    assert cli.main(["report", *some, "--out", str(out), "--splits"]) == 0
+    assert cli.main(["report", *some, "--out", str(out), "--generalization"]) == 0
     shown = capsys.readouterr().out
     header = (out / "board.md").read_text().splitlines()[0]
     assert header.endswith("| nominal | interpolation | in distribution | extrapolation | far extrapolation |")
-    with (out / "splits.csv").open() as file:
+    with (out / "generalization.csv").open() as file:
         rows = {row["policy"]: row for row in csv.DictReader(file)}
     assert set(rows) == set(POLICIES)
     page = (out / "board.html").read_text()
-    for split, radius in RADII.items():
-        assert split in shown
-        assert f'data-sort="split-{split}"' in page
+    for name, radius in RADII.items():
+        assert name in shown
+        assert f'data-sort="range-{name}"' in page
         assert f"off by factors of up to {1 + radius:g}" in page
-        low, value, high = (float(rows["ppo-residual"][f"{split}{end}"]) for end in (": low", "", ": high"))
-        assert rows["ppo-residual"][f"{split}: diverged"] == "0"
+        low, value, high = (float(rows["ppo-residual"][f"{name}{end}"]) for end in (": low", "", ": high"))
+        assert rows["ppo-residual"][f"{name}: diverged"] == "0"
         assert 0.0 < low <= value <= high
     # A number can be checked as any row of the board.
     assert cli.main(["verify", "ppo-residual@3/everything-2, radius 1", "--store", store]) == 0
     assert "holds, bit for bit" in capsys.readouterr().out
     # Without the option, nothing of it.
     assert cli.main(["report", *some, "--out", str(tmp_path / "plain")]) == 0
-    assert not (tmp_path / "plain" / "splits.csv").exists()
+    assert not (tmp_path / "plain" / "generalization.csv").exists()
     assert "extrapolation" not in (tmp_path / "plain" / "board.md").read_text()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.analysis import robustness as module
-from benchmarks.analysis.robustness import BOUND, reach, task, with_radius
+from benchmarks.analysis.robustness import BOUND, stored_radius, task, with_radius
+from benchmarks.run import cell
 from benchmarks.run.store import Store
 from fbl_gym import TwoLinkArmVectorEnv
 
@@ -22,11 +22,11 @@ def test_directions(direction, low, high):
 
 def test_a_search_is_kept_and_not_run_again(tmp_path, monkeypatch):
     store = Store(tmp_path)
-    found = reach("cascade-flm", "larger", store, seeds=8, tolerance=0.3)
+    found = stored_radius("cascade-flm", "larger", store, seeds=8, tolerance=0.3)
     assert 0.0 < found.value < found.fails
     assert len(store.files()) == len(found.tried)
-    monkeypatch.setattr(module, "run_cell", lambda *_: pytest.fail("it was run again"))
-    assert reach("cascade-flm", "larger", store, seeds=8, tolerance=0.3) == found
+    monkeypatch.setattr(cell, "run_cell", lambda *_: pytest.fail("it was run again"))
+    assert stored_radius("cascade-flm", "larger", store, seeds=8, tolerance=0.3) == found
     for path in store.files():
         rows = store.load(path).rows
         share = np.mean([row["error_pct"] <= BOUND for row in rows])

@@ -1,0 +1,430 @@
+"""Linear analysis: the sampled loop of a policy and an arm, linearised, and its margins.
+
+The plant is the real arm over one control interval, with the drive's delay and lag. The law is the
+policy's map from measured signals and its state to a torque and its next state; its derivatives are
+difference quotients of `predict`. A margin is the smallest gain, phase or delay at the plant's
+input at which an eigenvalue of the closed loop leaves the unit circle.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import control
+import numpy as np
+from scipy.linalg import block_diag, expm
+from threadpoolctl import threadpool_limits
+
+from benchmarks.policies.spec import resolve
+from benchmarks.run.rollout import make_env
+from fbl_gym.arm import Array, forward_dynamics, inertia_matrix
+from fbl_gym.batch import Truth
+from fbl_gym.checks import Pair, check_number, check_pair
+from fbl_gym.interface import Interface
+from fbl_gym.references import ArrayReference
+from fbl_gym.scenarios import Scenario, as_scenario
+from fbl_gym.uncertainty import Friction, Payload
+
+POINT: Pair = (-1.0, 0.5)
+"""A point within the default motion at which gravity acts on both joints [rad]."""
+
+MEASURED = ("position", "velocity", "acceleration", "previous_action")
+"""The slots of the observation that depend on the arm. The reference is held."""
+
+TORQUES = ["torque[0]", "torque[1]"]
+
+SETTLING = 60.0
+"""An arm that is not at rest after so long [s] has no operating point."""
+
+UNIT_CIRCLE = 1.0 + 1e-6
+"""The largest stable eigenvalue. Rounding moves the eigenvalue 1 of a constant state."""
+
+LONGEST_DELAY = 1.0
+"""The longest delay that is tried [s]."""
+
+GAINS = np.geomspace(1.0, 1e3, 61)[1:]
+"""The gains that are tried."""
+
+STEPS = (1e-5, 1e-6)
+"""Steps of the difference quotients: shares of each quantity, absolute where it is below 1."""
+
+
+class NotLinear(ValueError):
+    """A loop without a linearisation or without margins; the message gives the reason."""
+
+
+@dataclass(frozen=True)
+class JointMargins:
+    """Margins of one torque channel, with the loop of the other joint closed.
+
+    Attributes:
+        gain_lower: largest factor below 1 at which the loop is unstable; 0: none down to 0.001.
+        gain_upper: smallest factor above 1 at which the loop is unstable; inf: none up to 1,000.
+        phase: [degrees]; inf: none.
+        sensitivity: peak of |S|, S = 1 / (1 + L).
+        complementary: peak of |T|, T = L / (1 + L).
+    """
+
+    gain_lower: float
+    gain_upper: float
+    phase: float
+    sensitivity: float
+    complementary: float
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of a closed loop.
+
+    Attributes:
+        joints: those of each torque channel.
+        delay: smallest added delay of both torques at which the loop is unstable [s]; inf: none
+            up to 1 s.
+    """
+
+    joints: tuple[JointMargins, JointMargins]
+    delay: float
+
+
+@dataclass(frozen=True)
+class LinearLoop:
+    """A linearised sampled loop of the torques u [2] and the measured signals y: y = P u, u = K y.
+
+    Attributes:
+        control_dt: sample time [s].
+        delay, lag: of the drive [s].
+        stiffness: derivative of the acceleration by (q, v), [2 x 4].
+        inverse_inertia: derivative of the acceleration by the torque, [2 x 2].
+        matrices: A, B, C, D of K.
+        readings: names of y, as in `Layout.names`.
+        action_scale: torque of an action of 1, [2] N m.
+    """
+
+    control_dt: float
+    delay: float
+    lag: float
+    stiffness: Array
+    inverse_inertia: Array
+    matrices: tuple[Array, Array, Array, Array]
+    readings: tuple[str, ...]
+    action_scale: Array
+
+    def _plant(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
+        """Return A, B, C of P.
+
+        Its state is (q, v), the drive's torque if it lags, and the past commands. A delay of k + f
+        intervals splits an interval: in its first part f the command is one sample older (Franklin,
+        Powell and Workman, "Digital Control of Dynamic Systems", 1998, §4.3.4).
+        """
+        a = np.block([[np.zeros((2, 2)), np.eye(2)], [self.stiffness]])
+        b = np.vstack([np.zeros((2, 2)), self.inverse_inertia])
+        if self.lag > 0.0:
+            a = np.block([[a, b], [np.zeros((2, 4)), -np.eye(2) / self.lag]])
+            b = np.vstack([np.zeros((4, 2)), np.eye(2) / self.lag])
+        whole, part = divmod((self.delay + more_delay) / self.control_dt + 1e-9, 1.0)
+        early, early_input = _hold(a, b, part * self.control_dt)
+        late, late_input = _hold(a, b, (1.0 - part) * self.control_dt)
+
+        # Inputs: the commands of now and of the last k + 1 samples. The past ones are states.
+        n, k = len(a), int(whole)
+        inputs = np.zeros((n, 2 * (k + 2)))
+        inputs[:, -2:], inputs[:, -4:-2] = late @ early_input, late_input
+        shift = np.eye(2 * (k + 1), 2 * (k + 2))
+        both = np.vstack([np.hstack([late @ early, inputs]), np.hstack([np.zeros((len(shift), n)), shift])])
+
+        outputs = {name: np.zeros((2, len(both))) for name in MEASURED}
+        outputs["position"][:, :2] = outputs["velocity"][:, 2:4] = np.eye(2)
+        # An accelerometer reads at the end of an interval, under the torque of that interval.
+        outputs["acceleration"][:, :4] = self.stiffness
+        outputs["acceleration"][:, slice(4, 6) if self.lag > 0.0 else slice(-2, None)] = self.inverse_inertia
+        outputs["previous_action"][:, n : n + 2] = np.diag(1.0 / self.action_scale)
+        rows = [outputs[name.partition("[")[0]][int(name[-2])] for name in self.readings]
+        return np.delete(both, [n, n + 1], axis=1), both[:, n : n + 2], np.array(rows)
+
+    def _series(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
+        """Return A, B, C of K P, the loop that is cut open at the plant's input."""
+        a, b, c = self._plant(more_delay)
+        law_a, law_b, law_c, law_d = self.matrices
+        step = block_diag(a, law_a)
+        step[len(a) :, : len(a)] = law_b @ c
+        return step, np.vstack([b, np.zeros((len(law_a), 2))]), np.hstack([law_d @ c, law_c])
+
+    @property
+    def plant(self) -> control.StateSpace:
+        """P, from the torques to the measured signals."""
+        a, b, c = self._plant()
+        return control.StateSpace(a, b, c, 0.0, self.control_dt, inputs=TORQUES, outputs=list(self.readings), name="P")
+
+    @property
+    def law(self) -> control.StateSpace:
+        """K, from the measured signals to the torques."""
+        return control.StateSpace(
+            *self.matrices, self.control_dt, inputs=list(self.readings), outputs=TORQUES, name="K"
+        )
+
+    @property
+    def sensitivity(self) -> control.StateSpace:
+        """S = (I - K P)^-1, from disturbances of the torques to the torques on the arm."""
+        a, b, c = self._series()
+        return control.StateSpace(
+            a + b @ c, b, c, np.eye(2), self.control_dt, inputs=TORQUES, outputs=TORQUES, name="S"
+        )
+
+    def open_loop(self, joint: int) -> control.StateSpace:
+        """Return L of joint 0 or 1, for negative feedback.
+
+        The loop is cut at the joint's torque; the loop of the other joint is closed.
+        """
+        a, b, c = self._series()
+        other = 1 - joint
+        closed = a + np.outer(b[:, other], c[other])
+        return control.StateSpace(closed, b[:, [joint]], -c[[joint]], 0.0, self.control_dt, name=f"L{joint}")
+
+    def response(self, joint: int, points: int = 2000) -> tuple[Array, Array]:
+        """Return frequencies from 0.1 rad/s to Nyquist's and L there, complex, both [points]."""
+        frequencies = np.geomspace(0.1, np.pi / self.control_dt, points)
+        return frequencies, self.open_loop(joint)(np.exp(1j * frequencies * self.control_dt))
+
+    def is_stable(self, factors: Sequence[complex] = (1.0, 1.0), more_delay: float = 0.0) -> bool:
+        """Return True if all eigenvalues of the closed loop are within the unit circle.
+
+        Args:
+            factors: on the torque of each joint.
+            more_delay: of both torques [s].
+        """
+        a, b, c = self._series(more_delay)
+        return bool(np.abs(np.linalg.eigvals(a + b * np.asarray(factors) @ c)).max() <= UNIT_CIRCLE)
+
+    def margins(self) -> Margins:
+        """Return the margins; raise `NotLinear` if the loop is unstable."""
+        with threadpool_limits(1):  # small matrices only wait for threads
+            if not self.is_stable():
+                raise NotLinear("the linearised loop is unstable")
+            # Fine within the first samples, where a part of a sample matters most.
+            delays = self.control_dt * np.append(np.arange(0.1, 4.0, 0.1), np.geomspace(4.0, 1e4, 160))
+            delay = _edge(lambda x: self.is_stable(more_delay=x), 0.0, delays[delays <= LONGEST_DELAY])
+            return Margins((self._joint_margins(0), self._joint_margins(1)), delay)
+
+    def _joint_margins(self, joint: int) -> JointMargins:
+        def stable(factor: complex) -> bool:
+            return self.is_stable([factor if i == joint else 1.0 for i in (0, 1)])
+
+        sensitivity = 1.0 / (1.0 + self.response(joint)[1])
+        return JointMargins(
+            gain_lower=1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAINS),
+            gain_upper=_edge(stable, 1.0, GAINS),
+            phase=_edge(lambda x: stable(np.exp(-1j * np.radians(x))), 0.0, np.arange(2.0, 181.0, 2.0)),
+            sensitivity=np.abs(sensitivity).max(),
+            complementary=np.abs(1.0 - sensitivity).max(),
+        )
+
+
+def _hold(a: Array, b: Array, time: float) -> tuple[Array, Array]:
+    """Return exp(A t) and the response to an input held for t (Franklin et al., §4.3.3)."""
+    n, m = b.shape
+    both = expm(np.block([[a, b], [np.zeros((m, n + m))]]) * time)
+    return both[:n, :n], both[:n, n:]
+
+
+def _edge(stable: Callable[[float], bool], inside: float, grid: Array) -> float:
+    """Return the first unstable value, from `inside` along the grid; inf: none."""
+    outside = next((x for x in grid if not stable(x)), np.inf)
+    inside = max([inside, *grid[grid < outside]])
+    while np.isfinite(outside) and outside - inside > 1e-5 * outside:
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if stable(middle) else (inside, middle)
+    return float(outside)
+
+
+def linearize(
+    policy: str,
+    scenario: Scenario | str | None = None,
+    at: Pair = POINT,
+    *,
+    times: Sequence[float] = (),
+    seed: int = 0,
+    gains: Mapping[str, Any] | None = None,
+) -> list[LinearLoop]:
+    """Linearise the loop of a policy: about rest, or along the motion.
+
+    The arm is first run without noise, disturbance and dry friction, and carries its payload all
+    the time. Along the motion, each loop is that of an arm that would stay in the state of that
+    time; it describes deviations that are fast against the motion (Khalil, "Nonlinear Systems",
+    2002, §9.6).
+
+    Args:
+        policy: a name, or any text that `fbl-gym evaluate` takes.
+        scenario: the task.
+        at: the constant reference at which the arm comes to rest [rad].
+        times: since the start of the scenario's motion [s], one loop for each; empty: one loop, at
+            rest.
+        seed: of the scenario's draws.
+        gains: arguments of the policy.
+
+    Raises:
+        NotLinear: if the arm diverges or does not come to rest, or the law is not linear even for
+            small deviations.
+    """
+    scenario = _calm(as_scenario(scenario))
+    dt, longest = scenario.control_dt, scenario.duration
+    steps = [round(check_number("times", time, low=dt, high=longest) / dt) for time in times]
+    if not steps:
+        point, zero = check_pair("at", at), (0.0, 0.0)
+        reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
+        scenario = scenario.replace(reference=reference, initial_error=0.0)
+    looks = steps or [round(time / dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
+    scenario = scenario.replace(duration=(max(looks) + 1) * dt)
+    spec = resolve(policy)
+    if not spec.ranked:
+        raise NotLinear("the policy reads the true state")
+    env = make_env(spec, scenario, 1)
+    actor = spec.make(env, **(gains or {}))
+    observation, _ = env.reset(seed=[seed])
+    state: Any = None
+    loops = {}
+    for k in range(max(looks) + 1):
+        action, after = actor.predict(observation, state=state, deterministic=True)
+        if k in looks:
+            truth = env.truth
+            at_rest = np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max()
+            if steps or at_rest:
+                loops[k] = _loop(scenario, env.interface, truth, actor, observation[0], state)
+            if not steps and at_rest:
+                return [loops[k]]
+        observation, _, terminated, _, _ = env.step(action)
+        if terminated[0]:
+            raise NotLinear("the arm diverges")
+        state = after
+    if not steps:
+        raise NotLinear(f"the arm does not come to rest within {SETTLING:g} s")
+    return [loops[k] for k in steps]
+
+
+def _calm(scenario: Scenario) -> Scenario:
+    """Return the scenario without noise, disturbance, dry friction and changes of its payload."""
+    error = scenario.parameter_error
+    if error is not None and isinstance(error.payload, Payload):
+        error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
+    friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
+    return scenario.replace(parameter_error=error, friction=friction, noise=None, disturbance=None)
+
+
+def _loop(
+    scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any
+) -> LinearLoop:
+    """Linearise at a true state, and at an observation [size] with the policy's state."""
+    viscous = np.zeros(2) if scenario.friction is None else np.array(scenario.friction.viscous)
+
+    def acceleration(x: Array) -> Array:
+        return forward_dynamics(truth.lumped, x[:, :2], x[:, 2:], truth.applied_torque - viscous * x[:, 2:])
+
+    layout, drive = interface.layout, scenario.actuator
+    entries = np.concatenate([np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout])
+    step, point = _law(actor, interface, observation, entries, state)
+    m, slope = len(entries), _derivative(step, point)
+    if _differ(_derivative(lambda points: step(points, later=1), point), slope):
+        raise NotLinear("the law changes from sample to sample")
+    loop = LinearLoop(
+        control_dt=scenario.control_dt,
+        delay=drive.delay,
+        lag=drive.lag,
+        stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
+        inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]),
+        matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
+        readings=tuple(layout.names[i] for i in entries),
+        action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
+    )
+    _check_motion(loop, step, point, slope)
+    return loop
+
+
+def _law(
+    actor: Any, interface: Interface, observation: Array, entries: Array, state: Any
+) -> tuple[Callable[..., Array], Array]:
+    """Return a policy as a function of lanes, and the point at which it is linearised.
+
+    The function maps some entries of the observation and the state to the torque and the next
+    state. Flags and counts of the state are held.
+    """
+    layout, m = interface.layout, len(entries)
+    parts = [np.asarray(part) for part in state or ()]
+    if any(part.shape[:1] != (1,) for part in parts):
+        raise NotLinear("the policy's state has no row for each lane")
+    real = [i for i, part in enumerate(parts) if part.dtype.kind == "f"]
+    cuts = np.cumsum([m, *(parts[i].size for i in real)])
+
+    def step(points: Array, later: int = 0) -> Array:
+        """Return torque and next state [n x ...], by counts that are `later` samples later."""
+        n = len(points)
+        observations = np.tile(observation, (n, 1))
+        observations[:, entries] = points[:, :m]
+        lanes = [np.repeat(part + later if part.dtype.kind in "iu" else part, n, axis=0) for part in parts]
+        for i, start, stop in zip(real, cuts[:-1], cuts[1:], strict=True):
+            lanes[i] = points[:, start:stop].reshape(n, *parts[i].shape[1:])
+        action, after = actor.predict(observations, state=None if state is None else tuple(lanes), deterministic=True)
+        q = observations[:, layout["position"]]
+        v = observations[:, layout["velocity"]] if "velocity" in layout else np.zeros_like(q)
+        torque = interface.torque_from_action(np.asarray(action), q, v)
+        return np.hstack([torque, *(after[i].reshape(n, -1) for i in real)])
+
+    return step, np.concatenate([observation[entries], *(parts[i].ravel() for i in real)])
+
+
+def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, slope: Array) -> None:
+    """Raise `NotLinear` if the law departs from its linearisation while a linear plant moves.
+
+    An estimator may switch at any amplitude, but only for signals that belong to a motion. The
+    plant is delayed, or an estimator with an exact model would find that model again.
+    """
+    a, b, c = loop._plant(1.5 * loop.control_dt)
+    m, centre = len(c), step(point[None])[0]
+    x, states = np.zeros(len(a)), np.zeros(len(point) - m)
+    x[:4] = 1e-6, -1e-6, 1e-5, 2e-5
+    largest = 0.0
+    for _ in range(100):
+        inputs = np.concatenate([c @ x, states])
+        change, expected = step((point + inputs)[None])[0] - centre, slope @ inputs
+        largest = max(largest, np.abs(expected[:2]).max())
+        if np.abs(change - expected)[:2].max() > 0.02 * largest:
+            raise NotLinear("the law does not follow its linearisation")
+        if np.abs(c @ x).max() > 1e-3:
+            break
+        x, states = a @ x + b @ change[:2], change[2:]
+
+
+def _derivative(function: Callable[[Array], Array], point: Array) -> Array:
+    """Return the derivative [k x m] of a function of lanes [n x m] -> [n x k]."""
+    steps = [step * np.maximum(1.0, np.abs(point)) for step in STEPS]
+    moved = [point + sign * np.diag(step) for step in steps for sign in (1.0, -1.0)]
+    values = function(np.concatenate([point[None], *moved]))
+    centre, (up, down, fine_up, fine_down) = values[0], np.split(values[1:], 4)
+    coarse, slope = (up - down).T / (2.0 * steps[0]), (fine_up - fine_down).T / (2.0 * steps[1])
+    # The slopes of both sides differ in proportion to the step, or there is a kink.
+    gap, fine_gap = (up + down - 2.0 * centre).T / steps[0], (fine_up + fine_down - 2.0 * centre).T / steps[1]
+    if _differ(coarse, slope) or _differ(slope + fine_gap, slope, 0.3 * np.abs(gap)):
+        raise NotLinear("the law has no derivative at this point")
+    return slope
+
+
+def _differ(one: Array, other: Array, allowed: Array | float = 0.0) -> bool:
+    """Return True if two derivatives differ by more than is allowed and their rounding."""
+    rounding = 1e-3 * np.abs(other) + 1e-5 * np.abs(other).max(axis=1, keepdims=True)
+    return bool(np.any(np.abs(one - other) > allowed + rounding))
+
+
+def _minimal(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
+    """Return A, B, C without the states that no input moves or no output shows."""
+    for _ in range(2):
+        basis, block = np.zeros((len(a), 0)), b
+        while block.any():
+            block = block / np.maximum(np.linalg.norm(block, axis=0), 1e-300)
+            for _ in range(2):  # rounding leaves nothing after the second time
+                block = block - basis @ (basis.T @ block)
+            directions, sizes, _ = np.linalg.svd(block, full_matrices=False)
+            new = directions[:, sizes > 1e-7]
+            basis, block = np.hstack([basis, new]), a @ new
+        a, b, c = (basis.T @ a @ basis).T, (c @ basis).T, (basis.T @ b).T
+    return a, b, c

@@ -1,0 +1,71 @@
+"""`fbl-gym margins`."""
+
+from __future__ import annotations
+
+import argparse
+
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from benchmarks.analysis.linear import POINT, LinearLoop, NotLinear, linearize
+from benchmarks.cli.common import console, picture, policy_name
+from benchmarks.report.plot import plot_loops
+from fbl_gym import scenarios
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument(
+        "policies", nargs="+", type=policy_name, metavar="POLICY", help="one or more, as for `fbl-gym evaluate`"
+    )
+    parser.add_argument(
+        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the real arm, where it is drawn (0)")
+    parser.add_argument(
+        "--at", nargs=2, type=float, default=POINT, metavar=("Q1", "Q2"), help="where the arm rests, in rad (-1 0.5)"
+    )
+    parser.add_argument(
+        "--time", type=float, metavar="T", help="along the motion instead, so many seconds after its start"
+    )
+    parser.add_argument("--plot", type=picture, metavar="FILE", help="draw |L| and |S|: .png, .svg or .pdf")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the margins of each policy, and draw its loop."""
+    scenario = scenarios.get(arguments.scenario)
+    times = () if arguments.time is None else (arguments.time,)
+    q1, q2 = arguments.at
+    place = f"at rest at ({q1:g}, {q2:g}) rad" if arguments.time is None else f"{arguments.time:g} s into the motion"
+    table = Table(title=f"{scenario.name}, {place}", title_style="bold", box=SIMPLE_HEAD)
+    for name in ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T"):
+        table.add_column(name, justify="left" if name == "policy" else "right", no_wrap=True)
+    loops: dict[str, LinearLoop] = {}
+    reasons: dict[str, str] = {}
+    for policy in arguments.policies:
+        try:
+            (loop,) = linearize(policy, scenario, (q1, q2), times=times, seed=arguments.seed)
+            margins = loop.margins()
+        except NotLinear as problem:
+            reasons[policy] = str(problem)
+            continue
+        loops[policy] = loop
+        lower, upper = max(j.gain_lower for j in margins.joints), min(j.gain_upper for j in margins.joints)
+        table.add_row(
+            policy,
+            f"{lower:.2f} - {upper:.2f}",
+            f"{min(j.phase for j in margins.joints):.0f} deg",
+            f"{1e3 * margins.delay:.1f} ms",
+            f"{max(j.sensitivity for j in margins.joints):.2f}",
+            f"{max(j.complementary for j in margins.joints):.2f}",
+        )
+    screen = console()
+    screen.print(table)
+    for policy, reason in reasons.items():
+        screen.print(f"no margins of {escape(policy)}: {reason}")
+    screen.print("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
+    if arguments.plot is not None and loops:
+        plot_loops(loops, f"{scenario.name}, {place}", arguments.plot)
+        screen.print(f"plot: {arguments.plot}")
+    return 0

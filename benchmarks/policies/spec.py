@@ -1,0 +1,362 @@
+"""Policies by name: `resolve` turns text into a `PolicySpec`, which everything else works with.
+
+The text is one of:
+
+- a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed
+  package;
+- "cascade-flm@tuned", with its tuned gains;
+- "ppo-memory@3", a shipped agent of one training seed;
+- "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
+- "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
+- "./path/to/run", a folder that `fbl-gym train` wrote;
+- "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`.
+
+A registered name wins over a file or folder of the same name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import controllers
+from benchmarks.policies import external
+from benchmarks.policies.apart import Died, call_apart
+from benchmarks.policies.configuration import Inexact, configuration
+from benchmarks.policies.digest import closure, code_digest, file_of
+from benchmarks.rl.agent_folder import access_of, saved_agent
+from benchmarks.rl.policy import shipped
+from benchmarks.rl.sb3 import load_zip
+from controllers.registry import KINDS
+from fbl_gym import scenarios
+from fbl_gym.checks import check_choice, unknown
+from fbl_gym.interface import Interface
+from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout")
+"""Modules that every result depends on, the kernel among what they import."""
+
+
+class BadDeclaration(ValueError):
+    """A policy's factory declares something that is not allowed."""
+
+
+class Changed(ValueError):
+    """A policy's code, gains or data are not those of its specification."""
+
+
+@dataclass(frozen=True)
+class PolicySpec:
+    """A policy that has been resolved: plain data that any process can make the same policy from.
+
+    Args:
+        name: the text that names the policy.
+        kind: "classical" or "learned".
+        access: what the policy may know: "none", "nominal" or "privileged".
+        needs: the sensors that it cannot do without.
+        preview: how far ahead it sees the reference [s].
+        tuning: "default gains", "tuned" or "trained".
+        external: whether it is not part of fbl-gym.
+        summary: one line.
+        digest: hash of the code that its results depend on, and of its weights.
+        data: hash of each data file that is read to make it, by the file's path.
+        configuration: its gains as exact plain data.
+        problem: why no result of it can be stored; empty: there is no reason.
+        trusted: whether it is an archive that may be loaded, see `external.trust`.
+    """
+
+    name: str
+    kind: str
+    access: str
+    needs: tuple[str, ...] = ()
+    preview: float = 0.0
+    tuning: str = "default gains"
+    external: bool = False
+    summary: str = ""
+    digest: str = ""
+    data: Mapping[str, str] = field(default_factory=dict, hash=False)
+    configuration: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    problem: str = ""
+    trusted: bool = False
+
+    @property
+    def ranked(self) -> bool:
+        """Whether the board ranks the policy: it does not know the truth."""
+        return self.access != "privileged"
+
+    @property
+    def any_action(self) -> bool:
+        """Whether the policy works with each kind of action.
+
+        An archive has the one that it was trained with.
+        """
+        return not external.is_archive(self.name)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """All that distinguishes this policy from others, as plain data.
+
+        The place of an external policy does not count.
+        """
+        attribute = self.name.partition(":")[2] if external.is_external(self.name) else ""
+        return {
+            "policy": f"external:{attribute}" if external.is_external(self.name) else self.name,
+            "access": self.access,
+            "code": self.digest,
+            "data": sorted(self.data.values()),
+            "configuration": dict(self.configuration),
+        }
+
+    def make(self, env: Any, **gains: Any) -> Any:
+        """Return the policy for an environment.
+
+        Args:
+            env: the environment, single or batched, wrapped or not; or its `interface`.
+            **gains: arguments of the policy; those left out take their defaults.
+
+        Raises:
+            Changed: the policy in this process is not the one that was resolved.
+        """
+        self.check()
+        if gains:
+            self.factory()  # refuses them, if there are none
+        return _make(self.name, env, gains)
+
+    def check(self, reads: Iterable[Path] = ()) -> None:
+        """Raise `Changed` unless this process has the same code, gains and data.
+
+        Args:
+            reads: files that were read since, from `external.watch`.
+        """
+        if self.trusted:
+            external.trust(self.name)
+        now = resolve(self.name).identity
+        if now != self.identity:
+            parts = [part for part in now if now[part] != self.identity[part]]
+            raise Changed(f"the {' and '.join(parts)} of {self.name} changed since it was resolved; run it again")
+        if self.external and not _weights(self.name):
+            for path in sorted(external.data_files(set(reads), external.sources(self.name))):
+                if str(path) not in self.data:
+                    raise Changed(
+                        f"{self.name} reads {path} after it was made, so its key does not notice a change of that file: "
+                        "read it when the policy is made, or list it in the factory's attribute `data_files`"
+                    )
+                if external.file_digest(path) != self.data[str(path)]:
+                    raise Changed(f"{path}, which {self.name} reads, changed since it was resolved; run it again")
+
+    def factory(self) -> Callable[..., Any]:
+        """Return the class or function that makes the policy from the interface and gains."""
+        if external.is_archive(self.name) or external.is_agent(self.name):
+            raise ValueError(f"gains must be those of a law, got {self.name}, which was trained and has none")
+        return _factory(self.name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the specification as plain data."""
+        plain = {**dataclasses.asdict(self), "needs": list(self.needs)}
+        del plain["trusted"]
+        return plain
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> PolicySpec:
+        """Return the specification that `to_dict` gave."""
+        return cls(**{**data, "needs": tuple(data["needs"])})
+
+
+def names() -> tuple[str, ...]:
+    """Return the name of every registered policy, then those with tuned gains."""
+    return (*controllers.names(), *controllers.tuned())
+
+
+_RESOLVED: dict[str, tuple[PolicySpec, str]] = {}
+"""Each policy that this process has resolved, with the state of its files then."""
+
+
+def resolve(policy: str | PolicySpec) -> PolicySpec:
+    """Return the specification of a policy, once for each policy and process.
+
+    A file is resolved again when it has changed. A module keeps the state in which this process
+    imported it.
+
+    Args:
+        policy: text, see the head of this module; a specification is returned as it is.
+
+    Raises:
+        ValueError: no policy has that name, or its file does not exist.
+        external.Untrusted: loading it needs `external.trust`.
+    """
+    if isinstance(policy, PolicySpec):
+        return policy
+    _check(policy)
+    state = _state(policy)
+    if policy not in _RESOLVED or (_RESOLVED[policy][1] != state):
+        _RESOLVED[policy] = _resolve(policy), _state(policy)
+    return _RESOLVED[policy][0]
+
+
+def resolve_apart(text: str) -> PolicySpec:
+    """Return the specification of a policy.
+
+    The code of an external policy runs in a process that only it uses.
+    """
+    _check(text)
+    runs_code = external.entry_module(text) if _registered(text) else not _weights(text)
+    if not runs_code:
+        return resolve(text)
+    try:
+        spec: PolicySpec = call_apart(text, "benchmarks.policies.spec:resolve", text)
+    except Died as death:
+        return PolicySpec(text, "classical", "nominal", external=True, problem=f"{death} while the policy was loaded")
+    return spec
+
+
+def is_unchanged(spec: PolicySpec) -> bool:
+    """Return whether a policy still has the code, gains and data of a specification.
+
+    No code of a file is run.
+    """
+    try:
+        if external.is_file(spec.name) and not _registered(spec.name):
+            data = {path: external.file_digest(Path(path)) for path in spec.data}
+            return _digest(external.sources(spec.name)) == spec.digest and data == spec.data
+        now = _trained(spec.name) if _weights(spec.name) else resolve_apart(spec.name)
+    except (ValueError, OSError):
+        return False
+    return now.identity == spec.identity
+
+
+def _check(text: str) -> None:
+    if _registered(text):
+        return
+    if external.is_external(text):
+        external.check(text)
+    elif (Path(text) / "agent.json").is_file():
+        raise ValueError(f"unknown policy {text!r}; the folder of that name is named by its path, ./{text}")
+    else:
+        raise unknown("policy", text, names())
+
+
+def _registered(text: str) -> str:
+    """The name under which a policy is registered; empty: it is not."""
+    name, _ = _with_seed(text)
+    return name if name in names() else ""
+
+
+def _with_seed(text: str) -> tuple[str, dict[str, int]]:
+    """A policy's name and, of "ppo-memory@3", its training seed as an argument."""
+    name, _, seed = text.rpartition("@")
+    return (name, {"seed": int(seed)}) if seed.isdigit() and name in shipped() else (text, {})
+
+
+def _state(text: str) -> str:
+    """A hash of the files of an external policy that may change while a process runs."""
+    if _registered(text) or not (external.is_file(text) or _weights(text)):
+        return ""
+    files = {*external.sources(text).values(), *_weights(text)}
+    if text in _RESOLVED:
+        files |= {Path(path) for path in _RESOLVED[text][0].data}
+    digests = [str(Path.cwd()), *(external.file_digest(path) for path in sorted(files))]
+    return hashlib.sha256("".join(digests).encode()).hexdigest()
+
+
+def _weights(text: str) -> list[Path]:
+    """The files of a trained policy that is no code."""
+    if external.is_archive(text):
+        return [Path(text)]
+    return [Path(text) / name for name in ("agent.json", "weights.npz")] if external.is_agent(text) else []
+
+
+def _resolve(text: str) -> PolicySpec:
+    if not _registered(text) and _weights(text):
+        return _trained(text)
+    if external.is_file(text) and text in _RESOLVED:
+        external.forget(Path(text.partition(":")[0]))
+    is_external = not _registered(text) or external.entry_module(_registered(text)) != ""
+    modules: dict[str, Path] = {}
+    spec = PolicySpec(text, "classical", "nominal", external=is_external)
+    reads: set[Path] = set()
+    try:
+        with external.watch() as reads:
+            modules = external.sources(text) if is_external else {}
+            factory = _factory(text)
+            modules = modules or _files(factory.__module__)
+            spec = _declared(spec, factory)
+            spec = dataclasses.replace(spec, configuration=configuration(_make(text, _example(spec), {})))
+    except external.NotFound:
+        raise
+    except (BadDeclaration, Inexact) as problem:
+        spec = dataclasses.replace(spec, problem=str(problem))
+    except (Exception, SystemExit):
+        pass  # an error of the policy: making it for a cell raises it again, and other policies must not suffer
+    data = external.data_files(reads, modules) if is_external else set()
+    first = next(iter(modules.values()), Path())
+    data |= {(first.parent / file).resolve() for file in spec.data}
+    return dataclasses.replace(
+        spec, digest=_digest(modules), data={str(path): external.file_digest(path) for path in sorted(data)}
+    )
+
+
+def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
+    """The specification with all that a factory declares; its data files by name alone."""
+    name = _registered(spec.name)
+    kind = controllers.kind(name) if name else getattr(factory, "kind", "classical")
+    tuning = "tuned" if spec.name.endswith("@tuned") else "default gains"
+    try:
+        return dataclasses.replace(
+            spec,
+            kind=check_choice(f"kind of {spec.name}", kind, KINDS),
+            access=controllers.access(name or factory),
+            needs=tuple(getattr(factory, "needs", ())),
+            preview=float(getattr(factory, "preview", 0.0)),
+            tuning="trained" if kind == "learned" else tuning,
+            summary=controllers.summary(name) if name else (factory.__doc__ or "").strip().partition("\n")[0],
+            data=dict.fromkeys(getattr(factory, "data_files", ()), ""),
+        )
+    except (ValueError, TypeError) as problem:
+        raise BadDeclaration(str(problem)) from problem
+
+
+def _trained(text: str) -> PolicySpec:
+    """The specification of an archive or a folder of an agent."""
+    archive = external.is_archive(text)
+    weights = hashlib.sha256("".join(external.file_digest(path) for path in _weights(text)).encode()).hexdigest()
+    return PolicySpec(
+        text, "learned", "nominal" if archive else access_of(Path(text)), tuning="trained", external=True,
+        digest=_digest(_files((load_zip if archive else saved_agent).__module__), weights), trusted=archive,
+    )  # fmt: skip
+
+
+def _factory(text: str) -> Callable[..., Any]:
+    return controllers.factory(_with_seed(text)[0]) if _registered(text) else external.load(text)
+
+
+def _make(text: str, env: Any, gains: Mapping[str, Any]) -> Any:
+    if _registered(text):
+        name, seed = _with_seed(text)
+        return controllers.make(name, env, **{**seed, **gains})
+    if external.is_archive(text):
+        return load_zip(Path(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True)
+    if external.is_agent(text):
+        return saved_agent(env, text)
+    return controllers.make(external.load(text), env, **gains)
+
+
+def _example(spec: PolicySpec) -> TwoLinkArmVectorEnv:
+    """An environment that a policy can be made for."""
+    scenario = scenarios.get("nominal")
+    return TwoLinkArmVectorEnv(1, scenario, preview=math.ceil(spec.preview / scenario.control_dt - 1e-9))
+
+
+def _files(*modules: str) -> dict[str, Path]:
+    files = {module: file_of(module) for module in modules}
+    return {module: file for module, file in files.items() if file is not None}
+
+
+def _digest(modules: Mapping[str, Path], weights: str = "") -> str:
+    """A hash of a policy's code with its imports, and of the code behind every result."""
+    code = code_digest(closure({**_files(*RESULTS), **modules}))
+    return hashlib.sha256(f"{code} {weights}".encode()).hexdigest()

@@ -1,0 +1,85 @@
+"""One cell: run it, in this process or in one that no other policy shares, and store its result."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from benchmarks.policies import external
+from benchmarks.policies.apart import Died, call_apart
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
+from benchmarks.run.store import Result, Store, provenance
+from benchmarks.run.suite import Cell
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The end of a cell in a run.
+
+    Args:
+        id: of the cell.
+        done: "computed", "found" (it was in the store), or "failed".
+        wall_s: time that it took [s].
+        error: why it failed.
+    """
+
+    id: str
+    done: str
+    wall_s: float = 0.0
+    error: str = ""
+
+
+def run_cell(cell: Cell, command: str = "") -> Result:
+    """Run one cell in this process and return its result, or its error where the policy fails.
+
+    Args:
+        cell: to run.
+        command: the command that was typed, for the record.
+    """
+    begin = time.perf_counter()
+    try:
+        if cell.policy.problem:
+            raise ValueError(cell.policy.problem)
+        with external.watch() as reads:
+            trace = rollout(cell.policy, cell.scenario, cell.seeds)
+        cell.policy.check(reads)
+        rows, decision, error = tuple(measure(trace)), 1e6 * trace.decision_time, ""
+    except (Exception, SystemExit) as problem:  # an external policy may raise anything, and other cells must not suffer
+        rows, decision, error = (), float("nan"), f"{type(problem).__name__}: {problem}"
+    return Result(cell, rows, decision, time.perf_counter() - begin, error, provenance(command))
+
+
+def compute(cell: Cell, store: Store, command: str) -> Outcome:
+    """Run a cell and write its result into the store, unless it is there.
+
+    Args:
+        cell: to run.
+        store: for the result.
+        command: the command that was typed, for the record.
+    """
+    if store.find(cell) is not None:
+        return Outcome(cell.id, "found")
+    apart = cell.policy.external or external.has_loaded()
+    result = run_apart(cell, command) if apart else run_on_one_thread(cell, command)
+    store.save(result)
+    return Outcome(cell.id, "failed" if result.error else "computed", result.wall_s, result.error)
+
+
+def run_apart(cell: Cell, command: str = "") -> Result:
+    """Run a cell as `run_cell` does, in a process that only its policy uses."""
+    begin = time.perf_counter()
+    owner = cell.policy.name if cell.policy.external else ""
+    try:
+        result: Result = call_apart(owner, "benchmarks.run.cell:run_on_one_thread", cell, command)
+    except Died as death:
+        return Result(cell, (), float("nan"), time.perf_counter() - begin, str(death), provenance(command))
+    return result
+
+
+def run_on_one_thread(cell: Cell, command: str) -> Result:
+    """Run a cell as `run_cell` does, with linear algebra on one thread."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        return run_cell(cell, command)

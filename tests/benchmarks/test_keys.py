@@ -1,0 +1,329 @@
+"""A cell's key: it follows all that the result depends on, and nothing else."""
+
+import pickle
+import subprocess
+import sys
+from importlib import metadata
+
+import numpy as np
+import pytest
+
+from benchmarks.policies import digest, external
+from benchmarks.policies.configuration import Inexact, exact
+from benchmarks.policies.digest import closure, file_of, source_digest
+from benchmarks.policies.spec import PolicySpec, names, resolve
+from benchmarks.run.cell import run_cell
+from benchmarks.run.suite import Cell
+from controllers.registry import ENTRY_POINTS
+
+LAW = "from controllers.simple import Zero as make_policy\n"
+
+
+def tree(folder, files):
+    """Write Python files, by their names without .py."""
+    for name, text in files.items():
+        path = folder / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+
+def test_the_key_follows_policy_scenario_and_seeds():
+    cell = Cell("pid-flm", "nominal", (0, 1, 2))
+    others = [
+        Cell("cascade-flm", cell.scenario, cell.seeds),
+        Cell("pid-flm@tuned", cell.scenario, cell.seeds),
+        Cell("ppo-residual@1", cell.scenario, cell.seeds),
+        Cell("ppo-residual@2", cell.scenario, cell.seeds),
+        Cell("pid-flm", cell.scenario.replace(noise={"position": 1e-9}), cell.seeds),
+        Cell("pid-flm", cell.scenario.replace(control_dt=0.02), cell.seeds),
+        Cell("pid-flm", cell.scenario, (0, 1)),
+    ]
+    keys = {c.key for c in (cell, *others)}
+    assert len(keys) == len(others) + 1
+    assert Cell("pid-flm", cell.scenario.replace(description="other words"), cell.seeds).key == cell.key
+
+
+def test_a_policy_is_made_once_for_all_its_keys(monkeypatch):
+    resolve("cascade-flm@tuned")
+    monkeypatch.setattr("benchmarks.policies.spec._make", lambda *_: pytest.fail("it was made again"))
+    cells = [Cell("cascade-flm@tuned", "nominal", (seed,)) for seed in range(100)]
+    assert len({cell.key for cell in cells}) == 100
+    monkeypatch.setattr(Cell, "identity", None)
+    assert len({cell.key for cell in cells}) == 100
+
+
+SOURCE = b'''"""A module."""
+import math  # for pi
+
+
+class Law:
+    """A law."""
+
+    gain = 2.0
+    """Its gain."""
+
+    def torque(self, x):
+        """Return the torque."""
+        return (self.gain * x, f"{x} Nm")
+'''
+
+
+def test_comments_docstrings_and_layout_do_not_count():
+    plain = b"""import math
+class Law:
+  gain = 2.0
+  def torque(self, x):
+    return (self.gain *
+            x, f"{x} Nm")
+"""
+    assert source_digest(SOURCE) == source_digest(plain)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b"2.0", b"2.1"), (b"self.gain * x", b"self.gain + x"), (b"import math", b"import cmath"), (b"{x} Nm", b"{x} N")],
+)
+def test_code_counts(old, new):
+    assert source_digest(SOURCE) != source_digest(SOURCE.replace(old, new))
+
+
+def test_a_law_depends_on_its_modules_the_kernel_and_the_metrics_but_on_no_other_law():
+    roots = {
+        name: file_of(name) for name in ("benchmarks.run.rollout", "benchmarks.run.metrics", "controllers.adaptive")
+    }
+    modules = closure(roots)
+    assert {"fbl_gym.kernel.physics", "fbl_gym.arm", "controllers.estimator", "controllers.policy"} <= set(modules)
+    assert not {"controllers.adrc", "fbl_gym.render", "benchmarks.policies.spec", "benchmarks.cli.tune"} & set(modules)
+    assert "controllers.cascade" in closure({"benchmarks.rl.policy": file_of("benchmarks.rl.policy")})
+
+
+@pytest.mark.parametrize("module", ["controllers.pid", "fbl_gym.kernel.physics", "benchmarks.run.metrics"])
+def test_an_edit_of_the_packages_code_changes_the_key(module, monkeypatch):
+    before = resolve("pid-flm").digest
+    real = source_digest
+    text = file_of(module).read_bytes()
+    monkeypatch.setattr(digest, "source_digest", lambda source: "edited" if source == text else real(source))
+    monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
+    assert resolve("pid-flm").digest != before
+
+
+def test_the_key_follows_the_code_of_an_external_policy(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(LAW)
+    before = Cell(str(file), "nominal", (0,)).key
+    file.write_text(f"# A sentence.\n{LAW}")
+    assert Cell(str(file), "nominal", (0,)).key == before
+    file.write_text(LAW.replace("Zero", "PdGravity"))
+    assert Cell(str(file), "nominal", (0,)).key != before
+
+
+def test_two_factories_of_one_file_have_two_keys(tmp_path):
+    (tmp_path / "two.py").write_text("from controllers.simple import PdGravity, Zero\n")
+    assert (
+        Cell(f"{tmp_path}/two.py:Zero", "nominal", (0,)).key
+        != Cell(f"{tmp_path}/two.py:PdGravity", "nominal", (0,)).key
+    )
+
+
+def test_the_key_follows_all_that_an_external_file_imports(tmp_path):
+    files = {
+        "mine": f"def late():\n    import helper\n{LAW}",
+        "helper": "from parts import deep\n",
+        "parts/__init__": "",
+        "parts/deep": "from .deeper import x\n",
+        "parts/deeper": "x = 1\n",
+        "other": "",
+    }
+    tree(tmp_path, files)
+    keys = [Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key]
+    for name in ("helper", "parts/__init__", "parts/deep", "parts/deeper"):
+        with (tmp_path / f"{name}.py").open("a") as file:
+            file.write("changed = True\n")
+        keys.append(Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key)
+    assert len(set(keys)) == 5
+    (tmp_path / "other.py").write_text("nobody = 'imports it'\n")
+    assert Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key == keys[-1]
+
+
+def test_the_key_follows_the_package_of_an_external_policy(tmp_path, monkeypatch):
+    """Named by a module, or by an entry point; a built-in name stays built-in."""
+    monkeypatch.syspath_prepend(tmp_path)
+    tree(tmp_path, {"external_laws/part/law": LAW, "external_laws/gains": ""})
+    points = [
+        metadata.EntryPoint(name, "external_laws.part.law:make_policy", ENTRY_POINTS) for name in ("theirs", "pid-flm")
+    ]
+    monkeypatch.setattr("controllers.registry._entry_points", lambda: tuple(points))
+    monkeypatch.setattr(external, "entry_points", lambda: tuple(points))
+    policies = ("external_laws.part.law:make_policy", "theirs", "pid-flm")
+
+    def keys():
+        monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
+        return [Cell(name, "nominal", (0,)).key for name in policies]
+
+    before = keys()
+    tree(tmp_path, {"external_laws/gains": "changed = True\n"})
+    assert [old == new for old, new in zip(before, keys(), strict=True)] == [False, False, True]
+    assert [resolve(name).external for name in policies] == [True, True, False]
+
+
+def test_built_in_policies_are_built_in():
+    for name in (*names(), "ppo-residual@1"):
+        assert not resolve(name).external
+    assert set(resolve("pid-flm").configuration) == {"kp", "ki", "kd"}
+
+
+WEIGHTS = """
+from dataclasses import dataclass, field
+import numpy as np
+from controllers.simple import PdGravity
+
+
+@dataclass(frozen=True)
+class Law(PdGravity):
+    weights: object = field(default_factory=lambda: np.load({path!r}))
+
+    def torque(self, observation, state):
+        torque, state = super().torque(observation, state)
+        return torque * self.weights[1000], state
+
+
+make_policy = Law
+"""
+
+
+def test_every_number_of_an_array_counts(tmp_path):
+    """NumPy prints the ends of a long array alone."""
+    weights = np.ones(2000)
+    np.save(tmp_path / "weights.npy", weights)
+    (tmp_path / "law.py").write_text(WEIGHTS.format(path=str(tmp_path / "weights.npy")))
+    one = Cell(str(tmp_path / "law.py"), "nominal", (0,))
+    error = run_cell(one).rows[0]["error_pct"]
+    weights[800:1200] = 0.5
+    np.save(tmp_path / "weights.npy", weights)
+    other = Cell(str(tmp_path / "law.py"), "nominal", (0,))
+    assert one.key != other.key
+    assert one.policy.configuration != other.policy.configuration
+    assert run_cell(other).rows[0]["error_pct"] > error
+    # The first cell's result can no longer be computed, and is not confused with the second's.
+    assert "changed since it was resolved" in run_cell(one).error
+
+
+def test_values_are_exact_or_refused():
+    assert exact(np.zeros(3), "x") != exact(np.zeros(3, np.float32), "x") != exact(np.zeros((3, 1)), "x")
+    assert exact(0.1 + 0.2, "x") != exact(0.3, "x")
+    assert exact({"b": (1, None), "a": [True]}, "x") == {"a": [True], "b": [1, None]}
+    for value in (object(), np.array([object()]), lambda: 0, {1: 2}, {"a": {1, 2}}):
+        with pytest.raises(Inexact, match=r"Law\.gain.* must be a number, text, a NumPy array"):
+            exact(value, "Law.gain")
+
+
+OBJECT = """
+from dataclasses import dataclass, field
+from controllers.simple import Zero
+
+
+class Net:
+    pass
+
+
+@dataclass(frozen=True)
+class Law(Zero):
+    net: Net = field(default_factory=Net)
+
+
+make_policy = Law
+"""
+
+
+def test_an_object_in_a_field_is_a_failed_cell_that_names_the_field(tmp_path):
+    (tmp_path / "law.py").write_text(OBJECT)
+    cell = Cell(str(tmp_path / "law.py"), "nominal", (0,))
+    assert run_cell(cell).error.startswith("ValueError: Law.net must be a number, text, a NumPy array")
+    assert run_cell(cell).error.endswith("got Net: build it from such fields in a cached_property")
+
+
+@pytest.mark.parametrize("declares", ["kind = 'foo'", "access = 'all'", "preview = 'far'"])
+def test_a_wrong_declaration_is_a_failed_cell(declares, tmp_path):
+    (tmp_path / "law.py").write_text(
+        f"from controllers.simple import Zero\n\n\nclass make_policy(Zero):\n    access = 'privileged'\n    {declares}\n"
+    )
+    result = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,)))
+    assert result.rows == ()
+    assert result.error
+
+
+READER = """
+from pathlib import Path
+from controllers.simple import PdGravity
+
+file = Path(__file__).with_name("gain.txt")
+
+
+class Law(PdGravity):
+    def initial(self, observation):
+        {late}
+        return super().initial(observation)
+
+
+def make_policy(interface):
+    {early}
+    return Law(interface, 5.0)
+
+
+make_policy.data_files = ({declared})
+"""
+READ = "float(file.read_text())"
+
+
+@pytest.mark.parametrize(("early", "declared"), [(READ, ""), ("pass", '"gain.txt",')])
+def test_the_key_follows_data_files_that_are_read_in_making_or_declared(early, declared, tmp_path):
+    (tmp_path / "gain.txt").write_text("5")
+    (tmp_path / "law.py").write_text(READER.format(late=READ, early=early, declared=declared))
+    before = Cell(str(tmp_path / "law.py"), "nominal", (0,))
+    assert run_cell(before).error == ""
+    (tmp_path / "gain.txt").write_text("6")
+    assert Cell(str(tmp_path / "law.py"), "nominal", (0,)).key != before.key
+
+
+def test_a_data_file_that_the_key_does_not_know_is_a_failed_cell(tmp_path):
+    (tmp_path / "gain.txt").write_text("5")
+    (tmp_path / "law.py").write_text(READER.format(late=READ, early="pass", declared=""))
+    error = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error
+    assert f"reads {tmp_path / 'gain.txt'} after it was made" in error
+    assert "list it in the factory's attribute `data_files`" in error
+
+
+def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
+    """Another process, as a worker is, meets the new code under the old key."""
+    file = tmp_path / "law.py"
+    file.write_text(LAW)
+    cell = Cell(str(file), "nominal", (0,))
+    assert PolicySpec.from_dict(cell.policy.to_dict()).identity == cell.policy.identity
+    code = (
+        "import pickle, sys; from benchmarks.run.cell import run_cell; "
+        "print(run_cell(pickle.load(sys.stdin.buffer)).error)"
+    )
+
+    def worker():
+        return subprocess.run([sys.executable, "-c", code], input=pickle.dumps(cell), capture_output=True, check=True)
+
+    assert worker().stdout == b"\n"
+    file.write_text(LAW.replace("Zero", "PdGravity"))
+    assert b"Changed: the " in worker().stdout
+
+
+def test_a_name_of_the_package_wins_over_a_folder_of_that_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    agent = file_of("benchmarks.rl.policy").parent / "agents" / "ppo-residual" / "1"
+    for name in ("oracle-flm", "mine"):
+        (tmp_path / name).mkdir()
+        for file in ("agent.json", "weights.npz"):
+            (tmp_path / name / file).write_bytes((agent / file).read_bytes())
+    assert resolve("oracle-flm").access == "privileged"
+    assert not resolve("oracle-flm").external
+    assert resolve("./oracle-flm").access == "nominal"
+    assert resolve("./mine").external
+    with pytest.raises(
+        ValueError, match=r"unknown policy 'mine'; the folder of that name is named by its path, ./mine"
+    ):
+        resolve("mine")

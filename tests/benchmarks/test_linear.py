@@ -1,0 +1,141 @@
+"""Linear analysis, against python-control's analytic loop and the environment with a delay."""
+
+import math
+
+import control
+import numpy as np
+import pytest
+
+from benchmarks import cli
+from benchmarks.analysis.linear import POINT, NotLinear, linearize
+from benchmarks.policies import resolve
+from benchmarks.run.rollout import make_env
+from fbl_gym.scenarios import Scenario, get
+
+AT_REST = {"kind": "array", "position": [POINT] * 2, "velocity": [(0.0, 0.0)] * 2, "acceleration": [(0.0, 0.0)] * 2}
+
+
+def test_margins_of_pid_on_double_integrators_are_those_of_python_control():
+    """Without gravity and with an exact model, each joint is a held double integrator."""
+    dt, kp, ki, kd = 0.01, 100.0, 200.0, 20.0
+    (loop,) = linearize("pid-flm", Scenario(arm={"gravity": 0.0}), gains={"kp": kp, "ki": ki, "kd": kd})
+
+    def loop_transfer(z):
+        return (kp + ki * dt / (z - 1)) * dt**2 / 2 * (z + 1) / (z - 1) ** 2 + kd * dt / (z - 1)
+
+    proportional, integral = kp * dt**2 / 2 * np.array([1, 0, -1]), ki * dt**3 / 2 * np.array([0, 1, 1])
+    derivative = kd * dt * np.array([1, -2, 1])
+    analytic = control.TransferFunction(proportional + integral + derivative, [1, -3, 3, -1], dt)
+    gains, phase, distance, _, crossover, _ = control.stability_margins(analytic, returnall=True)
+    margins = loop.margins()
+    for joint, values in enumerate(margins.joints):
+        frequencies, transfer = loop.response(joint, points=50)
+        np.testing.assert_allclose(transfer, loop_transfer(np.exp(1j * dt * frequencies)), rtol=1e-6)
+        assert values.gain_lower == pytest.approx(max(gains[gains < 1.0]), rel=1e-3)
+        at_nyquist = 1.0 / abs(loop_transfer(-1.0))
+        assert values.gain_upper == pytest.approx(min([at_nyquist, *gains[gains > 1.0]]), rel=1e-3)
+        assert values.phase == pytest.approx(min(phase), rel=1e-3)
+        assert values.sensitivity == pytest.approx(1.0 / min(distance), rel=1e-3)
+    # The formula neglects the hold's part of a sample.
+    assert margins.delay == pytest.approx(np.radians(min(phase)) / crossover[np.argmin(phase)], rel=0.02)
+
+
+def settles(policy, **options):
+    """Whether a small error dies out in the environment."""
+    scenario = Scenario(reference=AT_REST, initial_error=1e-6, physics_dt=2.5e-4, duration=12.0, **options)
+    env = make_env(policy, scenario, 1)
+    actor = resolve.make(policy, env)
+    observation, _ = env.reset(seed=[0])
+    state, speeds = None, []
+    for _ in range(scenario.steps):
+        action, state = actor.predict(observation, state=state)
+        observation, _, terminated, _, _ = env.step(action)
+        if terminated[0]:
+            return False
+        speeds.append(np.abs(env.truth.velocity).max())
+    quarters = [max(part) for part in np.array_split(speeds, 4)]
+    return quarters[3] < 1e-3 and (quarters[3] < quarters[1] or quarters[3] < 1e-9)
+
+
+@pytest.mark.parametrize(
+    "policy",
+    ["pd-gravity", "pid-flm@tuned", "cascade-flm", "computed-torque", "lqg@tuned", "cascade-flm@tuned", "rbf-adaptive"],
+)
+def test_the_delay_margin_is_the_delay_at_which_the_environment_becomes_unstable(policy):
+    step = 2.5e-4
+    delay = linearize(policy)[0].margins().delay
+    assert settles(policy, actuator={"delay": math.floor(0.98 * delay / step) * step})
+    assert not settles(policy, actuator={"delay": math.ceil(1.02 * delay / step) * step})
+
+
+def test_a_delay_of_the_drive_is_taken_off_the_delay_margin():
+    (plain,), (delayed,) = linearize("lqg"), linearize("lqg", Scenario(actuator={"delay": 0.004}))
+    assert delayed.margins().delay == pytest.approx(plain.margins().delay - 0.004, abs=1e-5)
+
+
+def test_the_real_arm_and_the_drive_s_lag_are_those_of_the_environment():
+    """Without gravity, so that a wrong model rests where a right one does."""
+    step, error = 2.5e-4, {"ratio": {"m1": 1.3, "m2": 0.7}, "payload": 5.0}
+    options = {"arm": {"gravity": 0.0}, "parameter_error": error, "friction": {"viscous": 20.0}}
+    lag = 0.01
+    delay = linearize("adrc", Scenario(actuator={"lag": lag}, **options))[0].margins().delay
+    assert delay < linearize("adrc")[0].margins().delay - 0.005
+    below, above = math.floor(0.98 * delay / step) * step, math.ceil(1.02 * delay / step) * step
+    assert settles("adrc", actuator={"lag": lag, "delay": below}, **options)
+    assert not settles("adrc", actuator={"lag": lag, "delay": above}, **options)
+
+
+def test_the_state_spaces_belong_together():
+    (loop,) = linearize("lqg", get("payload-2"))
+    z = np.exp(1j * loop.control_dt * np.array([1.0, 10.0, 100.0]))
+    identity = np.eye(2)[..., None]
+    np.testing.assert_allclose(
+        np.einsum(
+            "ijw,jkw->ikw", identity - np.einsum("ijw,jkw->ikw", loop.law(z), loop.plant(z)), loop.sensitivity(z)
+        ),
+        np.broadcast_to(identity, (2, 2, 3)),
+        atol=1e-6,
+    )
+    for joint in (0, 1):
+        np.testing.assert_allclose(1.0 / (1.0 + loop.open_loop(joint)(z)), loop.sensitivity(z)[joint, joint], rtol=1e-6)
+    assert loop.plant.input_labels == ["torque[0]", "torque[1]"]
+    assert loop.plant.output_labels[:2] == ["position[0]", "position[1]"]
+
+
+def test_a_pause_of_the_motion_is_a_point_of_rest():
+    motion = {"kind": "minimum-jerk", "points": [(-1.5, 0.0), POINT], "move_time": 0.5, "hold_time": 0.5}
+    moving, resting = linearize("computed-torque", Scenario(reference=motion, duration=1.0), times=(0.25, 1.0))
+    (rest,) = linearize("computed-torque")
+    assert resting.margins().delay == pytest.approx(rest.margins().delay, rel=1e-3)
+    assert not np.allclose(moving.stiffness, rest.stiffness, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "reason"),
+    [
+        ("sliding-mode", {}, "no derivative"),
+        ("adaptive-flm", {}, "does not follow"),
+        ("oracle-flm", {}, "reads the true state"),
+        ("zero", {}, "does not come to rest"),
+        ("time-delay", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
+    ],
+)
+def test_a_loop_without_margins_says_why(policy, options, reason):
+    with pytest.raises(NotLinear, match=reason):
+        linearize(policy, Scenario(**options))[0].margins()
+
+
+def test_a_law_that_does_not_plan_at_every_sample_has_no_margins():
+    pytest.importorskip("casadi")
+    with pytest.raises(NotLinear, match="changes from sample to sample"):
+        linearize("nmpc")
+
+
+def test_the_command_prints_and_draws(tmp_path, capsys):
+    picture = tmp_path / "margins.png"
+    line = ["margins", "cascade-flm", "sliding-mode", "--at", "-1", "0.5", "--plot", str(picture)]
+    assert cli.main(line) == 0
+    printed = capsys.readouterr().out
+    assert " ms " in printed
+    assert "no margins of sliding-mode: the law has no derivative" in printed
+    assert picture.stat().st_size > 10_000

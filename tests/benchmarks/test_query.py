@@ -1,0 +1,41 @@
+"""`fbl-gym query`: each current run once, and everything in the table `all_results`."""
+
+import dataclasses
+
+from benchmarks import cli
+from benchmarks.report.export import query
+from benchmarks.run.cell import run_cell
+from benchmarks.run.store import Store
+from benchmarks.run.suite import Cell
+
+
+def count(store, table):
+    return int(str(query(store.results(), f"SELECT count(*) AS n FROM {table}")).splitlines()[-2].strip("│ "))
+
+
+def test_older_code_and_other_sets_of_seeds_do_not_count_twice(tmp_path, capsys):
+    store = Store(tmp_path)
+    few, many = (run_cell(Cell("zero", "nominal", tuple(range(n)))) for n in (2, 5))
+    older = dataclasses.replace(few.cell.policy, digest="of older code")
+    for result in (few, many, dataclasses.replace(few, cell=Cell(older, "nominal", (0, 1)))):
+        store.save(result)
+    other = Cell("zero", few.cell.scenario.replace(noise={"position": 0.1}), (0, 1))
+    store.save(dataclasses.replace(few, cell=other))
+    assert count(store, "results") == 5
+    assert count(store, "all_results") == 2 + 5 + 2 + 2
+    assert count(store, "all_results WHERE current") == 2 + 5
+    assert cli.main(["query", "SELECT count(DISTINCT key) FROM all_results", "--store", str(tmp_path)]) == 0
+    assert "4" in capsys.readouterr().out
+
+
+def test_a_query_runs_no_code_of_a_file(tmp_path):
+    law = tmp_path / "law.py"
+    flag = tmp_path / "ran"
+    law.write_text(f"from controllers.simple import Zero as make_policy\nopen({str(flag)!r}, 'w').close()\n")
+    store = Store(tmp_path / "store")
+    store.save(run_cell(Cell(str(law), "nominal", (0,))))
+    flag.unlink()
+    assert count(store, "results") == 1
+    law.write_text(law.read_text().replace("Zero", "PdGravity"))
+    assert count(store, "results") == 0
+    assert not flag.exists()

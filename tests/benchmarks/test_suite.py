@@ -1,0 +1,61 @@
+"""Suites: their names, files, seeds and scenarios."""
+
+import pytest
+
+from benchmarks.run.suite import SUITES, Suite, load, named, narrow
+from benchmarks.seeds import SPLITS
+from fbl_gym import scenarios
+
+
+def test_splits_do_not_overlap():
+    ranges = list(SPLITS.values())
+    for i, one in enumerate(ranges):
+        for other in ranges[i + 1 :]:
+            assert one.stop <= other.start or other.stop <= one.start
+
+
+def test_suites(tmp_path):
+    for name in SUITES:
+        suite = named(name)
+        assert len({c.id for c in suite.cells}) == len(suite.cells)
+        assert all(seed in SPLITS["test"] for c in suite.cells[:1] for seed in c.seeds)
+    assert {c.scenario.control_dt for c in named("kilohertz").cells} == {1e-3}
+    assert len(named("full").scenarios) >= 8 * 4
+    assert named("full").seeds == 256
+    file = tmp_path / "mine.toml"
+    file.write_text('policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n')
+    suite = load(str(file))
+    assert [s.name for s in suite.scenarios][-1] == "own"
+    assert len(suite.cells) == 7
+    assert suite.cells[0].seeds == tuple(range(5))
+    file.write_text("policy = 3\n")
+    with pytest.raises(ValueError, match=r"unknown entry of .*mine.toml 'policy'; did you mean 'policies'"):
+        load(str(file))
+    file.write_text("policies = [\n")
+    with pytest.raises(ValueError, match="is no TOML"):
+        load(str(file))
+    with pytest.raises(ValueError, match="unknown suite 'quik'; did you mean 'quick'"):
+        load("quik")
+    with pytest.raises(ValueError, match="seeds must be at most"):
+        narrow(named("quick"), seeds=20_000)
+
+
+def test_scenarios_that_share_a_name_keep_their_content(tmp_path):
+    """Tables without names, and a table with a name that exists."""
+    file = tmp_path / "tables.toml"
+    file.write_text(
+        'policies = ["pd-gravity"]\nseeds = 2\n'
+        "scenarios = [{parameter_error = 1.1}, {parameter_error = 2.0}, "
+        '{name = "nominal", parameter_error = 3.0}, "nominal"]\n'
+    )
+    suite = load(str(file))
+    assert len({scenario.name for scenario in suite.scenarios}) == len({cell.key for cell in suite.cells}) == 4
+    assert all(scenario.name.startswith("nominal") for scenario in suite.scenarios)
+    assert scenarios.get("nominal") in suite.scenarios
+    ratios = [scenario.parameter_error.ratio[0] for scenario in suite.scenarios if scenario.parameter_error]
+    assert sorted(ratios) == [1.1, 2.0, 3.0]
+
+
+def test_what_is_given_twice_counts_once():
+    suite = Suite("twice", ("zero", "zero"), (scenarios.get("nominal"),) * 2, 1)
+    assert len(suite.cells) == 1
