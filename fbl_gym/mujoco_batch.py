@@ -26,6 +26,9 @@ from fbl_gym.uncertainty import Friction
 _POINT_INERTIA = 1e-12
 """Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero."""
 
+_NUMBERS = ("parameters", "payload")
+"""Fields of a block from which a lane's model is made; it is made again when one changes."""
+
 _HINGE = 0.15
 """Place of the hinge of a link that bends, as a fraction of its length."""
 
@@ -68,13 +71,13 @@ class MuJoCoBatch(ArmBatch):
             if problem >= 0:
                 return problem, 0.0, False, False
             torque = (blocks["tau_start"][place] + 4.0 * blocks["tau_half"][place] + blocks["tau_end"][place]) / 6.0
-            payload = blocks["payload"][place[0], place[2]]
+            numbers, velocity = self._numbers(), blocks["velocity"][place]
             for lane, arm in self._arms.items():
-                if arm.payload != payload[lane]:
-                    arm = self._arms[lane] = arm.carrying(payload[lane])
-                arm.advance(torque[lane], steps)
-        blocks["position"][place] = [arm.position for arm in self._arms.values()]
-        blocks["velocity"][place] = [arm.velocity for arm in self._arms.values()]
+                if not np.array_equal(arm.numbers, numbers[lane]):
+                    arm = self._arms[lane] = arm.changed(numbers[lane])
+                arm.advance(velocity[lane], torque[lane], steps)
+            blocks["position"][place] = [arm.position for arm in self._arms.values()]
+            blocks["velocity"][place] = [arm.velocity for arm in self._arms.values()]
         if self._senses_acceleration:
             blocks["acceleration"][place] = self._accelerate()[0]
         api.end(memory)
@@ -87,16 +90,19 @@ class MuJoCoBatch(ArmBatch):
         blocks, place = self._blocks, self._place
         starts = np.flatnonzero(blocks["status"][place[0], place[2]] == RESTART)
         api.step(self._memory, out, 0, 0)
-        payload = blocks["payload"][place[0], place[2]]
-        state = blocks["parameters"][place], payload, blocks["position"][place], blocks["velocity"][place]
+        numbers, position, velocity = self._numbers(), blocks["position"][place], blocks["velocity"][place]
         for lane in starts:
-            parameters, payload, position, velocity = (values[lane] for values in state)
-            arm = _Arm(self._scenario, parameters, payload)
-            arm.place(position, velocity)
-            self._arms[int(lane)] = arm
+            arm = self._arms[int(lane)] = _Arm(self._scenario, numbers[lane])
+            arm.place(position[lane], velocity[lane])
         if self._senses_acceleration and len(starts):
             blocks["acceleration"][place] = self._accelerate()[0]
             api.step(self._memory, out, 0, 0)
+
+    def _numbers(self) -> Array:
+        """Return the numbers of each lane's model, [lanes x numbers]."""
+        blocks, (row, _, column) = self._blocks, self._place
+        parts = [blocks[name].reshape(len(blocks), -1, LANES)[row, :, column] for name in _NUMBERS]
+        return np.concatenate(parts, axis=1)
 
     def _accelerate(self) -> tuple[Array, Array]:
         """Return acceleration and friction torque of each lane now, [lanes x 2] each."""
@@ -115,17 +121,16 @@ class MuJoCoBatch(ArmBatch):
 
 
 class _Arm:
-    """MuJoCo's model and state of one lane, for one payload.
+    """MuJoCo's model and state of one lane.
 
     Args:
         scenario: the task.
-        parameters: real m1, m2 [kg], L1 and L2 [m].
-        payload: carried at the tip [kg].
+        numbers: real m1, m2 [kg], L1, L2 [m] and payload [kg].
     """
 
-    def __init__(self, scenario: Scenario, parameters: Array, payload: float) -> None:
-        self._scenario, self._parameters, self.payload = scenario, parameters.copy(), float(payload)
-        self._model = mujoco.MjModel.from_xml_string(_describe(scenario, self._parameters, self.payload))
+    def __init__(self, scenario: Scenario, numbers: Array) -> None:
+        self._scenario, self.numbers = scenario, numbers
+        self._model = mujoco.MjModel.from_xml_string(_describe(scenario, numbers))
         self._data = mujoco.MjData(self._model)
         for warning in self._data.warning:
             warning.number = 1  # MuJoCo writes a file at the first warning of each kind
@@ -141,15 +146,15 @@ class _Arm:
             mujoco.mj_forward(model, data)
             data.qpos[springs] = -data.qfrc_bias[springs] / model.jnt_stiffness[springs]
 
-    def carrying(self, payload: float) -> _Arm:
-        """Return this arm in its present state with another payload."""
-        arm = _Arm(self._scenario, self._parameters, payload)
+    def changed(self, numbers: Array) -> _Arm:
+        """Return an arm of other numbers in the state of this one."""
+        arm = _Arm(self._scenario, numbers)
         arm._data.qpos[:], arm._data.qvel[:] = self._data.qpos, self._data.qvel
         return arm
 
-    def advance(self, torque: Array, steps: int) -> None:
-        """Hold a torque [2] for a number of MuJoCo's steps."""
-        self._data.qfrc_applied[self._joints] = torque
+    def advance(self, velocity: Array, torque: Array, steps: int) -> None:
+        """Hold a torque [2] for a number of MuJoCo's steps, from these joint velocities [2] on."""
+        self._data.qvel[self._joints], self._data.qfrc_applied[self._joints] = velocity, torque
         mujoco.mj_step(self._model, self._data, steps)
 
     def accelerate(self, torque: Array) -> tuple[Array, Array]:
@@ -175,9 +180,9 @@ def _plant(scenario: Scenario) -> MuJoCo:
     return scenario.plant
 
 
-def _describe(scenario: Scenario, parameters: Array, payload: float) -> str:
+def _describe(scenario: Scenario, numbers: Array) -> str:
     """Return the arm in MuJoCo's language: x to the right, y up, hinges about z."""
-    plant, (m1, m2, L1, L2) = _plant(scenario), parameters
+    plant, (m1, m2, L1, L2, payload) = _plant(scenario), numbers
     load = f'<body pos="{L2} 0 0">{_mass(payload, 0.0, 0.0)}</body>' if payload > 0 else ""
     second = f'<body pos="{L1} 0 0">{_link(scenario, 1, m2, L2, load)}</body>'
     return f"""
