@@ -38,9 +38,8 @@ class AdaptiveFlm(CascadeFlm):
     apart and the result is physical. The accelerometer must be free of noise: with sigma = 0.01
     rad/s^2, three samples a millisecond apart are useless. `AdaptiveFlmLs` works with noise.
 
-    Sensors: position, velocity and acceleration.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §4.
+    Sensors: position, velocity and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering
+    3:1173529, 2016, §4.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.
@@ -85,12 +84,7 @@ class AdaptiveFlm(CascadeFlm):
         return torque, (integral, y, torques, count + 1, self.interface.saturate(torque), lumped)
 
     def fit(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return estimated lumped parameters [n x 5], and where to accept them [n].
-
-        Args:
-            y: regressors of three samples [n x 3 x 2 x 5].
-            torques: applied up to each of them [n x 3 x 2] N m.
-        """
+        """Return lumped parameters [n x 5] that fit the last samples, and their acceptance [n]."""
         lumped, accepted = estimate(y, torques, self.weakest)
         if self.total_mass is None:
             return lumped, accepted
@@ -100,9 +94,5 @@ class AdaptiveFlm(CascadeFlm):
             return lumped_of(masses), accepted & np.all(masses > 0.0, axis=-1)
 
     def parameters(self, state: State) -> Array:
-        """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4].
-
-        Args:
-            state: the state that `initial` or `torque` returned.
-        """
+        """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""
         return point_masses(state[5], self.total_mass)

@@ -37,10 +37,8 @@ class AdaptiveFlmLs(RobustFlm):
     forward. All that the model cannot explain biases the estimate: under a large disturbance torque
     the law is worse than no adaptation.
 
-    Sensors: position and acceleration.
-
-    Source: Slotine and Li, "Applied Nonlinear Control", 1991, §8.7; Ljung, "System Identification",
-    1999, §11.2.
+    Sensors: position and acceleration. Source: Slotine and Li, "Applied Nonlinear Control", 1991,
+    §8.7; Ljung, "System Identification", 1999, §11.2.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.
@@ -113,13 +111,7 @@ class AdaptiveFlmLs(RobustFlm):
         return torque, (integral, motion, count, np.ones_like(started), z, filtered, a_sum, b_sum, unknowns, applied)
 
     def row(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the regressor of lumped parameters, viscous and Coulomb friction [n x 2 x 9].
-
-        Args:
-            q: position [n x 2] rad.
-            v: velocity [n x 2] rad/s.
-            a: acceleration [n x 2] rad/s^2.
-        """
+        """Return the regressor of lumped parameters, viscous and Coulomb friction, [n x 2 x 9]."""
         eye = np.eye(2)
         viscous, coulomb = v[..., None] * eye, np.tanh(v / self.turn)[..., None] * eye
         return np.concatenate([regressor(q, v, a), viscous, coulomb], axis=-1)
@@ -127,25 +119,14 @@ class AdaptiveFlmLs(RobustFlm):
     def add(self, z: Array, torque: Array, a: Array, b: Array, moves: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return A [n x 9 x 9] and b [n x 9] with one sample more, in shares of the nominal arm.
 
-        Args:
-            z: filtered regressor [n x 2 x 9].
-            torque: filtered torque [n x 2] N m.
-            a: A so far [n x 9 x 9].
-            b: b so far [n x 9].
-            moves: the lanes that change [n].
+        z [n x 2 x 9] and the torque [n x 2] are filtered. Lanes change where they move.
         """
         dt = self.interface.control_dt
         rows = z * self.scale * self.weight[:, None]
         return accumulate(a, b, rows, torque * self.weight, np.exp(-dt / self.memory), dt, moves)
 
     def fit(self, a: Array, b: Array, before: Array) -> Array:
-        """Return the new estimate of the unknowns [n x 9], or the last one if it is not physical.
-
-        Args:
-            a: A [n x 9 x 9].
-            b: b [n x 9].
-            before: the last estimate [n x 9].
-        """
+        """Return the new estimate of the unknowns [n x 9], or the last one if it is unphysical."""
         start = np.concatenate([np.ones(5), np.zeros(4)])
         new = solve(a + self.prior * np.eye(TERMS), b + self.prior * start) * self.scale
         new[:, 5:] = np.maximum(new[:, 5:], 0.0)
@@ -155,19 +136,10 @@ class AdaptiveFlmLs(RobustFlm):
         """Return the friction to compensate [n x 2] N m.
 
         The Coulomb part follows the reference's velocity, whose sign is steady.
-
-        Args:
-            observation: for the reference, [n x size].
-            v: velocity [n x 2] rad/s.
-            unknowns: their estimate [n x 9].
         """
         (r_dot,) = self.read(observation, "reference_velocity")
         return unknowns[:, 5:7] * v + unknowns[:, 7:9] * np.tanh(r_dot / self.turn)
 
     def parameters(self, state: State) -> Array:
-        """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4].
-
-        Args:
-            state: the state that `initial` or `torque` returned.
-        """
+        """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""
         return point_masses(state[8][:, :5])

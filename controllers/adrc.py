@@ -27,10 +27,9 @@ class Adrc(TorqueLaw):
     inertia; a diagonal b0 would leave the coupling of the joints to the observer. The observer gets
     the torque within its limits, so saturation is no disturbance to it.
 
-    Sensors: position.
-
-    Source: Han, "From PID to active disturbance rejection control", IEEE TIE 56(3), 2009, in the
-    linear form of Gao, "Scaling and bandwidth-parameterization based controller tuning", ACC 2003.
+    Sensors: position. Source: Han, "From PID to active disturbance rejection control", IEEE TIE
+    56(3), 2009, in the linear form of Gao, "Scaling and bandwidth-parameterization based controller
+    tuning", ACC 2003.
 
     Args:
         controller_bandwidth: wc [rad/s], per joint: both poles of the tracking error are -wc.
@@ -46,9 +45,8 @@ class Adrc(TorqueLaw):
     @property
     def observer(self) -> ExtendedStateObserver:
         """The extended state observer of both joints."""
-        return ExtendedStateObserver(
-            self.interface.control_dt, check_pair("observer_bandwidth", self.observer_bandwidth)
-        )
+        bandwidth = check_pair("observer_bandwidth", self.observer_bandwidth)
+        return ExtendedStateObserver(self.interface.control_dt, bandwidth)
 
     def initial(self, observation: Array) -> State:
         """Return the state: the observer's prediction [n x 2 x 3]."""

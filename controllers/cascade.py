@@ -23,9 +23,8 @@ class CascadeFlm(TorqueLaw):
     the outer one the pole -Kp. As in the paper, r'' is not fed forward. The integral pauses where
     the torque saturates.
 
-    Sensors: position and velocity.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3.1, equation (8).
+    Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
+    2016, §3.1, equation (8).
 
     Args:
         kp: Kp of the outer loop [1/s], per joint. The paper leaves it open.
@@ -58,14 +57,9 @@ class CascadeFlm(TorqueLaw):
     ) -> tuple[Array, Array]:
         """Return the torque [n x 2] N m of both loops, and the next integral [n x 2].
 
-        Args:
-            observation: for the reference, [n x size].
-            q: measured or estimated position [n x 2] rad.
-            v: measured or estimated velocity [n x 2] rad/s.
-            integral: of the inner loops' errors [n x 2].
-            model: the arm to linearise with, or estimated lumped parameters [n x 5].
-            schedule: factor on the inner loops' error, in P and in the integral; see
-                `gain_scheduling.py`.
+        q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped
+        parameters [n x 5]. The schedule multiplies the inner loops' error, in P and in the
+        integral; see `gain_scheduling.py`.
         """
         r, r_dot = self.read(observation, "reference_position", "reference_velocity")
         error = schedule * (r_dot + np.array(self.kp) * (r - q) - v)

@@ -22,10 +22,8 @@ class ComputedTorque(TorqueLaw):
     With an exact model the error obeys e'' + 2 w e' + w^2 e = 0. An inertia k times smaller than
     the model's is stable for k w dt < 1, dt the control interval.
 
-    Sensors: position and velocity.
-
-    Source: Siciliano, Sciavicco, Villani and Oriolo, "Robotics: Modelling, Planning and Control",
-    2009, §8.5.2.
+    Sensors: position and velocity. Source: Siciliano, Sciavicco, Villani and Oriolo, "Robotics:
+    Modelling, Planning and Control", 2009, §8.5.2.
 
     Args:
         frequency: w [rad/s], per joint.
@@ -39,13 +37,7 @@ class ComputedTorque(TorqueLaw):
         return linearize(self.interface.nominal, q, v, self.acceleration(observation, q, v)), state
 
     def acceleration(self, observation: Array, q: Array, v: Array) -> Array:
-        """Return a, the desired acceleration [n x 2] rad/s^2.
-
-        Args:
-            observation: for the reference, [n x size].
-            q: position [n x 2] rad.
-            v: velocity [n x 2] rad/s.
-        """
+        """Return a, the desired acceleration [n x 2] rad/s^2."""
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         w = np.array(self.frequency)
         return r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v)

@@ -23,10 +23,8 @@ class ComputedTorqueDob(ComputedTorque):
     needed. Model errors count as disturbance. At rest no constant load leaves an error. The
     observer gets the applied torque, so it does not wind up.
 
-    Sensors: position and velocity.
-
-    Source: De Luca, Albu-Schaeffer, Haddadin and Hirzinger, "Collision detection and safe reaction
-    with the DLR-III lightweight robot arm", IROS 2006.
+    Sensors: position and velocity. Source: De Luca, Albu-Schaeffer, Haddadin and Hirzinger,
+    "Collision detection and safe reaction with the DLR-III lightweight robot arm", IROS 2006.
 
     Args:
         frequency: w of `ComputedTorque` [rad/s], per joint.

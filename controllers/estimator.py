@@ -19,13 +19,11 @@ from fbl_gym.arm import STANDARD_GRAVITY, Array
 def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
     """Return the lumped parameters of least squares [n x 5], and where to accept them [n].
 
-    They are accepted where the samples tell all five apart and the parameters are physical.
-
-    Args:
-        y: the regressor at each sample, `arm.regressor` of the measured motion [n x s x 2 x 5].
-        torque: applied torque [n x s x 2] N m.
-        weakest: smallest singular value of the regressor (columns scaled to length one) at which
-            the samples tell all five apart. At rest the rank is 2, and (39) would return nonsense.
+    y [n x s x 2 x 5] is the regressor of the measured motion at each sample (`arm.regressor`), and
+    the torque [n x s x 2] that applied in it. An estimate is accepted where the parameters are
+    physical and the samples tell all five apart: the smallest singular value of the regressor
+    (columns scaled to length one) exceeds `weakest`. At rest the rank is 2, and (39) would return
+    nonsense.
     """
     n = len(y)
     # At full rank the pseudo-inverse (Y'Y)^-1 Y' gives the solution of least squares.
@@ -34,26 +32,17 @@ def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np
 
 
 def plausible(lumped: Array) -> NDArray[np.bool_]:
-    """Return where lumped parameters are physical [n]: positive, with positive definite inertia.
-
-    Args:
-        lumped: [n x 5].
-    """
+    """Return where lumped parameters [n x 5] are positive, with positive definite inertia, [n]."""
     p1, p2, p3 = (lumped[..., i] for i in range(3))
     return np.all(np.isfinite(lumped) & (lumped > 0.0), axis=-1) & (p1 * p2 > p3 * p3)
 
 
 def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity: float = STANDARD_GRAVITY) -> Array:
-    """Return m1, m2, L1 and L2 [n x 4] of point masses with these lumped parameters.
+    """Return m1, m2 [kg], L1 and L2 [m] [n x 4] of point masses, from lumped parameters [n x 5].
 
-    With the total mass known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and
+    With the total mass m1 + m2 known, equation (39): L2 = Y1 / Y3, L1 = Y2 / Y3, m2 = Y3^2 / Y1 and
     m1 = mass - m2, for Y1 = p2, Y2 = p3 and Y3 = p5 / g. Without it, from the rest of the same
     regression: L1 = g p1 / p4 and m1 + m2 = (p4 / g)^2 / p1.
-
-    Args:
-        lumped: [n x 5].
-        total_mass: m1 + m2 [kg], one number or [n]; None: unknown.
-        gravity: [m/s^2].
     """
     y1, y2, y3 = lumped[..., 1], lumped[..., 2], lumped[..., 4] / gravity
     m2, L2 = y3**2 / y1, y1 / y3
@@ -64,12 +53,7 @@ def point_masses(lumped: Array, total_mass: Array | float | None = None, gravity
 
 
 def lumped_of(parameters: Array, gravity: float = STANDARD_GRAVITY) -> Array:
-    """Return the lumped parameters [n x 5] of point masses.
-
-    Args:
-        parameters: m1, m2 [kg], L1, L2 [m], [n x 4].
-        gravity: [m/s^2].
-    """
+    """Return the lumped parameters [n x 5] of point masses m1, m2 [kg], L1, L2 [m] [n x 4]."""
     m1, m2, L1, L2 = (parameters[..., i] for i in range(4))
     both = m1 + m2
     return np.stack([both * L1**2, m2 * L2**2, m2 * L1 * L2, both * L1 * gravity, m2 * L2 * gravity], axis=-1)

@@ -12,14 +12,9 @@ from fbl_gym.interface import Interface
 def linearize(model: ArmParameters | Array, position: Array, velocity: Array, acceleration: Array) -> Array:
     """Return the torque that gives the model an acceleration: M a + C v + G, [n x 2] N m.
 
-    With an exact model the joints behave as double integrators, q'' = a. The difference of a wrong
-    model is the leakage of equation (5).
-
-    Args:
-        model: the nominal arm, or estimated lumped parameters [n x 5].
-        position: measured or estimated [n x 2] rad.
-        velocity: measured or estimated [n x 2] rad/s.
-        acceleration: a, the desired one [n x 2] rad/s^2.
+    The model is the nominal arm, or estimated lumped parameters [n x 5]. Position and velocity may
+    be estimates. With an exact model the joints behave as double integrators, q'' = a. The
+    difference of a wrong model is the leakage of equation (5).
     """
     return inverse_dynamics(model, position, velocity, acceleration)
 
@@ -33,20 +28,12 @@ def winds_up(
     torque: Array,
     error: Array,
 ) -> NDArray[np.bool_]:
-    """Return where an integrator must pause [n x 2].
+    """Return where an integrator of `error` must pause [n x 2].
 
-    It pauses where the torque saturates and the error asks for more of what is cut off. The
-    acceleration under the saturated torque comes from the model. A joint therefore also pauses when
-    the other joint's saturation takes its acceleration away through the coupling.
-
-    Args:
-        interface: for the torque limits.
-        model: as in `linearize`.
-        position: as in `linearize`.
-        velocity: as in `linearize`.
-        acceleration: as in `linearize`.
-        torque: the result of `linearize`.
-        error: the integrand.
+    It pauses where the torque, which is that of `linearize`, saturates and the error asks for more
+    of the part that is cut off. The acceleration under the saturated torque comes from the model. A
+    joint therefore also pauses when the other joint's saturation takes its acceleration away
+    through the coupling.
     """
     saturated = interface.saturate(torque)
     remaining = forward_dynamics(model, position, velocity, saturated)

@@ -12,13 +12,8 @@ def schedule(velocity: Array, alpha: Array, v_s: float) -> Array:
 
         GS_i = alpha_i1 exp(-v_1^2 / v_s) + alpha_i2 exp(-v_2^2 / v_s) + 1
 
-    It is large where joints hardly move and stiction acts, and goes to 1 with speed. Velocity noise
-    makes it smaller.
-
-    Args:
-        velocity: [n x 2] rad/s.
-        alpha: alpha_ij [2 x 2].
-        v_s: velocity scale [(rad/s)^2].
+    The velocity v is [n x 2] rad/s, alpha [2 x 2], and v_s in (rad/s)^2. The factor is large where
+    joints hardly move and stiction acts, and goes to 1 with speed. Velocity noise makes it smaller.
     """
     near_rest = np.exp(-(velocity**2) / v_s)
     return 1.0 + near_rest @ np.asarray(alpha).T

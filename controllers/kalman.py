@@ -26,21 +26,16 @@ def gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
     In discrete time (15)-(18) are x = (position, velocity), F = [[1, dt], [0, 1]], B = (dt^2 / 2,
     dt), H = (1, 0). The input is the measured acceleration, held over a sample. Its noise is the
     process noise: Q = sigma^2 B B' (`Q_discrete_white_noise`; Labbe, "Kalman and Bayesian Filters
-    in Python", ch. 8). The gain does not depend on the data, so all joints and lanes share it.
-
-    Args:
-        dt: sample time [s].
-        acceleration_sigma: noise of the acceleration per sample [rad/s^2].
-        position_sigma: noise of the position per sample [rad].
+    in Python", ch. 8). The gain does not depend on the data, so all joints and lanes share it. The
+    sigmas are per sample, in rad/s^2 and rad.
     """
     kalman = KalmanFilter(dim_x=2, dim_z=1)
     kalman.F = np.array([[1.0, dt], [0.0, 1.0]])
     kalman.H = np.array([[1.0, 0.0]])
     kalman.Q = Q_discrete_white_noise(2, dt, acceleration_sigma**2)
     kalman.R = np.array([[position_sigma**2]])
-    kalman.P = np.diag(
-        [position_sigma**2, 0.01]
-    )  # the first position is a reading, the first velocity within 0.1 rad/s
+    # The first position is a reading, the first velocity within 0.1 rad/s.
+    kalman.P = np.diag([position_sigma**2, 0.01])
     rows: list[Array] = []
     while len(rows) < 200_000:
         kalman.predict()
@@ -71,22 +66,14 @@ class JointKalman:
     position_sigma: float
 
     def initial(self, position: Array, velocity: Array) -> State:
-        """Return the first estimate [n x 2 x 2], and the number of samples [n], zero.
-
-        Args:
-            position: measured [n x 2] rad.
-            velocity: a guess [n x 2] rad/s.
-        """
+        """Return the first estimate [n x 2 x 2], and the number of samples [n], zero."""
         return np.stack([position, velocity], axis=-1), np.zeros(len(position), dtype=int)
 
     def update(self, estimate: Array, count: Array, position: Array, acceleration: Array) -> tuple[Array, Array, Array]:
         """Return estimate [n x 2 x 2], number of samples [n] and innovation [n x 2], by (19).
 
-        Args:
-            estimate: position and velocity of each joint [n x 2 x 2].
-            count: samples so far [n].
-            position: measured at the sample's end [n x 2] rad.
-            acceleration: measured in the sample [n x 2] rad/s^2.
+        The position [rad] is measured at the sample's end, the acceleration [rad/s^2] in the
+        sample.
         """
         table = gains(self.dt, self.acceleration_sigma, self.position_sigma)
         gain = table[np.minimum(count, len(table) - 1)]
@@ -102,16 +89,9 @@ class JointKalman:
     def update_started(
         self, estimate: Array, count: Array, started: Array, position: Array, acceleration: Array
     ) -> tuple[Array, Array]:
-        """Return estimate and number of samples, updated in the lanes that have started.
+        """Return estimate and number of samples, updated in the lanes that have started [n].
 
         The first observation of an episode ends no sample, so it leaves its lane's estimate alone.
-
-        Args:
-            estimate: as in `update`.
-            count: as in `update`.
-            started: [n], False at the first observation of an episode.
-            position: as in `update`.
-            acceleration: as in `update`.
         """
         updated, more, _ = self.update(estimate, count, position, acceleration)
         return np.where(started[:, None, None], updated, estimate), np.where(started, more, count)
@@ -127,9 +107,8 @@ class RobustFlm(CascadeFlm):
     position error of about b (position_sigma / acceleration_sigma). At 100 Hz the acceleration
     changes within a sample, and the error is larger than that of the cascade without noise.
 
-    Sensors: position and acceleration.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3.
+    Sensors: position and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
+    2016, §3.
 
     Args:
         kp, velocity_p, velocity_i: as in `CascadeFlm`.

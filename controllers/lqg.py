@@ -18,13 +18,7 @@ from fbl_gym.records import number, pair
 
 
 def plant(dt: float) -> tuple[Array, Array]:
-    """Return F [3 x 3] and G [3 x 1] of x = (z, e, e').
-
-    e'' = u is held over a sample, and z is the sum of e dt.
-
-    Args:
-        dt: sample time [s].
-    """
+    """Return F [3 x 3] and G [3 x 1] of x = (z, e, e'), z the sum of e dt, and e'' = u held."""
     return np.array([[1.0, dt, 0.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]]), np.array([[0.0], [0.5 * dt**2], [dt]])
 
 
@@ -37,14 +31,8 @@ def regulator(dt: float, integral: float, position: float, velocity: float) -> A
         P = Q + F' P (F - G K),    K = (1 + G' P G)^-1 G' P F
 
     (Anderson and Moore, "Optimal Control", 1990, §2.4). As dt goes to zero, the gain on z goes to
-    `integral`. With integral = 0, those on e and e' go to `position` and
-    sqrt(velocity^2 + 2 position).
-
-    Args:
-        dt: sample time [s].
-        integral: weight of z [1/s^3].
-        position: weight of e [1/s^2].
-        velocity: weight of e' [1/s].
+    `integral`. With integral = 0, those on e and e' go to `position` and sqrt(velocity^2 + 2
+    position). The weights are in 1/s^3, 1/s^2 and 1/s.
     """
     f, g = plant(dt)
     p = solve_discrete_are(f, g, np.diag([integral, position, velocity]) ** 2, np.eye(1))
@@ -64,9 +52,7 @@ class Lqg(TorqueLaw):
     The poles are those of the regulator and of the filter, each designed alone. The integral pauses
     where the torque saturates.
 
-    Sensors: position and acceleration.
-
-    Source: Anderson and Moore, "Optimal Control", 1990, §2.4.
+    Sensors: position and acceleration. Source: Anderson and Moore, "Optimal Control", 1990, §2.4.
 
     Args:
         integral: weight of z [1/s^3], per joint, against 1 for acceleration.

@@ -46,13 +46,7 @@ STEP = 0.02
 
 
 def acceleration(arm: ArmParameters, x: Any, torque: Any) -> Any:
-    """Return the nominal acceleration as a CasADi expression [2]: `forward_dynamics` for CasADi.
-
-    Args:
-        arm: the nominal model.
-        x: position and velocity [4].
-        torque: [2] N m.
-    """
+    """Return `forward_dynamics` [2] of x = (position, velocity) as a CasADi expression."""
     p1, p2, p3, p4, p5 = map(float, arm.lumped)
     q1, q2, v1, v2 = (x[i] for i in range(4))
     b1, b2 = coriolis_terms(p3, ca.sin(q2), v1, v2)
@@ -64,10 +58,7 @@ def acceleration(arm: ArmParameters, x: Any, torque: Any) -> Any:
 def terminal(step: float, position: float, velocity: float) -> Array:
     """Return R [2 x 2]: |R (e, e')|^2 is the cost after the horizon, without limits.
 
-    Args:
-        step: [s].
-        position: weight of e [1/s^2].
-        velocity: weight of e' [1/s].
+    `position` [1/s^2] and `velocity` [1/s] are the weights of e and e'.
     """
     f, g = np.array([[1.0, step], [0.0, 1.0]]), np.array([[0.5 * step**2], [step]])
     return cholesky(solve_discrete_are(f, g, np.diag([position, velocity]) ** 2, np.eye(1)))
@@ -78,12 +69,8 @@ def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> An
 
     start [6] is position, velocity and f, the acceleration that the model does not explain, held
     over the horizon. reference is [6 x (HORIZON + 1)]. plan [2 HORIZON] is in units of the
-    stretched arm's inertia, so its entries are accelerations.
-
-    Args:
-        arm: the nominal model.
-        step: [s].
-        weights: of position and velocity, per joint.
+    stretched arm's inertia, so its entries are accelerations. The weights are those of position and
+    velocity, per joint.
     """
     (w1, w2), (c1, c2) = weights
     scale = ca.DM(np.diagonal(inertia_matrix(arm, (0.0, 0.0))))
@@ -118,13 +105,6 @@ def planner(arm: ArmParameters, step: float, weights: tuple[Pair, Pair], limit: 
     start is [6 x n], reference [6 x n (HORIZON + 1)], plan [2 HORIZON x n] N m. It makes one
     Gauss-Newton step: it linearises `residuals` about the plan, and minimises the sum of their
     squares within the limits.
-
-    Args:
-        arm: the nominal model.
-        step: [s].
-        weights: of position and velocity, per joint.
-        limit: of the torque [N m].
-        lanes: n.
     """
     cost = residuals(arm, step, weights)
     dense = ca.Sparsity.dense(2 * HORIZON, 2 * HORIZON)
@@ -158,9 +138,7 @@ class Nmpc(TorqueLaw):
     beyond (or without preview), the reference's acceleration is held. The real-time iteration makes
     one Gauss-Newton step for each plan, so it is a local method.
 
-    Sensors: position. CasADi must be installed.
-
-    Source: Diehl et al. 2002; see the module.
+    Sensors: position. CasADi must be installed. Source: Diehl et al. 2002; see the module.
 
     Args:
         position: weight of the error [1/s^2], per joint, against 1 for its acceleration.
@@ -183,9 +161,8 @@ class Nmpc(TorqueLaw):
     @property
     def observer(self) -> ExtendedStateObserver:
         """The extended state observer of both joints."""
-        return ExtendedStateObserver(
-            self.interface.control_dt, check_pair("observer_bandwidth", self.observer_bandwidth)
-        )
+        bandwidth = check_pair("observer_bandwidth", self.observer_bandwidth)
+        return ExtendedStateObserver(self.interface.control_dt, bandwidth)
 
     def initial(self, observation: Array) -> State:
         """Return the state: the observer's prediction, a plan at rest, and a count of steps."""
@@ -207,12 +184,9 @@ class Nmpc(TorqueLaw):
         return torque, (self.observer.predict(estimate, u), plan, count + 1)
 
     def plan(self, observation: Array, estimate: Array, plan: Array) -> Array:
-        """Return the torques from now on [n x HORIZON x 2] N m.
+        """Return the torques from now on [n x HORIZON x 2] N m, from those planned a step ago.
 
-        Args:
-            observation: for the reference, [n x size].
-            estimate: position, velocity and f of each joint [n x 2 x 3].
-            plan: made a step ago [n x HORIZON x 2] N m.
+        The estimate [n x 2 x 3] is position, velocity and f of each joint.
         """
         n = len(plan)
         weights = check_pair("position", self.position), check_pair("velocity", self.velocity)
@@ -226,11 +200,7 @@ class Nmpc(TorqueLaw):
         return self.interface.saturate(np.where(np.isfinite(better).all(axis=(1, 2), keepdims=True), better, shifted))
 
     def reference(self, observation: Array) -> Array:
-        """Return the reference at each step of the plan [n x (HORIZON + 1) x 6].
-
-        Args:
-            observation: [n x size].
-        """
+        """Return the reference at each step of the plan [n x (HORIZON + 1) x 6]."""
         now = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         known = np.concatenate(now, axis=-1)[:, None]
         if "preview" in self.interface.layout:

@@ -42,30 +42,18 @@ class ExtendedStateObserver:
         return np.stack([1.0 - z**3, 1.5 * (1.0 - z) ** 2 * (1.0 + z) / dt, (1.0 - z) ** 3 / dt**2], axis=-1)
 
     def initial(self, position: Array, velocity: Array) -> Array:
-        """Return the prediction of the first sample [n x 2 x 3], without disturbance.
-
-        Args:
-            position: [n x 2] rad.
-            velocity: [n x 2] rad/s.
-        """
+        """Return the prediction of the first sample [n x 2 x 3], without disturbance."""
         return np.stack([position, velocity, np.zeros_like(position)], axis=-1)
 
     def correct(self, prediction: Array, position: Array) -> Array:
-        """Return the estimate at a sample [n x 2 x 3].
-
-        Args:
-            prediction: of this sample [n x 2 x 3].
-            position: measured [n x 2] rad.
-        """
+        """Return the estimate at a sample [n x 2 x 3], from its prediction and the position."""
         # x = x + L (y - H x)
         return prediction + self.gain * (position - prediction[..., 0])[..., None]
 
     def predict(self, estimate: Array, acceleration: Array) -> Array:
         """Return the prediction of the next sample [n x 2 x 3].
 
-        Args:
-            estimate: at this sample [n x 2 x 3].
-            acceleration: u, the nominal one, held until the next sample [n x 2] rad/s^2.
+        The acceleration is u, the nominal one, held until the next sample [n x 2] rad/s^2.
         """
         q, v, f = np.moveaxis(estimate, -1, 0)
         dt, a = self.dt, acceleration + f

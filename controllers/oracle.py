@@ -43,17 +43,7 @@ class OracleFlm(Record):
         episode_start: Array | None = None,
         deterministic: bool = False,
     ) -> tuple[Array, State | None]:
-        """Return the action for the environment's true state, and `state` unchanged.
-
-        Args:
-            observation: only its shape is used: one row for each lane of the environment.
-            state: without effect.
-            episode_start: without effect.
-            deterministic: without effect.
-
-        Raises:
-            ValueError: the number of observations is not that of the environment's lanes.
-        """
+        """Return the action for the environment's true state, and `state` unchanged."""
         truth: Truth = self.env.truth
         lanes, rows = len(np.atleast_2d(truth.position)), len(np.atleast_2d(observation))
         if rows != lanes:
@@ -61,16 +51,14 @@ class OracleFlm(Record):
         error, rate = truth.reference - truth.position, truth.reference_velocity - truth.velocity
         a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
         load = inverse_dynamics(truth.lumped, truth.position, truth.velocity, a)
-        torque = load + self._friction(truth) + truth.disturbance
+        torque = (load + self._friction(truth) + truth.disturbance) / truth.gain
         action = self.env.interface.action_from_torque(torque, truth.position, truth.velocity)
         return action.reshape(*np.shape(observation)[:-1], 2), state
 
     def _friction(self, truth: Truth) -> Array:
         """Return the friction, its dry part along the reference, whose sign is steady."""
-        friction = self.env.scenario.friction
-        if friction is None:
+        if self.env.scenario.friction is None:
             return np.zeros_like(truth.velocity)
         v = truth.reference_velocity
-        fade = np.exp(-(truth.velocity**2) / np.array(friction.v_s))
-        dry = np.array(friction.coulomb) + np.array(friction.stiction) * fade
-        return np.array(friction.viscous) * truth.velocity + dry * np.sign(v)
+        dry = truth.coulomb + truth.stiction * np.exp(-(truth.velocity**2) / truth.v_s)
+        return truth.viscous * truth.velocity + dry * np.sign(v)

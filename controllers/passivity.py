@@ -10,14 +10,9 @@ from fbl_gym.arm import Array
 def slotine_li_regressor(q: Array, v: Array, v_r: Array, a_r: Array) -> Array:
     """Return Y [n x 2 x 5] with Y p = M(q) a_r + C(q, v) v_r + G(q).
 
-    C is that of the Christoffel symbols. Slotine and Li, "Applied Nonlinear Control", 1991, §9.2.
-    With v_r = v and a_r = a it is `arm.regressor`.
-
-    Args:
-        q: position [n x 2] rad.
-        v: velocity [n x 2] rad/s.
-        v_r: velocity of the reference motion [n x 2] rad/s.
-        a_r: acceleration of the reference motion [n x 2] rad/s^2.
+    v_r and a_r are velocity and acceleration of the reference motion. C is that of the Christoffel
+    symbols. Slotine and Li, "Applied Nonlinear Control", 1991, §9.2. With v_r = v and a_r = a it is
+    `arm.regressor`.
     """
     c2, s2 = np.cos(q[:, 1]), np.sin(q[:, 1])
     c1, c12 = np.cos(q[:, 0]), np.cos(q[:, 0] + q[:, 1])
@@ -30,24 +25,14 @@ def slotine_li_regressor(q: Array, v: Array, v_r: Array, a_r: Array) -> Array:
 
 
 def momentum_regressor(q: Array, v: Array) -> Array:
-    """Return Y [n x 2 x 5] with Y p = M(q) v.
-
-    Args:
-        q: position [n x 2] rad.
-        v: velocity [n x 2] rad/s.
-    """
+    """Return Y [n x 2 x 5] with Y p = M(q) v."""
     c2, both, none = np.cos(q[:, 1]), v[:, 0] + v[:, 1], np.zeros(len(q))
     rows = ((v[:, 0], both, c2 * (v[:, 0] + both), none, none), (none, both, c2 * v[:, 0], none, none))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
 
 def drift_regressor(q: Array, v: Array) -> Array:
-    """Return Y [n x 2 x 5] with Y p = G(q) - C'(q, v) v, so torque = d/dt (M v) + Y p.
-
-    Args:
-        q: position [n x 2] rad.
-        v: velocity [n x 2] rad/s.
-    """
+    """Return Y [n x 2 x 5] with Y p = G(q) - C'(q, v) v, so torque = d/dt (M v) + Y p."""
     c1, c12, none = np.cos(q[:, 0]), np.cos(q[:, 0] + q[:, 1]), np.zeros(len(q))
     rows = ((none, none, none, c1, c12), (none, none, np.sin(q[:, 1]) * v[:, 0] * (v[:, 0] + v[:, 1]), none, c12))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)

@@ -24,9 +24,8 @@ class PidFlm(TorqueLaw):
     roots 0.149 +- 3.17j. The defaults read it as P = 10, D = 3, I = 0. The integral pauses where
     the torque saturates.
 
-    Sensors: position and velocity.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §2.2.
+    Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
+    2016, §2.2.
 
     Args:
         kp: proportional gain [1/s^2], per joint.

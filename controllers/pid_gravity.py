@@ -24,10 +24,9 @@ class PidGravity(PdGravity):
     constant load leaves an error. The integral pauses where the torque saturates and the error asks
     for more.
 
-    Sensors: position and velocity.
-
-    Source: Arimoto, "Control Theory of Non-linear Mechanical Systems", 1996, §3.3; Kelly,
-    Santibanez and Loria, "Control of Robot Manipulators in Joint Space", 2005, ch. 9.
+    Sensors: position and velocity. Source: Arimoto, "Control Theory of Non-linear Mechanical
+    Systems", 1996, §3.3; Kelly, Santibanez and Loria, "Control of Robot Manipulators in Joint
+    Space", 2005, ch. 9.
 
     Args:
         frequency: w [rad/s], per joint.

@@ -22,6 +22,11 @@ ACCESS = ("none", "nominal", "privileged")
 """A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked)."""
 
 
+def where_lanes(lanes: Array, new: State, old: State) -> State:
+    """Return the new state in some lanes [n] and the old one in all others."""
+    return tuple(np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y) for x, y in zip(new, old, strict=True))
+
+
 class Policy(Protocol):
     """A policy, classical or learned."""
 
@@ -37,8 +42,7 @@ class Policy(Protocol):
         Args:
             observation: in the environment's layout.
             state: the state that the last call returned; None starts an episode in every lane.
-            episode_start: [n] or one flag; True in lanes where an episode starts. Their state is
-                reset.
+            episode_start: [n] or one flag; True in lanes where an episode starts; they are reset.
             deterministic: without effect on a controller.
 
         Returns:
@@ -93,31 +97,18 @@ class TorqueLaw(Record):
                 )
 
     def initial(self, observation: Array) -> State:
-        """Return the state before the first decision of an episode.
-
-        Args:
-            observation: [n x size].
-        """
+        """Return the state before the first decision of an episode; observations are [n x size]."""
         return ()
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m and the next state.
+        """Return the torque [n x 2] N m for observations [n x size], and the next state.
 
         The torque may exceed the limits; `predict` applies them.
-
-        Args:
-            observation: [n x size].
-            state: the state that `initial` or the last call returned.
         """
         raise NotImplementedError
 
     def read(self, observation: Array, *slots: str) -> tuple[Array, ...]:
-        """Return slots of an observation, each [... x 2].
-
-        Args:
-            observation: [... x size].
-            *slots: names in `interface.layout`.
-        """
+        """Return slots of `interface.layout` of an observation [... x size], each [... x 2]."""
         return tuple(observation[..., self.interface.layout[slot]] for slot in slots)
 
     def predict(
@@ -127,17 +118,7 @@ class TorqueLaw(Record):
         episode_start: Array | None = None,
         deterministic: bool = False,
     ) -> tuple[Array, State | None]:
-        """Return the action and the next state, as `Policy.predict` describes.
-
-        Args:
-            observation: [size] or [n x size].
-            state: the state that the last call returned, or None.
-            episode_start: [n] or one flag; True in lanes where an episode starts.
-            deterministic: without effect.
-
-        Raises:
-            ValueError: the observation has another size than the interface's layout.
-        """
+        """Return the action and the next state, as `Policy.predict` describes."""
         size = self.interface.layout.size
         observation = np.asarray(observation, dtype=float)
         if observation.ndim not in (1, 2) or observation.shape[-1] != size:
@@ -150,11 +131,7 @@ class TorqueLaw(Record):
             state = self.initial(batch)
         elif episode_start is not None and np.any(episode_start):
             starts = np.broadcast_to(np.asarray(episode_start, dtype=bool), len(batch))
-            fresh = self.initial(batch)
-            state = tuple(
-                np.where(starts.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-                for new, old in zip(fresh, state, strict=True)
-            )
+            state = where_lanes(starts, self.initial(batch), state)
         torque, state = self.torque(batch, state)
         position = batch[..., self.interface.layout["position"]]
         velocity = (

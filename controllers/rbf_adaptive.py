@@ -29,9 +29,6 @@ def bumps(angle: Array) -> Array:
 
     exp((cos(x - c) - 1) / s^2) about centres c evenly round the circle, s their distance. An angle
     has no ends, so no range of angles need be chosen.
-
-    Args:
-        angle: [...] rad.
     """
     distance = 2.0 * np.pi / NODES
     values = np.exp((np.cos(angle[..., None] - distance * np.arange(NODES)) - 1.0) / distance**2)
@@ -44,11 +41,6 @@ def features(q: Array, v: Array, a: Array) -> Array:
     Lewis's partitioned network has one part for each kind of term of the arm. Gravity depends on
     both angles, inertia on the second angle and in proportion to acceleration, friction on the
     signs of the velocities.
-
-    Args:
-        q: position [n x 2] rad.
-        v: velocity [n x 2] rad/s.
-        a: acceleration [n x 2] rad/s^2.
     """
     n = len(q)
     first, second = bumps(q[:, 0]), bumps(q[:, 1])
@@ -74,10 +66,8 @@ class RbfAdaptive(TorqueLaw):
     Forgetting (e-modification) keeps |W_i| below max |phi| / forget without excitation. A joint's
     weights are held while its torque is cut off and s asks for more.
 
-    Sensors: position and velocity.
-
-    Source: Lewis, Jagannathan and Yesildirek, "Neural Network Control of Robot Manipulators and
-    Nonlinear Systems", 1999, ch. 4.
+    Sensors: position and velocity. Source: Lewis, Jagannathan and Yesildirek, "Neural Network
+    Control of Robot Manipulators and Nonlinear Systems", 1999, ch. 4.
 
     Args:
         error_rate: l [1/s], per joint: the error's pole where s = 0 is -l.
@@ -116,10 +106,5 @@ class RbfAdaptive(TorqueLaw):
         return torque, (weights,)
 
     def learned(self, weights: Array, phi: Array) -> Array:
-        """Return the network's torque [n x 2] N m.
-
-        Args:
-            weights: W [n x 2 x FEATURES].
-            phi: features [n x FEATURES].
-        """
+        """Return the network's torque [n x 2] N m."""
         return np.einsum("nif,nf->ni", weights, phi) @ inertia_matrix(self.interface.nominal, (0.0, np.pi / 2))

@@ -42,22 +42,16 @@ _REGISTRY: dict[str, _Entry] = {}
 
 
 def register(
-    name: str,
-    factory: str | Callable[..., Any],
-    summary: str,
-    access: str | None = None,
-    kind: str = "classical",
+    name: str, factory: str | Callable[..., Any], summary: str, access: str | None = None, kind: str = "classical"
 ) -> None:
     """Add a policy to the registry.
 
     Args:
         name: lower case, words joined by hyphens.
         factory: a class or function, called as `factory(interface, **gains)`, or its
-            "module:attribute". A factory with privileged access is called with the environment
-            instead.
+            "module:attribute". With privileged access it is called with the environment instead.
         summary: one line.
-        access: "none", "nominal" or "privileged". None: the factory's attribute `access`, or
-            "nominal" if it has none.
+        access: "none", "nominal" or "privileged"; None: the factory's attribute, or "nominal".
         kind: "classical" or "learned".
 
     Raises:
@@ -75,12 +69,13 @@ for _name, _path, _summary in catalogue.LAWS:
 
 
 @lru_cache(maxsize=1)
-def _entry_points() -> tuple[metadata.EntryPoint, ...]:
+def entry_points() -> tuple[metadata.EntryPoint, ...]:
+    """Return the entry points by which installed packages register policies."""
     return tuple(metadata.entry_points(group=ENTRY_POINTS))
 
 
 def _external() -> dict[str, metadata.EntryPoint]:
-    return {point.name: point for point in _entry_points() if point.name not in _REGISTRY}
+    return {point.name: point for point in entry_points() if point.name not in _REGISTRY}
 
 
 def _entry(name: str) -> _Entry:
@@ -102,31 +97,19 @@ def names() -> tuple[str, ...]:
 
 
 def summary(name: str) -> str:
-    """Return one line on a policy.
-
-    Args:
-        name: one of `names()`, or POLICY@tuned.
-    """
+    """Return one line on a policy, by its name or POLICY@tuned."""
     return _entry(name).summary
 
 
 def kind(name: str) -> str:
-    """Return "classical" or "learned".
-
-    Args:
-        name: one of `names()`, or POLICY@tuned.
-    """
+    """Return "classical" or "learned" for a policy, by its name or POLICY@tuned."""
     return _entry(name).kind
 
 
 def access(policy: str | Callable[..., Any]) -> str:
     """Return what a policy may know: "none", "nominal" or "privileged".
 
-    Args:
-        policy: one of `names()`, POLICY@tuned, or a factory as `register` takes it.
-
-    Raises:
-        ValueError: the factory declares another word.
+    The policy is a name, POLICY@tuned, or a factory as `register` takes it.
     """
     if isinstance(policy, str) and (registered := _entry(policy).access) is not None:
         return registered
@@ -135,11 +118,7 @@ def access(policy: str | Callable[..., Any]) -> str:
 
 
 def factory(name: str) -> Callable[..., Any]:
-    """Return the class or function that builds a policy, called as `register` describes.
-
-    Args:
-        name: one of `names()`, or POLICY@tuned.
-    """
+    """Return the class or function that builds a policy, called as `register` describes."""
     build = _entry(name).factory
     if isinstance(build, str):
         module, attribute = build.split(":")
@@ -153,11 +132,7 @@ def tuned() -> tuple[str, ...]:
 
 
 def tuned_gains(name: str) -> dict[str, float]:
-    """Return the gains of a tuned policy, such as {"kp": 25.0}.
-
-    Args:
-        name: one of `tuned()`.
-    """
+    """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@tuned"."""
     if name not in tuned():
         raise unknown("tuned policy", name, tuned())
     gains: dict[str, float] = json.loads((TUNED / f"{name.removesuffix('@tuned')}.json").read_text())["gains"]
@@ -167,8 +142,8 @@ def tuned_gains(name: str) -> dict[str, float]:
 def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     """Build a policy for an environment.
 
-    A policy gets the environment's interface and nothing else. Only privileged access gets the
-    environment itself.
+    Only a policy with privileged access gets the environment itself; any other gets its interface
+    and nothing else.
 
     Args:
         name: one of `names()`, POLICY@tuned, or a factory as `register` takes it.

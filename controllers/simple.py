@@ -37,10 +37,8 @@ class PdGravity(TorqueLaw):
     globally asymptotically stable for all positive gains. A constant load d leaves the error
     d / Kp.
 
-    Sensors: position and velocity.
-
-    Source: Takegaki and Arimoto, "A new feedback method for dynamic control of manipulators", J.
-    Dyn. Sys. Meas. Control 103(2), 1981.
+    Sensors: position and velocity. Source: Takegaki and Arimoto, "A new feedback method for dynamic
+    control of manipulators", J. Dyn. Sys. Meas. Control 103(2), 1981.
 
     Args:
         frequency: w [rad/s], per joint.

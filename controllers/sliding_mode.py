@@ -27,10 +27,8 @@ class SuperTwisting(TorqueLaw):
     s / layer, which is calmer and gives up the finite-time convergence. z pauses where the torque
     saturates.
 
-    Sensors: position and velocity.
-
-    Source: Levant, "Sliding order and sliding accuracy in sliding mode control", Int. J. Control
-    58(6), 1993.
+    Sensors: position and velocity. Source: Levant, "Sliding order and sliding accuracy in sliding
+    mode control", Int. J. Control 58(6), 1993.
 
     Args:
         slope: of the sliding surface [1/s], per joint.

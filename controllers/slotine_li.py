@@ -30,10 +30,8 @@ class SlotineLi(TorqueLaw):
     normalised by the regressor's size (Slotine and Li, "Composite adaptive control of robot
     manipulators", Automatica 25(4), 1989). The prediction uses momentum in place of acceleration.
 
-    Sensors: position and velocity.
-
-    Source: Slotine and Li, "On the adaptive control of robot manipulators", Int. J. Robotics
-    Research 6(3), 1987; "Applied Nonlinear Control", 1991, §9.2.
+    Sensors: position and velocity. Source: Slotine and Li, "On the adaptive control of robot
+    manipulators", Int. J. Robotics Research 6(3), 1987; "Applied Nonlinear Control", 1991, §9.2.
 
     Args:
         slope: of the sliding surface [1/s], per joint.
@@ -102,11 +100,7 @@ class SlotineLi(TorqueLaw):
         return torque, (estimate, new_momentum, new_drift, w, filtered, applied, np.ones_like(started))
 
     def project(self, estimate: Array) -> Array:
-        """Return the estimate [n x 5], clipped to be within reach and physical: p1 p2 > p3^2.
-
-        Args:
-            estimate: [n x 5].
-        """
+        """Return the estimate [n x 5], clipped to be within reach and physical: p1 p2 > p3^2."""
         nominal = self.interface.nominal.lumped
         projected = np.clip(estimate, nominal / self.reach, nominal * self.reach)
         projected[:, 2] = np.minimum(projected[:, 2], 0.95 * np.sqrt(projected[:, 0] * projected[:, 1]))

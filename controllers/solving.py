@@ -67,15 +67,11 @@ def _factor(a: Array, good: NDArray[np.bool_]) -> None:
 def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
     """Return the x of least |rows x - target| [n x k], and where `rows` determine it [n].
 
-    Elsewhere x is nan. The rows determine x where their smallest singular value, the columns scaled
-    to length one, exceeds `weakest`. The modified Gram-Schmidt process on the columns and then on
-    target is as stable as Householder's (Björck, "Numerical Methods for Least Squares Problems",
-    1996, §2.4).
-
-    Args:
-        rows: [n x m x k], m >= k.
-        target: [n x m].
-        weakest: well above rounding, 1e-16.
+    Rows are [n x m x k] with m >= k, and the target is [n x m]. Rows determine x where their
+    smallest singular value, the columns scaled to length one, exceeds `weakest`, which must be well
+    above rounding, 1e-16. Elsewhere x is nan. The modified Gram-Schmidt process on the columns and
+    then on target is as stable as Householder's (Björck, "Numerical Methods for Least Squares
+    Problems", 1996, §2.4).
     """
     n, m, k = rows.shape
     solution, rich = np.empty((n, k)), np.ones(n, dtype=np.bool_)
@@ -130,18 +126,10 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
 def accumulate(
     a: Array, b: Array, rows: Array, target: Array, keep: float, weight: float, where: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return the next sums of weighted least squares.
+    """Return the next sums of weighted least squares, changed in the lanes `where`.
 
-    They are keep a + weight rows'rows [n x k x k] and keep b + weight rows'target [n x k].
-
-    Args:
-        a: sum so far [n x k x k].
-        b: sum so far [n x k].
-        rows: new rows [n x m x k].
-        target: new targets [n x m].
-        keep: factor on the sums so far.
-        weight: of the new rows.
-        where: the lanes whose sums change [n].
+    They are keep a + weight rows'rows [n x k x k] and keep b + weight rows'target [n x k], of rows
+    [n x m x k] and target [n x m].
     """
     n, m, k = rows.shape
     a, b = a.copy(), b.copy()
@@ -162,12 +150,7 @@ def accumulate(
 
 @cached_njit
 def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
-    """Return where the smallest eigenvalue exceeds `floor` [n].
-
-    Args:
-        a: symmetric [n x k x k].
-        floor: of the eigenvalues.
-    """
+    """Return where the smallest eigenvalue of a symmetric a [n x k x k] exceeds `floor`, [n]."""
     n, k, _ = a.shape
     above = np.ones(n, dtype=np.bool_)
     for first in range(0, n, LANES):
@@ -184,12 +167,7 @@ def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
 
 @cached_njit
 def solve(a: Array, b: Array) -> Array:
-    """Return the x of a x = b [n x k].
-
-    Args:
-        a: symmetric, positive definite [n x k x k].
-        b: [n x k].
-    """
+    """Return the x of a x = b [n x k], for a symmetric, positive definite a [n x k x k]."""
     n, k = b.shape
     solution = np.empty((n, k))
     for first in range(0, n, LANES):

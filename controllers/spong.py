@@ -24,9 +24,8 @@ class SpongRobust(TorqueLaw):
     parameters, and sat clips to [-1, 1]. Where every parameter is within its bound, V = s'Ms/2 has
     V' <= -s'Ks + (5/4) bound epsilon p1, so s ends in a set that shrinks with epsilon.
 
-    Sensors: position and velocity.
-
-    Source: Spong, "On the robust control of robot manipulators", IEEE TAC 37(11), 1992.
+    Sensors: position and velocity. Source: Spong, "On the robust control of robot manipulators",
+    IEEE TAC 37(11), 1992.
 
     Args:
         slope: of the surface s = e' + slope e [1/s], per joint.

@@ -28,12 +28,11 @@ class TimeDelay(TorqueLaw):
     The loop is stable for k < 2 / (h + 2 w dt - h w dt), w^2 dt^2 neglected; without the filter and
     with slow poles that is Hsia's k < 2.
 
-    Sensors: position, velocity and acceleration.
-
-    Source: Youcef-Toumi and Ito, "A time delay controller for systems with unknown dynamics", J.
-    Dyn. Sys. Meas. Control 112(1), 1990; Hsia, "A new technique for robust control of servo
-    systems", IEEE TIE 36(1), 1989; Sieberling, Chu and Mulder, "Robust flight control using
-    incremental nonlinear dynamic inversion and angular acceleration prediction", JGCD 33(6), 2010.
+    Sensors: position, velocity and acceleration. Source: Youcef-Toumi and Ito, "A time delay
+    controller for systems with unknown dynamics", J. Dyn. Sys. Meas. Control 112(1), 1990; Hsia, "A
+    new technique for robust control of servo systems", IEEE TIE 36(1), 1989; Sieberling, Chu and
+    Mulder, "Robust flight control using incremental nonlinear dynamic inversion and angular
+    acceleration prediction", JGCD 33(6), 2010.
 
     Args:
         frequency: w [rad/s], per joint: both poles of the tracking error are -w.

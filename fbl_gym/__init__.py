@@ -12,6 +12,7 @@ from fbl_gym.batch import Truth
 from fbl_gym.env import TwoLinkArmEnv
 from fbl_gym.interface import Interface, Layout, Limits
 from fbl_gym.plants import MuJoCo
+from fbl_gym.records import Distribution
 from fbl_gym.references import (
     ArrayReference,
     FilteredSteps,
@@ -25,6 +26,7 @@ from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import (
     Actuator,
     ArrayDisturbance,
+    Encoder,
     Friction,
     Noise,
     ParameterError,
@@ -45,6 +47,8 @@ __all__ = [
     "ArmParameters",
     "ArrayDisturbance",
     "ArrayReference",
+    "Distribution",
+    "Encoder",
     "FilteredSteps",
     "FourierReference",
     "Friction",

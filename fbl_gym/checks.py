@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -127,12 +127,13 @@ def check_whole(name: str, value: object, *, low: int = 0) -> int:
     return int(value)
 
 
-def check_pair(name: str, value: object, **bounds: Any) -> Pair:
+def check_pair(name: str, value: object, check: Callable[..., Any] = check_number, **bounds: Any) -> Any:
     """Return one number per joint; a single number stands for both joints.
 
     Args:
         name: of the argument, for the error.
         value: the value given.
+        check: of each number.
         **bounds: as in `check_number`.
     """
     if isinstance(value, np.ndarray):
@@ -140,8 +141,8 @@ def check_pair(name: str, value: object, **bounds: Any) -> Pair:
     if isinstance(value, list | tuple):
         if len(value) != 2:
             raise ValueError(f"{name} must be one number, or one for each of the two joints, got {value!r}")
-        return check_number(f"{name}[0]", value[0], **bounds), check_number(f"{name}[1]", value[1], **bounds)
-    x = check_number(name, value, **bounds)
+        return check(f"{name}[0]", value[0], **bounds), check(f"{name}[1]", value[1], **bounds)
+    x = check(name, value, **bounds)
     return x, x
 
 

@@ -16,6 +16,7 @@ from fbl_gym.env_common import (
     MIN_RENDER_SIZE,
     TaskProperties,
     as_actions,
+    check_begun,
     check_render,
     check_reset_options,
     check_seed,
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
     from fbl_gym.render import View
 
 _LANE = np.zeros(1, dtype=np.int64)
-_FLOATS = frozenset({np.dtype(np.float32), np.dtype(np.float64)})
+_SHAPE = (2,)
+_ARRAY, _empty = np.ndarray, np.empty  # a look-up in NumPy takes time at each step
 
 
 class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
@@ -73,11 +75,12 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     | 6, 7 | reference_position | rad | -8 pi to 8 pi |
     | 8, 9 | reference_velocity | rad/s | -200 to 200 |
     | 10, 11 | reference_acceleration | rad/s^2 | -1e5 to 1e5 |
-    | next 2 | previous_action, only with an actuator delay or lag | as the action | as the action |
+    | next 2 k | previous_actions, the last first | as the action | as the action |
     | next 6 n | preview, only with `preview=n`: entries 6 to 11, n times | as above | as above |
 
-    `sensors=("position",)` leaves out the slots of the other sensors. Readings saturate at their
-    range.
+    With an actuator delay, lag or rate limit, `previous_actions` are those on their way to the
+    joints. `sensors=("position",)` leaves out the slots of the other sensors. Readings saturate at
+    their range.
 
     ## Reward
 
@@ -87,23 +90,26 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
 
     ## Start
 
-    The arm starts on its reference, plus `initial_error`, under the torque that holds the nominal
-    arm still.
+    The arm starts on its reference, plus `initial_error` and `initial_velocity`, under the torque
+    that holds the nominal arm still.
 
     ## Episode end
 
     * Truncation: after `duration`, 10 s by default.
     * Termination, with reward 0: a joint has turned more than 4 pi from its start, or is faster
-      than 100 rad/s (`limits`).
+      than 100 rad/s, or has been farther than `error` from its reference for `error_time`, if that
+      is given (`limits`). At the last step, an episode can be both terminated and truncated.
 
     ## Options
 
     * `scenario`: a name (`fbl_gym.scenarios.names()`), a `Scenario` or its dict; None: the nominal
       arm.
     * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`,
-      `noise`, `friction`, `disturbance`, `actuator`, `sensors`, `reference`, `control_dt`,
-      `physics_dt`, `duration`, `initial_error`, `limits`, `plant`. Each is a record or the plain
-      data that makes one. None switches an option off. `fbl-gym list options` prints their fields.
+      `noise`, `encoder`, `friction`, `disturbance`, `actuator`, `sensors`, `reference`,
+      `control_dt`, `physics_dt`, `duration`, `initial_error`, `initial_velocity`, `limits`,
+      `plant`. Each is a record or the plain data that makes one. Most numbers may be a
+      `Distribution`, drawn per episode. None switches an option off. `fbl-gym list options` prints
+      their fields.
     * `action`: "normalized", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: number of coming samples of the reference in the observation.
@@ -194,10 +200,13 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             ValueError: if the action has another shape or is not finite. The arm has not moved.
             gymnasium.error.ResetNeeded: before the first `reset` and after an episode's end.
         """
-        if type(action) is not np.ndarray or action.dtype not in _FLOATS or action.shape != (2,):
-            action = as_actions(action, (2,))
-        observation = np.empty(self._size)
-        refused, reward, terminated, truncated = self._batch.step(action, observation)
+        if type(action) is not _ARRAY or action.shape != _SHAPE:
+            action = as_actions(action, _SHAPE)
+        action1, action2 = action.tolist()
+        if type(action1) is not float:
+            action1, action2 = as_actions(action, _SHAPE).tolist()
+        observation = _empty(self._size)
+        refused, reward, terminated, truncated = self._batch.step_one(action1, action2, observation)
         if refused >= 0:
             if refused == 0:
                 raise ValueError(f"action must be finite, got {action!r}")
@@ -208,7 +217,12 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
 
     @property
     def truth(self) -> Truth:
-        """Return the true parameters and signals of this instant. A policy must not use them."""
+        """Return the true parameters and signals of this instant. A policy must not use them.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first `reset`.
+        """
+        check_begun("truth", self._seeded)
         return single(self._batch.truth())
 
     def render(self) -> Any:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import error, logger
+from gymnasium.envs.registration import EnvSpec
 
 from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.batch import ArmBatch
@@ -34,6 +35,18 @@ class TaskProperties:
 
     scenario: Scenario
     interface: Interface
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Return the spec that `gym.make` sets. Its options are plain data, which survive JSON."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            spec.kwargs = _plain(spec.kwargs)
+        self._spec = spec
 
     @property
     def layout(self) -> Layout:
@@ -54,6 +67,15 @@ class TaskProperties:
     def torque_limit(self) -> Pair | None:
         """Return the largest torque of each joint [N m]; None: no limit."""
         return self.interface.torque_limit
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with each array in it as a list."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in value.items()}
+    return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value
 
 
 def configure(
@@ -146,6 +168,12 @@ def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) 
         if known:
             raise unknown("reset option", name, known)
         raise ValueError(f"unknown reset option {name!r}; this environment has none: its options are given to gym.make")
+
+
+def check_begun(name: str, has_begun: bool) -> None:
+    """Refuse to read a property before the first reset."""
+    if not has_begun:
+        raise error.ResetNeeded(f"call reset() before reading {name}: no episode has begun")
 
 
 def check_render(render_mode: str | None, has_begun: bool) -> str | None:

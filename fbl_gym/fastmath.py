@@ -12,13 +12,14 @@ Microsystems 1993). Those of exp and log are plain Taylor series, long enough th
 below rounding. `tests/fbl_gym/test_fastmath.py` bounds their distance from the C library.
 """
 
-import functools
 import warnings
 from typing import Any
 
 import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
+
+from fbl_gym.compile_cache import CompileCache
 
 # Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) leaves no exits
 # in the loops over lanes: a loop with an exit is not vectorised.
@@ -40,18 +41,17 @@ def cached_njit(function: Any) -> Any:
 
     Where no folder can be written, warn; then each process compiles.
     """
-    compile_function = functools.partial(njit, nogil=True, **_OPTIONS)
+    dispatcher = njit(nogil=True, **_OPTIONS)(function)
     try:
-        return compile_function(cache=True)(function)
-    except RuntimeError:  # Numba's, if neither the package's folder nor the home folder is writable
+        dispatcher._cache = CompileCache(function)
+    except RuntimeError:  # Numba's, if no folder can be written
         warnings.warn(
-            "compiled code cannot be kept, as neither the package's folder nor the home folder can be written: "
-            "every process compiles for some seconds. Set the environment variable NUMBA_CACHE_DIR to a folder "
-            "that can be written.",
+            "compiled code cannot be kept, as the user's cache directory cannot be written: every process compiles "
+            "for some seconds. Set the environment variable NUMBA_CACHE_DIR to a folder that can be written.",
             RuntimeWarning,
             stacklevel=1,
         )
-        return compile_function()(function)
+    return dispatcher
 
 
 @intrinsic

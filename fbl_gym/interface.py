@@ -28,12 +28,17 @@ class Limits(Record):
         velocity: largest joint velocity; readings saturate at twice that.
         acceleration: range of the acceleration sensor and of the reference's acceleration.
         command: range of an acceleration action.
+        error: an arm is lost once a joint has been farther than this from its reference for
+            `error_time`; None: however far.
+        error_time: see `error`.
     """
 
     position: float = number(4 * np.pi, unit="rad", above=0)
     velocity: float = number(100.0, unit="rad/s", above=0)
     acceleration: float = number(1e5, unit="rad/s^2", above=0)
     command: float = number(100.0, unit="rad/s^2", above=0)
+    error: float | None = number(None, unit="rad", above=0)
+    error_time: float = number(1.0, unit="s", above=0)
 
 
 @dataclass(frozen=True)
@@ -125,6 +130,14 @@ class Interface:
         action: meaning of an action: "normalized", the torque as a fraction of its limit; "torque"
             [N m]; or "acceleration" [rad/s^2], through the nominal feedback linearisation mapping.
         action_limit: bound of each action entry, in the action's unit.
+        delay: shortest and longest time from command to torque that the drive's datasheet states
+            [s]. Equal, if the delay does not vary between episodes; likewise below.
+        lag: smallest and largest time constant of the drive [s].
+        rate_limit: smallest rate limit of each joint's torque [N m/s]; None: no limit.
+        latency: age of the readings of position and velocity [s].
+        resolution: step between two readings of each joint's position [rad]; 0: none.
+        noise_std: largest standard deviation of the noise of each joint's position [rad], velocity
+            [rad/s] and acceleration [rad/s^2].
     """
 
     nominal: ArmParameters
@@ -133,6 +146,12 @@ class Interface:
     torque_limit: Pair | None
     action: str
     action_limit: Pair
+    delay: Pair = (0.0, 0.0)
+    lag: Pair = (0.0, 0.0)
+    rate_limit: Pair | None = None
+    latency: float = 0.0
+    resolution: Pair = (0.0, 0.0)
+    noise_std: tuple[Pair, ...] = ((0.0, 0.0),) * 3
 
     @property
     def action_space(self) -> spaces.Box:
@@ -200,16 +219,17 @@ _Bounds: TypeAlias = tuple[float, ...]
 
 
 def make_layout(
-    sensors: tuple[str, ...], limits: Limits, previous_action: Pair | None, action_unit: str, preview: int
+    sensors: tuple[str, ...], limits: Limits, action_limit: Pair, action_unit: str, past_actions: int, preview: int
 ) -> Layout:
     """Return the layout of an observation: the measured signals, the reference, the optional slots.
 
     Args:
         sensors: the measured signals, out of position, velocity and acceleration.
         limits: source of the bounds.
-        previous_action: bound of the previous action, which is part of the state with an actuator
-            delay or lag; None: it is not observed.
-        action_unit: of the previous action.
+        action_limit: bound of the previous actions.
+        action_unit: of the previous actions.
+        past_actions: number of previous actions that are observed: those on their way through the
+            actuator are part of the state.
         preview: number of coming samples of the reference that are observed.
     """
     slots: list[Slot] = []
@@ -226,8 +246,8 @@ def make_layout(
         add(sensor, unit, bound)
     for name, (bound, unit) in motion.items():
         add(f"reference_{name}", unit, bound)
-    if previous_action is not None:
-        add("previous_action", action_unit, previous_action)
+    if past_actions:
+        add("previous_actions", action_unit, action_limit * past_actions)
     if preview:
         add("preview", "rad, rad/s, rad/s^2", (position + velocity + acceleration) * preview)
     return Layout(tuple(slots))

@@ -4,7 +4,8 @@
 
 The settings are the same for all lanes. The tables are the arrays that a scenario contains, such as
 the samples of a reference. A block is the state of `LANES` lanes: its fields, then the last torque
-commands, then the way-points of the reference (the last two as pairs of rows, one row a joint).
+commands, the way-points of the reference, the last actions (pairs of rows, one row a joint), and
+the last readings of the encoder (four rows: position and velocity).
 
 The kernel and `batch.py` see the fields through the structured types `SETTINGS` and `BLOCK`:
 `block.position[0, lane]` is the position of joint 1.
@@ -28,8 +29,41 @@ NO_AUTORESET, NEXT_STEP, SAME_STEP = range(3)
 # The status of a lane: within an episode, after its end, or about to start the next one.
 RUNNING, ENDED, RESTART = 0.0, 1.0, 2.0
 
+# Kinds of distributions.
+UNIFORM, LOG_UNIFORM, CHOICE = range(3)
+
 COLUMNS = 14
 """Largest number of columns of an observation, without its preview."""
+
+VARIED = np.dtype(
+    [
+        # Start
+        ("initial_error", np.float64, 2),  # [rad]
+        ("initial_velocity", np.float64, 2),  # added to the reference's [rad/s]
+        # Payload
+        ("payload_mass", np.float64),  # [kg]
+        ("payload_pick_up", np.float64),  # [physics steps]
+        ("payload_drop", np.float64),  # [physics steps], may be infinite
+        # Sensors of position [rad], velocity [rad/s] and acceleration [rad/s^2], for each joint
+        ("noise_std", np.float64, (3, 2)),
+        ("noise_bias", np.float64, (3, 2)),
+        # Friction of each joint
+        ("viscous", np.float64, 2),  # [N m s]
+        ("coulomb", np.float64, 2),  # [N m]
+        ("stiction", np.float64, 2),  # [N m]
+        ("v_s", np.float64, 2),  # width of the stiction peak [(rad/s)^2]
+        # Disturbance
+        ("disturbance_amplitude", np.float64, 2),  # [N m]
+        ("disturbance_rate", np.float64, 2),  # of a sine [rad/s]
+        # Actuator
+        ("gain", np.float64, 2),  # real / nominal torque
+        ("delay", np.float64),  # [physics steps]
+        ("lag", np.float64),  # time constant [physics steps]
+        ("rate_limit", np.float64, 2),  # [N m / physics step], may be infinite
+    ]
+)
+"""The numbers that may differ between episodes. The settings have their fixed values under the name
+`varied`; a block has a row for each, filled when an episode starts."""
 
 SETTINGS = np.dtype(
     [
@@ -47,39 +81,38 @@ SETTINGS = np.dtype(
         ("ratio", np.float64, 4),  # real / nominal
         ("log_radius", np.float64, 4),  # log(1 + radius) of the ratio that each episode draws
         ("drawn_together", np.bool_),  # one draw for all parameters
-        ("payload_mass", np.float64),  # [kg]
-        ("payload_pick_up", np.float64),  # [physics steps]
-        ("payload_drop", np.float64),  # [physics steps], may be infinite
-        # Sensors of position [rad], velocity [rad/s] and acceleration [rad/s^2], for each joint
-        ("noise_std", np.float64, (3, 2)),
-        ("noise_bias", np.float64, (3, 2)),
+        ("has_payload", np.bool_),
+        # Numbers that may vary
+        ("varied", np.float64, VARIED.itemsize // 8),  # fixed values, in the order of `VARIED`
+        ("draws", np.int64),  # number of them that each episode draws
+        ("draw_table", np.int64),  # index of the first of them in the tables, `DRAW_SIZE` numbers each
+        # Sensors of position, velocity and acceleration, for each joint
         ("quantization", np.float64, (3, 2)),  # step between readings; 0: none
-        ("noisy", np.bool_),  # any of the three is not zero
+        ("noisy", np.bool_),  # any reading has an error
+        ("has_noise", np.int64, 3),  # the sensor's readings have white noise
         ("senses_acceleration", np.bool_),
-        # Friction of each joint
+        ("history", np.int64),  # control steps whose readings are stored; 0: the encoder is ideal
+        ("history_row", np.int64),  # row of a block with the first of them
+        ("difference", np.int64),  # control steps over which the velocity is computed; 0: it is measured
+        ("low_pass", np.float64),  # share of a new velocity in the low-pass filter's output
+        ("latency", np.int64),  # of position and velocity [control steps]
         ("friction_law", np.int64),
-        ("viscous", np.float64, 2),  # [N m s]
-        ("coulomb", np.float64, 2),  # [N m]
-        ("stiction", np.float64, 2),  # [N m]
-        ("v_s", np.float64, 2),  # width of the stiction peak [(rad/s)^2]
+        ("stribeck_squared", np.bool_),  # `v_s` is given as a velocity [rad/s], to be squared
+        ("stribeck_linear", np.float64),  # 1: stiction fades with exp(-|v| / v_s); else 0
+        ("stiff", np.bool_),  # viscous friction is too large for Runge-Kutta
         # Disturbance
         ("disturbance_kind", np.int64),
-        ("disturbance_amplitude", np.float64, 2),  # [N m]
         ("disturbance_period", np.float64),  # of a level, a pulse or a sample [physics steps]
         ("disturbance_width", np.float64),  # of a pulse [physics steps]
         ("disturbance_start", np.float64),  # of the first pulse [physics steps]
-        ("disturbance_rate", np.float64, 2),  # of a sine [rad/s]
         ("disturbance_phase", np.float64, 2),  # of a sine [rad]
         ("disturbance_phase_drawn", np.bool_),  # each episode draws its phases
         ("disturbance_table", np.int64),  # index of the first sample in the tables
         ("disturbance_samples", np.int64),
         # Actuator
         ("torque_limit", np.float64, 2),  # [N m], may be infinite
-        ("delay_steps", np.int64),  # the delay in control steps, rounded up
-        ("delay_switch", np.int64),  # physics step in a control step at which the next command acts
-        ("lag_start", np.float64),  # remainder of the lag at a physics step's start,
-        ("lag_half", np.float64),  # half
-        ("lag_end", np.float64),  # and end
+        ("delay_steps", np.int64),  # the longest delay in control steps, rounded up
+        ("computation_delay", np.float64),  # [physics steps]
         ("torque_varies", np.bool_),  # torque or disturbance may change within a control step
         # Reference
         ("reference_kind", np.int64),
@@ -93,7 +126,6 @@ SETTINGS = np.dtype(
         ("move_time", np.float64),  # of a minimum-jerk move [s]
         ("point_time", np.float64),  # from one way-point to the next [s]
         ("bandwidth", np.float64),  # of filtered steps [rad/s]
-        ("initial_error", np.float64, 2),  # [rad]
         # Interface
         ("action_kind", np.int64),
         ("action_limit", np.float64, 2),
@@ -102,9 +134,13 @@ SETTINGS = np.dtype(
         ("observed", np.int64),  # columns before the preview
         ("observed_row", np.int64, COLUMNS),  # row of a block that each column shows
         ("observed_bound", np.float64, COLUMNS),
+        ("past_actions", np.int64),  # that follow those columns
+        ("past_row", np.int64),  # row of a block with the last one
         ("max_position", np.float64),  # limits of an episode [rad]
         ("max_velocity", np.float64),  # [rad/s]
         ("max_acceleration", np.float64),  # [rad/s^2]
+        ("max_error", np.float64),  # of the position, for less than `error_steps` [rad], may be infinite
+        ("error_steps", np.float64),  # [control steps]
         # Reward
         ("reward_logarithmic", np.bool_),
         ("reward_scale", np.float64),  # [1/rad]
@@ -128,6 +164,13 @@ SETTINGS = np.dtype(
 
 _ONE, _PAIR = LANES, (2, LANES)
 
+DRAW_SIZE = 7
+"""A draw's row, joint, kind, first and second number, and the halves of its stream's key.
+
+The numbers are the ends of a uniform distribution; the lower end and the logarithm of high / low of
+a log-uniform one; the index in the tables and the count of a choice's values.
+"""
+
 BLOCK = np.dtype(
     [
         # Motion of the real arm
@@ -138,10 +181,15 @@ BLOCK = np.dtype(
         ("lumped", np.float64, (5, LANES)),  # lumped parameters with the payload [kg m^2], [N m]
         ("parameters", np.float64, (4, LANES)),  # m1, m2 [kg], L1, L2 [m]
         ("payload", np.float64, _ONE),  # carried now [kg]
+        *[(name, np.float64, (*VARIED[name].shape, LANES)) for name in VARIED.names or ()],
         # Torque
+        ("lag_start", np.float64, _ONE),  # remainder of the lag at a physics step's start,
+        ("lag_half", np.float64, _ONE),  # half
+        ("lag_end", np.float64, _ONE),  # and end
         ("action", np.float64, _PAIR),  # the last one, within its limits
         ("command", np.float64, _PAIR),  # torque command [N m]
         ("chatter", np.float64, _ONE),  # change of the command / torque limit, sum of both joints
+        ("target", np.float64, _PAIR),  # command after delay and rate limit [N m]
         ("torque", np.float64, _PAIR),  # applied torque [N m]
         ("disturbance", np.float64, _PAIR),  # [N m]
         ("disturbance_phase", np.float64, _PAIR),  # of a sine [rad]
@@ -157,6 +205,7 @@ BLOCK = np.dtype(
         ("reference_acceleration", np.float64, _PAIR),  # [rad/s^2]
         # Episode
         ("start_position", np.float64, _PAIR),  # [rad]
+        ("far", np.float64, _ONE),  # control steps in a row beyond `max_error`
         ("reward", np.float64, _ONE),
         ("terminated", np.float64, _ONE),  # 0 or 1
         ("truncated", np.float64, _ONE),  # 0 or 1
@@ -177,3 +226,7 @@ def rows(field: str) -> range:
     """Return the rows of a block that a field takes; a row is `LANES` numbers."""
     dtype, place = BLOCK.fields[field][:2]  # type: ignore[index]
     return range(place // (8 * LANES), (place + dtype.itemsize) // (8 * LANES))
+
+
+FIRST_VARIED = rows(VARIED.names[0])[0]  # type: ignore[index]
+"""Row of a block that holds the first of the numbers that may vary."""

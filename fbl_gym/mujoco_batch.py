@@ -21,12 +21,11 @@ from fbl_gym.memory import LANES, RESTART
 from fbl_gym.plants import MuJoCo
 from fbl_gym.program import Program
 from fbl_gym.scenarios import Scenario
-from fbl_gym.uncertainty import Friction
 
 _POINT_INERTIA = 1e-12
 """Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero."""
 
-_NUMBERS = ("parameters", "payload")
+_NUMBERS = ("parameters", "payload", "viscous", "coulomb", "stiction")
 """Fields of a block from which a lane's model is made; it is made again when one changes."""
 
 _HINGE = 0.15
@@ -47,10 +46,10 @@ class MuJoCoBatch(ArmBatch):
     def __init__(self, scenario: Scenario, program: Program, lanes: int) -> None:
         super().__init__(program, lanes)
         self._scenario = scenario
-        self._unchanging = not self._settings["torque_varies"] and self._settings["payload_mass"] == 0.0
+        self._unchanging = not (self._settings["torque_varies"] or self._settings["has_payload"])
         self._senses_acceleration = bool(self._settings["senses_acceleration"])
         self._settings["external_physics"] = True
-        self._arms: dict[int, _Arm] = {}  # of each lane, from the first reset on
+        self._arms: dict[int, _Arm] = {}  # of each lane
         numbers = np.arange(lanes)
         self._place = numbers // LANES, slice(None), numbers % LANES
 
@@ -85,6 +84,10 @@ class MuJoCoBatch(ArmBatch):
         self._observe(out)
         return -1, float(rewards[0]), bool(terminated[0]), bool(truncated[0])
 
+    def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:
+        """Advance a batch of one lane, as `step` does."""
+        return self.step(np.array([action1, action2]), out)
+
     def _observe(self, out: Array) -> None:
         """Start the lanes marked RESTART, and write all observations."""
         blocks, place = self._blocks, self._place
@@ -113,8 +116,6 @@ class MuJoCoBatch(ArmBatch):
     def truth(self) -> Truth:
         """Return the truth at this instant."""
         truth = super().truth()
-        if not self._arms:
-            return truth
         acceleration, friction = self._accelerate()
         leakage = truth.leakage + truth.acceleration - acceleration
         return dataclasses.replace(truth, acceleration=acceleration, friction_torque=friction, leakage=leakage)
@@ -125,7 +126,7 @@ class _Arm:
 
     Args:
         scenario: the task.
-        numbers: real m1, m2 [kg], L1, L2 [m] and payload [kg].
+        numbers: real m1, m2 [kg], L1, L2 [m], payload [kg]; viscous, Coulomb friction and stiction.
     """
 
     def __init__(self, scenario: Scenario, numbers: Array) -> None:
@@ -182,9 +183,9 @@ def _plant(scenario: Scenario) -> MuJoCo:
 
 def _describe(scenario: Scenario, numbers: Array) -> str:
     """Return the arm in MuJoCo's language: x to the right, y up, hinges about z."""
-    plant, (m1, m2, L1, L2, payload) = _plant(scenario), numbers
+    plant, (m1, m2, L1, L2, payload), friction = _plant(scenario), numbers[:5], numbers[5:].reshape(3, 2)
     load = f'<body pos="{L2} 0 0">{_mass(payload, 0.0, 0.0)}</body>' if payload > 0 else ""
-    second = f'<body pos="{L1} 0 0">{_link(scenario, 1, m2, L2, load)}</body>'
+    second = f'<body pos="{L1} 0 0">{_link(scenario, 1, m2, L2, friction, load)}</body>'
     return f"""
     <mujoco>
       <compiler angle="radian" autolimits="false"/>
@@ -192,14 +193,13 @@ def _describe(scenario: Scenario, numbers: Array) -> str:
               gravity="0 {-scenario.arm.gravity} 0">
         <flag contact="disable" warmstart="disable" autoreset="disable"/>
       </option>
-      <worldbody><body>{_link(scenario, 0, m1, L1, second)}</body></worldbody>
+      <worldbody><body>{_link(scenario, 0, m1, L1, friction, second)}</body></worldbody>
     </mujoco>"""
 
 
-def _link(scenario: Scenario, joint: int, mass: float, length: float, end: str) -> str:
+def _link(scenario: Scenario, joint: int, mass: float, length: float, friction: Array, end: str) -> str:
     """Return the content of a link's body, with the bodies at its end."""
-    arm, plant, friction = scenario.arm, _plant(scenario), scenario.friction or Friction()
-    viscous, coulomb, stiction = (_of(x, joint) for x in (friction.viscous, friction.coulomb, friction.stiction))
+    arm, plant, (viscous, coulomb, stiction) = scenario.arm, _plant(scenario), friction[:, joint]
     loss = coulomb + stiction if plant.friction == "breakaway" else coulomb
     hinge = f'<joint axis="0 0 1" damping="{viscous}" frictionloss="{loss}"/>'
     centre, inertia = arm.centre * length, arm.inertia * mass * length**2

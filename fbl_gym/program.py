@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from dataclasses import dataclass
 from decimal import Context, Decimal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym import memory
-from fbl_gym.arm import Array
+from fbl_gym.arm import Array, inertia_matrix
 from fbl_gym.checks import check_choice, check_whole
-from fbl_gym.interface import ACTIONS, Interface, Limits, make_layout
-from fbl_gym.memory import LANES, SETTINGS
+from fbl_gym.interface import ACTIONS, Interface, make_layout
+from fbl_gym.memory import FIRST_VARIED, LANES, SETTINGS, VARIED
+from fbl_gym.records import Distribution, ends, scaled
 from fbl_gym.references import (
     ArrayReference,
     FilteredSteps,
@@ -23,10 +27,12 @@ from fbl_gym.references import (
 )
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
+from fbl_gym.streams import stream_key
 from fbl_gym.uncertainty import (
     PARAMETERS,
     SENSORS,
     ArrayDisturbance,
+    ParameterError,
     Payload,
     PiecewiseConstantDisturbance,
     PulseDisturbance,
@@ -40,6 +46,13 @@ Settings = NDArray[np.void]
 MAX_NUMBERS = 2**27
 """Largest count of numbers that a single option may add to a block of lanes: 1 GiB."""
 
+MAX_BATCH_NUMBERS = 2**31
+"""Largest count of numbers in a batch: 16 GiB."""
+
+MAX_DECAY = 1.0
+"""Product of physics_dt and the rate of decay by viscous friction, up to which Runge-Kutta is used;
+it is stable up to 2.78."""
+
 _PAIR = 2 * LANES  # numbers of a pair of rows: both joints of a block
 
 _FIELDS = {
@@ -49,9 +62,8 @@ _FIELDS = {
     "reference_position": "reference_position",
     "reference_velocity": "reference_velocity",
     "reference_acceleration": "reference_acceleration",
-    "previous_action": "action",
 }
-"""The field of a block that each slot of the observation shows, without the preview."""
+"""The field of a block that each slot shows, but for the previous actions and the preview."""
 
 
 @dataclass(frozen=True)
@@ -90,31 +102,80 @@ def make_program(
     """
     settings = np.zeros((), SETTINGS)
     tables: list[float] = []
+    numbers = _Numbers(tables)
     settings["autoreset"] = autoreset
     settings["substeps"] = scenario.substeps
     settings["control_dt"], settings["physics_dt"] = scenario.control_dt, scenario.physics_dt
     steps = scenario.steps
     settings["last_step"] = steps if max_episode_steps is None else min(steps, max_episode_steps)
-    _pack_arm(settings, scenario)
-    _pack_noise(settings, scenario)
-    _pack_friction(settings, scenario)
-    _pack_actuator(settings, scenario)
-    _pack_disturbance(settings, tables, scenario)
+    for name in ("initial_error", "initial_velocity"):
+        numbers.set(name, getattr(scenario, name), name)
+    _pack_arm(settings, numbers, scenario)
+    _pack_noise(settings, numbers, scenario)
+    _pack_friction(settings, numbers, scenario)
+    _pack_actuator(settings, numbers, scenario)
+    _pack_disturbance(settings, numbers, tables, scenario)
     waypoints = _pack_reference(settings, tables, scenario)
     settings["waypoints"] = waypoints
-    settings["block_size"] = memory.BLOCK_SIZE + _PAIR * (int(settings["delay_steps"]) + 1 + waypoints)
-    settings["initial_error"] = scenario.initial_error
+    past_row = memory.ROWS + 2 * (int(settings["delay_steps"]) + 1 + waypoints)
+    settings["past_row"] = past_row
+    settings["history_row"] = past_row + 2 * settings["past_actions"]
+    settings["block_size"] = LANES * (settings["history_row"] + 4 * settings["history"])
     preview = check_whole("preview", preview)
     _check_size("preview", preview, "", 6 * LANES * preview)
     limits = scenario.limits
     settings["max_position"], settings["max_velocity"] = limits.position, limits.velocity
     settings["max_acceleration"] = limits.acceleration
-    interface = _make_interface(scenario, action, limits, preview)
+    settings["max_error"] = np.inf if limits.error is None else limits.error
+    settings["error_steps"] = math.ceil(limits.error_time / scenario.control_dt - 1e-9)
+    interface = _make_interface(scenario, action, settings, preview)
     settings["action_kind"] = ACTIONS.index(action)
     settings["action_limit"] = interface.action_limit
     _pack_observation(settings, interface)
     _pack_reward(settings, reward)
+    settings["varied"], settings["draws"], settings["draw_table"] = numbers.fixed, len(numbers.draws), len(tables)
+    tables.extend(number for draw in numbers.draws for number in draw)
     return Program(interface, settings, np.array(tables))
+
+
+class _Numbers:
+    """The numbers that may vary: fixed values, and the draws of the others.
+
+    Attributes:
+        fixed: in the order of `memory.VARIED`.
+        draws: `memory.DRAW_SIZE` numbers each.
+    """
+
+    def __init__(self, tables: list[float]) -> None:
+        self.fixed = np.zeros(VARIED.itemsize // 8)
+        self.draws: list[tuple[float, ...]] = []
+        self._tables = tables
+
+    def set(self, field: str, value: Any, path: str, *, scale: float = 1.0, first: int = 0) -> None:
+        """Set a field of `memory.VARIED`.
+
+        Args:
+            field: its name.
+            value: a number, a distribution, or a pair of them.
+            path: of the option; it names the random stream.
+            scale: the field holds `scale` times the value.
+            first: index of the first number in the field.
+        """
+        for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
+            row, each = memory.rows(field)[first + joint], scaled(each, scale)
+            if not isinstance(each, Distribution):
+                self.fixed[row - FIRST_VARIED] = each
+                continue
+            values = each.values
+            numbers: tuple[float, float]
+            if each.choice is not None:
+                kind, numbers = memory.CHOICE, (len(self._tables), len(values))
+                self._tables.extend(values)
+            elif each.log_uniform is not None:
+                kind, numbers = memory.LOG_UNIFORM, (values[0], _log1p(values[1] / values[0] - 1.0))
+            else:
+                kind, numbers = memory.UNIFORM, (values[0], values[1])
+            self.draws.append((row, joint, kind, *numbers, *divmod(int(stream_key(path)), 2**32)))
 
 
 def _check_size(option: str, value: float, unit: str, numbers: int) -> None:
@@ -126,9 +187,10 @@ def _check_size(option: str, value: float, unit: str, numbers: int) -> None:
         )
 
 
-def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: int) -> Interface:
+def _make_interface(scenario: Scenario, action: str, settings: Settings, preview: int) -> Interface:
     """Return the interface of a scenario; check that its action is possible."""
     check_choice("action", action, ACTIONS)
+    limits = scenario.limits
     limit = scenario.actuator.torque_limit
     if action == "normalized":
         if limit is None:
@@ -145,9 +207,25 @@ def _make_interface(scenario: Scenario, action: str, limits: Limits, preview: in
                 f"action='acceleration' linearises with the measured velocity, but sensors={scenario.sensors} has none"
             )
         bound, unit = (limits.command,) * 2, "rad/s^2"
-    slow = scenario.actuator.delay > 0 or scenario.actuator.lag > 0
-    layout = make_layout(scenario.sensors, limits, bound if slow else None, unit, preview)
-    return Interface(scenario.arm, layout, scenario.control_dt, limit, action, bound)  # type: ignore[arg-type]
+    layout = make_layout(scenario.sensors, limits, bound, unit, int(settings["past_actions"]), preview)
+    known = Interface(scenario.arm, layout, scenario.control_dt, limit, action, bound)  # type: ignore[arg-type]
+    return dataclasses.replace(known, **_datasheet(settings, scenario))
+
+
+def _datasheet(settings: Settings, scenario: Scenario) -> dict[str, Any]:
+    """Return the fields of `Interface` that the datasheets of drives and sensors state."""
+    actuator, dt = scenario.actuator, scenario.control_dt
+    delays, computation = np.array(ends(actuator.delay)), actuator.delay_samples * dt
+    rate = actuator.rate_limit
+    errors = [getattr(scenario.noise, name, None) or SensorError() for name in SENSORS]
+    return {
+        "delay": tuple((delays + computation).tolist()),
+        "lag": ends(actuator.lag),
+        "rate_limit": None if rate is None else tuple(ends(each)[0] for each in rate),  # type: ignore[union-attr]
+        "latency": 0.0 if scenario.encoder is None else scenario.encoder.latency * dt,
+        "resolution": tuple(settings["quantization"][0].tolist()),
+        "noise_std": tuple(tuple(ends(each)[1] for each in error.std_at(dt)) for error in errors),
+    }
 
 
 _EXACT = Context(prec=50)
@@ -163,12 +241,13 @@ def _log1p(x: float) -> float:
     return float(_EXACT.ln(_EXACT.add(1, Decimal(x))))
 
 
-def _pack_arm(settings: Settings, scenario: Scenario) -> None:
+def _pack_arm(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
     arm, error = scenario.arm, scenario.parameter_error
     settings["parameters"] = arm.m1, arm.m2, arm.L1, arm.L2
     settings["gravity"], settings["centre"], settings["inertia"] = arm.gravity, arm.centre, arm.inertia
     settings["ratio"] = 1.0
-    settings["payload_pick_up"] = settings["payload_drop"] = np.inf
+    numbers.set("payload_pick_up", np.inf, "")
+    numbers.set("payload_drop", np.inf, "")
     if error is None:
         return
     settings["ratio"] = error.ratios
@@ -177,53 +256,102 @@ def _pack_arm(settings: Settings, scenario: Scenario) -> None:
     settings["drawn_together"] = error.sampling == "together"
     payload = error.payload
     if isinstance(payload, Payload):
-        settings["payload_mass"] = payload.mass
-        settings["payload_pick_up"] = round(payload.pick_up / scenario.physics_dt)
-        settings["payload_drop"] = np.inf if payload.drop is None else round(payload.drop / scenario.physics_dt)
+        settings["has_payload"] = ends(payload.mass)[1] > 0
+        path, scale = "parameter_error.payload.", 1 / scenario.physics_dt
+        numbers.set("payload_mass", payload.mass, path + "mass")
+        numbers.set("payload_pick_up", payload.pick_up, path + "pick_up", scale=scale)
+        if payload.drop is not None:
+            numbers.set("payload_drop", payload.drop, path + "drop", scale=scale)
 
 
-def _pack_noise(settings: Settings, scenario: Scenario) -> None:
+def _pack_noise(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
     settings["senses_acceleration"] = "acceleration" in scenario.sensors
+    _pack_encoder(settings, scenario)
     if scenario.noise is None:
         return
     for sensor, name in enumerate(SENSORS):
         error: SensorError | None = getattr(scenario.noise, name)
         if error is not None:
-            settings["noise_std"][sensor] = error.std
-            settings["noise_bias"][sensor] = error.bias
-            settings["quantization"][sensor] = error.quantization
-    settings["noisy"] = any(np.any(settings[name]) for name in ("noise_std", "noise_bias", "quantization"))
+            numbers.set("noise_bias", error.bias, f"noise.{name}.bias", first=2 * sensor)
+            size = "sigma" if error.density == (0.0, 0.0) else "density"
+            std = error.std_at(scenario.control_dt)
+            numbers.set("noise_std", std, f"noise.{name}.{size}", first=2 * sensor)
+            settings["quantization"][sensor] += error.quantization
+            settings["has_noise"][sensor] = ends(std) != (0.0, 0.0)
+            settings["noisy"] |= bool(settings["has_noise"][sensor]) or ends(error.bias) != (0.0, 0.0)
+    settings["noisy"] |= np.any(settings["quantization"])
 
 
-def _pack_friction(settings: Settings, scenario: Scenario) -> None:
-    settings["v_s"] = 1.0
+def _pack_encoder(settings: Settings, scenario: Scenario) -> None:
+    encoder = scenario.encoder
+    if encoder is None:
+        return
+    if encoder.counts is not None:
+        settings["quantization"][0] = 2 * np.pi / np.array(encoder.counts)
+        settings["noisy"] = True
+    settings["latency"], settings["difference"] = encoder.latency, encoder.difference or 0
+    if encoder.latency or encoder.difference:
+        settings["history"] = 1 + max(encoder.latency, encoder.difference or 1)
+    settings["low_pass"] = 1.0
+    if encoder.low_pass is not None:
+        settings["low_pass"] = 1.0 - _exp(-2 * math.pi * encoder.low_pass * scenario.control_dt)
+
+
+def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
+    numbers.set("v_s", (1.0, 1.0), "")
     friction = scenario.friction
     if friction is None:
         return
     settings["friction_law"] = memory.EXACT_FRICTION if friction.law == "exact" else memory.LITERAL_FRICTION
     if friction.coulomb == (0.0, 0.0) and friction.stiction == (0.0, 0.0):
         settings["friction_law"] = memory.NO_FRICTION  # viscous friction alone is smooth
-    for name in ("viscous", "coulomb", "stiction", "v_s"):
-        settings[name] = getattr(friction, name)
+    for name in ("viscous", "coulomb", "stiction"):
+        numbers.set(name, getattr(friction, name), f"friction.{name}")
+    if friction.stribeck_velocity is None:
+        numbers.set("v_s", friction.v_s, "friction.v_s")
+    else:
+        numbers.set("v_s", friction.stribeck_velocity, "friction.stribeck_velocity")
+        settings["stribeck_linear"] = friction.stribeck_exponent == 1
+        settings["stribeck_squared"] = friction.stribeck_exponent == 2
+    viscous = [ends(each)[1] for each in friction.viscous]  # type: ignore[union-attr]
+    settings["stiff"] = scenario.physics_dt * _fastest_decay(scenario, viscous) > MAX_DECAY
 
 
-def _pack_actuator(settings: Settings, scenario: Scenario) -> None:
-    actuator, n = scenario.actuator, scenario.substeps
+def _fastest_decay(scenario: Scenario, viscous: list[float]) -> float:
+    """Return the largest rate at which viscous friction slows any real arm [1/s]."""
+    arm, error = scenario.arm, scenario.parameter_error or ParameterError()
+    least = {
+        name: ratio / (1 + error.radius if name in error.parameters else 1)
+        for name, ratio in zip(PARAMETERS, error.ratios, strict=True)
+    }
+    light = dataclasses.replace(arm, **{name: getattr(arm, name) * ratio for name, ratio in least.items()})
+    angles = np.column_stack([np.zeros(9), np.linspace(0, np.pi, 9)])
+    rates = np.linalg.solve(inertia_matrix(light.lumped, angles), np.diag(viscous))
+    return float(np.linalg.eigvals(rates).real.max())
+
+
+def _pack_actuator(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
+    actuator = scenario.actuator
     settings["torque_limit"] = np.inf if actuator.torque_limit is None else actuator.torque_limit
-    delay = round(actuator.delay / scenario.physics_dt)
-    steps = -(-delay // n)
-    _check_size("actuator.delay", actuator.delay, " s", _PAIR * steps)
-    # Up to physics step `delay_switch`, the command of `steps` ago acts, then the next one.
-    settings["delay_steps"] = steps
-    settings["delay_switch"] = delay - (steps - 1) * n if steps else 0
-    if actuator.lag > 0:
-        settings["lag_start"] = 1.0
-        settings["lag_half"] = _exp(-0.5 * scenario.physics_dt / actuator.lag)
-        settings["lag_end"] = _exp(-scenario.physics_dt / actuator.lag)
-    settings["torque_varies"] = delay > 0 or actuator.lag > 0
+    longest, scale = ends(actuator.delay)[1], 1 / scenario.physics_dt
+    samples = actuator.delay_samples
+    delay = samples * scenario.substeps + round(longest * scale)
+    steps = -(-delay // scenario.substeps)
+    _check_size("actuator.delay", longest, " s", 2 * _PAIR * (steps - samples))
+    _check_size("actuator.delay_samples", samples, "", 2 * _PAIR * samples)
+    settings["delay_steps"], settings["computation_delay"] = steps, samples * scenario.substeps
+    # The state has the actions on their way, and the one that a slow drive still follows.
+    slow = ends(actuator.lag)[1] > 0 or actuator.rate_limit is not None
+    settings["past_actions"] = delay // scenario.substeps + 1 if slow else steps
+    rate = (np.inf, np.inf) if actuator.rate_limit is None else actuator.rate_limit
+    numbers.set("rate_limit", rate, "actuator.rate_limit", scale=scenario.physics_dt)
+    numbers.set("gain", actuator.gain, "actuator.gain")
+    numbers.set("delay", actuator.delay, "actuator.delay", scale=scale)
+    numbers.set("lag", actuator.lag, "actuator.lag", scale=scale)
+    settings["torque_varies"] = steps > 0 or slow
 
 
-def _pack_disturbance(settings: Settings, tables: list[float], scenario: Scenario) -> None:
+def _pack_disturbance(settings: Settings, numbers: _Numbers, tables: list[float], scenario: Scenario) -> None:
     disturbance, h, n = scenario.disturbance, scenario.physics_dt, scenario.substeps
     if disturbance is None:
         return
@@ -243,11 +371,11 @@ def _pack_disturbance(settings: Settings, tables: list[float], scenario: Scenari
     else:
         assert isinstance(disturbance, SineDisturbance)
         kind, period, varies = memory.SINE, 0, True
-        settings["disturbance_rate"] = 2 * np.pi * np.array(disturbance.frequency)
+        numbers.set("disturbance_rate", disturbance.frequency, "disturbance.frequency", scale=2 * np.pi)
         settings["disturbance_phase_drawn"] = disturbance.phase is None
         settings["disturbance_phase"] = 0.0 if disturbance.phase is None else disturbance.phase
     if not isinstance(disturbance, ArrayDisturbance):
-        settings["disturbance_amplitude"] = disturbance.amplitude
+        numbers.set("disturbance_amplitude", disturbance.amplitude, "disturbance.amplitude")
     settings["disturbance_kind"], settings["disturbance_period"] = kind, period
     settings["torque_varies"] |= varies
 
@@ -306,7 +434,7 @@ def _pack_observation(settings: Settings, interface: Interface) -> None:
     for slot in layout.slots:
         if slot.name == "preview":
             settings["preview"] = slot.size // 6
-        else:
+        elif slot.name != "previous_actions":
             rows += memory.rows(_FIELDS[slot.name])
     settings["observed"] = len(rows)
     settings["observed_row"][: len(rows)] = rows
@@ -318,7 +446,7 @@ def _pack_reward(settings: Settings, reward: Reward) -> None:
     logarithmic = reward.tracking == "log"
     settings["reward_logarithmic"] = logarithmic
     settings["reward_scale"] = 1 / reward.resolution if logarithmic else 1 / reward.worst
-    settings["reward_norm"] = 1 / _log1p(reward.worst / reward.resolution)
+    settings["reward_norm"] = 1 / _log1p(reward.worst / reward.resolution) if logarithmic else 0.0
     settings["weight_tracking"] = reward.weight_tracking / total
     settings["weight_effort"] = reward.weight_effort / total
     settings["weight_chatter"] = reward.weight_chatter / total

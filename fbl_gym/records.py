@@ -12,17 +12,20 @@ several fields goes into `validate`.
 
 The functions that declare a field share these arguments: `default`, without which the field must be
 given, and which makes it optional if it is None; `unit`; `tune`, the range in which `fbl-gym tune`
-searches a gain; `optional`, True if None is valid whatever the default; and the bounds `low`,
-`high` and `above` of `check_number`.
+searches a gain; `varies`, True if a `Distribution` is valid in place of a number; `optional`, True
+if None is valid whatever the default; and the bounds `low`, `high` and `above` of `check_number`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
 
 from fbl_gym.checks import (
     bounds_text,
@@ -102,19 +105,35 @@ def declared(
 
 
 def number(
-    default: Any = MISSING, *, unit: str = "", tune: Range | None = None, optional: bool = False, **bounds: Any
+    default: Any = MISSING,
+    *,
+    unit: str = "",
+    tune: Range | None = None,
+    varies: bool = False,
+    optional: bool = False,
+    **bounds: Any,
 ) -> Any:
     """Declare a finite number."""
-    convert = lambda name, value: check_number(name, value, **bounds)  # noqa: E731
-    return declared(default, convert, "a number" + bounds_text(**bounds), unit, tune=tune, optional=optional)
+    check = _check_varying if varies else check_number
+    convert = lambda name, value: check(name, value, **bounds)  # noqa: E731
+    form = ("a number or distribution" if varies else "a number") + bounds_text(**bounds)
+    return declared(default, convert, form, unit, tune=tune, optional=optional)
 
 
 def pair(
-    default: Any = MISSING, *, unit: str = "", tune: Range | None = None, optional: bool = False, **bounds: Any
+    default: Any = MISSING,
+    *,
+    unit: str = "",
+    tune: Range | None = None,
+    varies: bool = False,
+    optional: bool = False,
+    **bounds: Any,
 ) -> Any:
-    """Declare one number per joint; a single number stands for both joints."""
-    convert = lambda name, value: check_pair(name, value, **bounds)  # noqa: E731
-    return declared(default, convert, "one or two numbers" + bounds_text(**bounds), unit, tune=tune, optional=optional)
+    """Declare one number per joint; a single number or distribution stands for both joints."""
+    check = _check_varying if varies else check_number
+    convert = lambda name, value: check_pair(name, value, check, **bounds)  # noqa: E731
+    form = ("one or two numbers or distributions" if varies else "one or two numbers") + bounds_text(**bounds)
+    return declared(default, convert, form, unit, tune=tune, optional=optional)
 
 
 def whole(default: Any = MISSING, *, low: int = 0) -> Any:
@@ -183,6 +202,89 @@ def _article(cls: type) -> str:
     return f"{'an' if cls.__name__[0] in 'AEIOU' else 'a'} {cls.__name__}"
 
 
+def _check_ends(name: str, value: object, above: float | None = None) -> Range:
+    """Return the ends of a range."""
+    if not isinstance(value, list | tuple | np.ndarray) or len(value) != 2:
+        raise ValueError(f"{name} must be the two ends of a range, got {value!r}")
+    low = check_number(f"{name}[0]", value[0], above=above)
+    return low, check_number(f"{name}[1]", value[1], low=low)
+
+
+def _check_values(name: str, value: object) -> tuple[float, ...]:
+    """Return one number or more."""
+    if not isinstance(value, list | tuple | np.ndarray) or len(value) == 0:
+        raise ValueError(f"{name} must be a list of numbers, got {value!r}")
+    return tuple(check_number(f"{name}[{i}]", each) for i, each in enumerate(value))
+
+
+@dataclass(frozen=True)
+class Distribution(Record):
+    """A number that each episode draws anew, such as {"uniform": [0, 5]}. One field is given.
+
+    Args:
+        uniform: lowest and highest value.
+        log_uniform: lowest and highest value of a number whose logarithm is uniform.
+        choice: values with the same chance each.
+    """
+
+    uniform: Range | None = declared(None, _check_ends, "two numbers in order")
+    log_uniform: Range | None = declared(
+        None, lambda name, value: _check_ends(name, value, above=0.0), "two numbers in order, greater than 0"
+    )
+    choice: tuple[float, ...] | None = declared(None, _check_values, "one number or more")
+
+    def validate(self) -> None:
+        """Refuse none and several fields."""
+        if sum(value is not None for value in vars(self).values()) != 1:
+            raise ValueError(f"give one of {', '.join(vars(self))}, got {self}")
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Return the two ends, or the values of a choice."""
+        return self.uniform or self.log_uniform or self.choice or ()
+
+
+Number: TypeAlias = float | Distribution | Mapping[str, Sequence[float]]
+"""A number of an option that may vary."""
+
+Numbers: TypeAlias = Number | tuple[Number, Number]
+"""One such number per joint, or one for both."""
+
+
+def ends(value: Any) -> Range:
+    """Return the lowest and the highest value of a number, a distribution, or a pair of them."""
+    if isinstance(value, tuple):
+        each = [ends(item) for item in value]
+        return min(low for low, _ in each), max(high for _, high in each)
+    values = value.values if isinstance(value, Distribution) else (value,)
+    return min(values), max(values)
+
+
+def scaled(value: Any, scale: float) -> Any:
+    """Return a number or distribution times a positive scale."""
+    if not isinstance(value, Distribution):
+        return value * scale
+    values = {name: each and tuple(x * scale for x in each) for name, each in vars(value).items()}
+    return Distribution(**values)
+
+
+def middle(value: Any) -> float:
+    """Return the middle of a number or distribution: of the logarithms, if it is log-uniform."""
+    low, high = ends(value)
+    logarithmic = isinstance(value, Distribution) and value.log_uniform is not None
+    return math.sqrt(low * high) if logarithmic else (low + high) / 2
+
+
+def _check_varying(name: str, value: object, **bounds: Any) -> float | Distribution:
+    """Return a number, or a distribution whose values are all within the bounds."""
+    if not isinstance(value, Distribution | Mapping):
+        return check_number(name, value, **bounds)
+    distribution = build(name, value, Distribution)
+    for each in distribution.values:
+        check_number(f"{name}, a distribution,", each, **bounds)
+    return distribution
+
+
 @functools.cache
 def declarations(cls: type) -> dict[str, Declaration]:
     """Return the declared fields of a record's class, by name.
@@ -218,7 +320,8 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
     if isinstance(value, cls):
         return value
     fields = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
-    if isinstance(value, Mapping):
+    varies = isinstance(value, Mapping) and len(value) > 0 and set(value) <= {"uniform", "log_uniform", "choice"}
+    if isinstance(value, Mapping) and not (scalar and varies):
         for key in value:
             if key not in fields:
                 raise unknown(f"field of {name}", key, fields)

@@ -25,6 +25,11 @@ LOW: Pair = (-math.pi / 2 - 1.0, -1.0)
 HIGH: Pair = (-math.pi / 2 + 1.0, 1.0)
 
 
+def _range(positions: np.ndarray) -> tuple[Pair, Pair]:
+    """Return the lowest and the highest position of each joint, of positions [n x 2]."""
+    return tuple(positions.min(axis=0).tolist()), tuple(positions.max(axis=0).tolist())
+
+
 @dataclass(frozen=True)
 class _Points(Record):
     """Base of the references through points that are drawn or given."""
@@ -32,6 +37,12 @@ class _Points(Record):
     low: Pair | float = pair(LOW, unit="rad")
     high: Pair | float = pair(HIGH, unit="rad")
     points: tuple[Pair, ...] | None = table(None, unit="rad")
+
+    @property
+    def range(self) -> tuple[Pair, Pair]:
+        """Return the lowest and the highest position of each joint [rad]."""
+        points = (self.low, self.high) if self.points is None else self.points
+        return _range(np.array(points))
 
     def validate(self) -> None:
         """Refuse an empty box."""
@@ -111,6 +122,11 @@ class SineReference(Record):
     phase: Pair | float | None = pair(0.0, unit="rad", optional=True)
     kind: str = kind("sine")
 
+    @property
+    def range(self) -> tuple[Pair, Pair]:
+        """Return the lowest and the highest position of each joint [rad], for any phase."""
+        return _range(np.array(self.centre) + np.outer([-1, 1], self.amplitude))
+
 
 @dataclass(frozen=True)
 class FourierReference(Record):
@@ -130,6 +146,11 @@ class FourierReference(Record):
     harmonics: int = whole(5, low=1)
     kind: str = kind("fourier")
 
+    @property
+    def range(self) -> tuple[Pair, Pair]:
+        """Return the lowest and the highest position of each joint [rad], for any phase."""
+        return _range(np.array(self.centre) + np.outer([-1, 1], self.amplitude))
+
 
 @dataclass(frozen=True)
 class ArrayReference(Record):
@@ -148,6 +169,11 @@ class ArrayReference(Record):
     velocity: tuple[Pair, ...] | None = table(None, unit="rad/s")
     acceleration: tuple[Pair, ...] | None = table(None, unit="rad/s^2")
     kind: str = kind("array")
+
+    @property
+    def range(self) -> tuple[Pair, Pair]:
+        """Return the lowest and the highest position of each joint [rad]."""
+        return _range(np.array(self.position))
 
     def validate(self) -> None:
         """Refuse a velocity or an acceleration of another length."""

@@ -14,6 +14,7 @@ pays. There is no squared error, because its slope vanishes near zero, where goo
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -41,7 +42,13 @@ class Reward(Record):
     weight_chatter: float = number(0.1, low=0)
 
     def validate(self) -> None:
-        """Refuse weights that are all zero."""
+        """Refuse weights that are all zero or too large to add, and scales too far apart."""
         weights = {name: value for name, value in vars(self).items() if name.startswith("weight_")}
         if sum(weights.values()) == 0:
             raise ValueError(f"at least one of {', '.join(weights)} must be positive, got {weights}")
+        if sum(weights.values()) == math.inf:
+            raise ValueError(f"the sum of {', '.join(weights)} must be finite, got {weights}")
+        if self.tracking == "log" and not 1e-9 <= self.worst / self.resolution <= 1e15:
+            raise ValueError(
+                f"worst / resolution must be from 1e-9 to 1e15, got worst={self.worst:g}, resolution={self.resolution:g}"
+            )

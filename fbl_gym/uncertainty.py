@@ -2,11 +2,13 @@
 
 The nominal model stays fixed and the real arm varies around it, as in the paper's Table 1. Every
 parameter error is a ratio real / nominal. A field of two numbers, one per joint, also takes a
-single number for both. An option that is None is off.
+single number for both. An option that is None is off. Most numbers may vary: each episode draws
+them from a `Distribution`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
@@ -14,10 +16,28 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from fbl_gym.checks import Pair, check_choice, check_number
-from fbl_gym.records import Record, choice, choices, declared, kind, number, pair, record, table
+from fbl_gym.records import (
+    Number,
+    Numbers,
+    Record,
+    choice,
+    choices,
+    declared,
+    ends,
+    kind,
+    number,
+    pair,
+    record,
+    scaled,
+    table,
+    whole,
+)
 
 PARAMETERS = ("m1", "m2", "L1", "L2")
 SENSORS = ("position", "velocity", "acceleration")
+
+MAX_SAMPLES = 10_000
+"""Oldest reading that an encoder may need, in control samples."""
 
 Ratios = tuple[float, float, float, float]
 
@@ -33,14 +53,14 @@ class Payload(Record):
         drop: time at which the arm releases it, later than `pick_up`; None: never.
     """
 
-    mass: float = number(unit="kg", low=0)
-    pick_up: float = number(0.0, unit="s", low=0)
-    drop: float | None = number(None, unit="s")
+    mass: Number = number(unit="kg", varies=True, low=0)
+    pick_up: Number = number(0.0, unit="s", varies=True, low=0)
+    drop: Number | None = number(None, unit="s", varies=True)
 
     def validate(self) -> None:
         """Refuse a drop that does not come after the pick-up."""
         if self.drop is not None:
-            check_number("drop", self.drop, above=self.pick_up)
+            check_number("drop", ends(self.drop)[0], above=ends(self.pick_up)[1])
 
 
 def _ratios(name: str, value: object) -> Ratios:
@@ -92,15 +112,19 @@ class SensorError(Record):
     """The error of one sensor: a bias, then white noise, then rounding, in the sensor's unit.
 
     Args:
-        sigma: standard deviation of each sample's noise. This is no spectral density.
+        sigma: standard deviation of each sample's noise.
+        density: one-sided spectral density of the noise in the sensor's unit / sqrt(Hz), in place
+            of `sigma`: sigma = density / sqrt(2 control_dt), so that a faster rate is no better
+            sensor.
         bias: constant offset.
         quantization: step to whose multiples the reading is rounded; 0: no rounding.
         snr_db: signal-to-noise ratio, against a signal of unit power, in place of `sigma`, as in
             §3.2 of the paper: sigma = 10^(-snr_db / 20).
     """
 
-    sigma: Pair | float = pair(0.0, low=0)
-    bias: Pair | float = pair(0.0)
+    sigma: Numbers = pair(0.0, varies=True, low=0)
+    density: Numbers = pair(0.0, varies=True, low=0)
+    bias: Numbers = pair(0.0, varies=True)
     quantization: Pair | float = pair(0.0, low=0)
     snr_db: float | None = number(None, unit="dB")
 
@@ -108,13 +132,25 @@ class SensorError(Record):
         """Refuse two sizes of the noise."""
         if self.snr_db is not None and self.sigma != (0.0, 0.0):
             raise ValueError(f"give sigma or snr_db, not both; got sigma={self.sigma} and snr_db={self.snr_db}")
+        if self.density != (0.0, 0.0) and (self.snr_db is not None or self.sigma != (0.0, 0.0)):
+            raise ValueError(f"give density or another size, not both; got density={self.density}")
 
     @property
-    def std(self) -> Pair:
+    def std(self) -> Numbers:
         """Return the standard deviation of each joint's noise, from `sigma` or `snr_db`."""
         if self.snr_db is None:
-            return self.sigma  # type: ignore[return-value]
+            return self.sigma
         return (10.0 ** (-self.snr_db / 20.0),) * 2
+
+    def std_at(self, control_dt: float) -> Any:
+        """Return the standard deviation of each joint's noise, also from a `density`.
+
+        Args:
+            control_dt: time between two samples [s].
+        """
+        if self.density == (0.0, 0.0):
+            return self.std
+        return tuple(scaled(each, 1 / math.sqrt(2 * control_dt)) for each in self.density)  # type: ignore[union-attr]
 
 
 @dataclass(frozen=True)
@@ -133,23 +169,73 @@ class Noise(Record):
 
 
 @dataclass(frozen=True)
+class Encoder(Record):
+    """The encoders of both joints, and the velocity that a drive computes from them.
+
+    The velocity is the difference of two position readings, divided by the time between them, then
+    filtered: y += (1 - exp(-2 pi low_pass control_dt)) (x - y).
+
+    Args:
+        counts: position readings per turn of the joint; None: no rounding.
+        difference: control samples between the two readings; None: the velocity is measured.
+        low_pass: cut-off frequency of the filter; None: no filter.
+        latency: age of the readings of position and velocity, in control samples.
+    """
+
+    counts: Pair | float | None = pair(None, above=0)
+    difference: int | None = whole(None, low=1)
+    low_pass: float | None = number(None, unit="Hz", above=0)
+    latency: int = whole(0)
+
+    def validate(self) -> None:
+        """Refuse a filter of a measured velocity, and readings too old to be stored."""
+        if self.low_pass is not None and self.difference is None:
+            raise ValueError(f"low_pass filters a computed velocity: give difference too, got low_pass={self.low_pass}")
+        for name in ("difference", "latency"):
+            value = getattr(self, name)
+            if value is not None and value > MAX_SAMPLES:
+                raise ValueError(f"{name} must be a whole number not above {MAX_SAMPLES}, got {value}")
+
+
+@dataclass(frozen=True)
 class Friction(Record):
     """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v).
+
+    Viscous friction that is too large for a Runge-Kutta step is integrated implicitly, by four
+    Euler steps: stable at any size, and of first order.
 
     Args:
         viscous: coefficient of viscous friction, f_i1.
         coulomb: Coulomb friction, f_i2.
         stiction: friction f_s that fades as the joint moves.
         v_s: scale of the squared velocity at which stiction fades.
+        stribeck_velocity: in place of `v_s`, w in f_s exp(-(|v| / w)^stribeck_exponent), the usual
+            form (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
+        stribeck_exponent: 1 or 2.
         law: "exact" holds a joint at rest under any load up to f_i2 + f_s. "literal" is the formula
-            as printed, with sign(0) = 0, so that no joint ever sticks.
+            as printed, with sign(0) = 0: no joint ever sticks, and one at rest creeps under a load,
+            the slower the shorter the physics step.
     """
 
-    viscous: Pair | float = pair(0.0, unit="N m s/rad", low=0)
-    coulomb: Pair | float = pair(0.0, unit="N m", low=0)
-    stiction: Pair | float = pair(0.0, unit="N m", low=0)
-    v_s: Pair | float = pair(1e-3, unit="(rad/s)^2", above=0)
+    viscous: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0)
+    coulomb: Numbers = pair(0.0, unit="N m", varies=True, low=0)
+    stiction: Numbers = pair(0.0, unit="N m", varies=True, low=0)
+    v_s: Numbers = pair(1e-3, unit="(rad/s)^2", varies=True, above=0)
     law: Literal["exact", "literal"] = choice("exact", ("exact", "literal"))
+    stribeck_velocity: Numbers | None = pair(None, unit="rad/s", varies=True, above=0)
+    stribeck_exponent: int = whole(2, low=1)
+
+    def validate(self) -> None:
+        """Refuse another exponent than 1 and 2, and two widths of the peak."""
+        if self.stribeck_exponent > 2:
+            raise ValueError(f"stribeck_exponent must be 1 or 2, got {self.stribeck_exponent}")
+        if self.stribeck_velocity is None:
+            if self.stribeck_exponent != 2:
+                raise ValueError("stribeck_exponent=1 needs a stribeck_velocity, got None")
+        elif self.v_s != (1e-3, 1e-3):
+            raise ValueError(
+                f"give v_s or stribeck_velocity, not both; got v_s={self.v_s} and {self.stribeck_velocity=}"
+            )
 
 
 @dataclass(frozen=True)
@@ -162,7 +248,7 @@ class PiecewiseConstantDisturbance(Record):
         kind: the record's name in plain data.
     """
 
-    amplitude: Pair | float = pair(unit="N m", low=0)
+    amplitude: Numbers = pair(unit="N m", varies=True, low=0)
     period: float = number(0.5, unit="s", above=0)
     kind: str = kind("piecewise-constant")
 
@@ -173,13 +259,13 @@ class SineDisturbance(Record):
 
     Args:
         amplitude: amplitude of the torque.
-        frequency: frequency of the torque.
+        frequency: frequency of the torque, at most a quarter of 1 / physics_dt.
         phase: phase of the torque; None: drawn per episode.
         kind: the record's name in plain data.
     """
 
-    amplitude: Pair | float = pair(unit="N m", low=0)
-    frequency: Pair | float = pair(1.0, unit="Hz", low=0)
+    amplitude: Numbers = pair(unit="N m", varies=True, low=0)
+    frequency: Numbers = pair(1.0, unit="Hz", varies=True, low=0)
     phase: Pair | float | None = pair(None, unit="rad")
     kind: str = kind("sine")
 
@@ -196,7 +282,7 @@ class PulseDisturbance(Record):
         kind: the record's name in plain data.
     """
 
-    amplitude: Pair | float = pair(unit="N m")
+    amplitude: Numbers = pair(unit="N m", varies=True)
     period: float = number(2.0, unit="s", above=0)
     width: float = number(0.1, unit="s", above=0)
     start: float = number(0.0, unit="s", low=0)
@@ -228,14 +314,20 @@ DISTURBANCES = (PiecewiseConstantDisturbance, SineDisturbance, PulseDisturbance,
 
 @dataclass(frozen=True)
 class Actuator(Record):
-    """The joint drives.
+    """The joint drives: the torque command passes limit, delay, rate limit, lag and gain in turn.
 
     Args:
         torque_limit: largest torque; None: no limit.
-        delay: time from command to torque, a multiple of physics_dt.
+        delay: time from command to torque, a multiple of physics_dt; a draw is rounded to one.
         lag: time constant of a first-order lag after the delay; 0: no lag.
+        gain: real / nominal torque, the error of the torque constant.
+        delay_samples: control samples from reading to command, which adds to `delay`.
+        rate_limit: largest change of the torque per time, before the lag; None: no limit.
     """
 
     torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, optional=True)
-    delay: float = number(0.0, unit="s", low=0)
-    lag: float = number(0.0, unit="s", low=0)
+    delay: Number = number(0.0, unit="s", varies=True, low=0)
+    lag: Number = number(0.0, unit="s", varies=True, low=0)
+    gain: Numbers = pair(1.0, varies=True, low=0)
+    delay_samples: int = whole(0)
+    rate_limit: Numbers | None = pair(None, unit="N m/s", varies=True, above=0)

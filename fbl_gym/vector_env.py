@@ -19,6 +19,7 @@ from fbl_gym.env_common import (
     MIN_RENDER_SIZE,
     TaskProperties,
     as_actions,
+    check_begun,
     check_render,
     check_reset_options,
     check_seed,
@@ -26,7 +27,8 @@ from fbl_gym.env_common import (
     frame_rate,
     make_batch,
 )
-from fbl_gym.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
+from fbl_gym.memory import LANES, NEXT_STEP, NO_AUTORESET, SAME_STEP
+from fbl_gym.program import MAX_BATCH_NUMBERS, Program
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
 
@@ -87,6 +89,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         check_whole("threads", threads, low=1)
         autoreset = _AUTORESET[self.autoreset_mode]
         self.scenario, program = configure(scenario, action, reward, preview, options, max_episode_steps, autoreset)
+        _check_memory(self.num_envs, program)
         self.render_mode = render_mode
         self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
         self.metadata = {
@@ -186,6 +189,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     @property
     def truth(self) -> Truth:
         """Return the true parameters and signals of every lane now. A policy must not use them."""
+        check_begun("truth", self._seeded)
         return self._batch.truth()
 
     def render(self) -> tuple[Frame, ...] | None:
@@ -223,6 +227,16 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")
         lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
         return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)
+
+
+def _check_memory(num_envs: int, program: Program) -> None:
+    """Refuse more arms than `MAX_BATCH_NUMBERS` allow."""
+    numbers = int(program.settings["block_size"]) / LANES + 6 * program.interface.layout.size  # spaces and returns too
+    most = int(MAX_BATCH_NUMBERS / numbers)
+    if num_envs > max(most, 1):
+        raise ValueError(
+            f"num_envs must be at most {most:,} here, which take {MAX_BATCH_NUMBERS / 2**27:g} GiB, got {num_envs}"
+        )
 
 
 def _as_autoreset_mode(value: Any) -> AutoresetMode:

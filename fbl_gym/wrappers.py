@@ -64,8 +64,8 @@ class ErrorScales:
         if "velocity" in layout:
             parts.append(observations[..., layout["velocity"]])
         parts.append(observations[..., layout["reference_acceleration"]] / self.scales["acceleration"])
-        if "previous_action" in layout:
-            parts.append(observations[..., layout["previous_action"]] / self.action_limit)
+        if "previous_actions" in layout:
+            parts.append(observations[..., layout["previous_actions"]] / self.action_limit)
         if "preview" in layout:
             parts.append(self._preview(observations))
         return np.clip(np.concatenate(parts, axis=-1), -_CLIP, _CLIP)
@@ -256,7 +256,7 @@ class VectorResidual(VectorWrapper):
         """
         mask = (options or {}).get("reset_mask")
         observations, infos = self.env.reset(seed=seed, options=options)
-        starts = np.ones(self.num_envs, dtype=bool) if mask is None else mask
+        starts = np.ones(self.num_envs, dtype=bool) if mask is None else mask.copy()
         self._done = np.where(starts, False, self._done)
         self._base.begin(observations, starts)
         return observations, infos

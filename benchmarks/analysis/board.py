@@ -98,10 +98,7 @@ class Board:
 
     @cached_property
     def rank(self) -> Estimate:
-        """Rank of each ranked policy, in the order of `ranked`.
-
-        By score, or by error where there is no oracle.
-        """
+        """Rank of each ranked policy, in the order of `ranked`: by score, else by mean error."""
         better = self.errors if self.scores is None else -self.scores
         return statistics.ranks(statistics.mean(better[self.ranked], self.counts))
 
@@ -128,11 +125,8 @@ class Board:
     def degradation(self, family: str, arm: str) -> tuple[list[int], Estimate] | None:
         """Return severities [k] and the interquartile mean of each policy's errors [p x k].
 
-        With fewer than two severities there is no curve, and the result is None.
-
-        Args:
-            family: of scenarios, such as "mass-error".
-            arm: the beginning of the scenarios' names: "" for Table 1's arm, or "section-2-2/".
+        The result is None where fewer than two severities have run. `arm` is the beginning of the
+        scenarios' names: "" for Table 1's arm, or "section-2-2/".
         """
         named = {severity: f"{arm}{family}-{severity}" for severity in (1, 2, 3)} | {0: f"{arm}nominal"}
         at = {s: self.scenarios.index(named[s]) for s in range(4) if named[s] in self.scenarios}
@@ -150,15 +144,11 @@ def family_of(scenario: str) -> str:
 
 
 def assemble(results: Sequence[Result]) -> Board:
-    """Return the board of a suite's results.
+    """Return the board of a suite's results, which are cells with the same seeds.
 
     A policy that lacks a scenario, or failed, is left out and named.
 
-    Args:
-        results: of cells with the same seeds.
-
-    Raises:
-        ValueError: two different scenarios or policies share a name, or no policy is complete.
+    Raises: ValueError: two different scenarios or policies share a name, or no policy is complete.
     """
     tasks = _by_name([result.cell.scenario for result in results])
     specs = _by_name([result.cell.policy for result in results])

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.analysis.board import CHANCE, Board
+from benchmarks.analysis.learned import results_of, training_runs
 from benchmarks.analysis.statistics import Estimate, estimate, trained
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.rl.policy import shipped
 from benchmarks.rl.training_settings import at_radius
-from benchmarks.run.runner import run
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
@@ -28,9 +28,7 @@ TRAINED_ON = "everything-2"
 RADII = {"interpolation": 0.25, "in distribution": 0.5, "extrapolation": 1.0, "far extrapolation": 2.0}
 """The uncertainty radius of each range; TRAINED_ON has that of the second."""
 
-MEANING = {
-    name: f"{TRAINED_ON} with parameters off by factors of up to {1 + radius:g}" for name, radius in RADII.items()
-}
+MEANING = {name: f"{TRAINED_ON} with parameters off by factors of up to {1 + r:g}" for name, r in RADII.items()}
 """One line on each range."""
 
 
@@ -50,10 +48,7 @@ class RangeErrors:
 
 
 def range_cells(policy: PolicySpec | str, name: str, seeds: Sequence[int]) -> list[Cell]:
-    """Return the cells of a policy in a range of `RADII`.
-
-    A shipped agent has one for each training seed, such as "ppo-memory@3".
-    """
+    """Return the cells of a policy in a range of `RADII`, one for each training seed."""
     scenario = at_radius(scenarios.get(TRAINED_ON), RADII[name])
     spec = resolve(policy)
     training = shipped().get(spec.name, ())
@@ -62,30 +57,15 @@ def range_cells(policy: PolicySpec | str, name: str, seeds: Sequence[int]) -> li
 
 
 def measure_ranges(board: Board, store: Store, workers: int) -> dict[str, RangeErrors]:
-    """Measure each generalization range. Results in the store are not computed again.
-
-    Args:
-        board: for its policies and seeds.
-        store: for the cells.
-        workers: processes.
-    """
+    """Measure each generalization range on the board's seeds."""
     cells = {(spec.name, name): range_cells(spec, name, board.seeds) for spec in board.specs for name in RADII}
-    every = [cell for some in cells.values() for cell in some]
-    for outcome in run(every, store, workers=workers, command="fbl-gym report --generalization"):
-        if outcome.error:
-            raise ValueError(f"{outcome.id} failed: {outcome.error}")
-    results = {key: [store.find(cell) for cell in some] for key, some in cells.items()}
-
-    def runs(policy: str, name: str, metric: str) -> Array:
-        """[training seeds x seeds]."""
-        return np.array([[row[metric] for row in result.rows] for result in results[policy, name] if result])
-
+    results = results_of(cells, store, workers, "fbl-gym report --generalization")
     ranges = {}
     for name in RADII:
-        rows = [_estimate(runs(policy, name, "error_pct"), board) for policy in board.policies]
+        rows = [_estimate(training_runs(results[policy, name], "error_pct"), board) for policy in board.policies]
         value, low, high = (np.array(x) for x in zip(*((e.value, e.low, e.high) for e in rows), strict=True))
-        diverged = np.array([runs(policy, name, "diverged").mean() for policy in board.policies])
-        ranges[name] = RangeErrors(Estimate(value, low, high), diverged)
+        diverged = [training_runs(results[policy, name], "diverged").mean() for policy in board.policies]
+        ranges[name] = RangeErrors(Estimate(value, low, high), np.array(diverged))
     return ranges
 
 

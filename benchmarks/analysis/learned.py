@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,10 @@ from benchmarks.analysis.statistics import Components, Estimate, components, res
 from benchmarks.policies.spec import resolve
 from benchmarks.rl.policy import shipped
 from benchmarks.run.runner import run
-from benchmarks.run.store import Store
+from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
 from fbl_gym import Scenario
+from fbl_gym.arm import Array
 
 
 @dataclass(frozen=True)
@@ -21,12 +22,8 @@ class Learned:
     """A shipped agent over all its training seeds on one scenario.
 
     Attributes:
-        policy: Name of the agent.
-        scenario: Name of the scenario.
-        training_seeds: Number of training seeds.
-        error: Interquartile mean of the error in % over training and test seeds; its interval
-            resamples both.
-        parts: Variances of the logarithm of the error: training, world, and neither alone.
+        error: interquartile mean of the error in %, with an interval over training and test seeds.
+        parts: variances of the logarithm of the error: training, world, and neither alone.
     """
 
     policy: str
@@ -41,17 +38,7 @@ def measure_learned(
 ) -> list[Learned]:
     """Measure each shipped agent with two training seeds or more on each scenario.
 
-    Each training seed is a cell, such as "ppo-memory@3". Cells of the store are not run again.
-
-    Args:
-        scenarios: Tasks.
-        seeds: Test seeds, the same for every agent.
-        store: Store of the cells.
-        workers: Number of processes.
-        rng: Seed of the bootstrap.
-
-    Raises:
-        ValueError: If a cell fails.
+    Each training seed is a cell, such as "ppo-memory@3". `rng` is the seed of the bootstrap.
     """
     agents = {policy: training for policy, training in shipped().items() if len(training) > 1}
     cells = {
@@ -59,15 +46,25 @@ def measure_learned(
         for policy, training in agents.items()
         for scenario in scenarios
     }
-    every = [cell for group in cells.values() for cell in group]
-    for outcome in run(every, store, workers=workers, command="fbl-gym report --learned"):
-        if outcome.error:
-            raise ValueError(f"{outcome.id} failed: {outcome.error}")
     counts = resample(len(seeds), rng)
     rows = []
-    for (policy, scenario), group in cells.items():
-        results = [result for cell in group if (result := store.find(cell)) is not None]
-        errors = np.array([[row["error_pct"] for row in result.rows] for result in results])
+    for (policy, scenario), results in results_of(cells, store, workers, "fbl-gym report --learned").items():
+        errors = training_runs(results, "error_pct")
         estimate = trained(errors[:, None], counts, rng)
-        rows.append(Learned(policy, scenario, len(group), estimate, components(np.log(errors))))
+        rows.append(Learned(policy, scenario, len(results), estimate, components(np.log(errors))))
     return rows
+
+
+def results_of(
+    groups: Mapping[tuple[str, str], Sequence[Cell]], store: Store, workers: int, command: str
+) -> dict[tuple[str, str], list[Result]]:
+    """Return the results of each group of cells; those that the store lacks are computed."""
+    for outcome in run([cell for cells in groups.values() for cell in cells], store, workers=workers, command=command):
+        if outcome.error:
+            raise ValueError(f"{outcome.id} failed: {outcome.error}")
+    return {key: [result for cell in cells if (result := store.find(cell))] for key, cells in groups.items()}
+
+
+def training_runs(results: Sequence[Result], metric: str) -> Array:
+    """Return a metric of an agent's results [training seeds x seeds]."""
+    return np.array([[row[metric] for row in result.rows] for result in results])

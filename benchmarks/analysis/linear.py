@@ -24,6 +24,7 @@ from fbl_gym.arm import Array, forward_dynamics, inertia_matrix
 from fbl_gym.batch import Truth
 from fbl_gym.checks import Pair, check_number, check_pair
 from fbl_gym.interface import Interface
+from fbl_gym.records import middle
 from fbl_gym.references import ArrayReference
 from fbl_gym.scenarios import Scenario, as_scenario
 from fbl_gym.uncertainty import Friction, Payload
@@ -31,7 +32,7 @@ from fbl_gym.uncertainty import Friction, Payload
 POINT: Pair = (-1.0, 0.5)
 """A point within the default motion at which gravity acts on both joints [rad]."""
 
-MEASURED = ("position", "velocity", "acceleration", "previous_action")
+MEASURED = ("position", "velocity", "acceleration", "previous_actions")
 """The slots of the observation that depend on the arm. The reference is held."""
 
 TORQUES = ["torque[0]", "torque[1]"]
@@ -140,8 +141,9 @@ class LinearLoop:
         # An accelerometer reads at the end of an interval, under the torque of that interval.
         outputs["acceleration"][:, :4] = self.stiffness
         outputs["acceleration"][:, slice(4, 6) if self.lag > 0.0 else slice(-2, None)] = self.inverse_inertia
-        outputs["previous_action"][:, n : n + 2] = np.diag(1.0 / self.action_scale)
-        rows = [outputs[name.partition("[")[0]][int(name[-2])] for name in self.readings]
+        outputs["previous_actions"] = np.zeros((2 * (k + 1), len(both)))
+        outputs["previous_actions"][:, n:] = np.diag(np.tile(1.0 / self.action_scale, k + 1))
+        rows = [outputs[name[: name.index("[")]][int(name[name.index("[") + 1 : -1])] for name in self.readings]
         return np.delete(both, [n, n + 1], axis=1), both[:, n : n + 2], np.array(rows)
 
     def _series(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
@@ -174,10 +176,7 @@ class LinearLoop:
         )
 
     def open_loop(self, joint: int) -> control.StateSpace:
-        """Return L of joint 0 or 1, for negative feedback.
-
-        The loop is cut at the joint's torque; the loop of the other joint is closed.
-        """
+        """Return L of joint 0 or 1, for negative feedback; the other joint's loop is closed."""
         a, b, c = self._series()
         other = 1 - joint
         closed = a + np.outer(b[:, other], c[other])
@@ -191,9 +190,7 @@ class LinearLoop:
     def is_stable(self, factors: Sequence[complex] = (1.0, 1.0), more_delay: float = 0.0) -> bool:
         """Return True if all eigenvalues of the closed loop are within the unit circle.
 
-        Args:
-            factors: on the torque of each joint.
-            more_delay: of both torques [s].
+        `factors` multiply the torque of each joint; `more_delay` [s] delays both.
         """
         a, b, c = self._series(more_delay)
         return bool(np.abs(np.linalg.eigvals(a + b * np.asarray(factors) @ c)).max() <= UNIT_CIRCLE)
@@ -250,23 +247,14 @@ def linearize(
 ) -> list[LinearLoop]:
     """Linearise the loop of a policy: about rest, or along the motion.
 
-    The arm is first run without noise, disturbance and dry friction, and carries its payload all
-    the time. Along the motion, each loop is that of an arm that would stay in the state of that
-    time; it describes deviations that are fast against the motion (Khalil, "Nonlinear Systems",
-    2002, §9.6).
+    Without `times`, the arm is at rest at the constant reference `at` [rad], and there is one loop.
+    With times since the start of the scenario's motion [s], there is one loop for each. The arm is
+    first run without noise, disturbance and dry friction, and carries its payload all the time.
+    Along the motion, each loop is that of an arm that would stay in the state of that time; it
+    describes deviations that are fast against the motion (Khalil, "Nonlinear Systems", 2002, §9.6).
 
-    Args:
-        policy: a name, or any text that `fbl-gym evaluate` takes.
-        scenario: the task.
-        at: the constant reference at which the arm comes to rest [rad].
-        times: since the start of the scenario's motion [s], one loop for each; empty: one loop, at
-            rest.
-        seed: of the scenario's draws.
-        gains: arguments of the policy.
-
-    Raises:
-        NotLinear: if the arm diverges or does not come to rest, or the law is not linear even for
-            small deviations.
+    Raises: NotLinear: the arm diverges or does not come to rest, or the law is not linear even for
+    small deviations.
     """
     scenario = _calm(as_scenario(scenario))
     dt, longest = scenario.control_dt, scenario.duration
@@ -316,7 +304,7 @@ def _loop(
     scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any
 ) -> LinearLoop:
     """Linearise at a true state, and at an observation [size] with the policy's state."""
-    viscous = np.zeros(2) if scenario.friction is None else np.array(scenario.friction.viscous)
+    viscous = truth.viscous
 
     def acceleration(x: Array) -> Array:
         return forward_dynamics(truth.lumped, x[:, :2], x[:, 2:], truth.applied_torque - viscous * x[:, 2:])
@@ -329,8 +317,8 @@ def _loop(
         raise NotLinear("the law changes from sample to sample")
     loop = LinearLoop(
         control_dt=scenario.control_dt,
-        delay=drive.delay,
-        lag=drive.lag,
+        delay=middle(drive.delay) + drive.delay_samples * scenario.control_dt,
+        lag=middle(drive.lag),
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
         inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]),
         matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),

@@ -25,11 +25,8 @@ DIRECTIONS = ("larger", "smaller", "both")
 def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
     """Return the scenario with real parameters within a radius, each by its own factor.
 
-    Args:
-        scenario: without parameter error.
-        r: zero or more.
-        direction: "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1],
-            "both" from [1 / (1 + r), 1 + r]; all log-uniformly.
+    "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1], "both" from [1 /
+    (1 + r), 1 + r]; all log-uniformly.
     """
     if direction == "both":
         return scenario.replace(parameter_error={"radius": r})
@@ -44,36 +41,21 @@ def task() -> Scenario:
 
 
 def search(errors: Callable[[float], Array], *, scan: int = 6, tolerance: float = 0.05) -> Radius:
-    """Return the largest radius at which 95 % of the seeds track within 5 %, by scan and bisection.
+    """Return the largest radius at which 95 % of the seeds track within 5 %.
 
-    Args:
-        errors: of each seed at a radius [%].
-        scan: as in `statistics.radius`.
-        tolerance: as in `statistics.radius`.
+    `errors` returns the error of each seed at a radius [%]; the rest is as in `statistics.radius`.
     """
-    return radius(
-        lambda r: float(np.mean(errors(r) <= BOUND)),
-        bracket=(0.0, LARGEST),
-        share=SHARE,
-        scan=scan,
-        tolerance=tolerance,
-    )
+
+    def success_share(r: float) -> float:
+        return float(np.mean(errors(r) <= BOUND))
+
+    return radius(success_share, bracket=(0.0, LARGEST), share=SHARE, scan=scan, tolerance=tolerance)
 
 
 def stored_radius(
     policy: PolicySpec | str, direction: str, store: Store, seeds: int = 64, tolerance: float = 0.05
 ) -> Radius:
-    """Return a policy's radius.
-
-    Every radius that is tried is a cell of the store and is not computed again.
-
-    Args:
-        policy: its specification or name.
-        direction: of the error, see `with_radius`.
-        store: for the cells of the search.
-        seeds: how many test seeds.
-        tolerance: of log(1 + r).
-    """
+    """Return a policy's radius in a direction; every radius tried is a cell of the store."""
     spec = resolve(policy)
 
     def errors(r: float) -> Array:

@@ -30,7 +30,10 @@ from fbl_gym.arm import Array
 from fbl_gym.checks import check_number, check_whole
 
 LEVEL = 0.95
-"""Default confidence of every interval."""
+"""Confidence of every interval."""
+
+TAIL = (1 - LEVEL) / 2
+"""Share of the draws on each side of an interval."""
 
 RESAMPLES = 2000
 """Default number of bootstrap resamples."""
@@ -45,9 +48,6 @@ ENOUGH_EPISODES = 256
 ENOUGH_TRAINING_SEEDS = 10
 """An interval over fewer training seeds is labelled optimistic: it covers less often than its
 confidence."""
-
-ONCE = np.ones((1, 1, 1))
-"""Counts of 1 for each run: with them a statistic is that of the data."""
 
 Rng: TypeAlias = np.random.Generator | int
 """A generator, or the seed of one."""
@@ -75,31 +75,19 @@ class Estimate:
 
 
 def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -> Array:
-    """Return how often each bootstrap resample counts each seed [b x strata x n].
+    """Return the weight of each seed in each resample, [b x strata x n]; each row of n sums to n.
 
-    Each row of n sums to n.
-
-    Args:
-        n: seeds.
-        rng: generator or seed.
-        strata: 1: all scenarios share the resampled seeds; their number: each scenario resamples
-            its own.
-        resamples: b.
+    With 1 stratum, all scenarios share the resampled seeds. With one for each scenario, each
+    resamples separately.
     """
-    n, strata, b = (
-        check_whole("n", n, low=1),
-        check_whole("strata", strata, low=1),
-        check_whole("resamples", resamples, low=1),
-    )
+    n, strata, b = (check_whole(*x, low=1) for x in (("n", n), ("strata", strata), ("resamples", resamples)))
     return np.random.default_rng(rng).multinomial(n, np.full(n, 1 / n), size=(b, strata)).astype(float)
 
 
 def mean(runs: ArrayLike, counts: Array) -> Array:
-    """Return the mean of the runs of each resample [b x ...].
+    """Return the mean of the runs [... x s x n] of each resample, [b x ...].
 
-    Args:
-        runs: [... x s x n].
-        counts: [b x s x n] or broadcast to it.
+    The counts are [b x s x n] or broadcast to it.
     """
     x, axes = _runs(runs, counts), list(range(1 - counts.ndim, 0))
     # Along an axis that shares its counts, resampling changes nothing: average it first.
@@ -110,13 +98,10 @@ def mean(runs: ArrayLike, counts: Array) -> Array:
 
 
 def iqm(runs: ArrayLike, counts: Array) -> Array:
-    """Return the interquartile mean of the runs of each resample [b x ...].
+    """Return the interquartile mean of the runs [... x s x n] of each resample, [b x ...].
 
-    This is the mean of the middle half of the runs of all scenarios.
-
-    Args:
-        runs: [... x s x n].
-        counts: [b x s x n] or broadcast to it.
+    This is the mean of the middle half of the runs of all scenarios. The counts are [b x s x n] or
+    broadcast to it.
     """
     x = _runs(runs, counts)
     axes = counts.ndim - 1
@@ -150,74 +135,40 @@ def _runs(runs: ArrayLike, counts: Array) -> Array:
     return x
 
 
-def interval(value: ArrayLike, draws: Array, level: float = LEVEL) -> Estimate:
-    """Return a value with the percentile interval of its bootstrap draws.
-
-    Args:
-        value: [...].
-        draws: [b x ...].
-        level: confidence.
-    """
-    tail = (1 - check_number("level", level, above=0, high=1)) / 2
-    low, high = np.quantile(draws, (tail, 1 - tail), axis=0)
+def interval(value: ArrayLike, draws: Array) -> Estimate:
+    """Return a value [...] with the percentile interval of its bootstrap draws [b x ...]."""
+    low, high = np.quantile(draws, (TAIL, 1 - TAIL), axis=0)
     return Estimate(np.asarray(value)[()], low, high)
 
 
-def estimate(x: ArrayLike, counts: Array, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
-    """Return a statistic of the runs with its interval, each [...].
+def estimate(x: ArrayLike, counts: Array, statistic: Statistic = iqm) -> Estimate:
+    """Return a statistic of the runs [... x s x n] with its interval, each [...].
 
     With runs [families x severities x arms x n] it is a degradation curve with its pointwise band.
-
-    Args:
-        x: [... x s x n].
-        counts: from `resample`.
-        statistic: `iqm` or `mean`.
-        level: confidence.
     """
-    return interval(statistic(np.asarray(x), _once(counts))[0], statistic(np.asarray(x), counts), level)
+    once = np.ones((1,) * counts.ndim)  # counts each run once
+    return interval(statistic(np.asarray(x), once)[0], statistic(np.asarray(x), counts))
 
 
-def _once(counts: Array) -> Array:
-    return np.ones((1,) * counts.ndim)
+def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = iqm) -> Estimate:
+    """Return the statistic of runs a minus that of runs b on the same resampled seeds.
 
-
-def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
-    """Return the statistic of a minus that of b on the same resampled seeds; below 0, a errs less.
-
-    Args:
-        a: runs of one policy [... x s x n].
-        b: runs of the other.
-        counts: as in `estimate`.
-        statistic: as in `estimate`.
-        level: as in `estimate`.
+    Below 0, a errs less.
     """
-    a, b = np.asarray(a), np.asarray(b)
-    value = statistic(a, _once(counts)) - statistic(b, _once(counts))
-    return interval(value[0], statistic(a, counts) - statistic(b, counts), level)
+    runs = np.stack([np.asarray(a), np.asarray(b)])
+    return estimate(runs, counts, lambda x, counts: statistic(x[0], counts) - statistic(x[1], counts))
 
 
-def wins(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
-    """Return the share of the runs in which a errs less than b on the same seed; ties count half.
-
-    Args:
-        a: runs of one policy [... x s x n].
-        b: runs of the other.
-        counts: as in `estimate`.
-        level: as in `estimate`.
-    """
-    return estimate(_beats(np.asarray(a), np.asarray(b)), counts, mean, level)
+def wins(a: ArrayLike, b: ArrayLike, counts: Array) -> Estimate:
+    """Return the share of the runs in which a errs less than b on the same seed; ties are half."""
+    return estimate(_beats(np.asarray(a), np.asarray(b)), counts, mean)
 
 
-def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
+def improvement(a: ArrayLike, b: ArrayLike, counts: Array) -> Estimate:
     """Return the probability that a run of a errs less than a run of b on another seed.
 
-    It is averaged over scenarios.
-
-    Args:
-        a: runs of one policy [s x n].
-        b: runs of the other. Seeds are resampled jointly, since both policies met the same ones.
-        counts: as in `estimate`.
-        level: as in `estimate`.
+    a and b are [s x n]; the probability is averaged over scenarios. Both policies met the same
+    seeds, so these are resampled jointly.
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     n = a.shape[-1]
@@ -228,56 +179,40 @@ def improvement(a: ArrayLike, b: ArrayLike, counts: Array, level: float = LEVEL)
     if len(c) == 1:
         u = u.mean(axis=0, keepdims=True)
     draws = ((c @ u) * c).sum(axis=-1).mean(axis=0) / n**2
-    return interval(u.mean(), draws, level)
+    return interval(u.mean(), draws)
 
 
 def _beats(a: Array, b: Array) -> Array:
     return (a < b) + 0.5 * (a == b)
 
 
-def profile(x: ArrayLike, tau: ArrayLike, counts: Array, level: float = LEVEL) -> Estimate:
-    """Return the performance profile [... x k] with a pointwise band.
+def profile(x: ArrayLike, tau: ArrayLike, counts: Array) -> Estimate:
+    """Return the share of the runs [... x s x n] with an error of at most tau [k], as [... x k].
 
-    This is the share of the runs with an error of at most tau.
-
-    Args:
-        x: [... x s x n].
-        tau: [k]. For a score, where larger is better, give -x and -tau.
-        counts: from `resample`.
-        level: confidence of the band at each tau.
+    This is the performance profile, with a pointwise band. For a score, where larger is better,
+    give -x and -tau.
     """
     reached = np.asarray(x)[..., None, :, :] <= np.asarray(tau)[:, None, None]
-    return estimate(reached, counts, mean, level)
+    return estimate(reached, counts, mean)
 
 
-def ranks(draws: Array, level: float = LEVEL) -> Estimate:
+def ranks(draws: Array) -> Estimate:
     """Return median and interval of each policy's rank over the resamples.
 
-    Rank 1 has the smallest number, and ties share their mean.
-
-    Args:
-        draws: [b x p], such as `iqm(x, counts)` of runs [p x s x n].
-        level: confidence. Bounds and median are ranks that occurred.
+    Rank 1 has the smallest number of a draw [b x p], and ties share their mean. Bounds and median
+    are ranks that occurred.
     """
-    tail = (1 - check_number("level", level, above=0, high=1)) / 2
     rank = stats.rankdata(draws, axis=-1)
-    low, median, high = np.quantile(rank, (tail, 0.5, 1 - tail), axis=0, method="inverted_cdf")
+    low, median, high = np.quantile(rank, (TAIL, 0.5, 1 - TAIL), axis=0, method="inverted_cdf")
     return Estimate(median, low, high)
 
 
 def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayLike) -> Array:
-    """Return the score of each run.
+    """Return the score of each run [... x s x n]: 100 (stay - error) / (stay - oracle).
 
-    An arm that stays at its start has 0, the oracle with the true parameters 100.
-
-    A run that diverged has WORST_SCORE, and no run has less. There is no upper bound: the oracle
-    knows the arm, but its gains are not optimal.
-
-    Args:
-        error: of the policy [... x s x n].
-        stay: error of an arm that stays at its start, on the same seeds.
-        oracle: error of the oracle, on the same seeds.
-        diverged: True where the policy's run diverged [... x s x n].
+    `stay` is the error of an arm that stays at its start, `oracle` that of the oracle, both on the
+    same seeds. A run that diverged has WORST_SCORE, and no run has less. There is no upper bound:
+    the oracle knows the arm, but its gains are not optimal.
     """
     error, stay, oracle = (np.asarray(x, dtype=float) for x in (error, stay, oracle))
     if not np.all(oracle < stay):
@@ -289,28 +224,23 @@ def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayL
     return np.where(np.asarray(diverged, dtype=bool), WORST_SCORE, np.maximum(scores, WORST_SCORE))
 
 
-def failures(failed: ArrayLike, runs: ArrayLike, level: float = LEVEL) -> Estimate:
+def failures(failed: ArrayLike, runs: ArrayLike) -> Estimate:
     """Return the share of runs that failed with Clopper and Pearson's interval (1934).
 
-    The interval covers at least as often as its confidence.
-
-    Args:
-        failed: number of runs that failed [...].
-        runs: number of all runs [...].
-        level: confidence.
+    The interval covers at least as often as its confidence. The numbers of failed and of all runs
+    are [...].
     """
     k, n = np.asarray(failed, dtype=float), np.asarray(runs, dtype=float)
     if np.any((k < 0) | (k > n) | (n < 1)):
         raise ValueError(f"failed must lie between 0 and runs, and runs be positive, got {failed!r} of {runs!r}")
-    tail = (1 - check_number("level", level, above=0, high=1)) / 2
     with np.errstate(invalid="ignore"):
-        low = np.where(k > 0, stats.beta.ppf(tail, k, n - k + 1), 0.0)
-        high = np.where(k < n, stats.beta.ppf(1 - tail, k + 1, n - k), 1.0)
+        low = np.where(k > 0, stats.beta.ppf(TAIL, k, n - k + 1), 0.0)
+        high = np.where(k < n, stats.beta.ppf(1 - TAIL, k + 1, n - k), 1.0)
     return Estimate(k / n, low, high)
 
 
 def enough(episodes: int) -> bool:
-    """Return whether there are enough independent episodes for a claim about a failure rate."""
+    """Return True if a claim about a failure rate has enough independent episodes."""
     return check_whole("episodes", episodes) >= ENOUGH_EPISODES
 
 
@@ -319,8 +249,7 @@ class Radius:
     """The largest radius up to which a policy tracks.
 
     Args:
-        value: largest radius tried below which none failed; NaN where the bracket's lower end
-            failed.
+        value: largest radius below the first failure; NaN where the bracket's lower end failed.
         fails: smallest radius that failed; infinite where none did, up to the bracket's upper end.
         tried: each radius with its share of successful seeds, in the order of the radii.
     """
@@ -350,18 +279,12 @@ def radius(
 ) -> Radius:
     """Return the largest radius up to which a policy tracks, by scan and bisection in log(1 + r).
 
-    Success need not fall with the radius, so the first failure is sought: `scan` radii are tried
-    from below, evenly in log(1 + r), up to the first that fails, and the step before it is
-    bisected. A gap of failures narrower than a step of the scan can be missed. Call this once for
-    each direction of error (real parameters larger, or smaller, than nominal).
-
-    Args:
-        success_share: share of seeds that track within the bound at a radius; the same seeds at
-            each.
-        bracket: least and largest radius.
-        share: of seeds that must succeed.
-        scan: steps of the scan; 1: bisection alone.
-        tolerance: of log(1 + r), so about that of the ratio real / nominal.
+    `success_share` returns the share of seeds that track within the bound at a radius; `share` of
+    them must. Success need not fall with the radius, so the first failure is sought: `scan` radii
+    are tried from below, evenly in log(1 + r), up to the first that fails, and the step before it
+    is bisected to `tolerance` in log(1 + r). A gap of failures narrower than a step of the scan can
+    be missed. Call this once for each direction of error (real parameters larger, or smaller, than
+    nominal).
     """
     low, high = check_number("bracket[0]", bracket[0], low=0), check_number("bracket[1]", bracket[1], above=bracket[0])
     steps, tolerance = check_whole("scan", scan, low=1), check_number("tolerance", tolerance, above=0)
@@ -406,14 +329,11 @@ class Components:
 
 
 def components(x: ArrayLike) -> Components:
-    """Return the variance components of runs of one scenario, or of a mean over some.
+    """Return the variance components of runs [t x n] of t training seeds on the same n test seeds.
 
     Every training seed meets the same worlds, so the two are crossed, not nested: y_tn = mu + a_t +
     w_n + e_tn. From mean squares, negative estimates set to 0: Searle, Casella and McCulloch,
     "Variance Components" (1992), chapter 4.
-
-    Args:
-        x: [t x n], of t training seeds on the same n test seeds.
     """
     x = np.asarray(x, dtype=float)
     if x.ndim != 2 or min(x.shape) < 2:
@@ -427,34 +347,18 @@ def components(x: ArrayLike) -> Components:
 
 
 def over_training(counts: Array, training_seeds: int, rng: Rng) -> Array:
-    """Return counts [b x t x s x n] that resample training seeds too.
-
-    They are for runs [t x s x n] of a learned policy.
+    """Return counts [b x t x s x n] that resample training seeds too, from counts [b x s x n].
 
     This is the bootstrap of crossed data (Owen, "The pigeonhole bootstrap", Annals of Applied
     Statistics 1, 2007): training seeds are drawn, and independently the test seeds that all of them
-    meet.
-
-    Args:
-        counts: [b x s x n] from `resample`; test seeds keep these counts, so that learned policies
-            are compared in pairs too.
-        training_seeds: t.
-        rng: generator or seed.
+    meet. Test seeds keep their counts, so that learned policies are compared in pairs too.
     """
     drawn = resample(training_seeds, rng, resamples=len(counts))[:, 0]
     return drawn[:, :, None, None] * counts[:, None]
 
 
-def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = iqm, level: float = LEVEL) -> Estimate:
-    """Return a statistic of a learned policy's runs with an interval over training and test seeds.
-
-    Args:
-        x: [t x s x n], t training seeds.
-        rng: generator or seed of the draw of training seeds.
-        counts: as in `estimate`.
-        statistic: as in `estimate`.
-        level: as in `estimate`.
-    """
+def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = iqm) -> Estimate:
+    """Return a statistic of a learned policy's runs [t x s x n] over training and test seeds."""
     t = np.asarray(x).shape[0]
-    result = estimate(x, over_training(counts, t, rng), statistic, level)
+    result = estimate(x, over_training(counts, t, rng), statistic)
     return replace(result, label="optimistic" if t < ENOUGH_TRAINING_SEEDS else "")

@@ -72,6 +72,7 @@ COMMANDS: dict[str, Command] = {
         "print a script that completes commands, options and names in a shell",
         "bash > ~/.local/share/bash-completion/completions/fbl-gym",
     ),
+    "warm-up": Command("warm_up", "compile everything now, so that no first step has to wait"),
     "doctor": Command(
         "doctor", "show versions, extras, compile cache and places of the packages, and run a self-check"
     ),

@@ -1,7 +1,4 @@
-"""Processes for external policies, one for each, since a policy may change anything in its process.
-
-Examples are `np.seterr`, and a class of fbl-gym that a policy replaces.
-"""
+"""A process for each external policy, which may change anything in it, such as `np.seterr`."""
 
 from __future__ import annotations
 
@@ -16,36 +13,43 @@ import sys
 from typing import Any
 
 ATTEMPTS = 2
-"""How often a process may die over one call before the call fails."""
+"""Number of processes that may die over one call before the call fails."""
 
-LARGEST = 3
-"""Processes that wait for further calls."""
+MOST_PROCESSES = 3
+"""Largest number of processes that wait for further calls."""
 
 
 class Died(RuntimeError):
     """The process of a policy died, and again in a new process."""
 
 
-def call_apart(owner: str, function: str, *arguments: Any) -> Any:
-    """Call a function in the process of a policy and return its result; an error is raised here.
+_PROCESSES: dict[tuple[int, str], subprocess.Popen[bytes]] = {}
+"""The process of each policy, the last used last. A fork of this process must not use them, so the
+identity of this process is part of the key."""
 
-    Args:
-        owner: name of the policy; the process is kept for its further calls.
-        function: "module:name".
-        *arguments: plain data.
+
+def call_apart(owner: str, function: str, *arguments: Any) -> Any:
+    """Call "module:name" with plain data in the process of a policy, which is kept.
+
+    An error of the function is raised here.
 
     Raises:
         Died: the process died.
     """
+    key = os.getpid(), owner
     for _ in range(ATTEMPTS):
-        process = _process(owner)
+        process = _process(key)
+        assert process.stdin is not None
+        assert process.stdout is not None
         try:
-            error, value = process.call(function, arguments)
+            pickle.dump((os.getcwd(), function, arguments), process.stdin)
+            process.stdin.flush()
+            error, value = pickle.load(process.stdout)
         except (EOFError, OSError, pickle.UnpicklingError):
-            _PROCESSES.pop((os.getpid(), owner)).close()
+            _end(key)
             continue
         except BaseException:  # the answer to this call must not be taken for that to the next one
-            _PROCESSES.pop((os.getpid(), owner)).close()
+            _end(key)
             raise
         if error is not None:
             raise error
@@ -53,51 +57,37 @@ def call_apart(owner: str, function: str, *arguments: Any) -> Any:
     raise Died(f"its worker died {ATTEMPTS} times")
 
 
-class _Process:
-    """A Python process that waits for calls. It ends with its parent, since its input ends then."""
-
-    def __init__(self) -> None:
-        code = f"import sys; sys.path[:] = {sys.path!r}; from benchmarks.policies.apart import serve; serve()"
-        self.process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-
-    def call(self, function: str, arguments: tuple[Any, ...]) -> tuple[BaseException | None, Any]:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        pickle.dump((os.getcwd(), function, arguments), self.process.stdin)
-        self.process.stdin.flush()
-        answer: tuple[BaseException | None, Any] = pickle.load(self.process.stdout)
-        return answer
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            with contextlib.suppress(OSError):
-                if pipe is not None:
-                    pipe.close()
-
-
-_PROCESSES: dict[tuple[int, str], _Process] = {}
-"""The process of each policy. A fork of this process starts others, so the identity of this process
-is part of the key."""
-
-
-def _process(owner: str) -> _Process:
-    mine = [key for key in _PROCESSES if key[0] == os.getpid()]
-    key = os.getpid(), owner
+def _process(key: tuple[int, str]) -> subprocess.Popen[bytes]:
+    """Return the process of a policy. It ends with its parent, since its input ends then."""
     if key not in _PROCESSES:
-        if len(mine) >= LARGEST:
-            _PROCESSES.pop(mine[0]).close()
-        _PROCESSES[key] = _Process()
-    _PROCESSES[key] = _PROCESSES.pop(key)  # the last used stands last
+        waiting = _ours()
+        if len(waiting) >= MOST_PROCESSES:
+            _end(waiting[0])
+        code = f"import sys; sys.path[:] = {sys.path!r}; from benchmarks.policies.apart import serve; serve()"
+        command = [sys.executable, "-c", code]
+        _PROCESSES[key] = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    _PROCESSES[key] = _PROCESSES.pop(key)
     return _PROCESSES[key]
 
 
+def _ours() -> list[tuple[int, str]]:
+    return [key for key in _PROCESSES if key[0] == os.getpid()]
+
+
+def _end(key: tuple[int, str]) -> None:
+    process = _PROCESSES.pop(key)
+    process.kill()
+    process.wait()
+    for pipe in (process.stdin, process.stdout):
+        with contextlib.suppress(OSError):
+            if pipe is not None:
+                pipe.close()
+
+
 @atexit.register
-def close() -> None:
-    """End the processes of this one."""
-    for key in [key for key in _PROCESSES if key[0] == os.getpid()]:
-        _PROCESSES.pop(key).close()
+def _end_all() -> None:
+    for key in _ours():
+        _end(key)
 
 
 def serve() -> None:

@@ -1,7 +1,4 @@
-"""The configuration of a policy as exact plain data.
-
-Two policies have the same configuration exactly when they have the same data.
-"""
+"""The configuration of a policy as exact plain data, equal only for equal policies."""
 
 from __future__ import annotations
 
@@ -22,9 +19,7 @@ class Inexact(ValueError):
 
 
 def configuration(policy: Any) -> dict[str, Any]:
-    """Return the configuration of a policy as plain data.
-
-    These are its fields without interface and environment, or its attribute `configuration`.
+    """Return the attribute `configuration`, or the fields without interface and environment.
 
     Raises:
         Inexact: a field holds a value that cannot be compared exactly.
@@ -41,14 +36,7 @@ def configuration(policy: Any) -> dict[str, Any]:
 
 
 def exact(value: Any, name: str) -> Any:
-    """Return a value as data that JSON keeps exactly.
-
-    An array becomes its type, shape and a hash of its bytes.
-
-    Args:
-        value: to convert.
-        name: of the value, for the error.
-    """
+    """Return a value as data that JSON keeps exactly; an array becomes a hash of its bytes."""
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float) and type(value) is float:

@@ -7,16 +7,14 @@ anything.
 from __future__ import annotations
 
 import ast
+import contextlib
 import hashlib
-import io
-import tokenize
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from importlib import metadata
 from pathlib import Path
 
 import controllers
-from controllers.registry import ENTRY_POINTS
+from controllers import registry
 
 PACKAGES = ("benchmarks", "controllers", "fbl_gym")
 """The packages of fbl-gym. Their modules are followed wherever they are imported."""
@@ -37,9 +35,6 @@ The first two change no number. A scenario's options are part of the key themsel
 
 _CORE = ("benchmarks.run", "controllers", "fbl_gym")
 _ROOT = Path(__file__).resolve().parents[2]
-_LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.ENCODING, tokenize.ENDMARKER)
-_BLOCKS = {tokenize.NEWLINE: "\n", tokenize.INDENT: "{", tokenize.DEDENT: "}"}
-_FSTRING = (getattr(tokenize, "FSTRING_START", -1), getattr(tokenize, "FSTRING_END", -1))
 
 
 def code_digest(modules: Mapping[str, Path]) -> str:
@@ -50,66 +45,35 @@ def code_digest(modules: Mapping[str, Path]) -> str:
 
 @lru_cache(maxsize=1024)
 def source_digest(source: bytes) -> str:
-    """Return a hash of the tokens of a Python source; of its bytes where it is not valid Python."""
-    try:
-        text = "\0".join(_statements(source.decode()))
-    except (SyntaxError, tokenize.TokenError, UnicodeDecodeError):
-        return hashlib.sha256(source).hexdigest()
-    return hashlib.sha256(text.encode()).hexdigest()
+    """Return a hash of a source's syntax tree; of its bytes where it is not valid Python."""
+    with contextlib.suppress(SyntaxError, ValueError, RecursionError):
+        source = _text(ast.parse(source)).encode()
+    return hashlib.sha256(source).hexdigest()
 
 
-def _statements(source: str) -> Iterator[str]:
-    """The tokens of a source, without those of statements that are nothing but a string."""
-    statement: list[str] = []
-    only_strings = True
-    for kind, text in _tokens(source):
-        if kind in _BLOCKS:
-            if statement and not only_strings:
-                yield from statement
-                yield _BLOCKS[tokenize.NEWLINE]
-            if kind != tokenize.NEWLINE:
-                yield _BLOCKS[kind]
-            statement, only_strings = [], True
-        else:
-            statement.append(text)
-            only_strings &= kind == tokenize.STRING
+def _text(node: object) -> str:
+    """Return a syntax tree as text, the same in every version of Python, without docstrings."""
+    if isinstance(node, list):
+        return f"[{' '.join(_text(item) for item in node if not _is_docstring(item))}]"
+    if isinstance(node, ast.JoinedStr):  # Python 3.12 ends some with an empty string
+        return f"f({' '.join(_text(item) for item in node.values if getattr(item, 'value', '') != '')})"
+    if isinstance(node, ast.AST):
+        # A later version has more fields, which are empty for code of an earlier one.
+        fields = [f"{name}={_text(value)}" for name, value in ast.iter_fields(node) if value not in (None, [])]
+        return f"{type(node).__name__}({' '.join(fields)})"
+    return repr(node)
 
 
-def _tokens(source: str) -> Iterator[tuple[int, str]]:
-    """Kind and text of each token that is code; an f-string is one token."""
-    lines = source.splitlines(keepends=True)
-    depth, begin = 0, (0, 0)
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == _FSTRING[0]:
-            begin = begin if depth else token.start
-            depth += 1
-        elif token.type == _FSTRING[1]:
-            depth -= 1
-            if not depth:
-                yield tokenize.NAME, _slice(lines, begin, token.end)
-        elif not depth and token.type not in _LAYOUT:
-            # Before Python 3.12 an f-string is a string, but no docstring.
-            formatted = token.type == tokenize.STRING and "f" in token.string.lower().partition(token.string[-1])[0]
-            yield tokenize.NAME if formatted else token.type, token.string
-
-
-def _slice(lines: list[str], begin: tuple[int, int], end: tuple[int, int]) -> str:
-    text = lines[begin[0] - 1 : end[0]]
-    text[-1] = text[-1][: end[1]]
-    text[0] = text[0][begin[1] :]
-    return "".join(text)
+def _is_docstring(node: object) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def closure(roots: Mapping[str, Path], folder: Path | None = None) -> dict[str, Path]:
     """Return some modules with all that they import, each a name and its file.
 
-    Only modules of fbl-gym and modules that lie in a folder are followed. A module outside of
+    Only modules of fbl-gym, and modules that lie in the folder, are followed. A module outside of
     fbl-gym that contains the name of a registered policy as a string, such as "cascade-flm",
     depends on the module of that policy.
-
-    Args:
-        roots: the modules to begin with.
-        folder: where modules outside of fbl-gym are looked for; None: nowhere.
     """
     modules = dict(roots)
     left = list(roots.items())
@@ -122,25 +86,18 @@ def closure(roots: Mapping[str, Path], folder: Path | None = None) -> dict[str, 
 
 
 def file_of(module: str, folder: Path | None = None) -> Path | None:
-    """Return the file of a module by its full name; None where there is none."""
+    """Return the file of a module of fbl-gym, or of one in a folder; None where there is none."""
     if module.partition(".")[0] in PACKAGES:
-        return _package_file(module)
-    return None if folder is None else _file(module, folder)
-
-
-@lru_cache(maxsize=4096)
-def _package_file(module: str) -> Path | None:
-    return _file(module, _ROOT)
-
-
-def _file(module: str, folder: Path) -> Path | None:
+        folder = _ROOT
+    elif folder is None:
+        return None
     place = folder.joinpath(*module.split("."))
     files = (place / "__init__.py", place.with_name(f"{place.name}.py"))
     return next((file for file in files if file.is_file()), None)
 
 
 def _imported(name: str, path: Path, folder: Path | None) -> Iterator[tuple[str, Path]]:
-    """The modules that a module imports and that are followed."""
+    """Yield the modules that a module imports and that are followed."""
     for base, attribute in _imports(path.read_bytes(), name, path.name == "__init__.py"):
         for module in _locate(base, attribute, folder):
             file = file_of(module, folder)
@@ -149,7 +106,7 @@ def _imported(name: str, path: Path, folder: Path | None) -> Iterator[tuple[str,
 
 
 def _locate(base: str, attribute: str, folder: Path | None) -> list[str]:
-    """The modules behind `from base import attribute`, or behind `import base`."""
+    """Return the modules behind `from base import attribute`, or behind `import base`."""
     module = f"{base}.{attribute}" if attribute and file_of(f"{base}.{attribute}", folder) else base
     parts = module.split(".")
     if parts[0] not in PACKAGES:
@@ -165,7 +122,7 @@ def _locate(base: str, attribute: str, folder: Path | None) -> list[str]:
 
 @lru_cache(maxsize=1024)
 def _imports(source: bytes, name: str, package: bool) -> tuple[tuple[str, str], ...]:
-    """What a module imports: the module and, of `from module import attribute`, the attribute."""
+    """Return the imported modules, each with the attribute of `from module import attribute`."""
     try:
         tree = ast.parse(source)
     except SyntaxError:
@@ -186,12 +143,6 @@ def _imports(source: bytes, name: str, package: bool) -> tuple[tuple[str, str], 
 
 @lru_cache(maxsize=1)
 def _policy_modules() -> dict[str, tuple[str, ...]]:
-    """The module of each registered policy, by the policy's name."""
-    external = {point.name for point in entry_points() if point.module.partition(".")[0] not in PACKAGES}
+    """Return the module of each policy of fbl-gym, by the policy's name."""
+    external = {point.name for point in registry.entry_points() if point.module.partition(".")[0] not in PACKAGES}
     return {name: (controllers.factory(name).__module__,) for name in controllers.names() if name not in external}
-
-
-@lru_cache(maxsize=1)
-def entry_points() -> tuple[metadata.EntryPoint, ...]:
-    """Return the entry points by which installed packages register policies."""
-    return tuple(metadata.entry_points(group=ENTRY_POINTS))

@@ -17,6 +17,7 @@ import site
 import sys
 import sysconfig
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from pathlib import Path
@@ -24,7 +25,9 @@ from types import CodeType, ModuleType
 from typing import Any
 
 import controllers
-from benchmarks.policies.digest import PACKAGES, closure, code_digest, entry_points
+from benchmarks.policies.digest import PACKAGES, closure, code_digest
+from benchmarks.rl.agent import DESCRIPTION, WEIGHTS
+from controllers import registry
 from fbl_gym.checks import unknown
 
 ATTRIBUTE = "make_policy"
@@ -39,74 +42,65 @@ class NotFound(ValueError):
     """There is no such module, or no such factory in it."""
 
 
-_TRUSTED: set[str] = set()
+# The text that names a policy.
+
+
+def form_of(text: str) -> str:
+    """Return the form of a text: "archive", "file", "module", "agent" (a folder), or "name"."""
+    if text.endswith(".zip"):
+        return "archive"
+    if text.partition(":")[0].endswith(".py"):
+        return "file"
+    if ":" in text:
+        return "module"
+    has_folder = os.sep in text or "/" in text
+    return "agent" if has_folder and (Path(text) / DESCRIPTION).is_file() else "name"
+
+
+def weights(text: str) -> list[Path]:
+    """Return the files of a trained policy, an archive or an agent; none for code."""
+    form, path = form_of(text), Path(text)
+    return {"archive": [path], "agent": [path / DESCRIPTION, path / WEIGHTS]}.get(form, [])
+
+
+_TRUSTED: set[Path] = set()
 
 
 def trust(path: str) -> None:
     """Allow an archive to be loaded. Loading runs any code that it holds."""
-    _TRUSTED.add(str(Path(path).resolve()))
-
-
-def is_archive(text: str) -> bool:
-    """Return whether a policy is an archive of stable-baselines3."""
-    return text.endswith(".zip")
-
-
-def is_file(text: str) -> bool:
-    """Return whether a policy is a Python file, with or without an attribute."""
-    return text.partition(":")[0].endswith(".py")
-
-
-def is_agent(text: str) -> bool:
-    """Return whether a policy is a folder of an agent, named by its path, such as ./name."""
-    return (os.sep in text or "/" in text) and (Path(text) / "agent.json").is_file()
-
-
-def is_external(text: str) -> bool:
-    """Return whether a policy is named by the place of its code or weights."""
-    return ":" in text or is_archive(text) or is_file(text) or is_agent(text)
+    _TRUSTED.add(Path(path).resolve())
 
 
 def check(text: str) -> None:
     """Raise an error if an external policy does not exist or may not be loaded."""
-    if is_archive(text) or is_file(text):
-        path = Path(text.partition(":")[0])
-        if not path.is_file():
-            raise ValueError(f"policy must name a file that exists, but there is no file {path}")
-        if is_archive(text) and str(path.resolve()) not in _TRUSTED:
-            raise Untrusted(f"loading {path} runs any code that it holds; give --trust if you trust its source")
-    elif ":" in text:
-        source = text.partition(":")[0]
-        if not all(part.isidentifier() for part in source.split(".")):
-            raise ValueError(
-                f"the module of a policy must be named as in an import, such as my_laws.pd, got {source!r}"
-            )
+    form, source = form_of(text), text.partition(":")[0]
+    if form in ("archive", "file") and not Path(source).is_file():
+        raise ValueError(f"policy must name a file that exists, but there is no file {Path(source)}")
+    if form == "archive" and Path(text).resolve() not in _TRUSTED:
+        raise Untrusted(f"loading {Path(text)} runs any code that it holds; give --trust if you trust its source")
+    if form == "module" and not all(part.isidentifier() for part in source.split(".")):
+        raise ValueError(f"the module of a policy must be named as in an import, such as my_laws.pd, got {source!r}")
 
+
+# Code: a file or a module.
 
 _HAS_LOADED: list[str] = []
 
 
 def has_loaded() -> bool:
-    """Return whether this process ran the code of an external policy.
-
-    Such code may have changed anything in the process.
-    """
+    """Return True if this process ran the code of an external policy, which may change anything."""
     return bool(_HAS_LOADED)
 
 
 def load(text: str) -> Callable[..., Any]:
-    """Return the factory of an external policy that is code.
-
-    A file is loaded again when its code has changed.
-    """
+    """Return the factory in a file or module. A file is loaded again when its code has changed."""
     _HAS_LOADED.append(text)
     source, _, name = text.partition(":")
-    module = _load_file(Path(source)) if source.endswith(".py") else _load_module(source)
-    name = name or ATTRIBUTE
-    if not callable(getattr(module, name, None)):
+    module = _load_file(Path(source)) if form_of(text) == "file" else _load_module(source)
+    factory: Callable[..., Any] | None = getattr(module, name or ATTRIBUTE, None)
+    if not callable(factory):
         public = [n for n in vars(module) if callable(getattr(module, n)) and not n.startswith("_")]
-        raise NotFound(unknown(f"factory of {source}", name, public))
-    factory: Callable[..., Any] = getattr(module, name)
+        raise NotFound(unknown(f"factory of {source}", name or ATTRIBUTE, public))
     return factory
 
 
@@ -123,74 +117,74 @@ def _load_module(source: str) -> ModuleType:
         ) from None
 
 
-@contextlib.contextmanager
-def _importing_from(folder: Path) -> Iterator[None]:
-    """Look for modules in a folder first."""
-    importlib.invalidate_caches()
-    sys.path.insert(0, str(folder))
-    try:
-        yield
-    finally:
-        sys.path.remove(str(folder))
-
-
 def _load_file(path: Path) -> ModuleType:
     path = path.resolve()
     beside = _beside(path)
     code = code_digest({"": path, **beside})
-    name = f"fbl_gym_external_{hashlib.sha256(f'{path} {code}'.encode()).hexdigest()[:12]}"
-    if name not in sys.modules:
-        spec = _spec(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        # Another policy may have imported a module of the same name, or an older state of this one.
-        hidden = {n: sys.modules.pop(n) for n in beside if n in sys.modules}
-        hidden = {n: m for n, m in hidden.items() if getattr(m, "__file__", None) != str(beside[n])}
-        try:
-            with _importing_from(path.parent), _finding(beside):
-                spec.loader.exec_module(module)
-        except BaseException:
-            del sys.modules[name]
-            raise
-        finally:
-            sys.modules.update(hidden)
-        _LOADED.setdefault(path, set()).add(name)
-        if code_digest({"": path, **_beside(path)}) != code:
-            forget(path)
-            raise ValueError(f"{path} changed while it was loaded; run it again")
-    return sys.modules[name]
-
-
-_LOADED: dict[Path, set[str]] = {}
-"""The names under which the states of a file are loaded."""
+    name = f"{_prefix(path)}{code[:12]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = _spec(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules[name] = module = importlib.util.module_from_spec(spec)
+    # Another policy may have imported a module of the same name, or an older state of this one.
+    hidden = {n: sys.modules.pop(n) for n in beside if n in sys.modules}
+    hidden = {n: m for n, m in hidden.items() if getattr(m, "__file__", None) != str(beside[n])}
+    try:
+        with _importing_from(path.parent, beside):
+            spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    finally:
+        sys.modules.update(hidden)
+    if code_digest({"": path, **_beside(path)}) != code:
+        forget(path)
+        raise ValueError(f"{path} changed while it was loaded; run it again")
+    return module
 
 
 def forget(path: Path) -> None:
     """Load a file again when it is needed next, since data that it read has changed."""
-    for name in _LOADED.pop(path.resolve(), set()):
-        sys.modules.pop(name, None)
+    for name in [name for name in sys.modules if name.startswith(_prefix(path.resolve()))]:
+        del sys.modules[name]
 
 
-class _Fresh(SourceFileLoader):
-    """A loader that compiles the source.
+def _prefix(path: Path) -> str:
+    """Return the beginning of the names under which the states of a file are loaded."""
+    return f"fbl_gym_external_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}_"
 
-    Python's cache does not notice two edits within one second.
-    """
 
-    def get_code(self, _fullname: str) -> CodeType:
-        return self.source_to_code(self.get_data(self.path), self.path)
+@contextlib.contextmanager
+def _importing_from(folder: Path, modules: Mapping[str, Path] | None = None) -> Iterator[None]:
+    """Look for modules in a folder first; compile some of its modules anew."""
+    finder = _Finder(modules or {})
+    importlib.invalidate_caches()
+    sys.path.insert(0, str(folder))
+    sys.meta_path.insert(0, finder)
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
+        sys.meta_path.remove(finder)
 
 
 class _Finder(MetaPathFinder):
-    """Finds the modules beside a file."""
+    """A finder of some modules by their files."""
 
     def __init__(self, modules: Mapping[str, Path]) -> None:
         self.modules = modules
 
     def find_spec(self, fullname: str, *_: object) -> ModuleSpec | None:
         return _spec(fullname, self.modules[fullname]) if fullname in self.modules else None
+
+
+class _Fresh(SourceFileLoader):
+    """A loader that compiles: Python's cache does not notice two edits within one second."""
+
+    def get_code(self, _fullname: str) -> CodeType:
+        return self.source_to_code(self.get_data(self.path), self.path)
 
 
 def _spec(name: str, path: Path) -> ModuleSpec | None:
@@ -200,32 +194,18 @@ def _spec(name: str, path: Path) -> ModuleSpec | None:
     )
 
 
-@contextlib.contextmanager
-def _finding(modules: Mapping[str, Path]) -> Iterator[None]:
-    finder = _Finder(modules)
-    sys.meta_path.insert(0, finder)
-    try:
-        yield
-    finally:
-        sys.meta_path.remove(finder)
-
-
 def sources(text: str) -> dict[str, Path]:
     """Return the code of an external policy: the name and file of each module, its first.
 
     For an entry point or a module in a package, that is the whole package. For a file or a single
-    module, it is the file and what it imports from its own folder. An archive or an agent has no
-    code.
-
-    Args:
-        text: names the policy.
+    module, it is the file and what it imports from its folder. An archive or an agent has none.
     """
-    if is_archive(text) or is_agent(text):
+    if weights(text):
         return {}
-    if is_file(text):
+    if form_of(text) == "file":
         path = Path(text.partition(":")[0]).resolve()
         return {"": path, **_beside(path)}
-    entry = entry_module(text) if ":" not in text else ""
+    entry = entry_module(text)
     name = entry or text.partition(":")[0]
     module, top = _load_module(name), _load_module(name.partition(".")[0])
     if getattr(module, "__file__", None) is None:
@@ -242,7 +222,7 @@ def sources(text: str) -> dict[str, Path]:
 
 def entry_module(name: str) -> str:
     """Return the module by which another package registers a policy; empty: there is none."""
-    for point in entry_points():
+    for point in registry.entry_points():
         if point.name == name and point.module.partition(".")[0] not in PACKAGES:
             # A built-in policy of that name wins.
             return point.module if point.load() is controllers.factory(name) else ""
@@ -250,10 +230,12 @@ def entry_module(name: str) -> str:
 
 
 def _beside(path: Path) -> dict[str, Path]:
-    """The modules in a file's folder that it imports, directly or through others."""
-    return {
-        n: file for n, file in closure({"": path}, path.parent).items() if n and n.partition(".")[0] not in PACKAGES
-    }
+    """Return the modules in a file's folder that it imports, directly or through others."""
+    modules = closure({"": path}, path.parent)
+    return {name: file for name, file in modules.items() if name and name.partition(".")[0] not in PACKAGES}
+
+
+# Data: files that are read while a policy is made.
 
 
 def file_digest(path: Path) -> str:
@@ -265,7 +247,24 @@ def file_digest(path: Path) -> str:
 
 
 _WATCHES: list[set[Path]] = []
-_IGNORED = (".nbi", ".nbc", ".so", ".pyd", ".dll", ".dylib")
+_COMPILED = (".nbi", ".nbc", ".so", ".pyd", ".dll", ".dylib")
+
+
+@contextlib.contextmanager
+def watch() -> Iterator[set[Path]]:
+    """Collect the files that are read within."""
+    _add_hook()
+    reads: set[Path] = set()
+    _WATCHES.append(reads)
+    try:
+        yield reads
+    finally:
+        _WATCHES[:] = [other for other in _WATCHES if other is not reads]
+
+
+@lru_cache(maxsize=1)
+def _add_hook() -> None:
+    sys.addaudithook(_notice)
 
 
 def _notice(event: str, arguments: tuple[Any, ...]) -> None:
@@ -279,54 +278,35 @@ def _notice(event: str, arguments: tuple[Any, ...]) -> None:
     if path.suffix == ".pyc":
         with contextlib.suppress(ValueError):
             path = Path(importlib.util.source_from_cache(str(path)))
-    if path.suffix not in _IGNORED:
+    if path.suffix not in _COMPILED:
         for reads in _WATCHES:
             reads.add(path)
 
 
-_HOOKED: list[bool] = []
-
-
-@contextlib.contextmanager
-def watch() -> Iterator[set[Path]]:
-    """Collect the files that are read from here on."""
-    if not _HOOKED:
-        sys.addaudithook(_notice)
-        _HOOKED.append(True)
-    reads: set[Path] = set()
-    _WATCHES.append(reads)
-    try:
-        yield reads
-    finally:
-        _WATCHES[:] = [other for other in _WATCHES if other is not reads]
-
-
-def data_files(reads: set[Path], code: dict[str, Path]) -> set[Path]:
-    """Return the files that hold a policy's data, out of those that were read.
+def data_files(reads: set[Path], code: Mapping[str, Path]) -> set[Path]:
+    """Return the files that hold a policy's data, out of those that were read (`watch`).
 
     Code, and files of Python and of other packages, are no data.
-
-    Args:
-        reads: from `watch`.
-        code: from `sources`.
     """
-    folders = {path.parent for path in code.values()}
     known = {path.resolve() for path in code.values()}
-    return {path for path in reads if path not in known and path.is_file() and _holds_data(path, folders)}
+    folders = {path.parent for path in code.values()}
+    return {path for path in reads - known if path.is_file() and _holds_data(path, folders)}
 
 
 def _holds_data(path: Path, folders: set[Path]) -> bool:
-    installed = {Path(p).resolve() for p in _INSTALLED}
-    nearest = max(
-        (f for f in (*folders, *_OURS, *installed) if f in path.parents), key=lambda f: len(f.parts), default=None
-    )
-    if nearest in _OURS and nearest not in folders:
-        return path.suffix != ".py"
-    return nearest is None or nearest in folders or nearest not in installed
+    """Return True unless a file belongs to an installation; files beside the policy never do."""
+    places = [place for place in (*folders, *_OURS, *_installed()) if place in path.parents]
+    nearest = max(places, key=lambda place: len(place.parts), default=None)
+    if nearest is None or nearest in folders:
+        return True
+    return path.suffix != ".py" if nearest in _OURS else False
 
 
 _OURS = tuple(Path(__file__).resolve().parents[2] / package for package in PACKAGES)
-_INSTALLED = (
-    sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *site.getsitepackages(), site.getusersitepackages(),
-    "/proc", "/sys", "/dev", "/etc", "/usr",
-)  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def _installed() -> tuple[Path, ...]:
+    python = (sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *site.getsitepackages())
+    system = ("/proc", "/sys", "/dev", "/etc", "/usr")
+    return tuple(Path(place).resolve() for place in (*python, site.getusersitepackages(), *system))

@@ -12,6 +12,11 @@ The text is one of:
 - "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`.
 
 A registered name wins over a file or folder of the same name.
+
+A file is resolved in the process of its policy (`apart.py`). `external.load` imports it, and the
+policy is made once for an example, while `external.watch` collects the files that it reads.
+`digest.py` hashes its code with all imports, `configuration.py` returns its gains.
+`PolicySpec.make` makes the policy for an environment, unless any of these has changed.
 """
 
 from __future__ import annotations
@@ -29,7 +34,7 @@ from benchmarks.policies import external
 from benchmarks.policies.apart import Died, call_apart
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
-from benchmarks.rl.agent_folder import access_of, saved_agent
+from benchmarks.rl.agent import access_of, saved_agent
 from benchmarks.rl.policy import shipped
 from benchmarks.rl.sb3 import load_zip
 from controllers.registry import KINDS
@@ -61,13 +66,13 @@ class PolicySpec:
         needs: the sensors that it cannot do without.
         preview: how far ahead it sees the reference [s].
         tuning: "default gains", "tuned" or "trained".
-        external: whether it is not part of fbl-gym.
+        external: True if it is not part of fbl-gym.
         summary: one line.
         digest: hash of the code that its results depend on, and of its weights.
         data: hash of each data file that is read to make it, by the file's path.
         configuration: its gains as exact plain data.
         problem: why no result of it can be stored; empty: there is no reason.
-        trusted: whether it is an archive that may be loaded, see `external.trust`.
+        trusted: True if it is an archive that may be loaded, see `external.trust`.
     """
 
     name: str
@@ -86,26 +91,20 @@ class PolicySpec:
 
     @property
     def ranked(self) -> bool:
-        """Whether the board ranks the policy: it does not know the truth."""
+        """True if the board ranks the policy: it does not know the truth."""
         return self.access != "privileged"
 
     @property
     def any_action(self) -> bool:
-        """Whether the policy works with each kind of action.
-
-        An archive has the one that it was trained with.
-        """
-        return not external.is_archive(self.name)
+        """True if the policy works with each kind of action; an archive only has one."""
+        return _form(self.name) != "archive"
 
     @property
     def identity(self) -> dict[str, Any]:
-        """All that distinguishes this policy from others, as plain data.
-
-        The place of an external policy does not count.
-        """
-        attribute = self.name.partition(":")[2] if external.is_external(self.name) else ""
+        """All that distinguishes this policy from others, but not the place of an external one."""
+        place, _, attribute = self.name.partition(":")
         return {
-            "policy": f"external:{attribute}" if external.is_external(self.name) else self.name,
+            "policy": place if _form(self.name) == "name" else f"external:{attribute}",
             "access": self.access,
             "code": self.digest,
             "data": sorted(self.data.values()),
@@ -113,11 +112,7 @@ class PolicySpec:
         }
 
     def make(self, env: Any, **gains: Any) -> Any:
-        """Return the policy for an environment.
-
-        Args:
-            env: the environment, single or batched, wrapped or not; or its `interface`.
-            **gains: arguments of the policy; those left out take their defaults.
+        """Return the policy for an environment, wrapped or not, or for its `interface`.
 
         Raises:
             Changed: the policy in this process is not the one that was resolved.
@@ -130,8 +125,7 @@ class PolicySpec:
     def check(self, reads: Iterable[Path] = ()) -> None:
         """Raise `Changed` unless this process has the same code, gains and data.
 
-        Args:
-            reads: files that were read since, from `external.watch`.
+        `reads` are the files that were read since, from `external.watch`.
         """
         if self.trusted:
             external.trust(self.name)
@@ -139,19 +133,20 @@ class PolicySpec:
         if now != self.identity:
             parts = [part for part in now if now[part] != self.identity[part]]
             raise Changed(f"the {' and '.join(parts)} of {self.name} changed since it was resolved; run it again")
-        if self.external and not _weights(self.name):
-            for path in sorted(external.data_files(set(reads), external.sources(self.name))):
-                if str(path) not in self.data:
-                    raise Changed(
-                        f"{self.name} reads {path} after it was made, so its key does not notice a change of that file: "
-                        "read it when the policy is made, or list it in the factory's attribute `data_files`"
-                    )
-                if external.file_digest(path) != self.data[str(path)]:
-                    raise Changed(f"{path}, which {self.name} reads, changed since it was resolved; run it again")
+        if not self.external or external.weights(self.name):
+            return
+        for path in sorted(external.data_files(set(reads), external.sources(self.name))):
+            if str(path) not in self.data:
+                raise Changed(
+                    f"{self.name} reads {path} after it was made, so its key does not notice a change of that file: "
+                    "read it when the policy is made, or list it in the factory's attribute `data_files`"
+                )
+            if external.file_digest(path) != self.data[str(path)]:
+                raise Changed(f"{path}, which {self.name} reads, changed since it was resolved; run it again")
 
     def factory(self) -> Callable[..., Any]:
         """Return the class or function that makes the policy from the interface and gains."""
-        if external.is_archive(self.name) or external.is_agent(self.name):
+        if external.weights(self.name):
             raise ValueError(f"gains must be those of a law, got {self.name}, which was trained and has none")
         return _factory(self.name)
 
@@ -180,10 +175,7 @@ def resolve(policy: str | PolicySpec) -> PolicySpec:
     """Return the specification of a policy, once for each policy and process.
 
     A file is resolved again when it has changed. A module keeps the state in which this process
-    imported it.
-
-    Args:
-        policy: text, see the head of this module; a specification is returned as it is.
+    imported it. A specification is returned unchanged.
 
     Raises:
         ValueError: no policy has that name, or its file does not exist.
@@ -193,18 +185,16 @@ def resolve(policy: str | PolicySpec) -> PolicySpec:
         return policy
     _check(policy)
     state = _state(policy)
-    if policy not in _RESOLVED or (_RESOLVED[policy][1] != state):
-        _RESOLVED[policy] = _resolve(policy), _state(policy)
+    if policy not in _RESOLVED or _RESOLVED[policy][1] != state:
+        spec = _trained(policy) if external.weights(policy) else _coded(policy)
+        _RESOLVED[policy] = spec, _state(policy, spec)
     return _RESOLVED[policy][0]
 
 
 def resolve_apart(text: str) -> PolicySpec:
-    """Return the specification of a policy.
-
-    The code of an external policy runs in a process that only it uses.
-    """
+    """Return the specification of a policy; code of an external one runs in its own process."""
     _check(text)
-    runs_code = external.entry_module(text) if _registered(text) else not _weights(text)
+    runs_code = external.entry_module(text) if _form(text) == "name" else not external.weights(text)
     if not runs_code:
         return resolve(text)
     try:
@@ -215,69 +205,68 @@ def resolve_apart(text: str) -> PolicySpec:
 
 
 def is_unchanged(spec: PolicySpec) -> bool:
-    """Return whether a policy still has the code, gains and data of a specification.
+    """Return True if a policy still has the code, gains and data of a specification.
 
     No code of a file is run.
     """
     try:
-        if external.is_file(spec.name) and not _registered(spec.name):
+        if _form(spec.name) == "file":
             data = {path: external.file_digest(Path(path)) for path in spec.data}
             return _digest(external.sources(spec.name)) == spec.digest and data == spec.data
-        now = _trained(spec.name) if _weights(spec.name) else resolve_apart(spec.name)
+        now = _trained(spec.name) if external.weights(spec.name) else resolve_apart(spec.name)
     except (ValueError, OSError):
         return False
     return now.identity == spec.identity
 
 
-def _check(text: str) -> None:
-    if _registered(text):
-        return
-    if external.is_external(text):
-        external.check(text)
-    elif (Path(text) / "agent.json").is_file():
-        raise ValueError(f"unknown policy {text!r}; the folder of that name is named by its path, ./{text}")
-    else:
-        raise unknown("policy", text, names())
-
-
-def _registered(text: str) -> str:
-    """The name under which a policy is registered; empty: it is not."""
-    name, _ = _with_seed(text)
-    return name if name in names() else ""
+def _form(text: str) -> str:
+    """Return "name" for a registered policy and for unknown text, else `external.form_of`."""
+    return "name" if _with_seed(text)[0] in names() else external.form_of(text)
 
 
 def _with_seed(text: str) -> tuple[str, dict[str, int]]:
-    """A policy's name and, of "ppo-memory@3", its training seed as an argument."""
+    """Return a policy's name and, of "ppo-memory@3", its training seed as an argument."""
     name, _, seed = text.rpartition("@")
     return (name, {"seed": int(seed)}) if seed.isdigit() and name in shipped() else (text, {})
 
 
-def _state(text: str) -> str:
-    """A hash of the files of an external policy that may change while a process runs."""
-    if _registered(text) or not (external.is_file(text) or _weights(text)):
+def _check(text: str) -> None:
+    if _form(text) != "name":
+        external.check(text)
+    elif _with_seed(text)[0] not in names():
+        if (Path(text) / "agent.json").is_file():
+            raise ValueError(f"unknown policy {text!r}; the folder of that name is named by its path, ./{text}")
+        raise unknown("policy", text, names())
+
+
+def _state(text: str, spec: PolicySpec | None = None) -> str:
+    """Return a hash of the files of an external policy that may change while a process runs."""
+    if _form(text) not in ("file", "archive", "agent"):
         return ""
-    files = {*external.sources(text).values(), *_weights(text)}
-    if text in _RESOLVED:
-        files |= {Path(path) for path in _RESOLVED[text][0].data}
+    spec = spec or _RESOLVED.get(text, (None, ""))[0]
+    files = {*external.sources(text).values(), *external.weights(text), *map(Path, spec.data if spec else ())}
     digests = [str(Path.cwd()), *(external.file_digest(path) for path in sorted(files))]
     return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
-def _weights(text: str) -> list[Path]:
-    """The files of a trained policy that is no code."""
-    if external.is_archive(text):
-        return [Path(text)]
-    return [Path(text) / name for name in ("agent.json", "weights.npz")] if external.is_agent(text) else []
+def _trained(text: str) -> PolicySpec:
+    """Return the specification of an archive or a folder of an agent."""
+    archive = _form(text) == "archive"
+    digests = [external.file_digest(path) for path in external.weights(text)]
+    modules = _files((load_zip if archive else saved_agent).__module__)
+    return PolicySpec(
+        text, "learned", "nominal" if archive else access_of(Path(text)), tuning="trained", external=True,
+        digest=_digest(modules, hashlib.sha256("".join(digests).encode()).hexdigest()), trusted=archive,
+    )  # fmt: skip
 
 
-def _resolve(text: str) -> PolicySpec:
-    if not _registered(text) and _weights(text):
-        return _trained(text)
-    if external.is_file(text) and text in _RESOLVED:
+def _coded(text: str) -> PolicySpec:
+    """Return the specification of a policy that is code, from the policy made for an example."""
+    if _form(text) == "file" and text in _RESOLVED:
         external.forget(Path(text.partition(":")[0]))
-    is_external = not _registered(text) or external.entry_module(_registered(text)) != ""
-    modules: dict[str, Path] = {}
+    is_external = _form(text) != "name" or external.entry_module(_with_seed(text)[0]) != ""
     spec = PolicySpec(text, "classical", "nominal", external=is_external)
+    modules: dict[str, Path] = {}
     reads: set[Path] = set()
     try:
         with external.watch() as reads:
@@ -301,8 +290,8 @@ def _resolve(text: str) -> PolicySpec:
 
 
 def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
-    """The specification with all that a factory declares; its data files by name alone."""
-    name = _registered(spec.name)
+    """Return the specification with all that a factory declares; its data files by name alone."""
+    name = _with_seed(spec.name)[0] if _form(spec.name) == "name" else ""
     kind = controllers.kind(name) if name else getattr(factory, "kind", "classical")
     tuning = "tuned" if spec.name.endswith("@tuned") else "default gains"
     try:
@@ -320,33 +309,25 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
         raise BadDeclaration(str(problem)) from problem
 
 
-def _trained(text: str) -> PolicySpec:
-    """The specification of an archive or a folder of an agent."""
-    archive = external.is_archive(text)
-    weights = hashlib.sha256("".join(external.file_digest(path) for path in _weights(text)).encode()).hexdigest()
-    return PolicySpec(
-        text, "learned", "nominal" if archive else access_of(Path(text)), tuning="trained", external=True,
-        digest=_digest(_files((load_zip if archive else saved_agent).__module__), weights), trusted=archive,
-    )  # fmt: skip
-
-
 def _factory(text: str) -> Callable[..., Any]:
-    return controllers.factory(_with_seed(text)[0]) if _registered(text) else external.load(text)
+    return controllers.factory(_with_seed(text)[0]) if _form(text) == "name" else external.load(text)
 
 
 def _make(text: str, env: Any, gains: Mapping[str, Any]) -> Any:
-    if _registered(text):
-        name, seed = _with_seed(text)
-        return controllers.make(name, env, **{**seed, **gains})
-    if external.is_archive(text):
-        return load_zip(Path(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True)
-    if external.is_agent(text):
-        return saved_agent(env, text)
-    return controllers.make(external.load(text), env, **gains)
+    match _form(text):
+        case "name":
+            name, seed = _with_seed(text)
+            return controllers.make(name, env, **{**seed, **gains})
+        case "archive":
+            return load_zip(Path(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True)
+        case "agent":
+            return saved_agent(env, text)
+        case _:
+            return controllers.make(external.load(text), env, **gains)
 
 
 def _example(spec: PolicySpec) -> TwoLinkArmVectorEnv:
-    """An environment that a policy can be made for."""
+    """Return an environment that a policy can be made for."""
     scenario = scenarios.get("nominal")
     return TwoLinkArmVectorEnv(1, scenario, preview=math.ceil(spec.preview / scenario.control_dt - 1e-9))
 
@@ -357,6 +338,6 @@ def _files(*modules: str) -> dict[str, Path]:
 
 
 def _digest(modules: Mapping[str, Path], weights: str = "") -> str:
-    """A hash of a policy's code with its imports, and of the code behind every result."""
+    """Return a hash of a policy's code with its imports, and of the code behind every result."""
     code = code_digest(closure({**_files(*RESULTS), **modules}))
     return hashlib.sha256(f"{code} {weights}".encode()).hexdigest()

@@ -25,15 +25,14 @@ class Column:
     """One column of the board, with an entry for each policy [p].
 
     Attributes:
-        key: Short name, which is also the anchor that sorts by this column.
-        title: Head of the column.
-        meaning: One sentence for the reader.
-        values: Number or text of each policy; None where a policy has none.
-        low: Lower ends of the 95 % intervals; empty without intervals.
-        high: Upper ends of the 95 % intervals.
-        notes: Text below the number of each policy; empty without notes.
+        key: short name, which is also the anchor that sorts by this column.
+        title: head of the column.
+        meaning: one sentence for the reader.
+        values: number or text of each policy; None where a policy has none.
+        low, high: ends of the 95 % intervals; empty without intervals.
+        notes: text below the number of each policy; empty without notes.
         best: 1 if larger is better, -1 if smaller is better, 0 if neither.
-        form: Function that prints a number.
+        form: function that prints a number.
     """
 
     key: str
@@ -68,18 +67,8 @@ def number(x: float) -> str:
     return f"{x:.{max(0, 2 - math.floor(math.log10(abs(x))))}f}"
 
 
-def fixed(digits: int) -> Callable[[float], str]:
-    """Return a function that prints a number with a fixed number of decimals."""
-    return lambda x: f"{x:.{digits}f}"
-
-
 def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
-    """Return the columns of a board, from left to right.
-
-    Args:
-        board: Source of the numbers.
-        ranges: Errors at each radius of the parameters' error; may be empty.
-    """
+    """Return the columns of a board, from left to right, one for each generalization range."""
     policies = board.policies
     rank: list[Value] = [None] * len(policies)
     ends: list[list[Value]] = [rank[:], rank[:]]
@@ -101,7 +90,7 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
         *(
             [] if board.score is None else [estimated(
                 "score", "score", "Mean of the runs' scores: 0 is an arm that stays at its start, 100 is the oracle, −100 a "
-                "run that diverged.", board.score, best=1, form=fixed(1),
+                "run that diverged.", board.score, best=1, form="{:.1f}".format,
             )]
         ),
         estimated(
@@ -124,7 +113,7 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
         *(
             estimated(
                 f"range-{name}", name, f"Error % on {MEANING[name]}, and the share of runs that diverged. An agent counts "
-                "with all its training seeds.", errors.error, best=-1, form=fixed(3),
+                "with all its training seeds.", errors.error, best=-1, form="{:.3f}".format,
                 notes=[f"{100 * share:.2g} % diverged" if share else "" for share in errors.diverged],
             )
             for name, errors in ranges.items()

@@ -62,15 +62,8 @@ def query(results: Iterable[Result], sql: str) -> str | None:
 
     The table `results` has each run of the current results once, with the columns of the CSV. The
     table `all_results` has every stored run, those of older code and other sets of seeds among
-    them, and the columns `APART` too.
-
-    Args:
-        results: All results of a store.
-        sql: Question, such as "SELECT policy, avg(error_pct) FROM results GROUP BY policy", or
-            command, such as "COPY results TO 'board.parquet'".
-
-    Raises:
-        ValueError: If DuckDB cannot run it.
+    them, and the columns `APART` too. A question is "SELECT policy, avg(error_pct) FROM results
+    GROUP BY policy", a command "COPY results TO 'board.parquet'".
     """
     import duckdb
     import pandas as pd

@@ -71,6 +71,12 @@ def _curve(policy: str, place: int, x: Sequence[float] | Array, estimate: Estima
     return [{**edge, "y": low, "hoverinfo": "skip"}, band, line]
 
 
+def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> list[Figure]:
+    """Return the curve of every policy of a board."""
+    curves = [_curve(board.policies[i], place, x, estimate, i) for place, i in enumerate(board.order)]
+    return [trace for curve in curves for trace in curve]
+
+
 def degradation(board: Board) -> list[Figure]:
     """Return error against severity, a figure for each arm and family."""
     figures = []
@@ -80,18 +86,9 @@ def degradation(board: Board) -> list[Figure]:
             if family == "nominal" or curve is None:
                 continue
             severities, estimate = curve
-            data = [
-                trace
-                for place, i in enumerate(board.order)
-                for trace in _curve(board.policies[i], place, severities, estimate, i)
-            ]
-            description = scenarios.families().get(family, "")
-            figures.append(
-                _figure(
-                    f"{arm}{family}", description, data, "severity", "tracking error [%]",
-                    xaxis={"dtick": 1}, yaxis=LOG,
-                )
-            )  # fmt: skip
+            data, text = _curves(board, severities, estimate), scenarios.families().get(family, "")
+            axes = {"xaxis": {"dtick": 1}, "yaxis": LOG}
+            figures.append(_figure(f"{arm}{family}", text, data, "severity", "tracking error [%]", **axes))
     return figures
 
 
@@ -99,9 +96,7 @@ def profiles(board: Board) -> list[Figure]:
     """Return the performance profile: the share of runs with at most some error."""
     tau = np.geomspace(0.05, 100.0, 60)
     estimate = statistics.profile(board.errors, tau, board.counts)
-    data = [
-        trace for place, i in enumerate(board.order) for trace in _curve(board.policies[i], place, tau, estimate, i)
-    ]
+    data = _curves(board, tau, estimate)
     text = "Share of all runs with a tracking error of at most the value on the x axis."
     return [_figure("All scenarios", text, data, "tracking error [%]", "share of runs", xaxis=LOG)]
 
@@ -128,19 +123,12 @@ def radius(board: Board, radii: Mapping[tuple[str, str], Radius]) -> list[Figure
             none = np.empty((1, 0))
             lines += _curve(policy, place, 1.0 + tried[:, 0], Estimate(tried[None, :, 1], none, none), 0)
         if bars:
-            tall = {"type": "log", "range": [0, 1.25]}
-            figures.append(
-                {
-                    **_figure(
-                        f"Real parameters: {direction}", "Largest r, drawn as 1 + r.", bars, "1 + r", "", xaxis=tall
-                    ),
-                    "height": 110 + 22 * len(bars),
-                }
-            )
+            title, text = f"Real parameters: {direction}", "Largest r, drawn as 1 + r."
+            largest = _figure(title, text, bars, "1 + r", "", xaxis={"type": "log", "range": [0, 1.25]})
+            title = f"Shares of seeds: {direction}"
             text = "Share of seeds that track within the bound, at the radii that were tried."
-            figures.append(
-                _figure(f"Shares of seeds: {direction}", text, lines, "1 + r", "share of seeds", xaxis={"type": "log"})
-            )
+            shares = _figure(title, text, lines, "1 + r", "share of seeds", xaxis={"type": "log"})
+            figures += [{**largest, "height": 110 + 22 * len(bars)}, shares]
     return figures
 
 

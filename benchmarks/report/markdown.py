@@ -37,12 +37,9 @@ def claims(measured: Iterable[Claim]) -> str:
 
 
 def leaderboard(board: Board, ranges: Mapping[str, RangeErrors] = MappingProxyType({}), *, short: bool = False) -> str:
-    """Return the board as a table, the best policy first.
+    """Return the board as a table, the best policy first, with a column for each range.
 
-    Args:
-        board: Source of the rows.
-        ranges: Errors at each radius of the parameters' error; each becomes a column.
-        short: True for the best ten rows with rank, error, diverged share and effort only.
+    A short one has the best ten rows with rank, error, diverged share and effort.
     """
     every = {column.key: column for column in columns(board, ranges)}
     keys = _SHORT if short else (*_LONG, *(key for key in every if key.startswith(("family-", "range-"))))
@@ -65,15 +62,8 @@ def _cell(column: Column, i: int) -> str:
 
 def learned_table(rows: Sequence[Learned]) -> str:
     """Return a table of agents over all their training seeds."""
-    header = (
-        "policy",
-        "scenario",
-        "training seeds",
-        "error %",
-        "of the variance of log error: training",
-        "world",
-        "neither",
-    )
+    variance = ("of the variance of log error: training", "world", "neither")
+    header = ("policy", "scenario", "training seeds", "error %", *variance)
     lines = []
     for row in rows:
         parts = np.array([row.parts.training, row.parts.world, row.parts.rest])
@@ -85,11 +75,7 @@ def learned_table(rows: Sequence[Learned]) -> str:
 
 
 def replace_between(text: str, table: str) -> str:
-    """Return a file's text with a new table between its markers.
-
-    Raises:
-        ValueError: If the text lacks one of the markers.
-    """
+    """Return a file's text with a new table between its markers, which it must have."""
     head, begin, rest = text.partition(BEGIN)
     _, end, tail = rest.partition(END)
     if not begin or not end:
@@ -98,12 +84,7 @@ def replace_between(text: str, table: str) -> str:
 
 
 def board_page(board: Board, command: str) -> str:
-    """Return a page of the documentation with every row of the board.
-
-    Args:
-        board: Source of the rows.
-        command: Command that makes the results.
-    """
+    """Return a page of the documentation with every row of the board."""
     return (
         f"# All rows of the board\n\nHow do all policies do? `{command}`: {len(board.scenarios)} scenarios, "
         f"{len(board.seeds)} seeds each.\n[The leaderboard](leaderboard.md#columns) explains the columns.\n\n"

@@ -1,7 +1,6 @@
 """The leaderboard as one HTML file that needs no network: `page.html` with its data and Plotly.
 
-`contents` says what the page shows, as plain data; `write_page` writes it. `columns.py` declares
-the table's columns, `figures.py` the figures, `scenes.py` the moving arms.
+`contents` returns the page's content as plain data, and `write_page` writes it.
 """
 
 from __future__ import annotations
@@ -58,16 +57,14 @@ class Page(TypedDict):
     """Contents of the page; a section with an empty list is left out.
 
     Attributes:
-        title: Title of the page.
-        summary: Text above the board.
-        facts: Name and value of each fact about the results' origin.
-        policies: Names of the policies [p], in the order of the columns' entries.
-        summaries: One line on each policy [p].
-        order: Names of the policies, the best first.
-        ranked: The policies that have a rank.
-        columns: Columns of the board.
-        figures: Figures of each section.
-        scenes: Moving arms, see `scenes.scene`.
+        summary: text above the board.
+        facts: name and value of each fact about the results' origin.
+        policies: names [p], in the order of the columns' entries.
+        summaries: one line on each policy [p].
+        order: names of the policies, the best first.
+        ranked: names of the policies that have a rank.
+        figures: of each section.
+        scenes: moving arms, see `scenes.scene`.
     """
 
     title: str
@@ -90,15 +87,10 @@ def contents(
     ranges: Mapping[str, RangeErrors],
     command: str,
 ) -> Page:
-    """Return what the page shows of a board.
+    """Return the page's content; traces, radii and ranges may be empty.
 
-    Args:
-        board: Board of the results.
-        results: Results of the cells, for their provenance.
-        traces: Traces of one seed, for each scene and policy; may be empty.
-        radii: Uncertainty radius of each policy and direction; may be empty.
-        ranges: Errors at each radius of the parameters' error; may be empty.
-        command: Command that makes the page.
+    The results are those of the board's cells, for their provenance. Each scene has the traces of
+    one seed by policy; a radius belongs to a policy and a direction.
     """
     latest = max(results, key=lambda result: result.provenance.get("time", ""))
     return {
@@ -217,7 +209,7 @@ def _chip(name: str, place: int) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return JSON's own types, with few digits; NaN and infinity become null."""
+    """Return JSON's types, with few digits; NaN and infinity become null."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

@@ -1,4 +1,4 @@
-"""Figures: the trace of one seed, and panels of lines."""
+"""Figures: the trace of one seed, and panels of lines; a path's ending gives the format."""
 
 from __future__ import annotations
 
@@ -24,13 +24,10 @@ class Line:
     """A line of a panel.
 
     Attributes:
-        x: Points on the x axis [n].
-        y: Points on the y axis [n].
-        label: Text in the legend.
-        color: Colour; None for the next of `COLORS`.
+        x, y: points [n].
+        color: None for the next of `COLORS`.
         style: Matplotlib's line style, such as "-", "--" or ":".
-        low: Lower edge of a band [n], or None.
-        high: Upper edge of a band [n], or None.
+        low, high: edges of a band [n], or None.
     """
 
     x: Array
@@ -47,13 +44,10 @@ class Panel:
     """A pair of axes.
 
     Attributes:
-        title: Title.
-        x: Label of the x axis, with its unit.
-        y: Label of the y axis, with its unit.
-        lines: Lines.
-        scales: Scale of each axis, "linear" or "log".
-        bounds: Bounds of the y axis; None to fit the lines.
-        marks: Horizontal lines, each with its height and its label.
+        x, y: labels of the axes, with their units.
+        scales: of each axis, "linear" or "log".
+        bounds: of the y axis; None to fit the lines.
+        marks: horizontal lines, each with its height and its label.
     """
 
     title: str
@@ -66,13 +60,7 @@ class Panel:
 
 
 def plot_lines(title: str, panels: Sequence[Panel], path: Path) -> None:
-    """Draw panels side by side, two in a row, with one legend where all have the same labels.
-
-    Args:
-        title: Title above the figure.
-        panels: Panels, at least one.
-        path: File, whose ending gives the format (.png, .svg, .pdf).
-    """
+    """Draw panels side by side, two in a row, with one legend where all have the same labels."""
     rows, columns = -(-len(panels) // 2), min(len(panels), 2)
     figure = Figure(figsize=(5.5 * columns + 1, 3.6 * rows + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
@@ -109,38 +97,30 @@ def _draw(axes: Axes, panel: Panel) -> None:
 
 
 def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
-    """Draw reference and motion, tracking error, torque and disturbance of both joints.
-
-    Args:
-        trace: Trace of a rollout.
-        title: Title above the figure.
-        path: File, whose ending gives the format (.png, .svg, .pdf).
-        lane: Index of the seed.
-    """
+    """Draw reference and motion, tracking error, torque and disturbance of both joints."""
     end = int(trace.alive[:, lane].sum())
     t = trace.time[:end]
     figure = Figure(figsize=(11, 8.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 2, sharex=True)
     limit = None if trace.scenario.actuator.torque_limit is None else np.array(trace.scenario.actuator.torque_limit)
+    signals = (trace.reference, trace.position, trace.torque, trace.disturbance)
     for joint in (0, 1):
-        reference, position = trace.reference[:end, lane, joint], trace.position[:end, lane, joint]
-        motion, error, torque, disturbance = axes[:, joint]
-        motion.set_title(f"joint {joint + 1}")
-        motion.plot(t, reference, color="tab:blue", label="reference")
-        motion.plot(t, position, color="tab:red", linestyle="--", label="motion")
-        motion.set_ylabel("angle [rad]")
-        error.plot(t, 1e3 * (reference - position), color="tab:purple")
-        error.axhline(0.0, color="0.7", linewidth=0.8)
-        error.set_ylabel("error [mrad]")
-        torque.step(t, trace.torque[:end, lane, joint], color="tab:orange", where="pre")
-        torque.set_ylabel("torque [N m]")
-        if limit is not None and np.abs(trace.torque[:end, lane, joint]).max() > 0.8 * limit[joint]:
+        reference, position, torque, disturbance = (signal[:end, lane, joint] for signal in signals)
+        first, second, third, fourth = axes[:, joint]
+        first.set(title=f"joint {joint + 1}", ylabel="angle [rad]")
+        first.plot(t, reference, color="tab:blue", label="reference")
+        first.plot(t, position, color="tab:red", linestyle="--", label="motion")
+        second.set(ylabel="error [mrad]")
+        second.plot(t, 1e3 * (reference - position), color="tab:purple")
+        second.axhline(0.0, color="0.7", linewidth=0.8)
+        third.set(ylabel="torque [N m]")
+        third.step(t, torque, color="tab:orange", where="pre")
+        if limit is not None and np.abs(torque).max() > 0.8 * limit[joint]:
             for bound in (-limit[joint], limit[joint]):
-                torque.axhline(bound, color="0.5", linestyle=":", linewidth=1.0)
-        disturbance.step(t, trace.disturbance[:end, lane, joint], color="tab:green", where="post")
-        disturbance.set_ylabel("disturbance [N m]")
-        disturbance.set_xlabel("time [s]")
+                third.axhline(bound, color="0.5", linestyle=":", linewidth=1.0)
+        fourth.set(ylabel="disturbance [N m]", xlabel="time [s]")
+        fourth.step(t, disturbance, color="tab:green", where="post")
         for axis in axes[:, joint]:
             axis.grid(alpha=0.25)
             axis.margins(x=0)
@@ -150,14 +130,7 @@ def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
 
 
 def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, lane: int = 0) -> None:
-    """Draw the reference and the tracking errors of several policies on one seed.
-
-    Args:
-        traces: Trace of each policy, all of the same scenario and seeds.
-        title: Title above the figure.
-        path: File, whose ending gives the format (.png, .svg, .pdf).
-        lane: Index of the seed.
-    """
+    """Draw the reference and the tracking errors of several policies on one seed."""
     first = next(iter(traces.values()))
 
     def errors(joint: int) -> tuple[Line, ...]:
@@ -178,13 +151,7 @@ def _save(figure: Figure, title: str, path: Path) -> None:
 
 
 def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path) -> None:
-    """Draw |L| and |S| of each joint over the frequency.
-
-    Args:
-        loops: Linearised loops by their labels.
-        title: Title above the figure.
-        path: File, whose ending gives the format (.png, .svg, .pdf).
-    """
+    """Draw |L| and |S| of each joint over the frequency, for loops by their labels."""
     responses = [{name: loop.response(joint) for name, loop in loops.items()} for joint in (0, 1)]
     panels = []
     for label, size in (("loop transfer |L|", lambda x: np.abs(x)), ("sensitivity |S|", lambda x: np.abs(1 / (1 + x)))):

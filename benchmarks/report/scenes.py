@@ -25,29 +25,28 @@ def selected(scenarios: Sequence[str]) -> list[str]:
     return [name for name in scenarios if name.endswith(("nominal", "-2"))][:SCENES]
 
 
-def scene(traces: Mapping[str, Trace], lane: int = 0) -> dict[str, Any]:
-    """Return one lane of some traces, thinned so that the page stays small.
-
-    Args:
-        traces: Trace of each policy, all of one scenario and the same seeds.
-        lane: Index of the seed.
-
-    Returns:
-        The scenario's name and description, the seed, `time` [s] of k samples, `lengths` [m],
-        `reference` [rad] and `disturbance` [N m], [2 x k], and `runs`. A run has the policy,
-        `position` [rad] and `torque` [N m], [2 x k] and NaN after it diverged, `error_pct`, and
-        `diverged`, the time [s] or None.
-
-    Raises:
-        ValueError: If the traces are of different scenarios or seeds.
-    """
+def first_of(traces: Mapping[str, Trace]) -> Trace:
+    """Return the first of some traces; all must be of one scenario and the same seeds."""
+    if not traces:
+        raise ValueError("traces must have at least one trace, got none")
     first = next(iter(traces.values()))
     for policy, trace in traces.items():
         if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
             raise ValueError(
-                f"traces must be of one scenario and the same seeds, got {trace.scenario.name!r} with seeds {trace.seeds} "
-                f"for {policy}, and {first.scenario.name!r} with {first.seeds}"
+                f"traces must be of one scenario and the same seeds, got {first.scenario.name!r} with seeds {first.seeds} "
+                f"and, for {policy}, {trace.scenario.name!r} with seeds {trace.seeds}"
             )
+    return first
+
+
+def scene(traces: Mapping[str, Trace], lane: int = 0) -> dict[str, Any]:
+    """Return one lane of some traces, thinned so that the page stays small.
+
+    Time is in s, `lengths` in m. `reference` and `disturbance` are [2 x k], in rad and N m. So are
+    `position` and `torque` of each run, which are NaN after it diverged; `diverged` is the time of
+    that, or None.
+    """
+    first = first_of(traces)
     samples = slice(0, None, math.ceil((len(first.time) - 1) / (POINTS - 1)))
     runs = []
     for policy, trace in traces.items():

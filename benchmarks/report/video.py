@@ -9,14 +9,13 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 
+from benchmarks.report.scenes import first_of
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import ArmParameters, joint_positions
 from fbl_gym.checks import Pair
 from fbl_gym.picture import INK, LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Canvas, Frame, Picture, draw
 from fbl_gym.render import full_torque
-from fbl_gym.scenarios import Scenario
-from fbl_gym.uncertainty import Payload
 
 FPS = {".mp4": 50, ".gif": 25}
 """Frames per second; a GIF's frames last whole hundredths of a second."""
@@ -29,16 +28,9 @@ _WRITER: dict[str, dict[str, Any]] = {
 
 
 def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size: int = 480) -> None:
-    """Film one seed of some traces, at a constant frame rate and in real time.
+    """Film one seed of some traces of one scenario, at a constant frame rate and in real time.
 
-    Args:
-        traces: Trace of each policy, all of one scenario and the same seeds.
-        path: File, whose ending gives the format, .mp4 or .gif.
-        lane: Index of the seed.
-        size: Side of each arm's square [pixels], even.
-
-    Raises:
-        ValueError: If the ending, the size, the lane or the traces do not fit.
+    The path ends in .mp4 or .gif. Each arm has a square of `size` pixels, an even number.
     """
     ending = path.suffix.lower()
     if ending not in FPS:
@@ -62,17 +54,9 @@ def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size:
 
 def film(traces: Mapping[str, Trace], fps: float, *, lane: int = 0, size: int = 480) -> Iterator[Frame]:
     """Yield the frames of `write_video`, one for each 1 / fps seconds of the episode."""
-    if not traces:
-        raise ValueError("traces must have at least one trace, got none")
-    first = next(iter(traces.values()))
+    first = first_of(traces)
     if not 0 <= lane < len(first.seeds):
         raise ValueError(f"lane must be one of the {len(first.seeds)} seeds' places, counted from 0, got {lane}")
-    for name, trace in traces.items():
-        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
-            raise ValueError(
-                f"traces must be of one scenario and the same seeds, got {first.scenario.name} with seeds {first.seeds} and, "
-                f"of {name}, {trace.scenario.name} with seeds {trace.seeds}"
-            )
     scenes = [Scene(name, trace, lane) for name, trace in traces.items()]
     header = Canvas(len(traces) * size, 2 * round(0.04 * size))
     header.write(f"{first.scenario.name}, seed {first.seeds[lane]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
@@ -114,20 +98,10 @@ class Scene:
             torque=_pair(trace.torque[sample, lane]),
             push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[sample, lane]),
             full_torque=full_torque(trace.scenario),
-            payload=_payload(trace.scenario, float(trace.time[sample])),
+            payload=float(trace.payload[sample, lane]),
             trail=np.column_stack([trace.time[points], self.tip[points]]),
         )
 
 
 def _pair(x: Any) -> Pair:
     return float(x[0]), float(x[1])
-
-
-def _payload(scenario: Scenario, time: float) -> float:
-    """Return the payload mass that the arm carries at `time` [kg]."""
-    load = scenario.parameter_error.payload if scenario.parameter_error else None
-    if not isinstance(load, Payload):
-        return 0.0
-    half = scenario.physics_dt / 2
-    carried = load.pick_up + half < time and (load.drop is None or time < load.drop + half)
-    return load.mass if carried else 0.0

@@ -53,25 +53,21 @@ def _check_scales(name: str, value: Any) -> tuple[float, ...]:
 class AdapterSettings(Record):
     """The settings of an agent's adapter, as plain data.
 
-    The agent observes tracking errors at a fixed scale, see `fbl_gym.wrappers.ErrorScales`. With
-    `history`, it also observes the errors and its own actions of earlier steps, the latest first;
-    steps before the episode are zeros. With `context`, it also observes the true parameters, see
-    `true_parameters`.
+    The agent observes tracking errors at a fixed scale, see `fbl_gym.wrappers.ErrorScales`. Steps
+    before the episode are zeros in its history.
 
     Args:
         action: meaning of the action, which lies in [-1, 1] per joint.
             "torque": the torque is `torque` times the action.
-            "acceleration": `acceleration` times the action is mapped to a torque by nominal
-            feedback
-            linearisation.
+            "acceleration": `acceleration` times the action goes through the nominal linearisation.
             "residual": `residual` times `torque` times the action is added to the torque of `base`.
         torque: largest torque per joint.
         acceleration: largest acceleration of both joints.
         residual: largest residual, relative to `torque`.
         base: name of the law under the residual.
         gains: of the law `base`, written out, so that an agent keeps the law of its training.
-        history: number of earlier steps that the agent observes.
-        context: True lets the agent observe the true parameters. Its access is then "privileged".
+        history: number of earlier steps whose errors and actions the agent observes, latest first.
+        context: True if the agent observes `true_parameters`. Its access is then "privileged".
         scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
     """
 
@@ -87,14 +83,10 @@ class AdapterSettings(Record):
 
 
 def true_parameters(truth: Truth, interface: Interface) -> Array:
-    """Return the true parameters as an agent with context observes them, clipped to [-10, 10].
+    """Return the true parameters [n x 5] as an agent with context observes them.
 
-    Args:
-        truth: of the environment, one lane or n lanes.
-        interface: of the same environment.
-
-    Returns:
-        [n x 5]: log(real / nominal) of m1, m2, L1 and L2, and the payload now / nominal m2.
+    They are log(real / nominal) of m1, m2, L1 and L2, and the payload now / nominal m2, clipped to
+    [-10, 10].
     """
     nominal = interface.nominal
     real = np.concatenate([np.atleast_2d(truth.masses), np.atleast_2d(truth.lengths)], axis=-1)
@@ -107,15 +99,8 @@ class AgentAdapter:
     """An adapter between one environment and an agent.
 
     Its state is a tuple of arrays with one row per lane: the history, then the state of the law
-    under
-    the residual.
-
-    Args:
-        settings: of the adapter.
-        interface: of the environment. The agent observes only its three sensors and the reference.
-
-    Attributes:
-        size: of the agent's observation.
+    under the residual. `size` is that of the agent's observation. The agent observes only three
+    sensors and the reference.
     """
 
     def __init__(self, settings: AdapterSettings, interface: Interface) -> None:
@@ -133,24 +118,12 @@ class AgentAdapter:
             self._base = base
 
     def initial(self, observation: Array) -> State:
-        """Return the state at the start of an episode.
-
-        Args:
-            observation: of the environment, [n x size of its layout].
-        """
+        """Return the state at the start of an episode."""
         history = np.zeros((len(observation), self.settings.history * self._step_size))
         return (history, *(() if self._base is None else self._base.initial(observation)))
 
     def context(self, env: Any, lanes: int) -> Array:
-        """Return the true parameters of an environment now.
-
-        Args:
-            env: single or batched; not read without context.
-            lanes: n.
-
-        Returns:
-            [n x 5] with context, [n x 0] without.
-        """
+        """Return the true parameters of an environment now [n x 5]; without context [n x 0]."""
         if not self.settings.context:
             return np.empty((lanes, 0))
         parameters = true_parameters(env.unwrapped.truth, self.interface)
@@ -162,23 +135,11 @@ class AgentAdapter:
         return parameters
 
     def observe(self, observation: Array, state: State, context: Array) -> Array:
-        """Return the agent's observation, [n x size].
-
-        Args:
-            observation: of the environment, [n x size of its layout].
-            state: of the adapter.
-            context: as returned by `context`.
-        """
+        """Return the agent's observation [n x size] from the environment's and `context`."""
         return np.concatenate([self._errors(observation), state[0], context], axis=-1)
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m of the agent's action, and the next state.
-
-        Args:
-            action: of the agent, [n x 2], clipped to [-1, 1].
-            observation: of the environment, [n x size of its layout].
-            state: of the adapter.
-        """
+        """Return the torque [n x 2] N m of the agent's action [n x 2], and the next state."""
         action = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
         history, base_state = state[0], state[1:]
         if self.settings.history:

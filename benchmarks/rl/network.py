@@ -36,13 +36,7 @@ class Actor:
         check_choice("output", self.output, _OUTPUTS)
 
     def __call__(self, observation: Array) -> Array:
-        """Return the action [n x 2] in double precision.
-
-        A lane has the same bits alone and in a batch.
-
-        Args:
-            observation: of the agent, [n x inputs].
-        """
+        """Return the action [n x 2]. A lane has the same bits alone and in a batch."""
         # The rounding of a product depends on the size of its matrices, so all have one size.
         count, inputs = observation.shape
         blocks = np.zeros((-(-count // _BLOCK), _BLOCK, inputs))

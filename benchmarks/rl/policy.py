@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rl.agent_folder import SavedAgent, describe, saved_agent
+from benchmarks.rl.agent import Agent, describe, saved_agent
 from fbl_gym.arm import Array
 from fbl_gym.checks import unknown
 
@@ -26,14 +26,7 @@ def shipped() -> dict[str, tuple[int, ...]]:
 
 
 def curves(name: str) -> dict[int, Array]:
-    """Return the learning curves of a shipped agent, by training seed.
-
-    Args:
-        name: one of `shipped()`.
-
-    Returns:
-        For each training seed [n x 3]: steps, wall time [s], validation error [mrad].
-    """
+    """Return steps, wall time [s] and validation error [mrad], [n x 3], by training seed."""
     _check_name(name)
     rows = {}
     for seed in shipped()[name]:
@@ -47,14 +40,8 @@ def best_seed(name: str) -> int:
     return min(shipped()[name], key=lambda seed: describe(SHIPPED / name / str(seed))["validation_mrad"])
 
 
-def shipped_agent(name: str, env: Any, seed: int | None = None) -> SavedAgent:
-    """Return a shipped agent.
-
-    Args:
-        name: one of `shipped()`.
-        env: the environment, or its interface; see `saved_agent`.
-        seed: training seed; None: the one with the smallest error on the validation seeds.
-    """
+def shipped_agent(name: str, env: Any, seed: int | None = None) -> Agent:
+    """Return a shipped agent, by default that with the smallest validation error."""
     _check_name(name)
     if seed is not None and seed not in shipped()[name]:
         raise unknown("training seed", seed, map(str, shipped()[name]))
@@ -66,10 +53,10 @@ def _check_name(name: str) -> None:
         raise unknown("agent", name, shipped())
 
 
-def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., SavedAgent]:
+def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., Agent]:
     """Return the factory of an agent; a privileged one receives the environment."""
 
-    def factory(env: Any, seed: int | None = None) -> SavedAgent:
+    def factory(env: Any, seed: int | None = None) -> Agent:
         return shipped_agent(name, env, seed)
 
     vars(factory).update(kind="learned", access=access)

@@ -17,8 +17,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from benchmarks.rl.agent import Agent
-from benchmarks.rl.agent_folder import replace_text, write
+from benchmarks.rl.agent import Agent, replace_text, write
 from benchmarks.rl.export import export
 from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.rl.validation import VALIDATION, tracking_error
@@ -31,14 +30,7 @@ PACKAGES = ("fbl-gym", "gymnasium", "numpy", "torch", "stable-baselines3", "sb3-
 class Progress(BaseCallback):
     """A callback that validates the agent, saves the best one and writes checkpoints.
 
-    Args:
-        settings: of the run.
-        folder: of the run.
-        command: that started the run.
-        evaluations: number of validations and checkpoints.
-
-    Attributes:
-        curve: steps, wall time [s] and error [mrad] of each validation so far.
+    `curve` has steps, wall time [s] and error [mrad] of each validation so far.
     """
 
     def __init__(self, settings: TrainingSettings, folder: Path, command: str, evaluations: int) -> None:
@@ -125,12 +117,7 @@ class Progress(BaseCallback):
 
 
 class LinearDecay:
-    """A learning rate that falls linearly to zero over the run.
-
-    Args:
-        begin: learning rate at the start of the run.
-        progress: of the run.
-    """
+    """A learning rate that falls linearly to zero over the run."""
 
     def __init__(self, begin: float, progress: Progress) -> None:
         self.begin, self.progress = begin, progress

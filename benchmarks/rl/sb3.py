@@ -41,11 +41,7 @@ _BY_SETTING = {"clip_range": "stable_baselines3:PPO", "cg_max_steps": "sb3_contr
 
 
 def find_class(algorithm: str) -> Any:
-    """Return the class of an algorithm.
-
-    Args:
-        algorithm: one of `ALGORITHMS`.
-    """
+    """Return the class of one of `ALGORITHMS`."""
     return _import(algorithm, ALGORITHMS[check_choice("algorithm", algorithm, ALGORITHMS)])
 
 
@@ -58,14 +54,10 @@ def _import(user: str, place: str) -> Any:
 
 
 def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
-    """Return an SB3 model as a policy.
+    """Return an archive of SB3's `save` as a policy.
 
-    It must be trained on the environment's observations and actions, without a wrapper.
-
-    Args:
-        path: of the .zip that SB3's `save` wrote.
-        interface: of the environment in which the policy acts.
-        trust: loading an archive of SB3 runs the pickled code in it. True: you trust its source.
+    The model must be trained on the environment's observations and actions, without a wrapper.
+    Loading it runs the pickled code in it: `trust` says that you trust its source.
     """
     if not trust:
         raise ValueError(

@@ -42,17 +42,11 @@ LANES = 1000
 def train(
     settings: TrainingSettings, folder: Path, command: str = "", evaluations: int = 40, wandb: str | None = None
 ) -> Path:
-    """Train an agent, or resume a run that was killed.
+    """Train an agent, or resume a run of the same settings that was killed.
 
-    Args:
-        settings: of the run.
-        folder: of the run. A run of the same settings in it is resumed.
-        command: that started the run; written to `agent.json`.
-        evaluations: number of validations and checkpoints.
-        wandb: project of Weights & Biases to report to; None: no report.
-
-    Returns:
-        The folder, with the agent whose validation error was smallest.
+    `command` is written to `agent.json`. There are as many checkpoints as evaluations. `wandb` is a
+    project of Weights & Biases to report to. The folder is returned, with the agent whose
+    validation error was smallest.
 
     Raises:
         ValueError: the folder holds a run of other settings, or another process works in it.

@@ -19,12 +19,8 @@ VALIDATION = SPLITS["validation"][:16]
 def tracking_error(policy: Policy, env: TwoLinkArmVectorEnv, seeds: Iterable[int]) -> Array:
     """Return the root mean square tracking error over one episode of each seed, [n] mrad.
 
-    From the step at which a run diverges, its error counts as pi.
-
-    Args:
-        policy: any policy for the environment.
-        env: with one lane per seed.
-        seeds: of the episodes, n.
+    The environment has one lane per seed. From the step at which a run diverges, its error counts
+    as pi.
     """
     observation, _ = env.reset(seed=list(seeds))
     state: Any = None

@@ -6,27 +6,23 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from stable_baselines3.common.vec_env import VecEnv
 
+from benchmarks.rl.vector_adapter import check_same_step
 from fbl_gym.arm import Array
 from fbl_gym.env_common import check_reset_options
 
 
 class ArmVecEnv(VecEnv):
-    """A `VecEnv` of SB3 over a `TwoLinkArmVectorEnv`.
+    """A `VecEnv` of SB3 over a `TwoLinkArmVectorEnv`, equal to a `DummyVecEnv` bit for bit.
 
-    It equals a `DummyVecEnv` of single environments, bit for bit.
-
-    Args:
-        env: wrapped or not, in SAME_STEP mode: the last step of an episode returns the first
-            observation of the next.
+    The environment, wrapped or not, is in SAME_STEP mode: the last step of an episode returns the
+    first observation of the next.
     """
 
     def __init__(self, env: VectorEnv) -> None:
-        mode = env.metadata["autoreset_mode"]
-        if mode != AutoresetMode.SAME_STEP:
-            raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
+        check_same_step(env)
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata = dict(env.metadata)

@@ -10,23 +10,24 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
+from controllers.policy import where_lanes
 from fbl_gym.arm import Array
 from fbl_gym.interface import Interface
 
 
-class VectorAdapter(VectorWrapper):
-    """A wrapper with an agent's observations and actions.
+def check_same_step(env: VectorEnv) -> None:
+    """Refuse an environment whose last step of an episode does not start the next one."""
+    mode = env.metadata["autoreset_mode"]
+    if mode != AutoresetMode.SAME_STEP:
+        raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
 
-    Args:
-        env: a `TwoLinkArmVectorEnv` in SAME_STEP mode, without other wrappers.
-        settings: of the adapter.
-    """
+
+class VectorAdapter(VectorWrapper):
+    """A wrapper with an agent's observations and actions, for an environment in SAME_STEP mode."""
 
     def __init__(self, env: VectorEnv, settings: AdapterSettings) -> None:
         super().__init__(env)
-        mode = env.metadata["autoreset_mode"]
-        if mode != AutoresetMode.SAME_STEP:
-            raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
+        check_same_step(env)
         self._interface: Interface = env.unwrapped.interface  # type: ignore[attr-defined]
         self._adapter = AgentAdapter(settings, self._interface)
         self.single_observation_space = spaces.Box(-10.0, 10.0, (self._adapter.size,), dtype=np.float64)
@@ -54,11 +55,7 @@ class VectorAdapter(VectorWrapper):
                 # before.
                 lane_state, context = tuple(part[lane : lane + 1] for part in state), self._context[lane : lane + 1]
                 final[lane] = self._adapter.observe(final[lane][None], lane_state, context)[0]
-            initial = self._adapter.initial(self._observation)
-            state = tuple(
-                np.where(done.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-                for new, old in zip(initial, state, strict=True)
-            )
+            state = where_lanes(done, self._adapter.initial(self._observation), state)
         self._state = state
         return self._observe(), rewards, terminated, truncated, infos
 

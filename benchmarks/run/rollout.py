@@ -34,6 +34,7 @@ class Trace:
             reference still belongs to the episode.
         decision_time: wall time of the policy for one decision of one lane [s], the median over the
             steps.
+        payload: mass carried at the tip [T + 1 x n] kg.
         lengths: true link lengths of each seed's first episode [n x 2] m.
         watched: the signals of `rollout`'s argument `watch`, by name; [T x n x ...], from sample 1
             on.
@@ -49,6 +50,7 @@ class Trace:
     disturbance: Array
     alive: NDArray[np.bool_]
     decision_time: float
+    payload: Array = field(default_factory=lambda: np.empty((0, 0)))
     lengths: Array = field(default_factory=lambda: np.empty((0, 2)))
     watched: dict[str, Array] = field(default_factory=dict)
 
@@ -97,6 +99,7 @@ def rollout(
     env = make_env(spec, scenario, n)
     actor = spec.make(env, **(gains or {}))
     signals = {name: np.empty((steps + 1, n, 2)) for name in _SIGNALS}
+    signals["payload"] = np.empty((steps + 1, n))
     alive = np.ones((steps + 1, n), dtype=bool)
     waits = np.empty(steps)
     watched: dict[str, list[Array]] = {name: [] for name in watch or {}}
@@ -149,4 +152,4 @@ def _record(signals: dict[str, Array], k: int, env: TwoLinkArmVectorEnv) -> None
     truth = env.truth
     signals["position"][k], signals["velocity"][k] = truth.position, truth.velocity
     signals["reference"][k], signals["torque"][k] = truth.reference, truth.applied_torque
-    signals["disturbance"][k] = truth.disturbance
+    signals["disturbance"][k], signals["payload"][k] = truth.disturbance, truth.payload

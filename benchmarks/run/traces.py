@@ -11,7 +11,7 @@ from benchmarks.run.rollout import Trace, rollout
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 
-_ARRAYS = ("time", "position", "velocity", "reference", "torque", "disturbance", "alive", "lengths")
+_ARRAYS = ("time", "position", "velocity", "reference", "torque", "disturbance", "alive", "payload", "lengths")
 
 
 def trace_of(cell: Cell, store: Store) -> Trace:

@@ -1,6 +1,7 @@
 """Steps per second of this and other environments, on one thread if not stated otherwise.
 
-One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of its dynamics.
+One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of its dynamics. Batches
+of 4,096 arms are compared with the same arms in C (`reference.c`), which is physics alone.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.speed import peers
+from benchmarks.speed import c_reference, peers
 from benchmarks.speed.timing import Contestant, batch, measure_rates, single
 from fbl_gym import TABLE_1, TwoLinkArmVectorEnv
 
@@ -27,7 +28,7 @@ class Speed:
         median: over the rounds.
         low: smallest of the rounds.
         high: largest of the rounds.
-        ratio: median / median of the peer.
+        ratio: to the peer's, the median over the rounds.
         peer: name of the contestant to compare with; empty: none.
     """
 
@@ -47,6 +48,7 @@ _BUSY: dict[str, Any] = {
 """Options of the contestants named "busy"."""
 
 _ARM = "fbl_gym:fbl_gym/TwoLinkArm-v0"
+_C, _C_ELASTIC = "C, physics alone, 4096", "C, physics of elastic joints alone, 4096"
 _ACROBOT, _ACROBOTS = "Acrobot-v1", "SyncVectorEnv(Acrobot-v1), 256"
 
 
@@ -69,10 +71,15 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
     contestants["AsyncVectorEnv(Acrobot-v1), 4 processes"] = (batch(asynchronous, np.ones(4, dtype=int)), _ACROBOTS)
     if find_spec("gymnax"):
         contestants["gymnax's Acrobot-v1, 256, XLA's threads"] = (peers.gymnax_acrobots(256), _ACROBOTS)
+    for name, elastic in ((_C, False), (_C_ELASTIC, True)):
+        reference = c_reference.stepper(TABLE_1, 4096, elastic=elastic)
+        if reference is not None:
+            contestants[name] = (reference, "")
     for lanes in (16, 256, 4096):
         for suffix, options in (("", {}), (", busy", _BUSY)):
             env = gym.make_vec(_ARM, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
-            contestants[f"TwoLinkArm-v0 batch, {lanes}{suffix}"] = (batch(env, np.zeros((lanes, 2))), _ACROBOTS)
+            peer = _C if lanes == 4096 and _C in contestants else _ACROBOTS
+            contestants[f"TwoLinkArm-v0 batch, {lanes}{suffix}"] = (batch(env, np.zeros((lanes, 2))), peer)
     threads = os.cpu_count() or 1
     if threads > 1:
         env = TwoLinkArmVectorEnv(16384, threads=threads)
@@ -90,11 +97,12 @@ def measure_environments(rounds: int = 7) -> list[Speed]:
     """
     contestants = _contestants()
     rates = measure_rates({name: step for name, (step, _) in contestants.items()}, rounds)
-    medians = {name: float(np.median(values)) for name, values in rates.items()}
-    return [
-        Speed(name, medians[name], min(rates[name]), max(rates[name]), medians[name] / medians[peer or name], peer)
-        for name, (_, peer) in contestants.items()
-    ]
+    values = {name: np.array(of_rounds) for name, of_rounds in rates.items()}
+    rows = []
+    for name, (_, peer) in contestants.items():
+        rate, ratio = values[name], float(np.median(values[name] / values[peer or name]))
+        rows.append(Speed(name, float(np.median(rate)), float(rate.min()), float(rate.max()), ratio, peer))
+    return rows
 
 
 def to_plain(rows: list[Speed]) -> list[dict[str, Any]]:
@@ -107,7 +115,8 @@ def compare(rows: list[Speed], baseline: list[dict[str, Any]]) -> dict[str, floa
 
     Args:
         rows: as returned by `measure_environments`.
-        baseline: earlier rows as plain data; contestants that it lacks are left out.
+        baseline: earlier rows as plain data; contestants that it lacks, or compares with another
+            peer, are left out.
     """
-    before = {row["name"]: row["ratio"] for row in baseline if row["peer"]}
-    return {row.name: row.ratio / before[row.name] for row in rows if row.peer and row.name in before}
+    before = {(row["name"], row["peer"]): row["ratio"] for row in baseline if row["peer"]}
+    return {row.name: row.ratio / before[row.name, row.peer] for row in rows if (row.name, row.peer) in before}

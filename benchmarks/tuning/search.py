@@ -1,4 +1,4 @@
-"""Tunes the gains of a policy on the tuning seeds, with Optuna, and counts the cost.
+"""Tuning of a policy's gains on the tuning seeds, with Optuna; it counts the cost.
 
 The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter). Error is the mean
 error_pct of the seeds; a diverged run counts as half a turn from then on. Chatter is the torque's
@@ -6,10 +6,9 @@ total variation in full swings of both limits per second. Because of the logarit
 counts by the relative change of its error.
 
 Trials use few scenarios and seeds, so they miss a divergence in some hundred runs. The best trials
-and the defaults are therefore judged once more: on more scenarios, those of severity 3 among them,
-and on tuning seeds that no trial used. There each percent of diverged runs adds to the objective,
-since the logarithms hardly count a few of them in a scenario. The gains that are judged best are
-shipped.
+and the defaults are therefore judged on more scenarios, those of severity 3 among them, and on
+tuning seeds that no trial used. There each percent of diverged runs adds to the objective, since
+the logarithms hardly count a few of them. The gains that are judged best are shipped.
 """
 
 from __future__ import annotations
@@ -58,13 +57,7 @@ JUDGED = (
 
 @dataclass(frozen=True)
 class Task:
-    """A policy to tune, with scenarios and seeds.
-
-    Args:
-        policy: its specification, or the text that names it.
-        names: of the scenarios.
-        seeds: of each scenario.
-    """
+    """A policy to tune, with the names of scenarios and the seeds of each."""
 
     policy: PolicySpec
     names: tuple[str, ...]
@@ -100,10 +93,7 @@ class Task:
         return {"scenarios": list(self.names), "seeds": [self.seeds.start, self.seeds.stop]}
 
     def cost(self, gains: Mapping[str, float]) -> tuple[float, float]:
-        """Return the objective (lower is better) and the diverged runs [%].
-
-        Gains left out take their defaults.
-        """
+        """Return the objective of gains (lower is better) and the share of diverged runs [%]."""
         costs, diverged = [], []
         for task in self.tasks:
             mean = summarize(measure(rollout(self.policy, task, self.seeds, gains)))
@@ -115,12 +105,7 @@ class Task:
 
 
 def seeds(trial: int, fresh: int) -> tuple[range, range]:
-    """Return tuning seeds for the trials, and others to judge on.
-
-    Args:
-        trial: how many for the trials.
-        fresh: how many to judge on.
-    """
+    """Return numbers of tuning seeds: for the trials, and fresh ones to judge on."""
     every = SPLITS["tuning"]
     if trial + fresh > len(every):
         raise ValueError(
@@ -132,17 +117,11 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
 def tune(
     task: Task, trials: int, storage: Path, also: Mapping[str, float] | None = None, sampler_seed: int | None = None
 ) -> optuna.Study:
-    """Go on with a study until it has enough finished trials.
+    """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
-    Several processes may share the storage.
-
-    Args:
-        task: the policy, scenarios and seeds.
-        trials: number of trials, those of earlier runs counted.
-        storage: file of the study.
-        also: gains to try as one of them, such as those of an earlier study.
-        sampler_seed: seed of the sampler; None: a new one for each run and process, so that no
-            trial is repeated.
+    Several processes may share the file `storage`. The gains `also`, such as those of an earlier
+    study, are one of the trials. Without a `sampler_seed`, each run and process has a new one, so
+    that no trial is repeated.
     """
     ranges = task.ranges
     for name, value in (also or {}).items():
@@ -209,16 +188,9 @@ def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
 
 
 def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, Any]]:
-    """Judge the best trials and the defaults (trial 0) on a task that no trial used.
-
-    The verdicts are returned best first.
+    """Judge the best trials and the defaults (trial 0) on a task that no trial used, best first.
 
     Each verdict is written into the study and read from there the next time.
-
-    Args:
-        task: to judge on.
-        study: of `tune`.
-        candidates: number of trials.
     """
     trials = sorted((t for t in finished(study) if t.params), key=lambda trial: trial.value or 0.0)[:candidates]
     # Gains are judged as they are shipped, with four digits.
@@ -245,15 +217,7 @@ def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, An
 def summary(
     task: Task, study: optuna.Study, judging: Task, verdicts: list[dict[str, Any]], command: str
 ) -> dict[str, Any]:
-    """Return the gains that are judged best, with their verdict and cost, as plain data.
-
-    Args:
-        task: of the trials.
-        study: of `tune`.
-        judging: the task of `judge`.
-        verdicts: of `judge`.
-        command: the command that was typed, for the record.
-    """
+    """Return the gains that are judged best, with their verdict and cost, as plain data."""
     done = finished(study)
     columns = ("trial", "objective", "diverged_pct")
     return {
@@ -277,13 +241,9 @@ def summary(
 
 
 def ship(summary: dict[str, Any], folder: Path = TUNED) -> Path:
-    """Write gains, verdict and cost where `controllers` reads them as POLICY@tuned.
+    """Write the result of `summary` where `controllers` reads it as POLICY@tuned.
 
     Of the judged trials, the file has the number and the errors of the best and of the defaults.
-
-    Args:
-        summary: from `summary`.
-        folder: of all tuned gains.
     """
     verdicts = summary["judged"]["best_first"]
     (defaults,) = (verdict for verdict in verdicts if verdict["trial"] == 0)

@@ -60,13 +60,13 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, queue, waypoints, settings, tables, actions, count, width):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width):
     """Advance a block by one control step."""
-    command(block, queue, settings, actions, count)
+    command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
         _load(block, queue, settings, tables, width, substep)
         advance(block, settings, width)
-    _end(block, waypoints, settings, tables, width)
+    _end(block, rows, waypoints, settings, tables, width)
 
 
 @merged_njit
@@ -74,16 +74,16 @@ def _load(block, queue, settings, tables, width, substep):
     """Set the torques and the payload of a block for one physics step."""
     if substep == 0 or settings.torque_varies:
         apply_torque(block, queue, settings, tables, width, substep)
-    if settings.payload_mass != 0.0:
+    if settings.has_payload:
         carry_payload(block, settings, width, substep)
 
 
 @merged_njit
-def _end(block, waypoints, settings, tables, width):
+def _end(block, rows, waypoints, settings, tables, width):
     """End the control step of a block, after its physics."""
-    for lane in range(LANES):
+    for lane in range(width):
         block.step[lane] += _ONE
-    sense(block, settings, width)
+    sense(block, rows, settings, width)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
@@ -92,6 +92,14 @@ def _end(block, waypoints, settings, tables, width):
 def _report(block, rows, waypoints, settings, tables, memory, first, count):
     """Write rewards and flags of a block, and mark the lanes that start another episode now."""
     flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
+    events = 0
+    for lane in range(count):
+        memory[settings.rewards + first + lane] = block.reward[lane]
+        flags[0, first + lane] = flags[1, first + lane] = 0
+    for lane in range(count):
+        events += (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != RUNNING)
+    if events == 0:
+        return
     for lane in range(count):
         over = block.terminated[lane] + block.truncated[lane] != 0.0
         restarts = over and settings.autoreset == SAME_STEP
@@ -142,7 +150,7 @@ def _compile(fingerprint):
         for number in range(blocks * part // parts, blocks * (part + 1) // parts):
             place = settings.blocks + number * settings.block_size
             block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (ROWS, LANES), np.float64)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
             queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
             waypoints = array_at(memory, place + BLOCK_SIZE + queue.size, (points, 2, LANES), np.float64)
             first = number * LANES
@@ -151,15 +159,17 @@ def _compile(fingerprint):
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
                 actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
-                _move(block, queue, waypoints, settings, tables, actions, count, width)
+                _move(block, rows, queue, waypoints, settings, tables, actions, count, width)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
-            reads = not moves
-            for lane in range(LANES):
-                if block.status[lane] == RESTART:
-                    start(block, queue, waypoints, settings, tables, lane)
-                    reads = True
-            if reads:
-                sense(block, settings, width)
+            restarts = 0
+            for lane in range(width):
+                restarts += block.status[lane] == RESTART
+            if restarts > 0:
+                for lane in range(width):
+                    if block.status[lane] == RESTART:
+                        start(block, rows, queue, waypoints, settings, tables, lane)
+            if restarts > 0 or not moves:
+                sense(block, rows, settings, width)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
@@ -191,7 +201,8 @@ def _compile(fingerprint):
             block, rows = record_at(memory, place, BLOCK), array_at(memory, place, (ROWS, LANES), np.float64)
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
-            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, settings.friction_law)
+            law, linear = settings.friction_law, settings.stribeck_linear
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, lane, law, linear)
             expected1, expected2 = nominal_acceleration(block, settings, lane)
             out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
             out[i, column + 1], out[i, column + 2] = a1, a2
@@ -227,7 +238,8 @@ def _compile(fingerprint):
             queue = array_at(memory, place + BLOCK_SIZE, (settings.delay_steps + 1, 2, LANES), np.float64)
             if substep == 0:
                 actions = array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
-                command(block, queue, settings, actions, count)
+                rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+                command(block, rows, queue, settings, actions, count)
             _load(block, queue, settings, tables, count, substep)
         return -1
 
@@ -241,10 +253,10 @@ def _compile(fingerprint):
             place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
             count = min(LANES, count)
             block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (ROWS, LANES), np.float64)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
             place += BLOCK_SIZE + 2 * LANES * (settings.delay_steps + 1)
             waypoints = array_at(memory, place, (settings.waypoints, 2, LANES), np.float64)
-            _end(block, waypoints, settings, tables, count)
+            _end(block, rows, waypoints, settings, tables, count)
             _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
 
     return step, check, inspect, load, end

@@ -6,7 +6,7 @@ from fbl_gym.fastmath import exp, kernel_njit, log, sincos
 from fbl_gym.kernel.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.physics import lump
 from fbl_gym.kernel.torque import nominal_torque, pick_disturbance
-from fbl_gym.memory import NORMALIZED, RUNNING, SINE, STEPS, TORQUE
+from fbl_gym.memory import CHOICE, DRAW_SIZE, FIRST_VARIED, LOG_UNIFORM, NORMALIZED, RUNNING, SINE, STEPS, TORQUE
 from fbl_gym.streams import stream_key, uniforms
 
 _PARAMETERS = stream_key("parameter error")
@@ -15,8 +15,18 @@ _ZERO = np.uint64(0)
 
 
 @kernel_njit
-def start(block, queue, waypoints, settings, tables, lane):
-    """Start an episode in a lane: draw its arm and reference, and put the arm on its reference."""
+def start(block, rows, queue, waypoints, settings, tables, lane):
+    """Start an episode in a lane: draw its arm and reference, and put the arm on its reference.
+
+    Args:
+        block: record of the type `BLOCK`.
+        rows: the same memory as an array [ROWS x LANES].
+        queue: last torque commands of the block [depth x joint x lane].
+        waypoints: of the block [points x joint x lane].
+        settings: record of the type `SETTINGS`.
+        tables: arrays of the scenario, one after the other.
+        lane: of the block.
+    """
     seed, episode = block.seed[lane], block.episode[lane]
     block.step[lane] = _ZERO
     block.status[lane] = RUNNING
@@ -26,8 +36,9 @@ def start(block, queue, waypoints, settings, tables, lane):
         radius = settings.log_radius[i]
         factor = exp((2.0 * draw - 1.0) * radius) if radius > 0.0 else 1.0
         block.parameters[i, lane] = settings.parameters[i] * settings.ratio[i] * factor
-    carried = settings.payload_pick_up == 0.0 and settings.payload_drop > 0.0
-    block.payload[lane] = settings.payload_mass if carried else 0.0
+    _draw(block, rows, settings, tables, lane)
+    carried = block.payload_pick_up[lane] == 0.0 and block.payload_drop[lane] > 0.0
+    block.payload[lane] = block.payload_mass[lane] if carried else 0.0
     lump(block, settings, lane)
 
     draw_reference(waypoints, settings, tables, lane, seed, episode)
@@ -35,11 +46,14 @@ def start(block, queue, waypoints, settings, tables, lane):
     store_reference(block, lane, (q1, q2, v1, v2, a1, a2))
     if settings.reference_kind == STEPS:  # they jump at once, away from the arm's start
         q1, q2 = waypoints[0, 0, lane], waypoints[0, 1, lane]
-    q1, q2 = q1 + settings.initial_error[0], q2 + settings.initial_error[1]
+    q1, q2 = q1 + block.initial_error[0, lane], q2 + block.initial_error[1, lane]
+    if block.initial_velocity[0, lane] != 0.0 or block.initial_velocity[1, lane] != 0.0:  # else keep the sign of -0.0
+        v1, v2 = v1 + block.initial_velocity[0, lane], v2 + block.initial_velocity[1, lane]
     block.position[0, lane], block.position[1, lane] = q1, q2
     block.start_position[0, lane], block.start_position[1, lane] = q1, q2
     block.velocity[0, lane], block.velocity[1, lane] = v1, v2
-    _hold_still(block, queue, settings, lane)
+    _hold_still(block, rows, queue, settings, lane)
+    block.far[lane] = 0.0
 
     torque1, torque2 = pick_disturbance(block, settings, tables, lane, np.int64(0))
     if settings.disturbance_kind == SINE:
@@ -48,13 +62,44 @@ def start(block, queue, waypoints, settings, tables, lane):
             draw1, draw2, _, _ = uniforms(seed, _DISTURBANCE, episode, _ZERO, _ZERO)
             phase1, phase2 = 6.283185307179586 * draw1, 6.283185307179586 * draw2
         block.disturbance_phase[0, lane], block.disturbance_phase[1, lane] = phase1, phase2
-        torque1 = settings.disturbance_amplitude[0] * sincos(phase1)[0]
-        torque2 = settings.disturbance_amplitude[1] * sincos(phase2)[0]
+        torque1 = block.disturbance_amplitude[0, lane] * sincos(phase1)[0]
+        torque2 = block.disturbance_amplitude[1, lane] * sincos(phase2)[0]
     block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
 
 
 @kernel_njit
-def _hold_still(block, queue, settings, lane):
+def _draw(block, rows, settings, tables, lane):
+    """Set the numbers that may vary to their fixed values, or to draws from their streams."""
+    for i in range(len(settings.varied)):
+        rows[FIRST_VARIED + i, lane] = settings.varied[i]
+    for i in range(settings.draws):
+        place = settings.draw_table + DRAW_SIZE * i
+        key = np.uint64(tables[place + 5]) << np.uint64(32) | np.uint64(tables[place + 6])
+        joint, kind = np.uint64(tables[place + 1]), tables[place + 2]
+        draw, _, _, _ = uniforms(block.seed[lane], key, block.episode[lane], _ZERO, joint)
+        first, second = tables[place + 3], tables[place + 4]
+        value = first + draw * (second - first)
+        if kind == LOG_UNIFORM:
+            value = first * exp(draw * second)
+        elif kind == CHOICE:
+            value = tables[int(first) + int(draw * second)]
+        rows[int(tables[place]), lane] = value
+    block.payload_pick_up[lane] = np.rint(block.payload_pick_up[lane])
+    block.payload_drop[lane] = np.rint(block.payload_drop[lane])
+    block.delay[lane] = np.rint(block.delay[lane]) + settings.computation_delay
+    if settings.stribeck_squared:
+        for joint in range(2):
+            block.v_s[joint, lane] *= block.v_s[joint, lane]
+    lag = block.lag[lane]
+    block.lag_start[lane] = 1.0 if lag > 0.0 else 0.0
+    end = exp(-1.0 / lag) if lag > 0.0 else 0.0
+    # Runge-Kutta's weights 1/6, 4/6, 1/6 give the exact impulse of an exponential, however short.
+    block.lag_half[lane] = 0.25 * (6.0 * lag * (1.0 - end) - block.lag_start[lane] - end)
+    block.lag_end[lane] = end
+
+
+@kernel_njit
+def _hold_still(block, rows, queue, settings, lane):
     """Apply the torque that holds the nominal arm still at its start, within the limit."""
     block.measured_position[0, lane] = block.position[0, lane]
     block.measured_position[1, lane] = block.position[1, lane]
@@ -65,7 +110,8 @@ def _hold_still(block, queue, settings, lane):
     limit = settings.action_limit if kind == TORQUE else settings.torque_limit
     tau1, tau2 = max(min(tau1, limit[0]), -limit[0]), max(min(tau2, limit[1]), -limit[1])
     block.command[0, lane], block.command[1, lane] = tau1, tau2
-    block.torque[0, lane], block.torque[1, lane] = tau1, tau2
+    block.target[0, lane], block.target[1, lane] = tau1, tau2
+    block.torque[0, lane], block.torque[1, lane] = block.gain[0, lane] * tau1, block.gain[1, lane] * tau2
     for age in range(settings.delay_steps + 1):
         queue[age, 0, lane], queue[age, 1, lane] = tau1, tau2
     action1, action2 = 0.0, 0.0  # no acceleration
@@ -74,6 +120,8 @@ def _hold_still(block, queue, settings, lane):
     elif kind == TORQUE:
         action1, action2 = tau1, tau2
     block.action[0, lane], block.action[1, lane] = action1, action2
+    for row in range(settings.past_row, settings.past_row + 2 * settings.past_actions, 2):
+        rows[row, lane], rows[row + 1, lane] = action1, action2
 
 
 @kernel_njit
@@ -81,21 +129,23 @@ def judge(block, settings, width):
     """Compute the rewards of a block (see `reward.py`), and the ends of its episodes.
 
     An episode is terminated when the arm leaves its limits or its numbers are not finite, and
-    truncated when its time is up.
+    truncated when its time is up; it can be both.
     """
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
     logarithmic, last = settings.reward_logarithmic, np.uint64(settings.last_step)
     max_position, max_velocity = settings.max_position, settings.max_velocity
     for lane in range(width):
         q1, q2 = block.position[0, lane], block.position[1, lane]
+        error1, error2 = abs(block.reference_position[0, lane] - q1), abs(block.reference_position[1, lane] - q2)
+        block.far[lane] = block.far[lane] + 1.0 if max(error1, error2) > settings.max_error else 0.0
         stays = (
             (abs(q1 - block.start_position[0, lane]) <= max_position)
             & (abs(q2 - block.start_position[1, lane]) <= max_position)
             & (abs(block.velocity[0, lane]) <= max_velocity)
             & (abs(block.velocity[1, lane]) <= max_velocity)
+            & (block.far[lane] < settings.error_steps)
         )
-        error = abs(block.reference_position[0, lane] - q1) + abs(block.reference_position[1, lane] - q2)
-        tracking = settings.reward_scale * error
+        tracking = settings.reward_scale * (error1 + error2)
         logarithm = settings.reward_norm * log(1.0 + tracking)
         tracking = logarithm if logarithmic else tracking
         effort = 0.5 * (abs(block.command[0, lane]) / limit1 + abs(block.command[1, lane]) / limit2)
@@ -107,4 +157,4 @@ def judge(block, settings, width):
         )
         block.reward[lane] = max(1.0 - loss, 0.0) if stays else 0.0
         block.terminated[lane] = 0.0 if stays else 1.0
-        block.truncated[lane] = 1.0 if stays & (block.step[lane] >= last) else 0.0
+        block.truncated[lane] = 1.0 if block.step[lane] >= last else 0.0

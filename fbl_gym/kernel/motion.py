@@ -61,14 +61,27 @@ def _segment(settings, time):
 @inline_njit
 def _minimum_jerk(waypoints, settings, lane, time):
     """Return the reference along polynomials of fifth order from one way-point to the next."""
+    return _along(waypoints, lane, _profile(settings, time))
+
+
+@inline_njit
+def _profile(settings, time):
+    """Return the way-points around a time, and the share of the way made, its rate and its bend."""
     i, j, tau = _segment(settings, time)
-    from1, from2 = waypoints[i, 0, lane], waypoints[i, 1, lane]
-    way1, way2 = waypoints[j, 0, lane] - from1, waypoints[j, 1, lane] - from2
     move = settings.move_time
     s = min(tau / move, 1.0)
     share = s * s * s * (10.0 + s * (6.0 * s - 15.0))
     rate = 30.0 * s * s * (1.0 + s * (s - 2.0)) / move
     bend = 60.0 * s * (1.0 + s * (2.0 * s - 3.0)) / (move * move)
+    return i, j, share, rate, bend
+
+
+@inline_njit
+def _along(waypoints, lane, profile):
+    """Return the reference of a lane on the way between two way-points."""
+    i, j, share, rate, bend = profile
+    from1, from2 = waypoints[i, 0, lane], waypoints[i, 1, lane]
+    way1, way2 = waypoints[j, 0, lane] - from1, waypoints[j, 1, lane] - from2
     return from1 + share * way1, from2 + share * way2, rate * way1, rate * way2, bend * way1, bend * way2
 
 
@@ -100,7 +113,15 @@ def store_reference(block, lane, values):
 @kernel_njit
 def refer(block, waypoints, settings, tables, width):
     """Compute the reference of a block at its present step."""
-    if settings.reference_kind == MINIMUM_JERK:  # the usual kind, in a loop without branches
+    if settings.reference_kind == MINIMUM_JERK:  # the usual kind, in loops without branches
+        others = 0
+        for lane in range(width):
+            others += block.step[lane] != block.step[0]
+        if others == 0:  # the usual case: the lanes began together
+            profile = _profile(settings, np.int64(block.step[0]) * settings.control_dt)
+            for lane in range(width):
+                store_reference(block, lane, _along(waypoints, lane, profile))
+            return
         for lane in range(width):
             time = np.int64(block.step[lane]) * settings.control_dt
             store_reference(block, lane, _minimum_jerk(waypoints, settings, lane, time))

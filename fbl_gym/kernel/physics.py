@@ -26,15 +26,15 @@ def load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2):
 
 
 @inline_njit
-def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
+def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law, linear):
     """Return the acceleration at one stage of a physics step."""
     p1, p2, p3, p4, p5 = lumped
     viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
     dry1, dry2, free1, free2 = held
     tau1, tau2 = tau1 - viscous1 * v1 - dry1, tau2 - viscous2 * v2 - dry2
     if law == LITERAL_FRICTION:
-        tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1) * sign(v1)
-        tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2) * sign(v2)
+        tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1, linear) * sign(v1)
+        tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2, linear) * sign(v2)
     m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2)
     if law == EXACT_FRICTION:
         # A stuck joint carries any reaction: the other moves as if alone.
@@ -43,7 +43,7 @@ def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
 
 
 @inline_njit
-def _runge_kutta(block, lane, h, friction, law):
+def _runge_kutta(block, lane, h, law, linear):
     """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
 
     Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
@@ -59,6 +59,10 @@ def _runge_kutta(block, lane, h, friction, law):
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     p1, p2, p3 = block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane]
     p4, p5 = block.lumped[3, lane], block.lumped[4, lane]
+    friction = (
+        block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
+        block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
+    )  # fmt: skip
     tau_start1, tau_start2 = block.tau_start[0, lane], block.tau_start[1, lane]
     dry1, dry2 = 0.0, 0.0  # friction torque held over the step
     free1, free2 = 1.0, 1.0  # 0 where a joint sticks throughout the step
@@ -69,8 +73,8 @@ def _runge_kutta(block, lane, h, friction, law):
         m11, m12, m22, load1, load2 = load_on_joints(
             p1, p2, p3, p4, p5, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
         )
-        bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
-        bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
+        bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1, linear)
+        bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2, linear)
         momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
         next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
         dry1, dry2 = dry1 / h, dry2 / h
@@ -83,17 +87,17 @@ def _runge_kutta(block, lane, h, friction, law):
     lumped = (p1, p2, p3, p4, p5)
     held = (dry1, dry2, free1, free2)
     tau_half1, tau_half2 = block.tau_half[0, lane], block.tau_half[1, lane]
-    a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law)
+    a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law, linear)
     v1_2, v2_2 = v1 + half * a1_1, v2 + half * a2_1
     q1_2, q2_2 = q1 + half * v1, q2 + half * v2
-    a1_2, a2_2 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_2, q2_2, v1_2, v2_2, law)
+    a1_2, a2_2 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_2, q2_2, v1_2, v2_2, law, linear)
     v1_3, v2_3 = v1 + half * a1_2, v2 + half * a2_2
     q1_3, q2_3 = q1 + half * v1_2, q2 + half * v2_2
-    a1_3, a2_3 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_3, q2_3, v1_3, v2_3, law)
+    a1_3, a2_3 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_3, q2_3, v1_3, v2_3, law, linear)
     v1_4, v2_4 = v1 + h * a1_3, v2 + h * a2_3
     q1_4, q2_4 = q1 + h * v1_3, q2 + h * v2_3
     tau_end1, tau_end2 = block.tau_end[0, lane], block.tau_end[1, lane]
-    a1_4, a2_4 = _stage(tau_end1, tau_end2, lumped, friction, held, q1_4, q2_4, v1_4, v2_4, law)
+    a1_4, a2_4 = _stage(tau_end1, tau_end2, lumped, friction, held, q1_4, q2_4, v1_4, v2_4, law, linear)
     block.position[0, lane] = q1 + sixth * (v1 + 2.0 * (v1_2 + v1_3) + v1_4)
     block.position[1, lane] = q2 + sixth * (v2 + 2.0 * (v2_2 + v2_3) + v2_4)
     v1 += sixth * (a1_1 + 2.0 * (a1_2 + a1_3) + a1_4)
@@ -103,27 +107,60 @@ def _runge_kutta(block, lane, h, friction, law):
 
 
 @kernel_njit
+def _implicit_euler(block, settings, width):
+    """Advance lanes by one physics step where viscous friction B makes Runge-Kutta unstable.
+
+    Each quarter of the step solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
+    q+ = q + h v+. It is stable for any B, and of first order.
+    """
+    law, linear = settings.friction_law, settings.stribeck_linear
+    h = 0.25 * settings.physics_dt
+    for lane in range(width):
+        # The mean torque has the impulse of the whole step.
+        tau1 = (block.tau_start[0, lane] + 4.0 * block.tau_half[0, lane] + block.tau_end[0, lane]) / 6.0
+        tau2 = (block.tau_start[1, lane] + 4.0 * block.tau_half[1, lane] + block.tau_end[1, lane]) / 6.0
+        q1, q2 = block.position[0, lane], block.position[1, lane]
+        v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+        for _ in range(4):
+            m11, m12, m22, load1, load2 = load_on_joints(
+                block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
+                block.lumped[4, lane], q1, q2, v1, v2, tau1, tau2,
+            )  # fmt: skip
+            bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane], linear)
+            bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane], linear)
+            if law == LITERAL_FRICTION:
+                load1, load2 = load1 - bound1 * sign(v1), load2 - bound2 * sign(v2)
+            if law != EXACT_FRICTION:
+                bound1, bound2 = 0.0, 0.0
+            momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
+            m11, m22 = m11 + h * block.viscous[0, lane], m22 + h * block.viscous[1, lane]
+            v1, v2, _, _ = resist(m11, m12, m22, momentum1, momentum2, h * bound1, h * bound2)
+            q1, q2 = q1 + h * v1, q2 + h * v2
+        block.position[0, lane], block.position[1, lane] = q1, q2
+        block.velocity[0, lane], block.velocity[1, lane] = v1, v2
+
+
+@kernel_njit
 def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
-    h, law = settings.physics_dt, settings.friction_law
-    friction = (
-        settings.viscous[0], settings.viscous[1], settings.coulomb[0], settings.coulomb[1],
-        settings.stiction[0], settings.stiction[1], settings.v_s[0], settings.v_s[1],
-    )  # fmt: skip
+    h, law, linear = settings.physics_dt, settings.friction_law, settings.stribeck_linear
+    if settings.stiff:
+        _implicit_euler(block, settings, width)
+        return
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, NO_FRICTION)
+            _runge_kutta(block, lane, h, NO_FRICTION, linear)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, EXACT_FRICTION)
+            _runge_kutta(block, lane, h, EXACT_FRICTION, linear)
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, friction, LITERAL_FRICTION)
+            _runge_kutta(block, lane, h, LITERAL_FRICTION, linear)
 
 
 @inline_njit
-def acceleration_and_friction(block, settings, lane, law):
+def acceleration_and_friction(block, lane, law, linear):
     """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     m11, m12, m22, load1, load2 = load_on_joints(
@@ -133,11 +170,11 @@ def acceleration_and_friction(block, settings, lane, law):
     )  # fmt: skip
     bound1, bound2 = 0.0, 0.0
     if law != NO_FRICTION:
-        bound1 = dry_friction(v1, settings.coulomb[0], settings.stiction[0], settings.v_s[0])
-        bound2 = dry_friction(v2, settings.coulomb[1], settings.stiction[1], settings.v_s[1])
+        bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane], linear)
+        bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane], linear)
     # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
-    friction1 = settings.viscous[0] * v1 + bound1 * sign(v1)
-    friction2 = settings.viscous[1] * v2 + bound2 * sign(v2)
+    friction1 = block.viscous[0, lane] * v1 + bound1 * sign(v1)
+    friction2 = block.viscous[1, lane] * v2 + bound2 * sign(v2)
     load1, load2 = load1 - friction1, load2 - friction2
     if law != EXACT_FRICTION:
         a1, a2 = solve_terms(m11, m12, m22, load1, load2)
@@ -152,8 +189,8 @@ def carry_payload(block, settings, width, substep):
     """Put the payload on the tip while it is carried."""
     for lane in range(width):
         now = float(np.int64(block.step[lane])) * settings.substeps + substep
-        carried = settings.payload_pick_up <= now and now < settings.payload_drop
-        payload = settings.payload_mass if carried else 0.0
+        carried = block.payload_pick_up[lane] <= now and now < block.payload_drop[lane]
+        payload = block.payload_mass[lane] if carried else 0.0
         if payload != block.payload[lane]:
             block.payload[lane] = payload
             lump(block, settings, lane)

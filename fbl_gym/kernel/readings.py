@@ -23,19 +23,24 @@ def _within(value, bound):
 
 
 @kernel_njit
-def sense(block, settings, width):
+def sense(block, rows, settings, width):
     """Take the readings of a block; they depend on its state alone."""
-    if settings.senses_acceleration and not settings.external_physics:
+    senses_acceleration = settings.senses_acceleration
+    if senses_acceleration and not settings.external_physics:
         _accelerate(block, settings, width)
     for joint in range(2):
         for lane in range(width):
             block.measured_position[joint, lane] = block.position[joint, lane]
             block.measured_velocity[joint, lane] = block.velocity[joint, lane]
-            block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
+            if senses_acceleration:
+                block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
     if settings.noisy:
         _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
         _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
-        _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
+        if senses_acceleration:
+            _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
+    if settings.history > 0:
+        _encode(block, rows, settings, width)
     # A sensor reads no further than its range.
     position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
@@ -43,45 +48,79 @@ def sense(block, settings, width):
         for lane in range(width):
             block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], position)
             block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], velocity)
-            block.measured_acceleration[joint, lane] = _within(block.measured_acceleration[joint, lane], acceleration)
+            if senses_acceleration:
+                reading = block.measured_acceleration[joint, lane]
+                block.measured_acceleration[joint, lane] = _within(reading, acceleration)
 
 
 @kernel_njit
 def _accelerate(block, settings, width):
     """Compute the acceleration of a block's lanes."""
-    law = settings.friction_law
+    law, linear = settings.friction_law, settings.stribeck_linear
     if law == NO_FRICTION:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
+            a1, a2, _, _ = acceleration_and_friction(block, lane, NO_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
+            a1, a2, _, _ = acceleration_and_friction(block, lane, EXACT_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     else:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
+            a1, a2, _, _ = acceleration_and_friction(block, lane, LITERAL_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
 
 
 @kernel_njit
 def _disturb_reading(block, measured, settings, width, sensor, stream):
     """Add bias and noise to the readings of one sensor, and quantize them."""
-    std1, std2 = settings.noise_std[sensor, 0], settings.noise_std[sensor, 1]
-    bias1, bias2 = settings.noise_bias[sensor, 0], settings.noise_bias[sensor, 1]
-    if std1 != 0.0 or std2 != 0.0:
+    std, bias = block.noise_std[sensor], block.noise_bias[sensor]
+    if settings.has_noise[sensor]:
         for lane in range(width):
             draw1, draw2 = normals(block.seed[lane], stream, block.episode[lane], block.step[lane], _ZERO)
-            measured[0, lane] += std1 * draw1
-            measured[1, lane] += std2 * draw2
-    for lane in range(width):
-        measured[0, lane] += bias1
-        measured[1, lane] += bias2
+            measured[0, lane] += std[0, lane] * draw1
+            measured[1, lane] += std[1, lane] * draw2
+    for joint in range(2):
+        for lane in range(width):
+            measured[joint, lane] += bias[joint, lane]
     for joint in range(2):
         quantum = settings.quantization[sensor, joint]
         if quantum > 0.0:
             for lane in range(width):
                 measured[joint, lane] = np.floor(measured[joint, lane] / quantum + 0.5) * quantum
+
+
+@kernel_njit
+def _encode(block, rows, settings, width):
+    """Compute the velocity from the position readings, and show both as late as they are.
+
+    The readings of a control step are at the place (step % history). Therefore sensing twice at the
+    same step changes nothing. An episode starts as if the arm had moved uniformly before.
+    """
+    depth, interval = settings.history, settings.difference
+    for joint in range(2):
+        first, quantum = settings.history_row + joint, settings.quantization[0, joint]
+        for lane in range(width):
+            step = np.int64(block.step[lane])
+            reading, velocity = block.measured_position[joint, lane], block.measured_velocity[joint, lane]
+            if step == 0:
+                speed = block.velocity[joint, lane]
+                for ago in range(1, depth):
+                    place = first + 4 * (depth - ago)
+                    past = reading - speed * (ago * settings.control_dt)
+                    rows[place, lane] = np.floor(past / quantum + 0.5) * quantum if quantum > 0.0 else past
+                    rows[place + 2, lane] = speed
+            place = first + 4 * (step % depth)
+            rows[place, lane] = reading
+            if interval > 0:
+                before = rows[first + 4 * ((step + depth - interval) % depth), lane]
+                filtered = rows[first + 4 * ((step + depth - 1) % depth) + 2, lane]
+                velocity = (reading - before) / (interval * settings.control_dt)
+                velocity = filtered + settings.low_pass * (velocity - filtered)
+            rows[place + 2, lane] = velocity
+            place = first + 4 * ((step + depth - settings.latency) % depth)
+            block.measured_position[joint, lane] = rows[place, lane]
+            block.measured_velocity[joint, lane] = rows[place + 2, lane]
 
 
 @kernel_njit
@@ -98,17 +137,21 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
         first: lane of the block.
         last: lane of the block, the first one left out.
     """
-    for column in range(settings.observed):
+    for column in range(0, settings.observed, 2):  # both joints, which lie side by side in both arrays
         row, bound = settings.observed_row[column], settings.observed_bound[column]
         for lane in range(first, last):
             out[lane, column] = _within(rows[row, lane], bound)
+            out[lane, column + 1] = _within(rows[row + 1, lane], settings.observed_bound[column + 1])
+    for column in range(2 * settings.past_actions):
+        for lane in range(first, last):
+            out[lane, settings.observed + column] = rows[settings.past_row + column, lane]
     position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
     for ahead in range(settings.preview):
         for lane in range(first, last):
             step = np.int64(block.step[lane]) + ahead + 1
             q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, step)
-            column = settings.observed + 6 * ahead
+            column = settings.observed + 2 * settings.past_actions + 6 * ahead
             out[lane, column], out[lane, column + 1] = _within(q1, position), _within(q2, position)
             out[lane, column + 2], out[lane, column + 3] = _within(v1, velocity), _within(v2, velocity)
             out[lane, column + 4], out[lane, column + 5] = _within(a1, acceleration), _within(a2, acceleration)

@@ -12,7 +12,7 @@ _ZERO = np.uint64(0)
 
 
 @kernel_njit
-def command(block, queue, settings, actions, count):
+def command(block, rows, queue, settings, actions, count):
     """Set the torque commands of a block's first `count` lanes from their actions."""
     for age in range(settings.delay_steps, 0, -1):
         for lane in range(count):
@@ -22,6 +22,14 @@ def command(block, queue, settings, actions, count):
     for lane in range(count):
         block.action[0, lane] = max(min(actions[lane, 0], bound1), -bound1)
         block.action[1, lane] = max(min(actions[lane, 1], bound2), -bound2)
+    if settings.past_actions > 0:
+        first = settings.past_row
+        for row in range(first + 2 * settings.past_actions - 1, first + 1, -1):
+            for lane in range(count):
+                rows[row, lane] = rows[row - 2, lane]
+        for joint in range(2):
+            for lane in range(count):
+                rows[first + joint, lane] = block.action[joint, lane]
     kind = settings.action_kind
     for lane in range(count):
         tau1, tau2 = block.action[0, lane], block.action[1, lane]
@@ -70,7 +78,7 @@ def nominal_acceleration(block, settings, lane):
 def pick_disturbance(block, settings, tables, lane, substep):
     """Return the disturbance of the kinds that are constant over a physics step."""
     kind, period = settings.disturbance_kind, settings.disturbance_period
-    amplitude1, amplitude2 = settings.disturbance_amplitude[0], settings.disturbance_amplitude[1]
+    amplitude1, amplitude2 = block.disturbance_amplitude[0, lane], block.disturbance_amplitude[1, lane]
     now = float(np.int64(block.step[lane])) * settings.substeps + substep
     if kind == PIECEWISE_CONSTANT:
         level = np.uint64(np.floor(now / period))
@@ -91,41 +99,65 @@ def pick_disturbance(block, settings, tables, lane, substep):
 @kernel_njit
 def apply_torque(block, queue, settings, tables, width, substep):
     """Set the applied torque, and the torque less disturbance over a physics step."""
-    # The command that the delay lets through now, and the lag behind it.
-    age = settings.delay_steps
-    if age > 0 and substep >= settings.delay_switch:
-        age -= 1
-    start, half, end = settings.lag_start, settings.lag_half, settings.lag_end
+    # The command that the delay lets through now, then the rate limit, the lag and the gain.
     for joint in range(2):
         for lane in range(width):
-            target = queue[age, joint, lane]
-            gap = block.torque[joint, lane] - target
-            block.tau_start[joint, lane] = target + start * gap
-            block.tau_half[joint, lane] = target + half * gap
-            block.tau_end[joint, lane] = target + end * gap
-            block.torque[joint, lane] = target + end * gap
+            block.tau_start[joint, lane] = queue[0, joint, lane]
+    if settings.delay_steps > 0:
+        for lane in range(width):
+            age = np.int64(np.ceil((block.delay[lane] - substep) / settings.substeps))
+            block.tau_start[0, lane], block.tau_start[1, lane] = queue[age, 0, lane], queue[age, 1, lane]
+    for joint in range(2):
+        for lane in range(width):
+            start, half, end = block.lag_start[lane], block.lag_half[lane], block.lag_end[lane]
+            before, rate, gain = block.target[joint, lane], block.rate_limit[joint, lane], block.gain[joint, lane]
+            target = max(min(block.tau_start[joint, lane], before + rate), before - rate)
+            block.target[joint, lane] = target
+            # Without a rate limit the target jumps at the step's start, else it is a ramp. A lag
+            # follows a ramp late by its time constant, once the initial gap has faded.
+            begin = before if rate < np.inf else target
+            rise = gain * (target - begin)
+            base = gain * begin - rise * block.lag[lane]
+            gap = block.torque[joint, lane] - base
+            block.tau_start[joint, lane] = base + start * gap
+            block.tau_half[joint, lane] = base + 0.5 * rise + half * gap
+            block.tau_end[joint, lane] = base + rise + end * gap
+            block.torque[joint, lane] = base + rise + end * gap
     if settings.disturbance_kind == SINE:
         _subtract_sine(block, block.tau_start, settings, width, substep + 0.0)
         _subtract_sine(block, block.tau_half, settings, width, substep + 0.5)
         _subtract_sine(block, block.tau_end, settings, width, substep + 1.0)
     elif settings.disturbance_kind != NO_DISTURBANCE:
+        _renew_disturbance(block, settings, tables, width, substep)
+        for joint in range(2):
+            for lane in range(width):
+                disturbance = block.disturbance[joint, lane]
+                block.tau_start[joint, lane] -= disturbance
+                block.tau_half[joint, lane] -= disturbance
+                block.tau_end[joint, lane] -= disturbance
+
+
+@kernel_njit
+def _renew_disturbance(block, settings, tables, width, substep):
+    """Set the disturbance of the kinds that are constant over a physics step."""
+    if settings.disturbance_kind == PIECEWISE_CONSTANT:
+        changes, period = 0, settings.disturbance_period
         for lane in range(width):
-            torque1, torque2 = pick_disturbance(block, settings, tables, lane, substep)
-            block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
-            block.tau_start[0, lane] -= torque1
-            block.tau_start[1, lane] -= torque2
-            block.tau_half[0, lane] -= torque1
-            block.tau_half[1, lane] -= torque2
-            block.tau_end[0, lane] -= torque1
-            block.tau_end[1, lane] -= torque2
+            now = float(np.int64(block.step[lane])) * settings.substeps + substep
+            changes += np.floor(now / period) != np.floor((now - settings.substeps) / period)
+        if changes == 0:  # the levels of the last step stay: a draw is slow
+            return
+    for lane in range(width):
+        torque1, torque2 = pick_disturbance(block, settings, tables, lane, substep)
+        block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
 
 
 @kernel_njit
 def _subtract_sine(block, tau, settings, width, substep):
     """Subtract a sine disturbance from `tau`, the torque at a time counted in physics steps."""
     for joint in range(2):
-        amplitude, rate = settings.disturbance_amplitude[joint], settings.disturbance_rate[joint]
         for lane in range(width):
+            amplitude, rate = block.disturbance_amplitude[joint, lane], block.disturbance_rate[joint, lane]
             steps = float(np.int64(block.step[lane])) * settings.substeps + substep
             sine, _ = sincos(rate * (steps * settings.physics_dt) + block.disturbance_phase[joint, lane])
             tau[joint, lane] -= amplitude * sine

@@ -9,23 +9,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
-from fbl_gym.checks import Pair, check_choice, unknown
+from fbl_gym.checks import check_choice, unknown
 from fbl_gym.interface import Limits
 from fbl_gym.plants import PLANTS, MuJoCo
-from fbl_gym.records import Record, build, choices, declared, number, one_of, pair, record
-from fbl_gym.references import REFERENCES, FilteredSteps, MinimumJerk, Reference, Steps
+from fbl_gym.records import Numbers, Record, build, choices, declared, ends, number, one_of, pair, record
+from fbl_gym.references import REFERENCES, ArrayReference, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
     DISTURBANCES,
     SENSORS,
     Actuator,
     ArrayDisturbance,
     Disturbance,
+    Encoder,
     Friction,
     Noise,
     ParameterError,
     PiecewiseConstantDisturbance,
     PulseDisturbance,
+    SensorError,
+    SineDisturbance,
 )
 
 
@@ -41,11 +46,19 @@ def _actuator(name: str, value: Any) -> Actuator:
     return build(name, value, Actuator, scalar="torque_limit")
 
 
+MAX_SUBSTEPS = 10_000
+"""Largest number of physics steps in a control step, which Ctrl-C does not interrupt."""
+
+MAX_STEPS = 2**53
+"""Largest number of steps in any duration: beyond it, a float64 does not hold each whole number."""
+
+
 @dataclass(frozen=True)
 class Scenario(Record):
     """One task. Each field takes its record or the plain data that makes one.
 
-    None switches off parameter_error, noise, friction, disturbance and the limits of the actuator.
+    None switches off parameter_error, noise, encoder, friction, disturbance and the limits of the
+    actuator.
 
     Args:
         name: for people.
@@ -54,6 +67,8 @@ class Scenario(Record):
         parameter_error: real parameters that differ from the nominal ones; a number is a fixed
             ratio real / nominal.
         noise: errors of the sensors.
+        encoder: rounding and latency of the readings, and the velocity computed from them; a number
+            is its counts.
         friction: joint friction; the nominal model has none.
         disturbance: torque tau_d of equation (1).
         actuator: torque limits, delay and lag; None: an ideal drive without limits.
@@ -63,6 +78,7 @@ class Scenario(Record):
         physics_dt: integration step; divides control_dt.
         duration: length of an episode, a multiple of control_dt.
         initial_error: difference between the arm's first position and the reference's.
+        initial_velocity: likewise for the velocity.
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
         plant: engine that moves the real arm; None: the package's own.
     """
@@ -77,6 +93,7 @@ class Scenario(Record):
     )
     parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio")
     noise: Noise | None = record(Noise, None)
+    encoder: Encoder | None = record(Encoder, None, scalar="counts")
     friction: Friction | None = record(Friction, None)
     disturbance: Disturbance | None = one_of(DISTURBANCES, None)
     actuator: Actuator = declared(
@@ -87,7 +104,8 @@ class Scenario(Record):
     control_dt: float = number(0.01, unit="s", above=0)
     physics_dt: float = number(0.001, unit="s", above=0)
     duration: float = number(10.0, unit="s", above=0)
-    initial_error: Pair | float = pair(0.0, unit="rad")
+    initial_error: Numbers = pair(0.0, unit="rad", varies=True)
+    initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True)
     limits: Limits = record(Limits, Limits())
     plant: MuJoCo | None = one_of(PLANTS, None)
 
@@ -98,20 +116,50 @@ class Scenario(Record):
         for sensor in SENSORS:
             if getattr(self.noise, sensor, None) is not None and sensor not in self.sensors:
                 raise ValueError(f"noise.{sensor} is given, but sensors={self.sensors} has no {sensor} sensor")
+        encoder = self.encoder
+        if encoder is not None and encoder.difference is not None:
+            if "velocity" not in self.sensors:
+                raise ValueError(f"encoder.difference computes a velocity, but sensors={self.sensors} has none")
+            if self.noise is not None and self.noise.velocity is not None:
+                raise ValueError(
+                    "noise.velocity is of a measured velocity, but encoder.difference computes it from the position"
+                )
+        position: SensorError | None = getattr(self.noise, "position", None)
+        rounded = position is not None and position.quantization != (0.0, 0.0)
+        if rounded and encoder is not None and encoder.counts is not None:
+            raise ValueError(f"give encoder.counts or noise.position.quantization, not both; got {encoder.counts=}")
         if self.physics_dt > self.control_dt:
             raise ValueError(
                 "physics_dt must divide control_dt, "
                 f"got physics_dt={self.physics_dt:g} s and control_dt={self.control_dt:g} s"
             )
         self._check_multiple("control_dt", self.control_dt, "physics_dt")
+        if self.substeps > MAX_SUBSTEPS:
+            raise ValueError(
+                f"physics_dt must be at least control_dt / {MAX_SUBSTEPS} = {self.control_dt / MAX_SUBSTEPS:g} s, "
+                f"got {self.physics_dt:g} s"
+            )
         self._check_multiple("duration", self.duration, "control_dt", least=1)
-        self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
+        if isinstance(self.actuator.delay, float):
+            self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
         self._check_reference()
         self._check_disturbance()
 
     def _check_reference(self) -> None:
-        """Refuse moves and levels that are shorter than a step."""
-        reference = self.reference
+        """Refuse a reference beyond the limits, and moves and levels shorter than a step."""
+        reference, limit = self.reference, self.limits.position
+        low, high = reference.range
+        if np.abs([low, high]).max() > 2 * limit:
+            raise ValueError(
+                f"reference must stay within the sensors' range, 2 limits.position = {2 * limit:g} rad, "
+                f"got positions from {low} to {high} rad"
+            )
+        points = reference.position if isinstance(reference, ArrayReference) else getattr(reference, "points", None)
+        if points is not None and np.abs(np.array(points) - points[0]).max() > limit:
+            raise ValueError(
+                f"reference must stay within limits.position={limit:g} rad of its start {points[0]}, "
+                f"got positions from {low} to {high} rad"
+            )
         if isinstance(reference, MinimumJerk):
             name, duration = "move_time + hold_time", reference.move_time + reference.hold_time
         elif isinstance(reference, Steps | FilteredSteps):
@@ -131,6 +179,12 @@ class Scenario(Record):
             names = ("period", "width", "start")
         elif isinstance(disturbance, ArrayDisturbance):
             names = ("dt",)
+        elif isinstance(disturbance, SineDisturbance):
+            fastest, limit = ends(disturbance.frequency)[1], 0.25 / self.physics_dt
+            if fastest > limit * (1 + 1e-9):
+                raise ValueError(
+                    f"disturbance.frequency must be at most {limit:g} Hz, a quarter of 1 / physics_dt, got {fastest:g} Hz"
+                )
         for name in names:
             least = 0 if name == "start" else 1
             self._check_multiple(f"disturbance.{name}", getattr(disturbance, name), "physics_dt", least)
@@ -138,6 +192,8 @@ class Scenario(Record):
     def _check_multiple(self, name: str, duration: float, dt_name: str, least: int = 0) -> None:
         """Refuse a duration that is no multiple of a time step, or less than `least` steps."""
         dt = getattr(self, dt_name)
+        if duration / dt > MAX_STEPS:
+            raise ValueError(f"{name} must be at most {MAX_STEPS:.2g} times {dt_name}={dt:g} s, got {duration:g} s")
         steps = round(duration / dt)
         if not math.isclose(steps * dt, duration, rel_tol=1e-9, abs_tol=1e-12):
             raise ValueError(f"{name} must be a multiple of {dt_name}={dt:g} s, got {name}={duration:g} s")

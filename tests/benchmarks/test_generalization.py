@@ -9,9 +9,11 @@ from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.analysis.generalization import RADII, measure_ranges, range_cells
 from benchmarks.analysis.statistics import iqm
+from benchmarks.policies.configuration import configuration
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown
-from benchmarks.rl.policy import shipped
+from benchmarks.rl.agent import saved_agent
+from benchmarks.rl.policy import SHIPPED, shipped
 from benchmarks.run import runner
 from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import measure
@@ -42,12 +44,13 @@ def test_an_agent_is_named_with_its_training_seed():
     assert [cell.policy.name for cell in range_cells("ppo-residual", "extrapolation", SEEDS)] == [
         f"ppo-residual@{seed}" for seed in shipped()["ppo-residual"]
     ]
-    env = TwoLinkArmEnv()
-    assert resolve("ppo-residual@3").make(env).folder.endswith("ppo-residual/3")
+    interface = TwoLinkArmEnv().interface
+    expected = configuration(saved_agent(interface, str(SHIPPED / "ppo-residual" / "3")))
+    assert configuration(resolve("ppo-residual@3").make(interface)) == expected
     assert resolve("ppo-residual@3").kind == "learned"
     assert resolve("ppo-residual@3").access == resolve("ppo-residual").access == "nominal"
     with pytest.raises(ValueError, match="unknown training seed 9"):
-        resolve("ppo-residual@9").make(env)
+        resolve("ppo-residual@9").make(interface)
     with pytest.raises(ValueError, match="unknown policy 'pid-flm@3'"):
         resolve("pid-flm@3")
 

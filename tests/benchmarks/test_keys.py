@@ -8,7 +8,7 @@ from importlib import metadata
 import numpy as np
 import pytest
 
-from benchmarks.policies import digest, external
+from benchmarks.policies import digest
 from benchmarks.policies.configuration import Inexact, exact
 from benchmarks.policies.digest import closure, file_of, source_digest
 from benchmarks.policies.spec import PolicySpec, names, resolve
@@ -152,8 +152,7 @@ def test_the_key_follows_the_package_of_an_external_policy(tmp_path, monkeypatch
     points = [
         metadata.EntryPoint(name, "external_laws.part.law:make_policy", ENTRY_POINTS) for name in ("theirs", "pid-flm")
     ]
-    monkeypatch.setattr("controllers.registry._entry_points", lambda: tuple(points))
-    monkeypatch.setattr(external, "entry_points", lambda: tuple(points))
+    monkeypatch.setattr("controllers.registry.entry_points", lambda: tuple(points))
     policies = ("external_laws.part.law:make_policy", "theirs", "pid-flm")
 
     def keys():

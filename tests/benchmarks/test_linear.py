@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.analysis.linear import POINT, NotLinear, linearize
-from benchmarks.policies import resolve
+from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env
 from fbl_gym.scenarios import Scenario, get
 
@@ -43,8 +43,9 @@ def test_margins_of_pid_on_double_integrators_are_those_of_python_control():
 def settles(policy, **options):
     """Whether a small error dies out in the environment."""
     scenario = Scenario(reference=AT_REST, initial_error=1e-6, physics_dt=2.5e-4, duration=12.0, **options)
-    env = make_env(policy, scenario, 1)
-    actor = resolve.make(policy, env)
+    spec = resolve(policy)
+    env = make_env(spec, scenario, 1)
+    actor = spec.make(env)
     observation, _ = env.reset(seed=[0])
     state, speeds = None, []
     for _ in range(scenario.steps):

@@ -19,8 +19,12 @@ def listed(what, capsys):
 
 def test_an_option_is_listed_with_valid_values_unit_default_and_meaning(capsys):
     texts = listed("options", capsys)
-    assert texts["friction.coulomb"] == "one or two numbers not below 0 [N m]; default 0; Coulomb friction, f_i2."
-    assert texts["parameter_error.payload.mass"] == "a number not below 0 [kg]; required; mass of the payload."
+    form = "one or two numbers or distributions not below 0 [N m]"
+    assert texts["friction.coulomb"] == form + "; default 0; Coulomb friction, f_i2."
+    assert (
+        texts["parameter_error.payload.mass"]
+        == "a number or distribution not below 0 [kg]; required; mass of the payload."
+    )
     assert texts["disturbance[sine].phase"].startswith("one or two numbers, or None [rad]; default None; phase")
     assert texts["reward.tracking"].startswith('"log" or "l1"; default log;')
 

@@ -4,9 +4,12 @@ import dataclasses
 
 import gymnasium as gym
 import pytest
-from benchmarks.policies.contract import check
 
 import controllers
+from benchmarks.policies.configuration import configuration
+from benchmarks.rl.adapter import AdapterSettings
+from benchmarks.rl.network import Actor
+from benchmarks.run.contract import check
 from fbl_gym import Interface, TwoLinkArmEnv
 
 NAMES = controllers.names()
@@ -29,8 +32,9 @@ def test_a_policy_without_privileged_access_holds_plain_data(name):
     """Its interface and its gains: nothing leads to an environment."""
     policy = controllers.make(name, TwoLinkArmEnv("mixed-error-3"))
     for field in dataclasses.fields(policy):
-        assert isinstance(getattr(policy, field.name), Interface | float | int | str | tuple | None), field.name
-    assert controllers.make(name, policy.interface) == policy
+        plain = Interface | AdapterSettings | Actor | float | int | str | tuple | None
+        assert isinstance(getattr(policy, field.name), plain), field.name
+    assert configuration(controllers.make(name, policy.interface)) == configuration(policy)
 
 
 @pytest.mark.parametrize("name", NAMES)

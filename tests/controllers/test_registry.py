@@ -12,7 +12,7 @@ from fbl_gym import Interface, TwoLinkArmEnv
 def point_at(monkeypatch, path):
     """Install an entry point "mine" that leads to "module:attribute"."""
     point = metadata.EntryPoint("mine", path, registry.ENTRY_POINTS)
-    monkeypatch.setattr(registry, "_entry_points", lambda: (point,))
+    monkeypatch.setattr(registry, "entry_points", lambda: (point,))
 
 
 def plain_factory(env):

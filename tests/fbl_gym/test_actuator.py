@@ -35,8 +35,8 @@ def test_a_delay_shifts_the_applied_torque(delay):
         # The torque at the interval's last millisecond was commanded `delay` before.
         step = (10 * k - 1 - late) // 10
         np.testing.assert_allclose(truths[k].applied_torque, held if step < 0 else torques(step), rtol=1e-12)
-        np.testing.assert_allclose(seen[k][..., layout["previous_action"]], torques(k - 1))
-    assert "previous_action" not in plain()[0]
+        np.testing.assert_allclose(seen[k][..., layout["previous_actions"]][..., :2], torques(k - 1))
+    assert "previous_actions" not in plain()[0]
 
 
 @pytest.mark.parametrize("late", [1, 3, 10, 13, 20, 37])
@@ -59,7 +59,7 @@ def test_a_delay_counts_in_physics_steps(late):
 
 def test_a_lag_is_an_exponential():
     layout, _, truths = play(actuator={"lag": 0.05})
-    assert "previous_action" in layout
+    assert "previous_actions" in layout
     torque = gravity_torque(TABLE_1, truths[0].position)
     for k in range(100):
         torque = torques(k) + (torque - torques(k)) * np.exp(-0.01 / 0.05)

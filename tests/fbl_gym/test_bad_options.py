@@ -42,12 +42,18 @@ from tests.fbl_gym.episodes import ID
             "duration must be at most some",
         ),
         ({"duration": 1e9, "reference": "filtered-steps"}, "duration must be at most some"),
-        ({"actuator": {"delay": 1e9}}, r"actuator.delay must be at most some 4.19e\+04 s here"),
+        ({"actuator": {"delay": 1e9}}, r"actuator.delay must be at most some 2.1e\+04 s here"),
         ({"preview": 10**400}, r"preview must be at most some 1.4e\+06 here"),
         (
             {"reference": {"kind": "fourier", "harmonics": 10**9}},
             r"reference.harmonics must be at most some 4.19e\+06 here",
         ),
+        ({"physics_dt": 1e-12}, "physics_dt must be at least control_dt / 10000 = 1e-06 s, got 1e-12 s"),
+        ({"physics_dt": 1e-300}, "control_dt must be at most .* times physics_dt=1e-300 s, got 0.01 s"),
+        ({"duration": 1.7e308}, "duration must be at most .* times control_dt=0.01 s"),
+        ({"actuator": {"delay": 1.7e308}}, "actuator.delay must be at most .* times physics_dt"),
+        ({"reward": {"worst": 1e-300}}, "worst / resolution must be from 1e-9 to 1e15"),
+        ({"reward": {"weight_effort": 1.7e308, "weight_chatter": 1.7e308}}, "must be finite"),
     ],
 )
 def test_bad_options_are_named(options, message):
@@ -181,3 +187,12 @@ def test_an_error_does_not_change_the_next_environment():
         with pytest.raises(ValueError, match=r"must be|unknown"):
             TwoLinkArmEnv(**bad)
     np.testing.assert_array_equal(TwoLinkArmEnv().reset(seed=0)[0], before)
+
+
+def test_a_batch_beyond_any_memory_is_refused():
+    with pytest.raises(ValueError, match=r"num_envs must be at most [\d,]+ here, which take 16 GiB, got 1000000000"):
+        TwoLinkArmVectorEnv(10**9)
+
+
+def test_a_payload_that_is_never_picked_up_is_no_error():
+    TwoLinkArmEnv(parameter_error={"payload": {"mass": 1.0, "pick_up": 1.7e308}}).reset(seed=0)

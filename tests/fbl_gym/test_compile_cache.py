@@ -1,8 +1,16 @@
 """The cache of compiled code: shared by processes; without one, an environment still works."""
 
+import errno
 import os
 import subprocess
 import sys
+
+import pytest
+from numba.core import caching
+
+from fbl_gym import compile_cache
+from fbl_gym.compile_cache import CompileCache
+from fbl_gym.kernel import api
 
 WITHOUT_CACHE = """
 from numba.core import caching
@@ -46,3 +54,53 @@ def test_processes_that_start_together_share_what_they_compile(tmp_path):
     later = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert outputs == {later.stdout}
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == files
+
+
+def first_step(folder):
+    """Return the process that makes a first step with the cache in a folder."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
+    return subprocess.run([sys.executable, "-c", TOGETHER], env=environment, capture_output=True, text=True)
+
+
+def test_a_damaged_cache_is_named_once_and_mended(tmp_path):
+    whole = first_step(tmp_path)
+    (index,) = tmp_path.rglob("*step*.nbi")
+    (code,) = tmp_path.rglob("*step*.nbc")
+    index.write_bytes(index.read_bytes()[:40])
+    code.write_bytes(code.read_bytes()[:1000])
+    damaged = first_step(tmp_path)
+    assert damaged.returncode == 0, damaged.stderr
+    assert damaged.stdout == whole.stdout
+    assert damaged.stderr.count("RuntimeWarning") == 1
+    assert f"{index.with_suffix('')}.*" in damaged.stderr
+    assert first_step(tmp_path).stderr == ""
+
+
+def test_a_cache_that_is_full_costs_time_only(monkeypatch):
+    cache = CompileCache(first_step)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(caching.Cache, "save_overload", full)
+    monkeypatch.setattr(CompileCache, "_has_warned", False)
+    with pytest.warns(RuntimeWarning, match="No space left"):
+        cache.save_overload(None, None)
+
+
+def test_a_lock_is_free_when_its_holder_has_died_and_no_wait_is_endless(tmp_path, monkeypatch):
+    path = str(tmp_path / "lock")
+    code = f"import time; from fbl_gym import compile_cache as c; f = c._lock({path!r}); print(1, flush=True); time.sleep(99)"
+    monkeypatch.setattr(compile_cache, "PATIENCE", 0.1)
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as holder:
+        holder.stdout.readline()
+        assert compile_cache._lock(path) is None
+        holder.kill()
+    file = compile_cache._lock(path)
+    assert file is not None
+    file.close()
+
+
+def test_compiled_code_is_kept_outside_the_package():
+    assert "site-packages" not in api.step._cache.cache_path
+    assert os.path.dirname(api.__file__) not in api.step._cache.cache_path

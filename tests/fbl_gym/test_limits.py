@@ -6,13 +6,15 @@ from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmEnv
 
+STILL = {"kind": "array", "position": [(0.2, 0.1)]}
+
 
 def test_each_limit_reaches_its_space():
     env = TwoLinkArmEnv(
-        action="acceleration", limits={"position": 1.0, "velocity": 7.0, "acceleration": 11.0, "command": 13.0}
+        action="acceleration", limits={"position": 1.5, "velocity": 7.0, "acceleration": 11.0, "command": 13.0}
     )
     high = env.observation_space.high
-    for name, bound in (("position", 2.0), ("velocity", 14.0), ("acceleration", 11.0)):
+    for name, bound in (("position", 3.0), ("velocity", 14.0), ("acceleration", 11.0)):
         np.testing.assert_array_equal(high[env.layout[name]], bound)
         np.testing.assert_array_equal(high[env.layout[f"reference_{name}"]], bound)
     np.testing.assert_array_equal(env.action_space.high, np.float32(13.0))
@@ -23,7 +25,7 @@ def test_each_limit_reaches_its_space():
 
 
 def test_limits_end_an_episode_and_bound_the_sensors():
-    env = TwoLinkArmEnv(limits={"position": 0.5, "velocity": 3.0}, action="torque", actuator=None)
+    env = TwoLinkArmEnv(limits={"position": 0.5, "velocity": 3.0}, action="torque", actuator=None, reference=STILL)
     env.reset(seed=0)
     start = env.truth.position
     for _ in range(1000):
@@ -42,7 +44,7 @@ def test_an_arm_diverges_just_beyond_its_limit(limit):
     """The limit holds for each joint, from its start."""
     bound = {"position": 0.4, "velocity": 2.0}[limit]
     for torque in ((2000.0, 0.0), (0.0, -400.0)):
-        env = TwoLinkArmEnv(action="torque", limits={limit: bound}, initial_error=0.3)
+        env = TwoLinkArmEnv(action="torque", limits={limit: bound}, initial_error=0.3, reference=STILL)
         env.reset(seed=0)
         start, ended = env.truth.position, False
         for _ in range(100):
@@ -70,13 +72,13 @@ def test_divergence_ends_the_episode_with_reward_zero():
     assert not env.step((0.0, 0.0))[2]
 
 
-def test_divergence_at_the_last_step_is_termination_not_truncation():
+def test_divergence_at_the_last_step_is_termination_and_truncation():
     env = TwoLinkArmEnv(limits={"velocity": 2.0})
     env.reset(seed=0)
     last = next(k for k in range(1000) if env.step((1.0, 1.0))[2]) + 1
     env = TwoLinkArmEnv(limits={"velocity": 2.0}, duration=last * 0.01)
     env.reset(seed=0)
-    assert [env.step((1.0, 1.0))[2:4] for _ in range(last)] == [(False, False)] * (last - 1) + [(True, False)]
+    assert [env.step((1.0, 1.0))[2:4] for _ in range(last)] == [(False, False)] * (last - 1) + [(True, True)]
 
 
 def test_the_truth_of_a_diverged_arm_raises_no_warning():

@@ -51,7 +51,7 @@ RECORDS = [
     SineReference(centre=1.0, amplitude=(2.0, 3.0), frequency=0.5, phase=None),
     FourierReference(centre=1.0, amplitude=(2.0, 3.0), frequency=0.5, harmonics=3),
     ArrayReference(ROWS, dt=0.2, velocity=ROWS, acceleration=ROWS),
-    Limits(position=1.0, velocity=2.0, acceleration=3.0, command=4.0),
+    Limits(position=2.0, velocity=2.0, acceleration=3.0, command=4.0, error=0.5, error_time=0.1),
     Reward(tracking="l1", worst=1.0, resolution=0.1, weight_tracking=2.0, weight_effort=3.0, weight_chatter=4.0),
 ]
 NAMES = [f"{type(record).__name__}-{i}" for i, record in enumerate(RECORDS)]

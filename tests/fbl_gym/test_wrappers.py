@@ -24,7 +24,7 @@ def test_error_coordinates_are_the_documented_ones():
             a[at["position"]] + [np.pi / 2, 0.0],
             a[at["velocity"]],
             a[at["reference_acceleration"]] / 10.0,
-            a[at["previous_action"]],
+            a[at["previous_actions"]],
         ]
         now = np.concatenate([a[at[f"reference_{name}"]] for name in ("position", "velocity", "acceleration")])
         scale = np.array([0.2, 0.2, 1.0, 1.0, 10.0, 10.0])

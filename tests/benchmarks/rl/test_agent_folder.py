@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.policies.configuration import configuration
 from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.agent_folder import SavedAgent, read, write
+from benchmarks.rl.agent import read, saved_agent, write
 from fbl_gym import TwoLinkArmEnv
 from tests.benchmarks.rl.agents import random_actor
 
@@ -26,7 +27,10 @@ def test_a_folder_returns_the_agent_that_was_written(tmp_path):
     for layer, read_layer in zip(actor.layers, read_actor.layers, strict=True):
         for values, read_values in zip(layer, read_layer, strict=True):
             np.testing.assert_array_equal(values, read_values)
-    assert SavedAgent(interface, str(tmp_path)) == SavedAgent(interface, str(tmp_path))
+    one, other = (configuration(saved_agent(interface, str(tmp_path))) for _ in range(2))
+    assert one == other
+    write_agent(tmp_path, interface, action="residual", history=1, residual=0.4)
+    assert configuration(saved_agent(interface, str(tmp_path))) != one
 
 
 def test_weights_that_need_code_to_load_are_refused(tmp_path):
@@ -34,9 +38,9 @@ def test_weights_that_need_code_to_load_are_refused(tmp_path):
     write_agent(tmp_path, interface)
     np.savez(tmp_path / "weights.npz", weight_0=np.array([print], dtype=object))
     with pytest.raises(ValueError, match="allow_pickle=False"):
-        SavedAgent(interface, str(tmp_path))
+        saved_agent(interface, str(tmp_path))
 
 
 def test_a_folder_without_an_agent_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"folder must hold an agent.json"):
-        SavedAgent(TwoLinkArmEnv().interface, str(tmp_path))
+        saved_agent(TwoLinkArmEnv().interface, str(tmp_path))

@@ -9,8 +9,7 @@ from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.policies.spec import resolve
 from benchmarks.rl.adapter import CONTEXT, AdapterSettings
-from benchmarks.rl.agent import Agent
-from benchmarks.rl.agent_folder import SavedAgent, saved_agent, write
+from benchmarks.rl.agent import Agent, saved_agent, write
 from benchmarks.rl.policy import SHIPPED
 from benchmarks.rl.vector_adapter import VectorAdapter
 from benchmarks.run.cell import run_cell
@@ -84,7 +83,6 @@ def test_only_an_agent_with_context_is_privileged_and_gets_the_environment(conte
     assert resolve(str(tmp_path)).access == access
     agent = resolve(str(tmp_path)).make(env)
     assert agent.env is (env if context else None)
-    assert agent.configuration.keys() == {"agent"}
 
 
 def test_an_agent_with_context_needs_the_environment(tmp_path):
@@ -95,7 +93,6 @@ def test_an_agent_with_context_needs_the_environment(tmp_path):
     for make in (
         lambda: saved_agent(env.interface, str(tmp_path)),
         lambda: resolve(str(tmp_path)).make(env.interface),
-        lambda: SavedAgent(env.interface, str(tmp_path)),
         lambda: Agent(env.interface, settings, actor),
     ):
         with pytest.raises(ValueError, match="so it needs the environment, got its interface"):

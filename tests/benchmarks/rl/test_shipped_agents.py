@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.rl import policy
-from benchmarks.rl.agent_folder import describe
+from benchmarks.rl.agent import describe
 from benchmarks.rl.policy import SHIPPED, best_seed, curves, shipped, shipped_agent
 from benchmarks.rl.validation import VALIDATION, tracking_error
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv

@@ -9,7 +9,7 @@ import types
 import numpy as np
 import pytest
 
-from benchmarks.rl.agent_folder import SavedAgent, describe, read
+from benchmarks.rl.agent import describe, read, saved_agent
 from benchmarks.rl.progress import Progress
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
@@ -46,7 +46,7 @@ def test_every_algorithm_writes_the_agent_that_it_validated(algorithm, tmp_path)
     assert points[-1][0] == settings(algorithm).steps
     assert description["validation_mrad"] == min(error for _, error in points)
     env = TwoLinkArmVectorEnv(len(VALIDATION), SCENARIO)
-    error = tracking_error(SavedAgent(env.interface, str(tmp_path)), env, VALIDATION).mean()
+    error = tracking_error(saved_agent(env.interface, str(tmp_path)), env, VALIDATION).mean()
     assert error == pytest.approx(description["validation_mrad"], abs=2e-4)
 
 

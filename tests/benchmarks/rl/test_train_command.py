@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import cli
-from benchmarks.rl.agent_folder import describe
+from benchmarks.rl.agent import describe
 
 PAGE = Path(__file__).parents[3] / "docs" / "rl.md"
 

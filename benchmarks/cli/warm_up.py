@@ -1,0 +1,29 @@
+"""`fbl-gym warm-up`."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import controllers
+from benchmarks.cli import doctor
+from fbl_gym import TwoLinkArmVectorEnv
+
+
+def add_arguments(_parser: argparse.ArgumentParser) -> None:
+    """Declare no arguments."""
+
+
+def run(_arguments: argparse.Namespace) -> int:
+    """Compile all functions that the cache lacks; return the exit status."""
+    begin = time.perf_counter()
+    env = TwoLinkArmVectorEnv(32, threads=2)
+    observation, _ = env.reset(seed=0)
+    _ = env.truth
+    for name in ("adaptive-flm", "adaptive-flm-ls"):  # together they use every compiled solver
+        policy, state = controllers.make(name, env), None
+        for _ in range(300):  # until the arms have moved enough to be estimated
+            action, state = policy.predict(observation, state)
+            observation = env.step(action)[0]
+    print(f"compiled code is kept in {doctor._cache()}, ready after {time.perf_counter() - begin:.1f} s")
+    return 0

@@ -1,0 +1,143 @@
+"""The option `actuator`: computation delay, lag, rate limit and gain, against SciPy's ODE solver."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from fbl_gym import TABLE_1, TwoLinkArmEnv
+from fbl_gym.arm import forward_dynamics, gravity_torque
+from tests.fbl_gym.paired_runs import PLANT, plain, play, same, torques, watch
+
+JUMP = np.array([120.0, -25.0])
+
+
+def exact(torque, start, times):
+    """Return positions [n x 2] by DOP853 of an arm whose torque is a function of time; start: position, velocity."""
+
+    def slope(t, x):
+        return np.concatenate([x[2:], forward_dynamics(TABLE_1, x[:2], x[2:], torque(t))])
+
+    solution = solve_ivp(slope, (0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-13, max_step=5e-4)
+    return solution.y[:2].T
+
+
+def ramp_and_lag(t, held, jump, rate, lag):
+    """Return the torque at t after a jump of the command at 0: a ramp of a rate, then a first-order lag."""
+    rise = np.minimum(np.abs(jump - held) / rate, t)
+    slope = rate * np.sign(jump - held)
+    if lag == 0.0:
+        return held + slope * rise
+    at_end = held + slope * (rise - lag * (1 - np.exp(-rise / lag)))
+    return jump_or(held + slope * rise, at_end, t - rise, lag)
+
+
+def jump_or(target, value, t, lag):
+    return target + (value - target) * np.exp(-t / lag)
+
+
+@pytest.mark.parametrize("lag", [2e-5, 1e-4, 1e-3, 0.02])
+def test_an_arm_under_a_lag_moves_as_by_a_solver(lag):
+    """A lag far below the physics step acts as a delay of its own length, which is its impulse."""
+    position, velocity = watch("position", "velocity", torque=JUMP, steps=100, actuator={"lag": lag})
+    held = gravity_torque(TABLE_1, position[0])
+    start = np.concatenate([position[0], velocity[0]])
+    expected = exact(lambda t: JUMP + (held - JUMP) * np.exp(-t / lag), start, np.arange(101) * 1e-3)
+    error = np.abs(position - expected).max()
+    without = np.abs(position - exact(lambda t: JUMP, start, np.arange(101) * 1e-3)).max()
+    assert error < (2e-5 if lag < 1e-3 else 5e-8)
+    if lag >= 1e-4:
+        assert without > 50 * error
+
+
+@pytest.mark.parametrize("lag", [0.0, 5e-3])
+def test_an_arm_under_a_rate_limit_moves_as_by_a_solver(lag):
+    rate = 5000.0
+    position, velocity, applied = watch(
+        "position", "velocity", "applied_torque", torque=JUMP, steps=100, actuator={"rate_limit": rate, "lag": lag}
+    )
+    held = gravity_torque(TABLE_1, position[0])
+    times = np.arange(101) * 1e-3
+    expected = np.array([ramp_and_lag(t, held, JUMP, rate, lag) for t in times])
+    # The ramp's end lies within a physics step, which it lengthens.
+    np.testing.assert_allclose(applied, expected, atol=rate * 1e-3)
+    if lag == 0.0:
+        np.testing.assert_allclose(np.abs(np.diff(applied, axis=0)).max(), rate * 1e-3)
+    motion = exact(lambda t: ramp_and_lag(t, held, JUMP, rate, lag), np.concatenate([position[0], velocity[0]]), times)
+    np.testing.assert_allclose(position, motion, atol=2e-5)
+
+
+def test_a_rate_limit_bounds_every_change_of_the_torque():
+    _, _, truths = play(actuator={"rate_limit": (2000.0, 300.0)})
+    torque = np.array([truth.applied_torque for truth in truths])
+    assert (np.abs(np.diff(torque, axis=0)).max(axis=(0, 1)) <= np.array([20.0, 3.0]) * (1 + 1e-12)).all()
+    assert not same(truths, plain()[2], "position")
+
+
+def test_a_gain_scales_the_applied_torque():
+    _, _, truths = play(actuator={"gain": (1.2, 0.7)})
+    for k in range(100):
+        np.testing.assert_allclose(truths[k + 1].applied_torque, torques(k) * [1.2, 0.7], rtol=1e-15)
+    np.testing.assert_allclose(truths[0].applied_torque, plain()[2][0].applied_torque * [1.2, 0.7], rtol=1e-15)
+
+
+def test_delay_samples_delay_by_whole_control_steps():
+    for samples, delay in ((1, 0.0), (2, 0.003)):
+        ours = play(actuator={"delay_samples": samples, "delay": delay})
+        theirs = play(actuator={"delay": samples * 0.01 + delay})
+        np.testing.assert_array_equal(ours[1], theirs[1])
+        assert same(ours[2], theirs[2], *PLANT)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "count"),
+    [
+        ({}, 0),
+        ({"delay": 0.001}, 1),
+        ({"delay": 0.01}, 1),
+        ({"delay": 0.011}, 2),
+        ({"delay_samples": 3}, 3),
+        ({"delay_samples": 1, "delay": 0.015}, 3),
+        ({"delay": {"uniform": [0.0, 0.035]}}, 4),
+        ({"lag": 0.01}, 1),
+        ({"rate_limit": 100.0}, 1),
+        ({"delay": 0.02, "lag": 0.01}, 3),
+        ({"delay": 0.013, "lag": 0.01}, 2),
+    ],
+    ids=str,
+)
+def test_previous_actions_are_those_on_their_way(actuator, count):
+    env = TwoLinkArmEnv(actuator=actuator, preview=1)
+    start, _ = env.reset(seed=0)
+    layout = env.layout
+    if count == 0:
+        assert "previous_actions" not in layout
+        return
+    at = layout["previous_actions"]
+    assert at.stop - at.start == 2 * count
+    held = start[at][:2]
+    np.testing.assert_array_equal(start[at], np.tile(held, count))
+    actions = [held] * count
+    for k in range(8):
+        actions.insert(0, np.array([0.01 * k, -0.02]))
+        observation = env.step(actions[0])[0]
+        np.testing.assert_array_equal(observation[at], np.ravel(actions[:count]))
+        assert observation in env.observation_space
+
+
+def test_previous_actions_make_the_state_known():
+    """Two arms with equal states and previous actions move alike, whatever came before."""
+
+    def run(first):
+        env = TwoLinkArmEnv(action="torque", actuator={"delay": 0.025}, arm={"gravity": 0.0})
+        env.reset(seed=0)
+        layout, observations = env.layout, []
+        for k in range(6):
+            observations.append(env.step(first[k] if k < len(first) else (5.0, 1.0))[0])
+        return layout, observations
+
+    layout, one = run([(3.0, 1.0)])
+    assert layout["previous_actions"].stop - layout["previous_actions"].start == 6
+    _, two = run([(4.0, 1.0)])
+    np.testing.assert_array_equal(one[0][:12], two[0][:12])
+    assert not np.array_equal(one[0], two[0])
+    assert not np.array_equal(one[3][:12], two[3][:12])

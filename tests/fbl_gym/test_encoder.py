@@ -1,0 +1,140 @@
+"""The option `encoder`: counts, computed velocity, latency; and noise given as a density."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.paired_runs import PLANT, plain, play, same
+
+
+def readings(**options):
+    """Return position and velocity readings [steps + 1 x lanes x 2] and the truths of a run."""
+    layout, seen, truths = play(**options)
+    return seen[..., layout["position"]], seen[..., layout["velocity"]], truths
+
+
+@pytest.mark.parametrize(
+    "encoder",
+    [4096, {"counts": (500, 1000)}, {"difference": 2}, {"difference": 1, "low_pass": 20.0}, {"latency": 3}],
+    ids=str,
+)
+def test_an_encoder_reaches_the_readings_and_nothing_else(encoder):
+    layout, seen, truths = play(encoder=encoder)
+    assert same(truths, plain()[2], *PLANT)
+    assert not np.array_equal(seen, plain()[1])
+    rest = np.ones(seen.shape[-1], dtype=bool)
+    rest[layout["position"]] = rest[layout["velocity"]] = False
+    np.testing.assert_array_equal(seen[..., rest], plain()[1][..., rest])
+
+
+def test_counts_round_the_position_to_parts_of_a_turn():
+    position, velocity, truths = readings(encoder={"counts": (512, 1000)})
+    steps = 2 * np.pi / np.array([512, 1000])
+    counts = position / steps
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    error = position - [truth.position for truth in truths]
+    assert (np.abs(error).max(axis=(0, 1)) <= steps / 2 + 1e-12).all()
+    np.testing.assert_array_equal(velocity, [truth.velocity for truth in truths])
+
+
+@pytest.mark.parametrize(("n", "low_pass"), [(1, None), (4, None), (1, 15.0), (3, 40.0)])
+def test_a_computed_velocity_is_scipys_filtered_difference(n, low_pass):
+    encoder = {"counts": 4096, "difference": n, "low_pass": low_pass}
+    position, velocity, truths = readings(encoder=encoder)
+    dt, quantum, start = 0.01, 2 * np.pi / 4096, truths[0].velocity
+    ago = np.arange(n, 0, -1)[:, None, None]
+    before = np.floor((position[0] - ago * dt * start) / quantum + 0.5) * quantum
+    history = np.concatenate([before, position])
+    rate = (history[n:] - history[:-n]) / (n * dt)
+    share = 1.0 if low_pass is None else 1 - np.exp(-2 * np.pi * low_pass * dt)
+    expected, _ = lfilter([share], [1, share - 1], rate, axis=0, zi=((1 - share) * start)[None])
+    np.testing.assert_allclose(velocity, expected, atol=1e-9)
+
+
+def test_an_ideal_encoder_computes_the_mean_velocity_between_two_samples():
+    position, velocity, truths = readings(encoder={"difference": 1})
+    true = np.array([truth.position for truth in truths])
+    np.testing.assert_array_equal(position, true)
+    np.testing.assert_allclose(velocity[1:], np.diff(true, axis=0) / 0.01, atol=1e-10)
+    np.testing.assert_allclose(velocity[0], truths[0].velocity, atol=1e-10)
+
+
+def test_noise_of_the_position_reaches_the_computed_velocity():
+    noisy = readings(encoder={"difference": 1}, noise={"position": 1e-3})
+    clean = readings(encoder={"difference": 1})
+    spread = (noisy[1] - clean[1])[2:].std()
+    assert spread == pytest.approx(np.sqrt(2) * 1e-3 / 0.01, rel=0.03)
+
+
+@pytest.mark.parametrize("latency", [1, 3])
+def test_latency_shows_old_readings(latency):
+    late = readings(encoder={"latency": latency}, noise={"position": 0.01, "velocity": 0.1})
+    prompt = readings(noise={"position": 0.01, "velocity": 0.1})
+    for name in range(2):
+        np.testing.assert_array_equal(late[name][latency:], prompt[name][:-latency])
+    # Before its start, the arm moved uniformly.
+    np.testing.assert_allclose(late[0][0], prompt[0][0] - latency * 0.01 * prompt[2][0].velocity)
+
+
+def test_a_reset_of_some_lanes_leaves_the_readings_of_the_others():
+    encoder = {"counts": 4096, "difference": 3, "low_pass": 30.0, "latency": 2}
+    ours, theirs = (TwoLinkArmVectorEnv(20, encoder=encoder, autoreset_mode="Disabled") for _ in range(2))
+    ours.reset(seed=0)
+    theirs.reset(seed=0)
+    mask = np.arange(20) % 3 == 0
+    for k in range(30):
+        action = np.full((20, 2), 0.1 * np.sin(k))
+        a, b = ours.step(action)[0], theirs.step(action)[0]
+        np.testing.assert_array_equal(a[~mask], b[~mask])
+        if k % 7 == 3:
+            a, _ = ours.reset(options={"reset_mask": mask})
+            np.testing.assert_array_equal(a[~mask], b[~mask])
+
+
+@pytest.mark.parametrize("lanes", [1, 5, 33])
+def test_a_lane_equals_the_single_environment(lanes):
+    options = {
+        "encoder": {"counts": 4096, "difference": 3, "low_pass": 30.0, "latency": 2},
+        "noise": {"position": 1e-3},
+        "actuator": {"delay_samples": 2, "delay": 0.004, "rate_limit": 5000.0, "lag": 0.002},
+        "duration": 0.1,
+    }
+    envs, env = TwoLinkArmVectorEnv(lanes, autoreset_mode="SameStep", **options), TwoLinkArmEnv(**options)
+    np.testing.assert_array_equal(envs.reset(seed=3)[0][-1], env.reset(seed=3 + lanes - 1)[0])
+    for k in range(35):
+        action = np.array([0.2 * np.sin(k), 0.05])
+        observations = envs.step(np.tile(action, (lanes, 1)))[0]
+        observation, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            observation = env.reset()[0]
+        np.testing.assert_array_equal(observations[-1], observation)
+
+
+def test_a_density_is_the_same_sensor_at_every_rate():
+    for dt in (0.01, 0.0025):
+        env = TwoLinkArmVectorEnv(3000, noise={"position": {"density": (1e-4, 3e-4)}}, control_dt=dt, physics_dt=dt)
+        seen, _ = env.reset(seed=0)
+        error = seen[:, env.layout["position"]] - env.truth.position
+        np.testing.assert_allclose(error.std(axis=0), np.array([1e-4, 3e-4]) / np.sqrt(2 * dt), rtol=0.04)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"encoder": {"low_pass": 10}}, "low_pass filters a computed velocity: give difference too, got low_pass=10.0"),
+        ({"encoder": {"latency": 20_000}}, "latency must be a whole number not above 10000, got 20000"),
+        ({"encoder": {"difference": 0}}, "difference must be a whole number not below 1, got 0"),
+        ({"encoder": 0}, "counts must be a finite number greater than 0, got 0"),
+        ({"encoder": {"difference": 1}, "noise": {"velocity": 0.1}}, "noise.velocity is of a measured velocity"),
+        ({"encoder": {"difference": 1}, "sensors": "position"}, "encoder.difference computes a velocity, but sensors"),
+        (
+            {"encoder": 4096, "noise": {"position": {"quantization": 0.1}}},
+            "give encoder.counts or noise.position.quantization, not both",
+        ),
+        ({"noise": {"position": {"sigma": 1, "density": 1}}}, "give density or another size, not both; got density"),
+    ],
+)
+def test_a_wrong_encoder_is_an_error(options, message):
+    with pytest.raises(ValueError, match=message):
+        Scenario(**options)

@@ -1,0 +1,62 @@
+"""`Interface`: a policy knows what a datasheet states of drive and sensors, and no draw or error."""
+
+import dataclasses
+
+import pytest
+
+from fbl_gym import Interface, TwoLinkArmEnv
+
+IDEAL = TwoLinkArmEnv().interface
+FIELDS = ("delay", "lag", "rate_limit", "latency", "resolution", "noise_std")
+
+
+@pytest.mark.parametrize(
+    ("options", "stated"),
+    [
+        ({}, {}),
+        ({"actuator": {"delay": 0.004, "delay_samples": 1}}, {"delay": (0.014, 0.014)}),
+        ({"actuator": {"delay": {"uniform": [0.001, 0.005]}}}, {"delay": (0.001, 0.005)}),
+        ({"actuator": {"lag": {"log_uniform": [0.001, 0.005]}}}, {"lag": (0.001, 0.005)}),
+        ({"actuator": {"rate_limit": [{"choice": [9.0, 5.0]}, 7.0]}}, {"rate_limit": (5.0, 7.0)}),
+        ({"encoder": {"latency": 2}}, {"latency": 0.02}),
+        ({"encoder": {"counts": (1000, 2000)}}, {"resolution": (0.006283185307, 0.003141592654)}),
+        ({"noise": {"position": {"quantization": 0.01}}}, {"resolution": (0.01, 0.01)}),
+        ({"noise": {"velocity": {"uniform": [0.1, 0.2]}}}, {"noise_std": ((0.0, 0.0), (0.2, 0.2), (0.0, 0.0))}),
+        (
+            {"noise": {"position": {"density": (1e-3, 2e-3)}}},
+            {"noise_std": ((0.00707106781, 0.01414213562), (0.0, 0.0), (0.0, 0.0))},
+        ),
+    ],
+    ids=str,
+)
+def test_the_interface_states_drive_and_sensors(options, stated):
+    interface = TwoLinkArmEnv(**options).interface
+    for name in FIELDS:
+        value, expected = getattr(interface, name), stated.get(name, getattr(IDEAL, name))
+        if name == "noise_std":
+            assert [list(pair) for pair in value] == [pytest.approx(list(pair)) for pair in expected]
+        else:
+            assert value == (None if expected is None else pytest.approx(expected)), name
+    assert hash(interface) == hash(dataclasses.replace(interface))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"friction": {"coulomb": {"uniform": [0, 20]}, "viscous": 3.0}},
+        {"parameter_error": {"radius": 1.0, "payload": {"uniform": [0, 5]}}},
+        {"actuator": {"gain": 1.3}},
+        {"actuator": {"gain": {"uniform": [0.9, 1.1]}}},
+        {"noise": {"position": {"bias": {"uniform": [-0.1, 0.1]}}}},
+        {"initial_error": {"uniform": [-0.1, 0.1]}, "initial_velocity": 0.5},
+        {"disturbance": {"kind": "sine", "amplitude": {"uniform": [0, 5]}}},
+    ],
+    ids=str,
+)
+def test_the_interface_hides_the_errors_of_the_real_arm(options):
+    assert TwoLinkArmEnv(**options).interface == IDEAL
+
+
+def test_the_fields_of_a_datasheet_have_defaults():
+    names = [field.name for field in dataclasses.fields(Interface)]
+    assert names[6:] == list(FIELDS)

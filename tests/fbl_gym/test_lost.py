@@ -1,0 +1,117 @@
+"""Ends that an engineer expects: a lost run, a task that cannot be done, and the truth of no episode."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ResetNeeded
+
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import ID
+
+
+def end(**options):
+    """Return the number of steps of an unforced arm's episode, its flags and the errors of its steps [steps]."""
+    env = TwoLinkArmEnv(action="torque", **options)
+    env.reset(seed=0)
+    errors = []
+    for k in range(env.scenario.steps):
+        *_, terminated, truncated, _ = env.step((0.0, 0.0))
+        errors.append(np.abs(env.truth.reference - env.truth.position).max())
+        if terminated or truncated:
+            return k + 1, terminated, truncated, np.array(errors)
+    raise AssertionError("the episode did not end")
+
+
+def test_an_arm_is_lost_after_a_time_far_from_its_reference():
+    steps, terminated, truncated, errors = end(limits={"error": 0.5, "error_time": 0.3})
+    assert (terminated, truncated) == (True, False)
+    assert (errors[-30:] > 0.5).all()
+    assert not any((errors[k : k + 30] > 0.5).all() for k in range(steps - 30))
+
+
+def test_an_arm_that_comes_back_in_time_is_not_lost():
+    """A swinging arm is far from its reference again and again, each time for less than the limit."""
+    limits = {"error": 1.0, "error_time": 3.0, "position": 100.0}
+    options = {"reference": {"kind": "array", "position": [(-np.pi / 2, 0.0)]}, "initial_error": 0.9}
+    _, terminated, truncated, errors = end(limits=limits, **options)
+    assert (errors > 1.0).sum() > 10
+    assert (terminated, truncated) == (False, True)
+
+
+def test_an_arm_may_be_far_from_its_reference_unless_a_limit_is_given():
+    assert end()[1:3] == (False, True)
+
+
+def test_the_last_step_can_terminate_and_truncate():
+    """As in Gymnasium's sync environments, whose time limit counts the step that terminates."""
+    steps, *_ = end(limits={"error": 0.5, "error_time": 0.3})
+    assert end(limits={"error": 0.5, "error_time": 0.3}, duration=steps * 0.01)[1:3] == (True, True)
+
+
+def test_an_error_time_of_one_step_ends_at_once():
+    env = TwoLinkArmEnv(limits={"error": 0.1, "error_time": 0.01}, initial_error=0.2)
+    env.reset(seed=0)
+    _, reward, terminated, *_ = env.step((0.0, 0.0))
+    assert terminated
+    assert reward == 0.0
+
+
+def test_lanes_are_lost_one_by_one():
+    options = {"limits": {"error": 0.3, "error_time": 0.2}, "action": "torque", "duration": 3.0}
+    envs = TwoLinkArmVectorEnv(20, autoreset_mode="SameStep", **options)
+    envs.reset(seed=0)
+    ends = {}
+    for k in range(300):
+        *_, terminated, _, _ = envs.step(np.zeros((20, 2)))
+        for lane in np.flatnonzero(terminated):
+            ends.setdefault(int(lane), k)
+    for lane in (0, 7, 19):
+        env = TwoLinkArmEnv(**options)
+        env.reset(seed=lane)
+        assert next(k for k in range(300) if env.step((0.0, 0.0))[2]) == ends[lane]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"reference": {"kind": "sine", "amplitude": 24.0}},
+            r"reference must stay within the sensors' range, 2 limits.position = 25.1327 rad, got positions from \(-25.5",
+        ),
+        ({"reference": {"kind": "steps", "low": 25.0, "high": 26.0}}, "got positions from .* to .26.0, 26.0. rad"),
+        ({"reference": {"kind": "array", "position": [(1, 0), (0, 13.0)]}}, "limits.position=12.5664 rad of its start"),
+        ({"limits": {"position": 0.5}}, "reference must stay within the sensors' range, 2 limits.position = 1 rad"),
+        (
+            {"disturbance": {"kind": "sine", "amplitude": 1.0, "frequency": 251.0}},
+            "disturbance.frequency must be at most 250 Hz, a quarter of 1 / physics_dt, got 251 Hz",
+        ),
+        (
+            {"disturbance": {"kind": "sine", "amplitude": 1.0, "frequency": {"uniform": [1, 300]}}},
+            "disturbance.frequency must be at most 250 Hz",
+        ),
+    ],
+)
+def test_a_task_that_cannot_be_done_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        TwoLinkArmEnv(**options)
+
+
+def test_the_truth_needs_an_episode():
+    for env in (TwoLinkArmEnv(), TwoLinkArmVectorEnv(2)):
+        with pytest.raises(ResetNeeded, match=r"call reset\(\) before reading truth: no episode has begun"):
+            _ = env.truth
+        env.reset(seed=0)
+        assert env.truth.position.shape[-1] == 2
+
+
+def test_arrays_inside_options_survive_the_spec():
+    env = gym.make(
+        ID,
+        actuator={"torque_limit": np.array([100.0, 50.0])},
+        noise={"position": {"sigma": np.array([1e-3, 2e-3])}},
+        reference={"kind": "array", "position": np.zeros((3, 2)), "dt": np.float64(0.1)},
+    )
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert again.unwrapped.scenario == env.unwrapped.scenario
+    np.testing.assert_array_equal(again.reset(seed=1)[0], env.reset(seed=1)[0])
