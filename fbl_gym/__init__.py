@@ -1,6 +1,7 @@
 """An uncertain two-link arm for control and reinforcement learning.
 
-Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium.
+Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium, and
+`fbl_gym/TwoLinkArmMuJoCo-v0`, the same with MuJoCo's physics.
 """
 
 from gymnasium.envs.registration import register
@@ -12,6 +13,7 @@ from fbl_gym.env import TwoLinkArmEnv
 from fbl_gym.events import DriveChange, Drop, FrictionChange, Knock, PickUp
 from fbl_gym.interface import Interface, Layout, Limits
 from fbl_gym.joints import ElasticJoint
+from fbl_gym.plants import MuJoCo
 from fbl_gym.records import Distribution
 from fbl_gym.references import (
     ArrayReference,
@@ -61,6 +63,7 @@ __all__ = [
     "Layout",
     "Limits",
     "MinimumJerk",
+    "MuJoCo",
     "Noise",
     "ParameterError",
     "Payload",
@@ -84,4 +87,10 @@ register(
     id="fbl_gym/TwoLinkArm-v0",
     entry_point="fbl_gym.env:TwoLinkArmEnv",
     vector_entry_point="fbl_gym.vector_env:TwoLinkArmVectorEnv",
+)
+register(
+    id="fbl_gym/TwoLinkArmMuJoCo-v0",
+    entry_point="fbl_gym.env:TwoLinkArmEnv",
+    vector_entry_point="fbl_gym.vector_env:TwoLinkArmVectorEnv",
+    kwargs={"plant": "mujoco"},
 )

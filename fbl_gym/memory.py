@@ -82,6 +82,7 @@ SETTINGS = np.dtype(
         ("last_step", np.int64),  # the control step that truncates an episode
         ("control_dt", np.float64),  # [s]
         ("physics_dt", np.float64),  # [s]
+        ("external_physics", np.bool_),  # another engine moves the arm and gives its acceleration
         # Nominal arm, and the difference of the real one; four parameters: m1, m2, L1, L2
         ("parameters", np.float64, 4),  # [kg], [m]
         ("gravity", np.float64),  # [m/s^2]

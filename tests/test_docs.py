@@ -80,6 +80,7 @@ SHORT = {
     "speed": ["--rounds", "1"],
     "evaluate": ["--seeds", "2"],
     "compare": ["--seeds", "2"],
+    "transfer": ["--seeds", "2", "--world", "mujoco-bend"],
 }
 """Arguments that make a command short."""
 

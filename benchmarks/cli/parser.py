@@ -66,6 +66,11 @@ COMMANDS: dict[str, Command] = {
         "query stored results in SQL, or write them as CSV or Parquet",
         '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"',
     ),
+    "transfer": Command(
+        "transfer",
+        "run policies on the package's arm and on MuJoCo's, and compare their orders",
+        "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4",
+    ),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
     "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/mass-error-2"),
     "check-policy": Command("check_policy", "check that a policy keeps every promise of a policy", "my_law.py"),
@@ -116,6 +121,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
+    "mujoco": ("mujoco",),
     "cluster": ("dask", "distributed", "ray"),
 }
 """The modules that each extra installs."""

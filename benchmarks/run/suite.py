@@ -230,7 +230,7 @@ def narrow(
     for name in scenario_names:
         members = [s for s in leaderboard_scenarios() if _family(s) == name]
         chosen.extend(scenarios.get(s) for s in members)
-        if not members and isinstance(name, str) and name not in scenarios.names():
+        if not members and isinstance(name, str) and name.partition("@")[0] not in scenarios.names():
             raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
         chosen.extend([] if members else [as_scenario(name)])
     return dataclasses.replace(

@@ -66,16 +66,28 @@ def _move(block, rows, queue, waypoints, settings, tables, actions, count, width
     """Advance a block by one control step."""
     command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
-        if settings.events > 0:
-            happen(block, rows, settings, tables, width, substep)
-        if substep == 0 or settings.torque_varies:
-            apply_torque(block, queue, settings, tables, width, substep)
-        if settings.has_payload:
-            carry_payload(block, settings, width, substep)
+        _load(block, rows, queue, settings, tables, width, substep)
         if elastic:
             advance_elastic(block, settings, width)
         else:
             advance(block, settings, width)
+    _end(block, rows, waypoints, settings, tables, width, elastic)
+
+
+@merged_njit
+def _load(block, rows, queue, settings, tables, width, substep):
+    """Let events happen, and set torques and payload of a block, for one physics step."""
+    if settings.events > 0:
+        happen(block, rows, settings, tables, width, substep)
+    if substep == 0 or settings.torque_varies:
+        apply_torque(block, queue, settings, tables, width, substep)
+    if settings.has_payload:
+        carry_payload(block, settings, width, substep)
+
+
+@merged_njit
+def _end(block, rows, waypoints, settings, tables, width, elastic):
+    """End the control step of a block, after its physics."""
     for lane in range(width):
         block.step[lane] += _ONE
     if elastic:
@@ -130,7 +142,7 @@ def _compile_step(fingerprint, elastic):
             out: takes the observations [lanes * size].
             part: the part of the lanes to work on, from 0.
             parts: number of parts, one for each thread. One: all lanes, after a check. More: no
-                check. Zero: no lane moves, but episodes start.
+                check. Zero: no lane moves, but episodes start and readings are taken.
 
         Returns:
             The result of `check`; then reward, terminated and truncated of the first lane.
@@ -167,6 +179,7 @@ def _compile_step(fingerprint, elastic):
                 for lane in range(width):
                     if block.status[lane] == RESTART:
                         start(block, rows, queue, waypoints, settings, tables, lane)
+            if restarts > 0 or not moves:
                 if elastic:
                     feel_joints(block, settings, width)
                 sense(block, rows, settings, width)
@@ -216,9 +229,59 @@ def _compile(fingerprint):
             out[i, column + 3], out[i, column + 4] = friction1, friction2
             out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
 
-    return check, inspect
+    @cached_njit
+    def load(memory, substep):
+        """Set the torques and payloads of a physics step, for an engine other than the kernel.
+
+        With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
+        load(memory, substeps - 1), each before the engine's physics step, then `end`, then
+        step(memory, out, 0, 0).
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            substep: number of the physics step within the control step. 0 takes the actions first.
+
+        Returns:
+            The result of `check` at substep 0, else -1.
+        """
+        _ = fingerprint
+        if substep == 0:
+            problem = _check(memory)
+            if problem >= 0:
+                return problem
+        settings = record_at(memory, 0, SETTINGS)
+        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        for number in range((settings.lanes + LANES - 1) // LANES):
+            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
+            count = min(LANES, count)
+            block = record_at(memory, place, BLOCK)
+            queue = array_at(memory, place + BLOCK_SIZE, (settings.delay_steps + 1, 2, LANES), np.float64)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+            if substep == 0:
+                actions = array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+                command(block, rows, queue, settings, actions, count)
+            _load(block, rows, queue, settings, tables, count, substep)
+        return -1
+
+    @cached_njit
+    def end(memory):
+        """End a control step after its physics: clock, readings, reference, reward and flags."""
+        _ = fingerprint
+        settings = record_at(memory, 0, SETTINGS)
+        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        for number in range((settings.lanes + LANES - 1) // LANES):
+            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
+            count = min(LANES, count)
+            block = record_at(memory, place, BLOCK)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+            place += BLOCK_SIZE + 2 * LANES * (settings.delay_steps + 1)
+            waypoints = array_at(memory, place, (settings.waypoints, 2, LANES), np.float64)
+            _end(block, rows, waypoints, settings, tables, count, False)
+            _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+
+    return check, inspect, load, end
 
 
 _KEY = _fingerprint()
 step, step_elastic = _compile_step(_KEY, False), _compile_step(_KEY, True)
-check, inspect = _compile(_KEY)
+check, inspect, load, end = _compile(_KEY)

@@ -26,7 +26,7 @@ def _within(value, bound):
 def sense(block, rows, settings, width):
     """Take the readings of a block; they depend on its state alone."""
     senses_acceleration = settings.senses_acceleration
-    if senses_acceleration and not settings.elastic:
+    if senses_acceleration and not (settings.elastic or settings.external_physics):
         _accelerate(block, settings, width)
     position, velocity = block.position, block.velocity
     if settings.encoder_on_motor:

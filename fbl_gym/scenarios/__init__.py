@@ -10,13 +10,14 @@ from __future__ import annotations
 from typing import Any
 
 from fbl_gym.checks import unknown
+from fbl_gym.plants import WORLDS
 from fbl_gym.records import build
 from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.real import REAL
 from fbl_gym.scenarios.scenario import Scenario
 
-__all__ = ["SEVERITIES", "Scenario", "arms", "as_scenario", "families", "family", "get", "names"]
+__all__ = ["SEVERITIES", "WORLDS", "Scenario", "arms", "as_scenario", "families", "family", "get", "in_world", "names"]
 
 
 def names() -> tuple[str, ...]:
@@ -28,8 +29,11 @@ def get(name: str) -> Scenario:
     """Return the scenario of a name.
 
     Args:
-        name: one of `names()`.
+        name: one of `names()`, and optionally "@" and one of `WORLDS`: "everything-2@mujoco-bend".
     """
+    name, _, world = name.partition("@")
+    if world:
+        return in_world(get(name), world)
     if name in FIGURES or name in REAL:
         return (FIGURES | REAL)[name]
     if name in MEMBERS:
@@ -38,6 +42,18 @@ def get(name: str) -> Scenario:
     if severities[0] in MEMBERS:
         raise ValueError(f"scenario {name!r} needs a severity: {', '.join(severities[:-1])} or {severities[-1]}")
     raise unknown("scenario", name, names())
+
+
+def in_world(scenario: Scenario, world: str) -> Scenario:
+    """Return a scenario whose real arm another engine moves.
+
+    Args:
+        scenario: the task.
+        world: one of `WORLDS`.
+    """
+    if world not in WORLDS:
+        raise unknown("world", world, WORLDS)
+    return scenario.replace(name=f"{scenario.name}@{world}", plant=WORLDS[world])
 
 
 def as_scenario(value: Any) -> Scenario:

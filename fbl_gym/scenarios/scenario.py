@@ -16,6 +16,7 @@ from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.events import Event, FrictionChange, events
 from fbl_gym.interface import Limits
 from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
+from fbl_gym.plants import PLANTS, MuJoCo
 from fbl_gym.real_arms import REAL_ARMS
 from fbl_gym.records import Numbers, Record, build, choices, declared, ends, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, ArrayReference, FilteredSteps, MinimumJerk, Reference, Steps
@@ -88,6 +89,7 @@ class Scenario(Record):
         initial_error: difference between the arm's first position and the reference's.
         initial_velocity: likewise for the velocity.
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
+        plant: engine that moves the real arm; None: the package's own.
     """
 
     name: str = "nominal"
@@ -117,6 +119,7 @@ class Scenario(Record):
     initial_error: Numbers = pair(0.0, unit="rad", varies=True)
     initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True)
     limits: Limits = record(Limits, Limits())
+    plant: MuJoCo | None = one_of(PLANTS, None)
 
     def validate(self) -> None:
         """Refuse noise on a sensor that is left out, and times that do not divide each other."""
@@ -162,6 +165,8 @@ class Scenario(Record):
         joint, arm, error = self.joint, self.arm, self.parameter_error
         if joint is None:
             return
+        if self.plant is not None:
+            raise ValueError("joint: MuJoCo's arm has rigid joints; leave out joint, or plant")
         if min(self.rotor) <= 0.0:
             raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {self.rotor}")
         # The lightest links are the fastest. Lengths may act either way.
