@@ -20,6 +20,15 @@ ID = "fbl_gym/TwoLinkArmMuJoCo-v0"
 EXACT = {
     "nominal": {},
     "rods": {"arm": TABLE_1.as_rods()},
+    "rotors": {"arm": {"centre": (0.5, 0.4), "inertia": (0.1, 0.05), "rotor": (0.5, 0.2)}},
+    "events": {
+        "friction": {"viscous": (20, 5)},
+        "events": (
+            {"kind": "knock", "time": 2.003, "impulse": (5, 2)},
+            {"kind": "friction", "time": 3.0, "factor": 2.0},
+            {"kind": "drive", "time": 4.0, "factor": (0.9, 0.9)},
+        ),
+    },
     "parameters and payload": {"parameter_error": {"radius": 0.5, "payload": {"mass": 3, "pick_up": 2.003, "drop": 7}}},
     "noise": {"noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 1.0}},
     "viscous friction": {"friction": {"viscous": (20, 5)}},
@@ -93,6 +102,11 @@ def test_every_policy_runs(name):
     """All laws, in closed loop over 1 s; they follow as on the package's own plant."""
     ours, theirs = (run({"plant": plant}, lanes=1, policy=name, seconds=1.0) for plant in (None, "mujoco"))
     assert distance(ours, theirs, "position") < 1e-10
+
+
+def test_elastic_joints_are_refused():
+    with pytest.raises(ValueError, match="joint: MuJoCo's arm has rigid joints; leave out joint, or plant"):
+        TwoLinkArmEnv(plant="mujoco", joint={"stiffness": 4000, "rotor_inertia": 0.5})
 
 
 def test_checkers_pass():
