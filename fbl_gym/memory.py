@@ -98,7 +98,7 @@ SETTINGS = np.dtype(
         ("friction_law", np.int64),
         ("stribeck_squared", np.bool_),  # `v_s` is given as a velocity [rad/s], to be squared
         ("stribeck_linear", np.float64),  # 1: stiction fades with exp(-|v| / v_s); else 0
-        ("stiff", np.bool_),  # viscous friction is too large for Runge-Kutta
+        ("euler_steps", np.int64),  # implicit Euler steps in a physics step; 0: Runge and Kutta's
         # Disturbance
         ("disturbance_kind", np.int64),
         ("disturbance_period", np.float64),  # of a level, a pulse or a sample [physics steps]

@@ -314,7 +314,8 @@ def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
         settings["stribeck_linear"] = friction.stribeck_exponent == 1
         settings["stribeck_squared"] = friction.stribeck_exponent == 2
     viscous = [ends(each)[1] for each in friction.viscous]  # type: ignore[union-attr]
-    settings["stiff"] = scenario.physics_dt * _fastest_decay(scenario, viscous) > MAX_DECAY
+    if scenario.physics_dt * _fastest_decay(scenario, viscous) > MAX_DECAY:
+        settings["euler_steps"] = 4
 
 
 def _fastest_decay(scenario: Scenario, viscous: list[float]) -> float:

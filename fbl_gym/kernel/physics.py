@@ -110,18 +110,18 @@ def _runge_kutta(block, lane, h, law, linear):
 def _implicit_euler(block, settings, width):
     """Advance lanes by one physics step where viscous friction B makes Runge-Kutta unstable.
 
-    Each quarter of the step solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
+    Each of the step's parts h solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
     q+ = q + h v+. It is stable for any B, and of first order.
     """
     law, linear = settings.friction_law, settings.stribeck_linear
-    h = 0.25 * settings.physics_dt
+    h = settings.physics_dt / settings.euler_steps
     for lane in range(width):
         # The mean torque has the impulse of the whole step.
         tau1 = (block.tau_start[0, lane] + 4.0 * block.tau_half[0, lane] + block.tau_end[0, lane]) / 6.0
         tau2 = (block.tau_start[1, lane] + 4.0 * block.tau_half[1, lane] + block.tau_end[1, lane]) / 6.0
         q1, q2 = block.position[0, lane], block.position[1, lane]
         v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
-        for _ in range(4):
+        for _ in range(settings.euler_steps):
             m11, m12, m22, load1, load2 = load_on_joints(
                 block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
                 block.lumped[4, lane], q1, q2, v1, v2, tau1, tau2,
@@ -144,7 +144,7 @@ def _implicit_euler(block, settings, width):
 def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
     h, law, linear = settings.physics_dt, settings.friction_law, settings.stribeck_linear
-    if settings.stiff:
+    if settings.euler_steps > 0:
         _implicit_euler(block, settings, width)
         return
     # One loop for each law, each without branches.

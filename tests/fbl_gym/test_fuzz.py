@@ -34,8 +34,17 @@ def with_kind(kind, **fields):
     return some(**fields).map(lambda values: {"kind": kind, **values})
 
 
+def varied(low, high):
+    """A number within bounds, or a distribution of such numbers; both joints may differ."""
+    numbers = st.lists(st.floats(low, high), min_size=2, max_size=2).map(sorted)
+    kinds = ["uniform", "choice", *(["log_uniform"] if low > 0 else [])]
+    one = st.one_of(st.floats(low, high), st.builds(lambda kind, ends: {kind: ends}, st.sampled_from(kinds), numbers))
+    return st.one_of(one, st.tuples(one, one))
+
+
 SENSOR = st.one_of(
     joint(0, 2),
+    some(density=varied(0, 0.1), bias=varied(-1, 1)),
     some(sigma=joint(0, 2), bias=joint(-2, 2), quantization=joint(0, 1)),
     some(snr_db=st.floats(-20, 120), bias=joint(-2, 2)),
 )
@@ -97,10 +106,10 @@ ERROR = st.one_of(
     ),
 )
 FRICTION = some(
-    viscous=joint(0, 50),
-    coulomb=joint(0, 200),
-    stiction=joint(0, 200),
-    v_s=joint(1e-8, 1),
+    viscous=varied(0, 1e4),
+    coulomb=varied(0, 200),
+    stiction=varied(0, 200),
+    v_s=varied(1e-8, 1),
     law=st.sampled_from(["exact", "literal"]),
 )
 REWARD = some(
@@ -111,7 +120,12 @@ REWARD = some(
     weight_chatter=st.floats(0, 5),
 )
 LIMITS = some(
-    position=st.floats(10, 100), velocity=st.floats(1, 1e3), acceleration=st.floats(1, 1e6), command=st.floats(1, 1e3)
+    position=st.floats(10, 100),
+    error=st.floats(0.1, 5),
+    error_time=st.floats(1e-3, 1),
+    velocity=st.floats(1, 1e3),
+    acceleration=st.floats(1, 1e6),
+    command=st.floats(1, 1e3),
 )
 
 
@@ -140,7 +154,8 @@ def environments(draw):
             options["reference"] = {**options["reference"], name: max(options["reference"][name], substeps * h)}
     maybe("limits", LIMITS)
     maybe("reward", REWARD)
-    maybe("initial_error", joint(-4, 4))
+    maybe("initial_error", varied(-4, 4))
+    maybe("initial_velocity", varied(-4, 4))
     maybe("preview", st.integers(0, 5))
     maybe("action", st.sampled_from(ACTIONS))
     if draw(st.booleans()):
@@ -153,12 +168,24 @@ def environments(draw):
         options["actuator"] = {
             "torque_limit": limit,
             "delay": delay,
-            "lag": draw(st.sampled_from([0.0, 1e-4, 0.05, 10.0])),
+            "lag": draw(st.sampled_from([0.0, 1e-9, 1e-4, 0.05, 10.0, {"uniform": [0.0, 0.01]}])),
+            "delay_samples": draw(st.integers(0, 3)),
+            "gain": draw(varied(0, 2)),
+            "rate_limit": draw(st.one_of(st.none(), varied(1e-3, 1e6))),
         }
     must = {"position"} | ({"velocity"} if options.get("action") == "acceleration" else set())
+    maybe("encoder", some(counts=joint(1, 1e6), latency=st.integers(0, 5)))
     sensors = [name for name in SENSORS if name in must or draw(st.booleans())]
     options["sensors"] = sensors
     maybe("noise", some(**dict.fromkeys(sensors, SENSOR)))
+    noise, encoder = options.get("noise", {}), options.get("encoder", {})
+    position = noise.get("position", {})
+    if isinstance(position, dict) and "quantization" in position:
+        encoder.pop("counts", None)
+    if "velocity" in sensors and "velocity" not in noise and "encoder" in options:
+        encoder |= draw(some(difference=st.integers(1, 5)))
+        if "difference" in encoder:
+            encoder |= draw(some(low_pass=st.floats(0.1, 1e4)))
     kind = draw(st.sampled_from([None, "piecewise-constant", "sine", "pulses", "array"]))
     if kind == "piecewise-constant":
         options["disturbance"] = {"kind": kind, "amplitude": draw(joint(0, 1e3)), "period": draw(times) * h}
