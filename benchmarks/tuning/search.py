@@ -132,7 +132,7 @@ def tune(
         low, high = ranges[name]
         check_number(name, value, low=low, high=high)
     storage.parent.mkdir(parents=True, exist_ok=True)
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)  # a stopped trial is a warning with a traceback
     study = _study(task.policy.name, storage, optuna.samplers.TPESampler(seed=sampler_seed))
     _close_stale(study)
 
