@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from controllers.cascade import CascadeFlm
 from controllers.estimator import estimate, lumped_of, point_masses
-from controllers.gain_scheduling import schedule
+from controllers.gain_scheduling import FORMS, schedule
+from controllers.kalman import RobustFlm
 from controllers.policy import State
-from fbl_gym.arm import Array, regressor
-from fbl_gym.records import declared, number
+from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, regressor, with_rotors
+from fbl_gym.records import choice, declared, number
 
 SAMPLES = 3
 """Samples of an estimate: the paper's three."""
@@ -35,8 +36,12 @@ class AdaptiveFlm(CascadeFlm):
 
     A sample is the motion measured at the end of a control interval and the torque applied in it.
     The estimate replaces the nominal model as soon as three samples tell the five lumped parameters
-    apart and the result is physical. The accelerometer must be free of noise: with sigma = 0.01
-    rad/s^2, three samples a millisecond apart are useless. `AdaptiveFlmLs` works with noise.
+    apart and the result is physical. Under noise the samples must lie apart: with sigma = 0.01
+    rad/s^2, three samples a millisecond apart are useless, and half a second apart they are within
+    some per cent. `AdaptiveFlmLs` works with more noise.
+
+    The regression "printed" is (36): X = -pinv(K_t) M^e with e = a - q'', and p = p^ - X. It is
+    wrong where the torque saturates, and the acceleration a is that of the interval's start.
 
     Sensors: position, velocity and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering
     3:1173529, 2016, §4.
@@ -46,6 +51,9 @@ class AdaptiveFlm(CascadeFlm):
         alpha: alpha_ij of (46) [2 x 2]. The paper leaves them open; zeros (default) mean no
             scheduling.
         v_s: velocity scale of (46) [(rad/s)^2].
+        scheduling: form of the schedule, one of `gain_scheduling.FORMS`.
+        spacing: time between two of the three samples [s]; 0: one control interval.
+        regression: right side of the regression: "torque" (default) or "printed".
         total_mass: mass of the real arm [kg], which (39) assumes known. None: the form of (39) that
             needs no mass.
         weakest: smallest singular value of the scaled regressor at which an estimate is accepted.
@@ -54,6 +62,9 @@ class AdaptiveFlm(CascadeFlm):
 
     alpha: Any = declared(((0.0, 0.0), (0.0, 0.0)), _check_alpha, "four numbers [2 x 2], zero or more")
     v_s: float = number(1e-3, unit="(rad/s)^2", above=0)
+    scheduling: str = choice("soft", FORMS)
+    spacing: float = number(0.0, unit="s", low=0, tune=(0.01, 1.0))
+    regression: str = choice("torque", ("torque", "printed"))
     total_mass: float | None = number(None, unit="kg", above=0)
     weakest: float = number(1e-7, low=1e-12)
 
@@ -65,23 +76,50 @@ class AdaptiveFlm(CascadeFlm):
         return (
             np.zeros((n, 2)),  # the cascade's integral
             np.zeros((n, SAMPLES, 2, 5)),  # regressors of the last samples
-            np.zeros((n, SAMPLES, 2)),  # torques applied up to each of them
+            np.zeros((n, SAMPLES, 2)),  # right sides of the regression: torques up to each, less those of the rotors
             np.zeros(n, dtype=int),  # observations so far
-            np.zeros((n, 2)),  # torque applied in the interval that ends now
+            np.zeros((n, 2)),  # torque applied in the interval that ends now; "printed": a
             np.broadcast_to(self.interface.nominal.lumped, (n, 5)).copy(),  # the estimate
         )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        integral, y, torques, count, applied, lumped = state
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
-        y = np.concatenate([y[:, 1:], regressor(q, v, a)[:, None]], axis=1)
-        torques = np.concatenate([torques[:, 1:], applied[:, None]], axis=1)
+        return self.adapt(observation, q, v, a, state)
+
+    def adapt(self, observation: Array, q: Array, v: Array, a: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state for a measured or estimated motion.
+
+        Args:
+            observation: for the reference, [n x size].
+            q: position [n x 2] rad.
+            v: velocity [n x 2] rad/s.
+            a: measured acceleration [n x 2] rad/s^2.
+            state: as in `torque`.
+        """
+        integral, y, torques, count, applied, lumped = state
+        rotor = self.interface.nominal.rotor
+        apart = max(round(self.spacing / self.interface.control_dt), 1)
         # An episode's first observation ends no interval, so estimates start three samples later.
-        fitted, accepted = self.fit(y, torques)
-        lumped = np.where((accepted & (count >= SAMPLES))[:, None], fitted, lumped)
-        torque, integral = self.drive(observation, q, v, integral, lumped, schedule(v, self.alpha, self.v_s))
-        return torque, (integral, y, torques, count + 1, self.interface.saturate(torque), lumped)
+        due = (count % apart == 0) & (count > 0)
+        if due.any():
+            row, right = regressor(q, v, a), applied - np.array(rotor) * a
+            if self.regression == "printed":
+                error = np.einsum("nij,nj->ni", inertia_matrix(with_rotors(lumped, rotor), q), applied - a)
+                right = np.einsum("nij,nj->ni", row, lumped) + error
+            new = due[:, None, None]
+            y = np.where(new[..., None], np.concatenate([y[:, 1:], row[:, None]], axis=1), y)
+            torques = np.where(new, np.concatenate([torques[:, 1:], right[:, None]], axis=1), torques)
+            fitted, accepted = self.fit(y, torques)
+            lumped = np.where((due & accepted & (count >= SAMPLES * apart))[:, None], fitted, lumped)
+        factor = schedule(v, self.alpha, self.v_s, self.scheduling)
+        model = with_rotors(lumped, rotor)
+        torque, integral = self.drive(observation, q, v, integral, model, factor)
+        if self.regression == "printed":
+            applied = forward_dynamics(model, q, v, torque - self.loads(v))
+        else:
+            applied = self.interface.saturate(torque) - self.loads(v)
+        return torque, (integral, y, torques, count + 1, applied, lumped)
 
     def fit(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return lumped parameters [n x 5] that fit the last samples, and their acceptance [n]."""
@@ -96,3 +134,50 @@ class AdaptiveFlm(CascadeFlm):
     def parameters(self, state: State) -> Array:
         """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""
         return point_masses(state[5], self.total_mass)
+
+
+@dataclass(frozen=True)
+class AdaptiveFlmScheduled(AdaptiveFlm):
+    """The paper's adaptive controller with its gain schedule (§4.1 and §4.2).
+
+    `AdaptiveFlm` with alpha_ii = 20, the project's choice: at rest the inner gains are 21 times as
+    large.
+
+    Args:
+        alpha: as in `AdaptiveFlm`.
+    """
+
+    alpha: Any = ((20.0, 0.0), (0.0, 20.0))
+
+
+@dataclass(frozen=True)
+class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
+    """The paper's tools together: estimator, gain schedule, cascade and Kalman filter (§3 and §4).
+
+    Section 4.1 leaves the rest of the parameter error to the robust controller of section 3, so the
+    position and the velocity come from its Kalman filter. The acceleration is the measured one, and
+    the samples lie apart because of its noise.
+
+    Sensors: position and acceleration.
+
+    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3 and §4.
+
+    Args:
+        spacing: as in `AdaptiveFlm`.
+    """
+
+    spacing: float = 0.2
+
+    needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
+
+    def initial(self, observation: Array) -> State:
+        """Return the states of `AdaptiveFlm` and of the Kalman filter."""
+        return (*AdaptiveFlm.initial(self, observation), *RobustFlm.initial(self, observation)[1:])
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
+        motion, samples, started = state[-3:]
+        position, acceleration = self.read(observation, "position", "acceleration")
+        motion, samples = self.filter.update_started(motion, samples, started, position, acceleration)
+        torque, after = self.adapt(observation, motion[..., 0], motion[..., 1], acceleration, state[:-3])
+        return torque, (*after, motion, samples, np.ones_like(started))

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.feedback_linearization import linearize, winds_up
+from controllers.feedback_linearization import friction_torque, linearize, winds_up
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.checks import Pair
-from fbl_gym.records import pair
+from fbl_gym.records import Distribution, number, pair, record
+from fbl_gym.uncertainty import Friction
 
 
 @dataclass(frozen=True)
@@ -20,8 +21,9 @@ class CascadeFlm(TorqueLaw):
         a = P e_v + I int(e_v) dt,    e_v = r' + Kp (r - q) - v,    torque = M a + C v + G
 
     With an exact model and a constant reference the inner loop has the poles of s^2 + P s + I, and
-    the outer one the pole -Kp. As in the paper, r'' is not fed forward. The integral pauses where
-    the torque saturates.
+    the outer one the pole -Kp. The integral pauses where the torque saturates. The last three gains
+    are off by default: (22) has F^ and tau_d^ in the torque, and the paper feeds no acceleration
+    forward.
 
     Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
     2016, §3.1, equation (8).
@@ -30,11 +32,26 @@ class CascadeFlm(TorqueLaw):
         kp: Kp of the outer loop [1/s], per joint. The paper leaves it open.
         velocity_p: P of the inner loop [1/s], per joint. The defaults are the paper's.
         velocity_i: I of the inner loop [1/s^2], per joint. The defaults are the paper's.
+        feedforward: share of the velocity reference's derivative, r'' + Kp (r' - v), added to a.
+        friction: F^, the known friction, a `Friction` or a dict of its fields; None: none.
+        disturbance: tau_d^, a known constant disturbance torque [N m], per joint.
     """
 
     kp: Pair | float = pair(10.0, unit="1/s", tune=(1.0, 100.0))
     velocity_p: Pair | float = pair((30.0, 35.0), unit="1/s", tune=(5.0, 200.0))
     velocity_i: Pair | float = pair((13.0, 20.0), unit="1/s^2", tune=(1.0, 2000.0))
+    feedforward: float = number(0.0, low=0, high=1)
+    friction: Friction | None = record(Friction, None)
+    disturbance: Pair | float = pair(0.0, unit="N m")
+
+    def validate(self) -> None:
+        """Refuse a known friction that varies, or that is not equation (43)."""
+        super().validate()
+        fields = () if self.friction is None else vars(self.friction).values()
+        if any(isinstance(value, Distribution) for value in fields) or getattr(
+            self.friction, "stribeck_velocity", None
+        ):
+            raise ValueError(f"friction must have fixed numbers and v_s, got {self.friction}")
 
     def initial(self, observation: Array) -> State:
         """Return the state: the integral of the velocity error [n x 2], zero."""
@@ -58,12 +75,25 @@ class CascadeFlm(TorqueLaw):
         """Return the torque [n x 2] N m of both loops, and the next integral [n x 2].
 
         q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped
-        parameters [n x 5]. The schedule multiplies the inner loops' error, in P and in the
-        integral; see `gain_scheduling.py`.
+        parameters [n x 5], with rotors [n x 7]. The schedule multiplies the inner loops' error, in
+        P and in the integral; see `gain_scheduling.py`.
         """
         r, r_dot = self.read(observation, "reference_position", "reference_velocity")
         error = schedule * (r_dot + np.array(self.kp) * (r - q) - v)
         a = np.array(self.velocity_p) * error + np.array(self.velocity_i) * integral
-        torque = linearize(model, q, v, a)
-        pause = winds_up(self.interface, model, q, v, a, torque, error)
+        if self.feedforward:
+            (r_ddot,) = self.read(observation, "reference_acceleration")
+            a = a + self.feedforward * (r_ddot + np.array(self.kp) * (r_dot - v))
+        loads = self.loads(v)
+        torque = linearize(model, q, v, a) + loads
+        pause = winds_up(self.interface, model, q, v, a, torque, error, loads)
         return torque, integral + np.where(pause, 0.0, error * self.interface.control_dt)
+
+    def loads(self, v: Array) -> Array:
+        """Return the known loads F^(v) + tau_d^ of equation (22), [n x 2] N m.
+
+        Args:
+            v: measured or estimated velocity [n x 2] rad/s.
+        """
+        dry = 0.0 if self.friction is None else friction_torque(self.friction, v)
+        return dry + np.broadcast_to(np.array(self.disturbance), v.shape)

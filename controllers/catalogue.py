@@ -9,6 +9,8 @@ LAWS = (
     ("cascade-flm", "cascade:CascadeFlm", "the paper's cascade: inner velocity PI, outer P with feed-forward (§3.1)"),
     ("robust-flm", "kalman:RobustFlm", "the paper's robust controller: the cascade behind a Kalman filter (§3)"),
     ("adaptive-flm", "adaptive:AdaptiveFlm", "the paper's adaptive controller: three-sample estimator, cascade (§4)"),
+    ("adaptive-flm-scheduled", "adaptive:AdaptiveFlmScheduled", "adaptive-flm with the paper's gain schedule (§4.2)"),
+    ("adaptive-robust-flm", "adaptive:AdaptiveRobustFlm", "estimator, schedule, cascade and Kalman filter (§3 and §4)"),
     ("adaptive-flm-ls", "adaptive_ls:AdaptiveFlmLs", "the robust controller with a model fitted by least squares"),
     # comparators
     ("adrc", "adrc:Adrc", "active disturbance rejection on the position sensor alone"),

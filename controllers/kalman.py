@@ -13,10 +13,40 @@ from filterpy.kalman import KalmanFilter
 from controllers.cascade import CascadeFlm
 from controllers.policy import State
 from fbl_gym.arm import Array
-from fbl_gym.records import number
+from fbl_gym.records import choice, number
 
 PAPER_SIGMA = float(np.sqrt(0.1))
 """Root of the paper's 0.1: the noise variance of (17) and (18), taken per sample."""
+
+
+FORMS = ("discrete", "continuous")
+"""Forms of the filter: exact for a sampled motion, or the paper's (19)-(21) with Euler steps."""
+
+
+@lru_cache(maxsize=64)
+def continuous_gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
+    """Return K dt of (20) and (21) at each sample until it has converged, [k x 2].
+
+    dP/dt = -P C' R^-1 C P + A P + P A' + Q and K = P C' R^-1, in Euler steps of dt. Q and R are
+    densities, as printed: the squares of the sigmas. At steady state K is that of `gains` over dt,
+    since only the ratio of the sigmas counts.
+
+    Args:
+        dt: sample time [s].
+        acceleration_sigma: root of the acceleration's density [rad/s^2/sqrt(Hz)].
+        position_sigma: root of the position's density [rad/sqrt(Hz)].
+    """
+    A, C = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, 0.0]])
+    Q, R = np.diag([0.0, acceleration_sigma**2]), position_sigma**2
+    P = np.diag([R, 0.01])
+    rows: list[Array] = []
+    while len(rows) < 200_000:
+        K = P @ C.T / R
+        rows.append(dt * K[:, 0])
+        if len(rows) > 100 and np.allclose(rows[-1], rows[-100], rtol=1e-9, atol=0.0):
+            break
+        P = P + dt * (-K @ C @ P + A @ P + P @ A.T + Q)
+    return np.array(rows)
 
 
 @lru_cache(maxsize=64)
@@ -59,11 +89,13 @@ class JointKalman:
         dt: sample time [s].
         acceleration_sigma: noise of the acceleration per sample [rad/s^2].
         position_sigma: noise of the position per sample [rad].
+        form: one of `FORMS`.
     """
 
     dt: float
     acceleration_sigma: float
     position_sigma: float
+    form: str = "discrete"
 
     def initial(self, position: Array, velocity: Array) -> State:
         """Return the first estimate [n x 2 x 2], and the number of samples [n], zero."""
@@ -75,7 +107,9 @@ class JointKalman:
         The position [rad] is measured at the sample's end, the acceleration [rad/s^2] in the
         sample.
         """
-        table = gains(self.dt, self.acceleration_sigma, self.position_sigma)
+        table = (continuous_gains if self.form == "continuous" else gains)(
+            self.dt, self.acceleration_sigma, self.position_sigma
+        )
         gain = table[np.minimum(count, len(table) - 1)]
         q, v = estimate[..., 0], estimate[..., 1]
         # x = F x + B u
@@ -116,17 +150,19 @@ class RobustFlm(CascadeFlm):
             The default is the paper's.
         position_sigma: noise of the encoder per sample [rad]. The default is the paper's. Once the
             gain has converged, only the ratio of both sigmas matters.
+        filtering: form of the filter, "discrete" (default) or the paper's "continuous".
     """
 
     acceleration_sigma: float = number(PAPER_SIGMA, unit="rad/s^2", above=0)
     position_sigma: float = number(PAPER_SIGMA, unit="rad", above=0, tune=(1e-4, 1.0))
+    filtering: str = choice("discrete", FORMS)
 
     needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
 
     @property
     def filter(self) -> JointKalman:
         """The Kalman filter of both joints."""
-        return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)
+        return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma, self.filtering)
 
     def initial(self, observation: Array) -> State:
         """Return the state: integral, estimate, number of samples, False before a sample."""

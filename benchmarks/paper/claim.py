@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from benchmarks.analysis.statistics import Estimate, proportion
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
+from fbl_gym.arm import Array
 
-REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED = "reproduced", "under assumptions", "not reproduced"
-"""The verdicts. "under assumptions": the paper is misprinted, ambiguous or silent, and
-the claim holds
-under the assumptions that are named."""
+REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED, NO_CLAIM = "reproduced", "under assumptions", "not reproduced", "–"
+"""The verdicts, by one rule. A claim is measured in cases: at the paper's stated values, with
+misprints corrected, and at several values of all that it leaves open. "reproduced": it holds in all
+cases; "under assumptions": in some; "not reproduced": in none. "–": the paper does not claim it."""
 
-ARMS = {"section-2-2": SECTION_2_2, "table-1": TABLE_1}
+LEAST = 0.9
+"""A claim holds in a case if the 95 % interval of the share of seeds that meet it lies above this.
+A diverged run does not meet it."""
+
+ARMS = {"§2.2": SECTION_2_2, "Table 1": TABLE_1}
 """The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
 
 
@@ -32,10 +38,12 @@ class Claim:
         claim: in one line.
         paper: statement or value of the paper.
         measured: value measured here; the median over the seeds, if not stated otherwise.
-        verdict: "reproduced", "under assumptions" or "not reproduced".
+        verdict: by the rule above.
+        holds: number of cases in which the claim holds.
         assumptions: under which the claim was measured.
         scenario: name of the scenario; `assumptions` states the changes to it.
         seed: seeds of the episodes.
+        cases: name, measured value, seeds that meet the claim, and "yes" or "no" of each case.
         command: that measures this claim again; set by `claims.measure_claim`.
     """
 
@@ -44,9 +52,11 @@ class Claim:
     paper: str
     measured: str
     verdict: str
+    holds: str
     assumptions: str
     scenario: str
     seed: str
+    cases: tuple[tuple[str, ...], ...] = ()
     command: str = ""
 
 
@@ -56,16 +66,19 @@ class Effort:
 
     Args:
         seeds: number of episodes of a random scenario.
-        ratios: number of points of a map over the radius.
+        many: number of episodes for a share near 95 %.
+        points: number of points of a map.
         seconds: longest duration of an episode whose leakage is checked at every sample.
     """
 
     seeds: int
-    ratios: int
+    many: int
+    points: int
     seconds: float
 
 
-FULL, SHORT = Effort(seeds=16, ratios=13, seconds=20.0), Effort(seeds=2, ratios=2, seconds=3.0)
+FULL = Effort(seeds=64, many=512, points=8, seconds=20.0)
+SHORT = Effort(seeds=40, many=40, points=3, seconds=3.0)
 
 Draw: TypeAlias = Callable[[Path], None]
 """A function that draws a claim's figure to a file; the suffix sets the format."""
@@ -73,14 +86,66 @@ Draw: TypeAlias = Callable[[Path], None]
 Measured: TypeAlias = tuple[Claim, Draw]
 
 
-def verdict(reproduced: bool = False, under_assumptions: bool = False) -> str:
-    """Return the verdict on a claim.
+@dataclass(frozen=True)
+class Case:
+    """A claim at one value of what the paper leaves open.
 
     Args:
-        reproduced: the claim holds.
-        under_assumptions: it holds under the assumptions named.
+        name: the values.
+        meets: whether each run meets the claim [n]; one flag for a measurement without chance.
+            None: the case is shown, but the paper does not claim it.
+        measured: value measured in this case.
     """
-    return REPRODUCED if reproduced else UNDER_ASSUMPTIONS if under_assumptions else NOT_REPRODUCED
+
+    name: str
+    meets: Any = None
+    measured: str = ""
+
+    @property
+    def share(self) -> Estimate:
+        """Share of runs that meet the claim, with its interval by Clopper and Pearson."""
+        return share(np.atleast_1d(self.meets))
+
+    @property
+    def holds(self) -> bool:
+        """Whether the claim holds in this case."""
+        return bool(np.all(self.meets)) if np.size(self.meets) == 1 else bool(self.share.low >= LEAST)
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """The case as texts, for `Claim.cases`."""
+        if self.meets is None:
+            return self.name, self.measured, "", ""
+        seeds = (
+            f"{np.sum(self.meets)} of {np.size(self.meets)}, {interval(self.share)}" if np.size(self.meets) > 1 else ""
+        )
+        return self.name, self.measured, seeds, "yes" if self.holds else "no"
+
+
+def share(meets: Any) -> Estimate:
+    """Return the share of True along the last axis, with its 95 % interval."""
+    return proportion(np.sum(meets, axis=-1), np.shape(meets)[-1])
+
+
+def interval(estimate: Estimate) -> str:
+    """Return the interval of a share as text, such as "92–97 %"."""
+    return f"{100 * float(estimate.low):.0f}–{100 * float(estimate.high):.0f} %"
+
+
+def judged(cases: Sequence[Case], **fields: Any) -> Claim:
+    """Return a claim with its verdict, by the rule above.
+
+    Args:
+        cases: in which the claim was measured.
+        **fields: the other fields of `Claim`.
+    """
+    rows = tuple(case.row for case in cases)
+    claimed = [case for case in cases if case.meets is not None]
+    count = sum(case.holds for case in claimed)
+    if not claimed:
+        return Claim(verdict=NO_CLAIM, holds="", cases=rows, **fields)
+    verdict = REPRODUCED if count == len(claimed) else UNDER_ASSUMPTIONS if count else NOT_REPRODUCED
+    return Claim(verdict=verdict, holds=f"{count} of {len(claimed)}", cases=rows, **fields)
 
 
 def seed_range(seeds: int) -> str:
@@ -98,15 +163,25 @@ def with_estimate(scenario: Scenario, real: ArmParameters, factor: float) -> Sce
     return scenario.replace(arm=scaled(real, factor), parameter_error=1.0 / factor)
 
 
+Rows: TypeAlias = dict[str, Array]
+"""The metrics of each seed, by name."""
+
+
 def run(
-    policy: str, scenario: Scenario, seeds: int = 1, watch: dict[str, Watch] | None = None, **gains: Any
-) -> tuple[Trace, dict[str, float]]:
-    """Return the trace of the first seeds, and the median of each metric over them."""
+    policy: str, scenario: Scenario, seeds: int = 1, watch: Mapping[str, Watch] | None = None, **gains: Any
+) -> tuple[Trace, Rows]:
+    """Return the trace of the first seeds, and each metric of every seed [n]."""
     trace = rollout(policy, scenario, range(seeds), gains, watch)
     rows = measure(trace)
-    return trace, {name: float(np.median([row[name] for row in rows])) for name in rows[0]}
+    return trace, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def percents(values: Iterable[float]) -> str:
-    """Return numbers in per cent as text."""
-    return " / ".join(f"{value:.3g} %" for value in values)
+def percents(*values: Array | float) -> str:
+    """Return medians in per cent as text."""
+    return " / ".join(f"{np.median(value):.3g} %" for value in values)
+
+
+def diverged(rows: Rows) -> str:
+    """Return the number of diverged seeds as text; empty if there is none."""
+    count = int(rows["diverged"].sum())
+    return f" ({count} of {len(rows['diverged'])} diverged)" if count else ""

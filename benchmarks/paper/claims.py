@@ -6,44 +6,40 @@ import dataclasses
 import inspect
 import json
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
+from benchmarks.files import write_text
 from benchmarks.paper import adaptive, leakage, robust
-from benchmarks.paper.claim import ARMS, Claim, Effort, Measured
+from benchmarks.paper.claim import Claim, Effort, Measured
 from benchmarks.paper.radius import adaptive_radius, robust_radius
 from benchmarks.report import markdown
-from benchmarks.run.store import write_text
 from fbl_gym.checks import unknown
 
-
-def _on_both_arms(name: str, function: Callable[..., Measured]) -> dict[str, Callable[[Effort], Measured]]:
-    return {f"{name}-{arm}": partial(function, arm=arm) for arm in ARMS}
-
-
 CLAIMS: dict[str, Callable[[Effort], Measured]] = {
-    **_on_both_arms("figure-2", leakage.figure_2),
+    "figure-2": leakage.figure_2,
     "leakage-of-parameters": leakage.leakage_of_parameters,
     "leakage-of-disturbance": leakage.leakage_of_disturbance,
-    **_on_both_arms("figure-3a", leakage.figure_3a),
+    "figure-3a": leakage.figure_3a,
     "figure-3a-as-printed": leakage.figure_3a_as_printed,
-    **_on_both_arms("figure-3b", leakage.figure_3b),
+    "figure-3b": leakage.figure_3b,
     "equation-10": robust.equation_10,
-    **_on_both_arms("figure-4a", robust.figure_4a),
-    **_on_both_arms("figure-4b-filter", robust.figure_4b_filter),
-    **_on_both_arms("figure-4b-error", robust.figure_4b_error),
-    **_on_both_arms("figure-4b-settling", robust.figure_4b_settling),
-    "noise-of-1-db": robust.noise_of_1_db,
-    **_on_both_arms("robust-radius", robust_radius),
+    "figure-4a": robust.figure_4a,
+    "figure-4b-filter": robust.figure_4b_filter,
+    "figure-4b-error": robust.figure_4b_error,
+    "figure-4b-settling": robust.figure_4b_settling,
+    "kalman-filter": robust.kalman_filter,
+    "robust-radius": robust_radius,
+    "equation-22": adaptive.equation_22,
+    "figure-5": adaptive.figure_5,
     "figure-6a": adaptive.figure_6a,
     "figure-6b": adaptive.figure_6b,
-    "figure-6b-at-1-khz": adaptive.figure_6b_at_1_khz,
     "estimation-under-noise": adaptive.estimation_under_noise,
-    **_on_both_arms("adaptive-radius", adaptive_radius),
+    "adaptive-radius": adaptive_radius,
     "figure-7": adaptive.figure_7,
-    **_on_both_arms("figure-8", adaptive.figure_8),
+    "figure-8": adaptive.figure_8,
     "leakage-of-stiction": leakage.leakage_of_stiction,
     "figure-9": adaptive.figure_9,
+    "soft-scheduling": adaptive.soft_scheduling,
     "figure-10": adaptive.figure_10,
     "figure-10-with-noise": adaptive.figure_10_with_noise,
 }
@@ -51,7 +47,7 @@ CLAIMS: dict[str, Callable[[Effort], Measured]] = {
 
 def listed() -> dict[str, str]:
     """Return one line on each claim, by name: the summary of its function without the verb."""
-    summaries = {name: inspect.getdoc(getattr(f, "func", f)) or "" for name, f in CLAIMS.items()}
+    summaries = {name: inspect.getdoc(f) or "" for name, f in CLAIMS.items()}
     return {name: text.partition("\n")[0].removeprefix("Measure ") for name, text in summaries.items()}
 
 
@@ -91,10 +87,16 @@ def load(folder: Path) -> dict[str, Claim]:
     if not path.exists():
         return {}
     try:
-        claims = {row.pop("name"): Claim(**row) for row in json.loads(path.read_text(encoding="utf-8"))}
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        claims = {row.pop("name"): Claim(**row | {"cases": tuple(map(tuple, row["cases"]))}) for row in rows}
         if not claims.keys() <= CLAIMS.keys():
             raise ValueError(f"no claim is named {min(claims.keys() - CLAIMS.keys())!r}")
-        if not all(isinstance(text, str) for claim in claims.values() for text in vars(claim).values()):
+        texts = [
+            text
+            for claim in claims.values()
+            for text in (*sum(claim.cases, ()), *(value for name, value in vars(claim).items() if name != "cases"))
+        ]
+        if not all(isinstance(text, str) for text in texts):
             raise ValueError("the fields of a claim must be text")
     except (ValueError, KeyError, TypeError, AttributeError) as problem:
         raise ValueError(
@@ -108,4 +110,4 @@ def save(folder: Path, claims: Mapping[str, Claim]) -> None:
     claims = {name: claims[name] for name in CLAIMS if name in claims}
     rows = [{"name": name, **dataclasses.asdict(claim)} for name, claim in claims.items()]
     write_text(folder / "claims.json", json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
-    write_text(folder / "claims.md", markdown.claims(claims.values()))
+    write_text(folder / "claims.md", markdown.claims(claims))

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.analysis.linear import LinearLoop
+from benchmarks.files import replacing
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import Array
 
@@ -68,7 +70,7 @@ def plot_lines(title: str, panels: Sequence[Panel], path: Path) -> None:
     figure = Figure(figsize=(5.5 * columns + 1, 3.6 * rows + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(rows, columns, squeeze=False)
-    shared = len({tuple(line.label for line in panel.lines) for panel in panels}) == 1
+    shared = len(panels) > 1 and len({tuple(line.label for line in panel.lines) for panel in panels}) == 1
     for axes, panel in zip(grid.ravel(), panels, strict=False):
         _draw(axes, panel)
         if not shared:
@@ -149,8 +151,9 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, lane: i
 
 def _save(figure: Figure, title: str, path: Path) -> None:
     figure.suptitle(title, x=0.01, horizontalalignment="left")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    # TrueType fonts in a PDF: text stays text, and publishers accept it.
+    with rc_context({"pdf.fonttype": 42}), replacing(path) as beside:
+        figure.savefig(beside, dpi=100)
 
 
 def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path) -> None:

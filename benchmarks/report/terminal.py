@@ -46,8 +46,8 @@ def leaderboard(console: Console, board: Board) -> None:
         "interval. us: microseconds per decision. In brackets: privileged access, not ranked.",
         width=min(text_width, console.width),
     )
-    for policy, reason in board.incomplete.items():
-        console.print(f"[red]left out[/red] {escape(policy)}: {escape(reason)}")
+    for gap in board.gaps:
+        console.print(f"[red]{escape(gap)}[/red]")
 
 
 def _width(console: Console, table: Table) -> int:
@@ -63,11 +63,11 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
     for name in ("rank", "score", "error\n%", "diverged\n%", "us") if summary else ():
         table.add_column(name, justify="right", no_wrap=True)
     for family in families:
-        table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)
+        table.add_column(escape(family.replace("-", "-\n")), justify="right", no_wrap=True)
     ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
     for i in board.order:
         privileged = not board.specs[i].ranked
-        cells = [f"({board.policies[i]})" if privileged else board.policies[i]]
+        cells = [escape(f"({board.policies[i]})" if privileged else board.policies[i])]
         if summary:
             diverged = 100 * board.diverged.value[i]
             cells += [
@@ -99,7 +99,9 @@ def generalization(console: Console, board: Board, measured: Mapping[str, RangeE
             diverged = f" [red]{100 * errors.diverged[i]:.2g} %[/red]" if errors.diverged[i] else ""
             cells.append(f"{value} [dim]{low}-{high}[/dim]{diverged}")
         table.add_row(
-            f"({board.policies[i]})" if privileged else board.policies[i], *cells, style="dim" if privileged else ""
+            escape(f"({board.policies[i]})" if privileged else board.policies[i]),
+            *cells,
+            style="dim" if privileged else "",
         )
     console.print(table)
     console.print(
@@ -120,7 +122,7 @@ def _range(low: float, high: float) -> str:
 
 def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:
     """Print the metrics of one policy on one scenario: mean and largest value over the seeds."""
-    table = Table(title=title, title_style="bold")
+    table = Table(title=escape(title), title_style="bold")
     for name, justify in (("metric", "left"), ("mean", "right"), ("largest", "right"), ("meaning", "left")):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for name, value, meaning in describe(summarize(rows)):
@@ -133,12 +135,14 @@ def evaluation(console: Console, title: str, rows: list[dict[str, float]], decis
 def claims(console: Console, measured: Sequence[Claim]) -> None:
     """Print the paper's claims: claim, measurement and verdict."""
     table = Table(title="The paper's claims, measured", title_style="bold", box=SIMPLE_HEAD)
-    for name in ("figure", "claim", "paper", "measured", "verdict"):
+    for name in ("figure", "claim", "paper", "measured", "holds", "verdict"):
         table.add_column(name, overflow="fold")
-    colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red"}
+    colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red", "–": "default"}
     for claim in measured:
         verdict = f"[{colour[claim.verdict]}]{claim.verdict}[/]"
-        table.add_row(claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), verdict)
+        table.add_row(
+            claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), claim.holds, verdict
+        )
     console.print(table)
 
 

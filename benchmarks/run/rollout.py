@@ -139,6 +139,7 @@ def rollout(
 def _reference(scenario: Scenario, seeds: Sequence[int]) -> Array:
     """Return the reference of each seed over the whole episode [T + 1 x n x 2]."""
     calm = scenario.replace(
+        plant=None,
         parameter_error=None,
         friction=None,
         disturbance=None,

@@ -151,6 +151,6 @@ def member(name: str) -> Member | None:
     """Return family, severity and arm of a scenario; None if it belongs to no family.
 
     Args:
-        name: of the scenario, which may end in a rate: "section-2-2/mass-error-2@1000Hz".
+        name: of the scenario, which may end in a rate or a world: "section-2-2/noise-2@1000Hz".
     """
     return MEMBERS.get(name.partition("@")[0])

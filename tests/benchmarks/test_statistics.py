@@ -9,7 +9,6 @@ from benchmarks.analysis.statistics import (
     WORST_SCORE,
     components,
     difference,
-    diverged_share,
     enough,
     estimate,
     improvement,
@@ -18,6 +17,7 @@ from benchmarks.analysis.statistics import (
     mean,
     over_training,
     profile,
+    proportion,
     radius,
     ranks,
     resample,
@@ -202,18 +202,18 @@ def test_score_of_real_runs():
 
 def test_shares_agree_with_scipy_and_cover():
     for k, n in [(0, 256), (1, 30), (15, 30), (30, 30)]:
-        found, expected = diverged_share(k, n), stats.binomtest(k, n).proportion_ci(method="exact")
+        found, expected = proportion(k, n), stats.binomtest(k, n).proportion_ci(method="exact")
         assert (found.value, found.low, found.high) == pytest.approx((k / n, expected.low, expected.high))
     n = 40
     k = np.arange(n + 1)
-    found = diverged_share(k, n)
+    found = proportion(k, n)
     for p in np.linspace(0.01, 0.99, 50):
         assert stats.binom.pmf(k, n, p)[(found.low <= p) & (p <= found.high)].sum() >= 0.95
     assert enough(ENOUGH_EPISODES)
     assert not enough(ENOUGH_EPISODES - 1)
-    assert diverged_share(0, ENOUGH_EPISODES).high < 0.015
-    with pytest.raises(ValueError, match="diverged must lie between 0 and runs"):
-        diverged_share(3, 2)
+    assert proportion(0, ENOUGH_EPISODES).high < 0.015
+    with pytest.raises(ValueError, match="count must lie between 0 and runs"):
+        proportion(3, 2)
 
 
 @pytest.mark.parametrize("edge", [0.03, 0.5, 2.0, 9.5])

@@ -42,3 +42,31 @@ def test_acceleration_noise_ruins_three_samples():
     """sigma = 0.01 rad/s^2 on the accelerometer, and the typical estimate is off by half and more."""
     noisy = scenarios.get("paper-6a").replace(noise={"acceleration": 0.01})
     assert np.median(learn(noisy, 2000)[1000:]) > 0.3
+
+
+def test_samples_that_lie_apart_bear_noise():
+    """The same noise: half a second apart, the estimates are within some per cent."""
+    exciting = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
+    noisy = scenarios.get("nominal").replace(
+        control_dt=1e-3, parameter_error=2.0, reference=exciting, noise={"acceleration": 0.01}, duration=5.0
+    )
+    close, apart = (np.median(learn(noisy, 4000, spacing=spacing)[3000:]) for spacing in (0.0, 0.5))
+    assert apart < 0.05 < 0.2 < close
+
+
+def test_the_printed_regression_estimates_where_nothing_saturates():
+    scenario = scenarios.get("paper-6a").replace(control_dt=1e-4, physics_dt=1e-4)
+    error = learn(scenario, 2000, regression="printed", spacing=5e-3)
+    assert 1e-6 < np.median(error[200:]) < 0.02
+
+
+def test_the_paper_s_tools_together_work_with_noise():
+    scenario = scenarios.get("paper-10").replace(
+        noise={"position": 1e-2, "velocity": 1e-2, "acceleration": 1e-2}, duration=2.0
+    )
+    plain, together = (
+        measure(rollout(policy, scenario, [0]))[0] for policy in ("adaptive-flm-scheduled", "adaptive-robust-flm")
+    )
+    assert together["diverged"] == plain["diverged"] == 0.0
+    quick = measure(rollout("adaptive-robust-flm", scenario, [0], {"spacing": 0.0}))[0]
+    assert quick["steady_1_pct"] < plain["steady_1_pct"]

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
-from controllers.gain_scheduling import schedule
+from controllers.gain_scheduling import FORMS, schedule
 from fbl_gym import scenarios
 
 
@@ -27,3 +27,17 @@ def test_scheduling_helps_against_stiction():
     scheduled = summarize(measure(rollout("adaptive-flm", scenario, [0], gains)))
     for link in ("steady_1_pct", "steady_2_pct"):
         assert scheduled[link] < 0.3 * plain[link]
+
+
+def test_every_form_is_full_at_rest_and_none_at_speed():
+    """Between them the switch is hard, and the rules meet (46) at rest, at sqrt(v_s) and far away."""
+    scale = np.sqrt(1e-3)
+    v = np.array([[0.0, 0.0], [1.0, 1.0], [3.0, 3.0]]) * scale
+    alpha = ((20.0, 0.0), (0.0, 20.0))
+    factors = {form: schedule(v, alpha, 1e-3, form)[:, 0] for form in FORMS}
+    for form in FORMS:
+        assert factors[form][0] == 21.0
+        assert factors[form][2] < 1.01
+    np.testing.assert_allclose(factors["fuzzy"][1], factors["soft"][1], rtol=1e-9)
+    assert list(schedule(0.999 * v[1:2], alpha, 1e-3, "hard")[0]) == [21.0, 21.0]
+    assert list(schedule(1.001 * v[1:2], alpha, 1e-3, "hard")[0]) == [1.0, 1.0]

@@ -9,7 +9,7 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 import controllers
 from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
-from controllers.kalman import PAPER_SIGMA, JointKalman, gains
+from controllers.kalman import PAPER_SIGMA, JointKalman, continuous_gains, gains
 from fbl_gym import TwoLinkArmEnv, scenarios
 from tests.controllers.closed_loop import tracking
 
@@ -114,3 +114,11 @@ def test_the_robust_controller_needs_no_velocity_sensor():
     env = TwoLinkArmEnv(sensors=("position", "acceleration"))
     errors, _ = tracking(controllers.make("robust-flm", env), env, 200)
     assert np.abs(errors[-1]).max() < 0.2
+
+
+def test_the_continuous_filter_settles_at_the_printed_gain():
+    """(20) and (21) with Q_c = R_c = 0.1: K = (1.41421, 1), and the discrete filter has K dt."""
+    continuous = continuous_gains(1e-3, PAPER_SIGMA, PAPER_SIGMA)
+    np.testing.assert_allclose(continuous[-1] / 1e-3, [np.sqrt(2.0), 1.0], rtol=1e-3)
+    np.testing.assert_allclose(continuous[-1], gains(1e-3, PAPER_SIGMA, PAPER_SIGMA)[-1], rtol=2e-3)
+    np.testing.assert_allclose(continuous[0] / 1e-3, [1.0, 0.0])

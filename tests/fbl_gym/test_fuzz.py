@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.interface import ACTIONS
+from fbl_gym.real_arms import REAL_ARMS
 from fbl_gym.uncertainty import PARAMETERS, SENSORS
 
 MAX = 2**64 - 1
@@ -72,15 +73,16 @@ REFERENCE = st.one_of(
     st.builds(lambda position, dt: {"kind": "array", "position": position, "dt": dt}, ROWS, st.floats(0.003, 0.1)),
 )
 ARM = st.one_of(
-    st.sampled_from(scenarios.arms()),
+    st.sampled_from([*scenarios.arms(), *REAL_ARMS]),
     some(
         m1=st.floats(0.01, 100),
         m2=st.floats(0.01, 100),
         L1=st.floats(0.05, 20),
         L2=st.floats(0.05, 20),
         gravity=st.floats(0, 30),
-        centre=st.floats(0.1, 1),
-        inertia=st.floats(0, 1),
+        centre=joint(0.1, 1.5),
+        inertia=joint(0, 1),
+        rotor=joint(0, 5),
     ),
 )
 ERROR = st.one_of(
@@ -126,6 +128,18 @@ LIMITS = some(
     velocity=st.floats(1, 1e3),
     acceleration=st.floats(1, 1e6),
     command=st.floats(1, 1e3),
+)
+JOINT = st.fixed_dictionaries(
+    {"stiffness": st.floats(1, 1e5), "rotor_inertia": joint(0.01, 5)},
+    optional={"damping": joint(0, 50), "backlash": joint(0, 0.5), "encoder": st.sampled_from(["motor", "link"])},
+)
+PLANT = ("arm", "parameter_error", "friction", "joint", "physics_dt", "control_dt", "duration")
+EVENT = st.one_of(
+    st.builds(lambda mass: {"kind": "pick-up", "mass": mass}, st.floats(0, 20)),
+    st.just({"kind": "drop"}),
+    st.builds(lambda factor: {"kind": "friction", "factor": factor}, joint(0, 4)),
+    st.builds(lambda factor: {"kind": "drive", "factor": factor}, joint(0, 2)),
+    st.builds(lambda impulse: {"kind": "knock", "impulse": impulse}, joint(-20, 20)),
 )
 
 
@@ -198,6 +212,21 @@ def environments(draw):
     elif kind == "array":
         torque = draw(st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)), min_size=1, max_size=5))
         options["disturbance"] = {"kind": kind, "torque": torque, "dt": draw(times) * h}
+    if draw(st.booleans()):
+        options["joint"] = draw(JOINT)
+        for _ in range(20):  # until it is soft enough for the step
+            try:
+                Scenario(**{name: options[name] for name in PLANT if name in options})
+                break
+            except ValueError:
+                options["joint"] = {**options["joint"], "stiffness": options["joint"]["stiffness"] / 8, "damping": 0.0}
+        else:
+            del options["joint"]
+    time = st.integers(0, 12 * substeps).map(lambda k: k * h)
+    options["events"] = draw(st.lists(EVENT, max_size=3))
+    options["events"] = [event | {"time": draw(time)} for event in options["events"]]
+    if "friction" not in options:
+        options["events"] = [event for event in options["events"] if event["kind"] != "friction"]
     return options
 
 
