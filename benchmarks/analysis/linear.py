@@ -301,8 +301,10 @@ def _calm(scenario: Scenario) -> Scenario:
     That is noise, rounding, disturbance, dry friction and changes of the payload.
 
     Raises:
-        NotLinear: the loop would need states for the encoder.
+        NotLinear: the loop would need states for the encoder or for elastic joints.
     """
+    if scenario.joint is not None:
+        raise NotLinear("the joints are elastic, which the loop does not describe")
     encoder = scenario.encoder
     if encoder is not None and (encoder.latency or encoder.difference is not None):
         raise NotLinear("the encoder has a latency or computes the velocity, which the loop does not describe")

@@ -136,6 +136,7 @@ def test_a_pause_of_the_motion_is_a_point_of_rest():
         ("adaptive-flm", {}, "does not follow"),
         ("oracle-flm", {}, "reads the true state"),
         ("pid-flm", {"encoder": {"latency": 1}}, "latency"),
+        ("pid-flm", {"joint": {"stiffness": 1e4, "rotor_inertia": 100.0}}, "elastic"),
         ("pid-flm", {"encoder": {"difference": 1}}, "computes the velocity"),
         ("zero", {}, "does not come to rest"),
         ("time-delay", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
