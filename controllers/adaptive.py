@@ -13,7 +13,7 @@ from controllers.estimator import estimate, lumped_of, point_masses
 from controllers.gain_scheduling import FORMS, schedule
 from controllers.kalman import RobustFlm
 from controllers.policy import State
-from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, regressor
+from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, regressor, with_rotors
 from fbl_gym.records import choice, declared, number
 
 SAMPLES = 3
@@ -76,7 +76,7 @@ class AdaptiveFlm(CascadeFlm):
         return (
             np.zeros((n, 2)),  # the cascade's integral
             np.zeros((n, SAMPLES, 2, 5)),  # regressors of the last samples
-            np.zeros((n, SAMPLES, 2)),  # right sides of the regression: torques up to each of them
+            np.zeros((n, SAMPLES, 2)),  # right sides of the regression: torques up to each, less those of the rotors
             np.zeros(n, dtype=int),  # observations so far
             np.zeros((n, 2)),  # torque applied in the interval that ends now; "printed": a
             np.broadcast_to(self.interface.nominal.lumped, (n, 5)).copy(),  # the estimate
@@ -98,13 +98,14 @@ class AdaptiveFlm(CascadeFlm):
             state: as in `torque`.
         """
         integral, y, torques, count, applied, lumped = state
+        rotor = self.interface.nominal.rotor
         apart = max(round(self.spacing / self.interface.control_dt), 1)
         # An episode's first observation ends no interval, so estimates start three samples later.
         due = (count % apart == 0) & (count > 0)
         if due.any():
-            row, right = regressor(q, v, a), applied
+            row, right = regressor(q, v, a), applied - np.array(rotor) * a
             if self.regression == "printed":
-                error = np.einsum("nij,nj->ni", inertia_matrix(lumped, q), applied - a)
+                error = np.einsum("nij,nj->ni", inertia_matrix(with_rotors(lumped, rotor), q), applied - a)
                 right = np.einsum("nij,nj->ni", row, lumped) + error
             new = due[:, None, None]
             y = np.where(new[..., None], np.concatenate([y[:, 1:], row[:, None]], axis=1), y)
@@ -112,9 +113,10 @@ class AdaptiveFlm(CascadeFlm):
             fitted, accepted = self.fit(y, torques)
             lumped = np.where((due & accepted & (count >= SAMPLES * apart))[:, None], fitted, lumped)
         factor = schedule(v, self.alpha, self.v_s, self.scheduling)
-        torque, integral = self.drive(observation, q, v, integral, lumped, factor)
+        model = with_rotors(lumped, rotor)
+        torque, integral = self.drive(observation, q, v, integral, model, factor)
         if self.regression == "printed":
-            applied = forward_dynamics(lumped, q, v, torque - self.loads(v))
+            applied = forward_dynamics(model, q, v, torque - self.loads(v))
         else:
             applied = self.interface.saturate(torque) - self.loads(v)
         return torque, (integral, y, torques, count + 1, applied, lumped)

@@ -16,7 +16,7 @@ from controllers.estimator import plausible, point_masses
 from controllers.kalman import RobustFlm
 from controllers.policy import State
 from controllers.solving import accumulate, exceeds, solve
-from fbl_gym.arm import Array, inertia_matrix, regressor
+from fbl_gym.arm import Array, inertia_matrix, regressor, with_rotors
 from fbl_gym.records import number
 
 TERMS = 9
@@ -81,7 +81,7 @@ class AdaptiveFlmLs(RobustFlm):
         return (
             *super().initial(observation),
             np.zeros((n, 2, TERMS)),  # filtered regressor
-            np.zeros((n, 2)),  # filtered torque
+            np.zeros((n, 2)),  # filtered torque, without the known rotors' part
             np.zeros((n, TERMS, TERMS)),  # A
             np.zeros((n, TERMS)),  # b
             np.broadcast_to(start, (n, TERMS)).copy(),  # estimate of the unknowns
@@ -98,14 +98,15 @@ class AdaptiveFlmLs(RobustFlm):
         # The first sample of an episode ends no interval; the second sets the filters.
         keep = np.where(count > 1, np.exp(-self.bandwidth * self.interface.control_dt), 0.0)
         z = keep[:, None, None] * z + (1.0 - keep)[:, None, None] * self.row(q, v, acceleration)
-        filtered = keep[:, None] * filtered + (1.0 - keep)[:, None] * applied
+        rotor = self.interface.nominal.rotor
+        filtered = keep[:, None] * filtered + (1.0 - keep)[:, None] * (applied - np.array(rotor) * acceleration)
         moves = started & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
         a_sum, b_sum = self.add(z, filtered, a_sum, b_sum, moves)
         rich = moves & exceeds(a_sum, self.excitation)
         if rich.any():
             unknowns = np.where(rich[:, None], self.fit(a_sum, b_sum, unknowns), unknowns)
 
-        torque, integral = self.drive(observation, q, v, integral, unknowns[:, :5])
+        torque, integral = self.drive(observation, q, v, integral, with_rotors(unknowns[:, :5], rotor))
         torque = torque + self.estimated_friction(observation, v, unknowns)
         applied = self.interface.saturate(torque)
         return torque, (integral, motion, count, np.ones_like(started), z, filtered, a_sum, b_sum, unknowns, applied)

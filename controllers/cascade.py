@@ -75,8 +75,8 @@ class CascadeFlm(TorqueLaw):
         """Return the torque [n x 2] N m of both loops, and the next integral [n x 2].
 
         q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped
-        parameters [n x 5]. The schedule multiplies the inner loops' error, in P and in the
-        integral; see `gain_scheduling.py`.
+        parameters [n x 5], with rotors [n x 7]. The schedule multiplies the inner loops' error, in
+        P and in the integral; see `gain_scheduling.py`.
         """
         r, r_dot = self.read(observation, "reference_position", "reference_velocity")
         error = schedule * (r_dot + np.array(self.kp) * (r - q) - v)

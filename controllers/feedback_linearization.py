@@ -13,9 +13,9 @@ from fbl_gym.uncertainty import Friction
 def linearize(model: ArmParameters | Array, position: Array, velocity: Array, acceleration: Array) -> Array:
     """Return the torque that gives the model an acceleration: M a + C v + G, [n x 2] N m.
 
-    The model is the nominal arm, or estimated lumped parameters [n x 5]. Position and velocity may
-    be estimates. With an exact model the joints behave as double integrators, q'' = a. The
-    difference of a wrong model is the leakage of equation (5).
+    The model is the nominal arm, or estimated lumped parameters [n x 5], with rotors [n x 7].
+    Position and velocity may be estimates. With an exact model the joints behave as double
+    integrators, q'' = a. The difference of a wrong model is the leakage of equation (5).
     """
     return inverse_dynamics(model, position, velocity, acceleration)
 

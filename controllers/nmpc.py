@@ -48,10 +48,11 @@ STEP = 0.02
 def acceleration(arm: ArmParameters, x: Any, torque: Any) -> Any:
     """Return `forward_dynamics` [2] of x = (position, velocity) as a CasADi expression."""
     p1, p2, p3, p4, p5 = map(float, arm.lumped)
+    r1, r2 = arm.rotor  # type: ignore[misc]
     q1, q2, v1, v2 = (x[i] for i in range(4))
     b1, b2 = coriolis_terms(p3, ca.sin(q2), v1, v2)
     g1, g2 = gravity_terms(p4, p5, ca.cos(q1), ca.cos(q1 + q2))
-    m11, m12, m22 = inertia_terms(p1, p2, p3, ca.cos(q2))
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, ca.cos(q2))
     return ca.vertcat(*solve_terms(m11, m12, m22, torque[0] - b1 - g1, torque[1] - b2 - g2))
 
 

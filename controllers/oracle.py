@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from controllers.policy import State
-from fbl_gym.arm import Array, inverse_dynamics
+from fbl_gym.arm import Array, inverse_dynamics, with_rotors
 from fbl_gym.batch import Truth
 from fbl_gym.checks import Pair
 from fbl_gym.records import Record, pair
@@ -50,7 +50,8 @@ class OracleFlm(Record):
             raise ValueError(f"the oracle was made for an environment of {lanes} lanes, got {rows} observations")
         error, rate = truth.reference - truth.position, truth.reference_velocity - truth.velocity
         a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
-        load = inverse_dynamics(truth.lumped, truth.position, truth.velocity, a)
+        arm = with_rotors(truth.lumped, self.env.scenario.rotor)
+        load = inverse_dynamics(arm, truth.position, truth.velocity, a)
         torque = (load + self._friction(truth) + truth.disturbance) / truth.gain
         action = self.env.interface.action_from_torque(torque, truth.position, truth.velocity)
         return action.reshape(*np.shape(observation)[:-1], 2), state

@@ -74,8 +74,15 @@ def entry_points() -> tuple[metadata.EntryPoint, ...]:
     return tuple(metadata.entry_points(group=ENTRY_POINTS))
 
 
+def entry_point(name: str) -> metadata.EntryPoint | None:
+    """Return the entry point of a policy; None for a policy that has none. It is not loaded."""
+    return _external().get(name)
+
+
 def _external() -> dict[str, metadata.EntryPoint]:
-    return {point.name: point for point in entry_points() if point.name not in _REGISTRY}
+    # The agents of fbl-gym come last, so that no other package replaces them.
+    points = sorted(entry_points(), key=lambda point: point.module.startswith("benchmarks."))
+    return {point.name: point for point in points if point.name not in _REGISTRY}
 
 
 def _entry(name: str) -> _Entry:

@@ -20,7 +20,8 @@ class SlotineLi(TorqueLaw):
         torque = Y p^ + K s,    p^' = Gamma Y' s,    s = e' + slope e
 
     Y is the regressor along the reference motion v_r = r' + slope e, a_r = r'' + slope e'. Gains
-    scale with the nominal arm: K = damping M(q), Gamma_i = adaptation p_i^2 / p_1.
+    scale with the nominal arm: K = damping M(q), Gamma_i = adaptation p_i^2 / p_1. The inertia of
+    the rotors is known: they add their torque to Y p^.
     V = s'Ms/2 + (p^ - p)'Gamma^-1 (p^ - p)/2 has V' = -s'Ks, so the error goes to zero for every
     constant arm without friction and disturbance; the estimates need an exciting motion to
     converge. Estimates stay physical and within a factor `reach` of the nominal ones. Where the
@@ -64,7 +65,7 @@ class SlotineLi(TorqueLaw):
             momentum_regressor(q, v),  # at the last sample
             drift_regressor(q, v),  # at the last sample
             np.zeros((n, 2, 5)),  # filtered regressor
-            np.zeros((n, 2)),  # filtered torque
+            np.zeros((n, 2)),  # filtered torque, without the rotors' part
             np.zeros((n, 2)),  # torque applied since the last sample
             np.zeros(n, dtype=bool),  # False before the first sample
         )
@@ -79,14 +80,16 @@ class SlotineLi(TorqueLaw):
         s = v_r - v
         y = slotine_li_regressor(q, v, v_r, a_r)
         gain = self.damping * inertia_matrix(self.interface.nominal, q)
-        torque = np.einsum("nij,nj->ni", y, estimate) + np.einsum("nij,nj->ni", gain, s)
+        rotor = np.array(self.interface.nominal.rotor)
+        torque = np.einsum("nij,nj->ni", y, estimate) + np.einsum("nij,nj->ni", gain, s) + rotor * a_r
 
         # Over the interval that ends now, torque = d/dt (M v) + (G - C'v); both sides are filtered.
         new_momentum, new_drift = momentum_regressor(q, v), drift_regressor(q, v)
         mean = (new_momentum - momentum) / dt + 0.5 * (new_drift + drift)
         keep = np.where(started, np.exp(-self.filtering * dt), 1.0)[:, None]
         w = keep[..., None] * w + (1.0 - keep[..., None]) * mean
-        filtered = keep * filtered + (1.0 - keep) * applied
+        turned = rotor * (v - _velocity(momentum)) / dt
+        filtered = keep * filtered + (1.0 - keep) * (applied - turned)
 
         change = np.einsum("nij,ni->nj", y, s) * self.rates
         if self.composite > 0.0:
@@ -105,6 +108,11 @@ class SlotineLi(TorqueLaw):
         projected = np.clip(estimate, nominal / self.reach, nominal * self.reach)
         projected[:, 2] = np.minimum(projected[:, 2], 0.95 * np.sqrt(projected[:, 0] * projected[:, 1]))
         return projected
+
+
+def _velocity(momentum: Array) -> Array:
+    """Return the velocity [n x 2]; the first columns of a momentum regressor are v1 and v1 + v2."""
+    return np.stack([momentum[:, 0, 0], momentum[:, 0, 1] - momentum[:, 0, 0]], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ class SpongRobust(TorqueLaw):
         u_i = bound p^_i sat((Y's)_i p^_i / (epsilon p1))
 
     Y is the regressor along the reference motion v_r = r' + slope e, p^ the nominal lumped
-    parameters, and sat clips to [-1, 1]. Where every parameter is within its bound, V = s'Ms/2 has
-    V' <= -s'Ks + (5/4) bound epsilon p1, so s ends in a set that shrinks with epsilon.
+    parameters, and sat clips to [-1, 1]. A known rotor inertia adds its torque rotor a_r. Where
+    every parameter is within its bound, V = s'Ms/2 has V' <= -s'Ks + (5/4) bound epsilon p1, so s
+    ends in a set that shrinks with epsilon.
 
     Sensors: position and velocity. Source: Spong, "On the robust control of robot manipulators",
     IEEE TAC 37(11), 1992.
@@ -51,4 +52,5 @@ class SpongRobust(TorqueLaw):
         power = np.einsum("nij,ni->nj", y, s) * nominal
         u = self.bound * nominal * np.clip(power / (self.epsilon * nominal[0]), -1.0, 1.0)
         gain = self.damping * inertia_matrix(self.interface.nominal, q)
-        return np.einsum("nij,nj->ni", y, nominal + u) + np.einsum("nij,nj->ni", gain, s), state
+        torque = np.einsum("nij,nj->ni", y, nominal + u) + np.einsum("nij,nj->ni", gain, s)
+        return torque + np.array(self.interface.nominal.rotor) * a_r, state

@@ -1,6 +1,7 @@
 """An uncertain two-link arm for control and reinforcement learning.
 
-Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium.
+Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium, and
+`fbl_gym/TwoLinkArmMuJoCo-v0`, the same with MuJoCo's physics.
 """
 
 from gymnasium.envs.registration import register
@@ -9,7 +10,10 @@ from fbl_gym import references, scenarios
 from fbl_gym.arm import SECTION_2_2, TABLE_1, ArmParameters
 from fbl_gym.batch import Truth
 from fbl_gym.env import TwoLinkArmEnv
+from fbl_gym.events import DriveChange, Drop, FrictionChange, Knock, PickUp
 from fbl_gym.interface import Interface, Layout, Limits
+from fbl_gym.joints import ElasticJoint
+from fbl_gym.plants import MuJoCo
 from fbl_gym.records import Distribution
 from fbl_gym.references import (
     ArrayReference,
@@ -46,17 +50,24 @@ __all__ = [
     "ArrayDisturbance",
     "ArrayReference",
     "Distribution",
+    "DriveChange",
+    "Drop",
+    "ElasticJoint",
     "Encoder",
     "FilteredSteps",
     "FourierReference",
     "Friction",
+    "FrictionChange",
     "Interface",
+    "Knock",
     "Layout",
     "Limits",
     "MinimumJerk",
+    "MuJoCo",
     "Noise",
     "ParameterError",
     "Payload",
+    "PickUp",
     "PiecewiseConstantDisturbance",
     "PulseDisturbance",
     "Reward",
@@ -76,4 +87,10 @@ register(
     id="fbl_gym/TwoLinkArm-v0",
     entry_point="fbl_gym.env:TwoLinkArmEnv",
     vector_entry_point="fbl_gym.vector_env:TwoLinkArmVectorEnv",
+)
+register(
+    id="fbl_gym/TwoLinkArmMuJoCo-v0",
+    entry_point="fbl_gym.env:TwoLinkArmEnv",
+    vector_entry_point="fbl_gym.vector_env:TwoLinkArmVectorEnv",
+    kwargs={"plant": "mujoco"},
 )

@@ -34,6 +34,10 @@ class Truth:
         position: [rad].
         velocity: [rad/s].
         acceleration: [rad/s^2].
+        motor_position: behind the gear [rad]; with rigid joints the position.
+        motor_velocity: [rad/s]; likewise.
+        stiffness: of elastic joints [N m/rad]; zero for rigid ones.
+        damping: of elastic joints [N m s/rad].
         reference: reference position now [rad].
         reference_velocity: [rad/s].
         reference_acceleration: [rad/s^2].
@@ -58,6 +62,10 @@ class Truth:
     position: Array
     velocity: Array
     acceleration: Array
+    motor_position: Array
+    motor_velocity: Array
+    stiffness: Array
+    damping: Array
     reference: Array
     reference_velocity: Array
     reference_acceleration: Array
@@ -103,6 +111,7 @@ class ArmBatch:
         self._actions = self._parts["actions"]
         self._first_action = self._actions.start
         self.lanes = lanes
+        self._elastic = bool(settings["elastic"])
         self.threads = min(threads, blocks)
         self._memory = np.zeros(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
@@ -112,7 +121,7 @@ class ArmBatch:
             self._settings[name] = self._parts[name].start
         # The last block's spare lanes get an episode too, which keeps their numbers finite.
         self._blocks["status"] = RESTART
-        api.step(self._memory, np.empty(lanes * size), 0, 0)
+        self._step(self._memory, np.empty(lanes * size), 0, 0)
         # Before its first step, a lane must be reset.
         self._blocks["status"] = ENDED
 
@@ -134,6 +143,11 @@ class ArmBatch:
         numbers = self._memory[self._parts["blocks"]].reshape(-(-self.lanes // LANES), -1)
         return numbers[:, :BLOCK_SIZE].view(BLOCK)[:, 0]
 
+    @property
+    def _step(self) -> Any:
+        """The compiled step of these joints."""
+        return api.step_elastic if self._elastic else api.step
+
     def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
         """Give lanes their seeds; the next episode of each lane is the first one of its seed."""
         self._blocks["seed"][lanes // LANES, lanes % LANES] = seeds
@@ -146,7 +160,7 @@ class ArmBatch:
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
-        api.step(self._memory, out, 0, 0)
+        self._step(self._memory, out, 0, 0)
 
     def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
         """Advance every lane by one control step, unless `kernel.api.check` finds a problem.
@@ -161,12 +175,12 @@ class ArmBatch:
         memory = self._memory
         memory[self._actions] = actions
         if self.threads == 1:
-            return api.step(memory, out, 0, 1)
+            return api.step_elastic(memory, out, 0, 1) if self._elastic else api.step(memory, out, 0, 1)
         problem: int = api.check(memory)
         if problem >= 0:
             return problem, 0.0, False, False
         pool = _pool(self.threads)
-        work = [pool.submit(api.step, memory, out, part, self.threads) for part in range(self.threads)]
+        work = [pool.submit(self._step, memory, out, part, self.threads) for part in range(self.threads)]
         first, *_ = [each.result() for each in work]
         return first
 
@@ -175,7 +189,7 @@ class ArmBatch:
         memory, first = self._memory, self._first_action
         memory[first] = action1
         memory[first + 1] = action2
-        return api.step(memory, out, 0, 1)
+        return api.step_elastic(memory, out, 0, 1) if self._elastic else api.step(memory, out, 0, 1)
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:
@@ -193,7 +207,10 @@ class ArmBatch:
         """Return the truth at this instant."""
         table = np.empty((self.lanes, _TRUE_COLUMNS))
         api.inspect(self._memory, _TRUE_ROWS, table)
-        return Truth(**{name: table[:, columns].copy() for name, columns in _TRUE.items()})
+        fields = {name: table[:, columns].copy() for name, columns in _TRUE.items()}
+        if not self._elastic:
+            fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
+        return Truth(**fields)
 
 
 def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
@@ -201,6 +218,10 @@ def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
     stored = {
         "position": rows("position"),
         "velocity": rows("velocity"),
+        "motor_position": rows("motor_position"),
+        "motor_velocity": rows("motor_velocity"),
+        "stiffness": rows("stiffness"),
+        "damping": rows("damping"),
         "lumped": rows("lumped"),
         "masses": rows("parameters")[:2],
         "lengths": rows("parameters")[2:],

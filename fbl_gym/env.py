@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import error
 
 from fbl_gym.arm import Array
-from fbl_gym.batch import ArmBatch, Truth, single
+from fbl_gym.batch import Truth, single
 from fbl_gym.checks import check_whole, unknown
 from fbl_gym.env_common import (
     MAX_SEED,
@@ -22,6 +22,7 @@ from fbl_gym.env_common import (
     check_seed,
     configure,
     frame_rate,
+    make_batch,
 )
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
@@ -104,10 +105,11 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     * `scenario`: a name (`fbl_gym.scenarios.names()`), a `Scenario` or its dict; None: the nominal
       arm.
     * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`,
-      `noise`, `encoder`, `friction`, `disturbance`, `actuator`, `sensors`, `reference`,
-      `control_dt`, `physics_dt`, `duration`, `initial_error`, `initial_velocity`, `limits`. Each is
-      a record or the plain data that makes one. Most numbers may be a `Distribution`, drawn per
-      episode. None switches an option off. `fbl-gym list options` prints their fields.
+      `noise`, `encoder`, `friction`, `disturbance`, `actuator`, `joint`, `events`, `sensors`,
+      `reference`, `control_dt`, `physics_dt`, `duration`, `initial_error`, `initial_velocity`,
+      `limits`, `plant`. Each is a record or the plain data that makes one. Most numbers may be a
+      `Distribution`, drawn per episode. None switches an option off. `fbl-gym list options` prints
+      their fields.
     * `action`: "normalized", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: number of coming samples of the reference in the observation.
@@ -120,6 +122,11 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     An episode is a function of (scenario, seed, actions). `reset(seed=s)` starts the first episode
     of seed s, `reset()` the next one of the same seed. Each random number comes from a named
     stream, so that an option does not change the random numbers of another.
+
+    ## Another engine
+
+    `fbl_gym/TwoLinkArmMuJoCo-v0` is this environment with `plant="mujoco"`: MuJoCo moves the arm,
+    and everything else is the same. It needs the extra `mujoco`.
 
     ## Version history
 
@@ -149,7 +156,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         self.observation_space = program.interface.observation_space
         self.action_space = program.interface.action_space
         self._view: View | None = None
-        self._batch = ArmBatch(program, 1)
+        self._batch = make_batch(self.scenario, program, 1)
         self._seeded = False
         self._size = program.interface.layout.size
 

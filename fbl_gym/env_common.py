@@ -10,6 +10,7 @@ from gymnasium import error, logger
 from gymnasium.envs.registration import EnvSpec
 
 from fbl_gym.arm import ArmParameters, Array
+from fbl_gym.batch import ArmBatch
 from fbl_gym.checks import Pair, check_whole, unknown
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.memory import NO_AUTORESET
@@ -101,6 +102,17 @@ def configure(
         autoreset=autoreset,
     )
     return built, program
+
+
+def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int = 1) -> ArmBatch:
+    """Return a batch of arms on the scenario's plant."""
+    if scenario.plant is None:
+        return ArmBatch(program, lanes, threads)
+    try:
+        from fbl_gym.mujoco_batch import MuJoCoBatch
+    except ImportError:
+        raise error.DependencyNotInstalled("plant='mujoco' needs MuJoCo: pip install 'fbl-gym[mujoco]'") from None
+    return MuJoCoBatch(scenario, program, lanes)
 
 
 def _check_option(name: str) -> None:

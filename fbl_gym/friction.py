@@ -29,7 +29,7 @@ def sign(v):
 
 
 @inline_njit
-def _shrink(x, bound):
+def shrink(x, bound):
     """Return x moved towards zero by `bound`, and exactly zero within it."""
     return max(x - bound, 0.0) + min(x + bound, 0.0)
 
@@ -60,7 +60,7 @@ def resist(m11, m12, m22, g1, g2, b1, b2):
         The velocity (or acceleration) w1, w2, zero for a joint that sticks, and the friction
         g - M w of both joints.
     """
-    alone1, alone2 = _shrink(g1, b1) / m11, _shrink(g2, b2) / m22
+    alone1, alone2 = shrink(g1, b1) / m11, shrink(g2, b2) / m22
     left1, left2 = g1 - m12 * alone2, g2 - m12 * alone1
     rests1, rests2 = abs(left1) <= b1, abs(left2) <= b2
     way1, way2 = (1.0 if left1 > 0.0 else -1.0), (1.0 if left2 > 0.0 else -1.0)

@@ -4,8 +4,8 @@
 
 The settings are the same for all lanes. The tables are the arrays that a scenario contains, such as
 the samples of a reference. A block is the state of `LANES` lanes: its fields, then the last torque
-commands, the way-points of the reference, the last actions (pairs of rows, one row a joint), and
-the last readings of the encoder (four rows: position and velocity).
+commands, the way-points of the reference, the last actions (pairs of rows, one row a joint),
+the last readings of the encoder (four rows: position and velocity), and the events.
 
 The kernel and `batch.py` see the fields through the structured types `SETTINGS` and `BLOCK`:
 `block.position[0, lane]` is the position of joint 1.
@@ -25,6 +25,12 @@ NO_DISTURBANCE, PIECEWISE_CONSTANT, SINE, PULSES, ARRAY = range(5)
 SAMPLES, MINIMUM_JERK, STEPS, FILTERED_STEPS, HARMONICS = range(5)
 NORMALIZED, TORQUE, ACCELERATION = range(3)
 NO_AUTORESET, NEXT_STEP, SAME_STEP = range(3)
+
+# Kinds of events, in the order of `events.EVENTS`.
+PICK_UP, DROP, FRICTION_CHANGE, DRIVE_CHANGE, KNOCK = range(5)
+
+EVENT_ROWS = 3
+"""Rows of a block that an event takes: its time [physics steps] and a size per joint."""
 
 # The status of a lane: within an episode, after its end, or about to start the next one.
 RUNNING, ENDED, RESTART = 0.0, 1.0, 2.0
@@ -52,6 +58,10 @@ VARIED = np.dtype(
         ("coulomb", np.float64, 2),  # [N m]
         ("stiction", np.float64, 2),  # [N m]
         ("v_s", np.float64, 2),  # width of the stiction peak [(rad/s)^2]
+        # Elastic joints
+        ("stiffness", np.float64, 2),  # [N m/rad]
+        ("damping", np.float64, 2),  # [N m s/rad]
+        ("half_backlash", np.float64, 2),  # [rad]
         # Disturbance
         ("disturbance_amplitude", np.float64, 2),  # [N m]
         ("disturbance_rate", np.float64, 2),  # of a sine [rad/s]
@@ -72,11 +82,13 @@ SETTINGS = np.dtype(
         ("last_step", np.int64),  # the control step that truncates an episode
         ("control_dt", np.float64),  # [s]
         ("physics_dt", np.float64),  # [s]
+        ("external_physics", np.bool_),  # another engine moves the arm and gives its acceleration
         # Nominal arm, and the difference of the real one; four parameters: m1, m2, L1, L2
         ("parameters", np.float64, 4),  # [kg], [m]
         ("gravity", np.float64),  # [m/s^2]
-        ("centre", np.float64),  # of each link's mass, as a fraction of its length
-        ("inertia", np.float64),  # of each link about its centre, as a fraction of m L^2
+        ("centre", np.float64, 2),  # of each link's mass, as a fraction of its length
+        ("inertia", np.float64, 2),  # of each link about its centre, as a fraction of m L^2
+        ("rotor", np.float64, 2),  # inertia of each joint's rotor [kg m^2]
         ("ratio", np.float64, 4),  # real / nominal
         ("log_radius", np.float64, 4),  # log(1 + radius) of the ratio that each episode draws
         ("drawn_together", np.bool_),  # one draw for all parameters
@@ -98,7 +110,14 @@ SETTINGS = np.dtype(
         ("friction_law", np.int64),
         ("stribeck_squared", np.bool_),  # `v_s` is given as a velocity [rad/s], to be squared
         ("stribeck_linear", np.float64),  # 1: stiction fades with exp(-|v| / v_s); else 0
-        ("stiff", np.bool_),  # viscous friction is too large for Runge-Kutta
+        ("euler_steps", np.int64),  # implicit Euler steps in a physics step; 0: Runge and Kutta's
+        ("elastic", np.bool_),
+        ("motor_inertia", np.float64, 2),  # [kg m^2]
+        ("encoder_on_motor", np.bool_),
+        # Events
+        ("events", np.int64),  # number of them
+        ("event_table", np.int64),  # index of the first one's kind in the tables
+        ("event_row", np.int64),  # row of a block that holds the first one's time
         # Disturbance
         ("disturbance_kind", np.int64),
         ("disturbance_period", np.float64),  # of a level, a pulse or a sample [physics steps]
@@ -195,6 +214,13 @@ BLOCK = np.dtype(
         ("tau_start", np.float64, _PAIR),  # applied torque less disturbance at the start,
         ("tau_half", np.float64, _PAIR),  # the half
         ("tau_end", np.float64, _PAIR),  # and the end of a physics step [N m]
+        # Elastic joints
+        ("motor_position", np.float64, _PAIR),  # [rad]
+        ("motor_velocity", np.float64, _PAIR),  # [rad/s]
+        ("motor_friction", np.float64, _PAIR),  # [N m]
+        ("load_start", np.float64, _PAIR),  # torque on the links at the start,
+        ("load_half", np.float64, _PAIR),  # the half
+        ("load_end", np.float64, _PAIR),  # and the end of a physics step [N m]
         # Sensors and reference
         ("measured_position", np.float64, _PAIR),  # [rad]
         ("measured_velocity", np.float64, _PAIR),  # [rad/s]

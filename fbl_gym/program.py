@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from fbl_gym import memory
 from fbl_gym.arm import Array, inertia_matrix
-from fbl_gym.checks import check_choice, check_whole
+from fbl_gym.checks import Pair, check_choice, check_whole
+from fbl_gym.events import EVENTS, DriveChange
 from fbl_gym.interface import ACTIONS, Interface, make_layout
 from fbl_gym.memory import FIRST_VARIED, LANES, SETTINGS, VARIED
 from fbl_gym.records import Distribution, ends, scaled
@@ -113,6 +114,7 @@ def make_program(
     _pack_arm(settings, numbers, scenario)
     _pack_noise(settings, numbers, scenario)
     _pack_friction(settings, numbers, scenario)
+    _pack_joint(settings, numbers, scenario)
     _pack_actuator(settings, numbers, scenario)
     _pack_disturbance(settings, numbers, tables, scenario)
     waypoints = _pack_reference(settings, tables, scenario)
@@ -121,6 +123,7 @@ def make_program(
     settings["past_row"] = past_row
     settings["history_row"] = past_row + 2 * settings["past_actions"]
     settings["block_size"] = LANES * (settings["history_row"] + 4 * settings["history"])
+    _pack_events(settings, numbers, tables, scenario)
     preview = check_whole("preview", preview)
     _check_size("preview", preview, "", 6 * LANES * preview)
     limits = scenario.limits
@@ -165,17 +168,34 @@ class _Numbers:
             row, each = memory.rows(field)[first + joint], scaled(each, scale)
             if not isinstance(each, Distribution):
                 self.fixed[row - FIRST_VARIED] = each
-                continue
-            values = each.values
-            numbers: tuple[float, float]
-            if each.choice is not None:
-                kind, numbers = memory.CHOICE, (len(self._tables), len(values))
-                self._tables.extend(values)
-            elif each.log_uniform is not None:
-                kind, numbers = memory.LOG_UNIFORM, (values[0], _log1p(values[1] / values[0] - 1.0))
             else:
-                kind, numbers = memory.UNIFORM, (values[0], values[1])
-            self.draws.append((row, joint, kind, *numbers, *divmod(int(stream_key(path)), 2**32)))
+                self._draw(row, joint, each, path)
+
+    def draw(self, row: int, value: Any, path: str, *, scale: float = 1.0) -> None:
+        """Set rows of a block outside of `memory.VARIED`, as `set` does.
+
+        Args:
+            row: the first row.
+            value: a number, a distribution, or a pair of them.
+            path: of the option.
+            scale: the row holds `scale` times the value.
+        """
+        for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
+            # A fixed number is the draw between itself and itself.
+            each = each if isinstance(each, Distribution) else Distribution(uniform=(each, each))
+            self._draw(row + joint, joint, scaled(each, scale), path)
+
+    def _draw(self, row: int, joint: int, each: Distribution, path: str) -> None:
+        values = each.values
+        numbers: tuple[float, float]
+        if each.choice is not None:
+            kind, numbers = memory.CHOICE, (len(self._tables), len(values))
+            self._tables.extend(values)
+        elif each.log_uniform is not None:
+            kind, numbers = memory.LOG_UNIFORM, (values[0], _log1p(values[1] / values[0] - 1.0))
+        else:
+            kind, numbers = memory.UNIFORM, (values[0], values[1])
+        self.draws.append((row, joint, kind, *numbers, *divmod(int(stream_key(path)), 2**32)))
 
 
 def _check_size(option: str, value: float, unit: str, numbers: int) -> None:
@@ -244,7 +264,8 @@ def _log1p(x: float) -> float:
 def _pack_arm(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
     arm, error = scenario.arm, scenario.parameter_error
     settings["parameters"] = arm.m1, arm.m2, arm.L1, arm.L2
-    settings["gravity"], settings["centre"], settings["inertia"] = arm.gravity, arm.centre, arm.inertia
+    for name in ("gravity", "centre", "inertia", "rotor"):
+        settings[name] = getattr(arm, name)
     settings["ratio"] = 1.0
     numbers.set("payload_pick_up", np.inf, "")
     numbers.set("payload_drop", np.inf, "")
@@ -313,11 +334,11 @@ def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
         numbers.set("v_s", friction.stribeck_velocity, "friction.stribeck_velocity")
         settings["stribeck_linear"] = friction.stribeck_exponent == 1
         settings["stribeck_squared"] = friction.stribeck_exponent == 2
-    viscous = [ends(each)[1] for each in friction.viscous]  # type: ignore[union-attr]
-    settings["stiff"] = scenario.physics_dt * _fastest_decay(scenario, viscous) > MAX_DECAY
+    if scenario.physics_dt * _fastest_decay(scenario, scenario.most_viscous) > MAX_DECAY:
+        settings["euler_steps"] = 4
 
 
-def _fastest_decay(scenario: Scenario, viscous: list[float]) -> float:
+def _fastest_decay(scenario: Scenario, viscous: Pair) -> float:
     """Return the largest rate at which viscous friction slows any real arm [1/s]."""
     arm, error = scenario.arm, scenario.parameter_error or ParameterError()
     least = {
@@ -326,8 +347,19 @@ def _fastest_decay(scenario: Scenario, viscous: list[float]) -> float:
     }
     light = dataclasses.replace(arm, **{name: getattr(arm, name) * ratio for name, ratio in least.items()})
     angles = np.column_stack([np.zeros(9), np.linspace(0, np.pi, 9)])
-    rates = np.linalg.solve(inertia_matrix(light.lumped, angles), np.diag(viscous))
+    rates = np.linalg.solve(inertia_matrix(light, angles), np.diag(viscous))
     return float(np.linalg.eigvals(rates).real.max())
+
+
+def _pack_joint(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
+    joint = scenario.joint
+    if joint is None:
+        return
+    settings["elastic"], settings["encoder_on_motor"] = True, joint.encoder == "motor"
+    settings["motor_inertia"] = scenario.rotor
+    numbers.set("stiffness", joint.stiffness, "joint.stiffness")
+    numbers.set("damping", joint.damping, "joint.damping")
+    numbers.set("half_backlash", joint.backlash, "joint.backlash", scale=0.5)
 
 
 def _pack_actuator(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
@@ -378,6 +410,23 @@ def _pack_disturbance(settings: Settings, numbers: _Numbers, tables: list[float]
         numbers.set("disturbance_amplitude", disturbance.amplitude, "disturbance.amplitude")
     settings["disturbance_kind"], settings["disturbance_period"] = kind, period
     settings["torque_varies"] |= varies
+
+
+def _pack_events(settings: Settings, numbers: _Numbers, tables: list[float], scenario: Scenario) -> None:
+    """Pack the events; their rows come last in a block."""
+    settings["events"], settings["event_table"] = len(scenario.events), len(tables)
+    tables.extend(EVENTS.index(type(event)) for event in scenario.events)
+    first = int(settings["block_size"]) // LANES
+    settings["event_row"] = first
+    for i, event in enumerate(scenario.events):
+        for name, value in vars(event).items():
+            if name == "time":
+                numbers.draw(first, value, f"events.{i}.time", scale=1 / scenario.physics_dt)
+            elif name != "kind":
+                numbers.draw(first + 1, value, f"events.{i}.{name}")
+        first += memory.EVENT_ROWS
+    settings["block_size"] = first * LANES
+    settings["torque_varies"] |= any(isinstance(event, DriveChange) for event in scenario.events)
 
 
 def _pack_reference(settings: Settings, tables: list[float], scenario: Scenario) -> int:

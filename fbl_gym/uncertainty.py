@@ -48,8 +48,8 @@ class Payload(Record):
 
     Args:
         mass: mass of the payload.
-        pick_up: time at which the arm grasps it, to the nearest physics step. Joint velocities do
-            not jump.
+        pick_up: time at which the arm grasps it, to the nearest physics step. The grasp is
+            inelastic, as that of `events.PickUp`.
         drop: time at which the arm releases it, later than `pick_up`; None: never.
     """
 
@@ -209,8 +209,8 @@ class Friction(Record):
         coulomb: Coulomb friction, f_i2.
         stiction: friction f_s that fades as the joint moves.
         v_s: scale of the squared velocity at which stiction fades.
-        stribeck_velocity: in place of `v_s`, w in f_s exp(-(|v| / w)^stribeck_exponent), the usual
-            form (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
+        stribeck_velocity: in place of `v_s`, w in `f_s exp(-(|v| / w)^stribeck_exponent)`, the
+            usual form (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
         stribeck_exponent: 1 or 2.
         law: "exact" holds a joint at rest under any load up to f_i2 + f_s. "literal" is the formula
             as printed, with sign(0) = 0: no joint ever sticks, and one at rest creeps under a load,

@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
-from fbl_gym.batch import ArmBatch, Flags, Truth
+from fbl_gym.batch import Flags, Truth
 from fbl_gym.checks import check_choice, check_whole, unknown
 from fbl_gym.env_common import (
     MAX_SEED,
@@ -25,6 +25,7 @@ from fbl_gym.env_common import (
     check_seed,
     configure,
     frame_rate,
+    make_batch,
 )
 from fbl_gym.memory import LANES, NEXT_STEP, NO_AUTORESET, SAME_STEP
 from fbl_gym.program import MAX_BATCH_NUMBERS, Program
@@ -102,7 +103,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._views: list[View] = []
-        self._batch = ArmBatch(program, self.num_envs, threads)
+        self._batch = make_batch(self.scenario, program, self.num_envs, threads)
         self._seeded = False
         self._size = program.interface.layout.size
 

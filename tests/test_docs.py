@@ -80,6 +80,7 @@ SHORT = {
     "speed": ["--rounds", "1"],
     "evaluate": ["--seeds", "2"],
     "compare": ["--seeds", "2"],
+    "transfer": ["--seeds", "2", "--world", "mujoco-bend"],
 }
 """Arguments that make a command short."""
 
@@ -104,7 +105,7 @@ def test_the_suite_of_the_documentation_is_read(tmp_path, monkeypatch):
     for name, text in named_files().items():
         Path(name).write_text(text)
     suite = load("mine.toml")
-    assert suite.policies[-1].name == "my_law.py"
+    assert suite.cells[-1].policy.name == "my_law.py"
     assert {"noise-1@500Hz", "heavy@500Hz"} <= {scenario.name for scenario in suite.scenarios}
 
 

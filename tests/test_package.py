@@ -5,6 +5,8 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
+import tarfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -17,26 +19,56 @@ def python(code, **options):
     return done.stdout
 
 
-def test_a_built_wheel_works_outside_the_checkout(tmp_path):
-    """Built, unpacked elsewhere, with no compile cache: it makes, resets and steps the environment and finds its policies."""
-    wheel = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", str(tmp_path)]
-    subprocess.run([*wheel, str(ROOT)], check=True, capture_output=True)
-    (built,) = tmp_path.glob("*.whl")
-    home = tmp_path / "site"
-    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(home), str(built)]
-    subprocess.run(install, check=True, capture_output=True)
-    code = """
-import fbl_gym, controllers, benchmarks.cli, gymnasium as gym
-env = gym.make("fbl_gym/TwoLinkArm-v0", scenario="everything-1")
-observation, _ = env.reset(seed=0)
-action, state = controllers.make("cascade-flm", env).predict(observation)
-env.step(action)
-print(fbl_gym.__file__)
-"""
-    environment = {**os.environ, "PYTHONPATH": str(home)}
-    assert str(home) in python(code, cwd=tmp_path, env=environment)
-    assert (home / "fbl_gym" / "py.typed").exists()
-    assert not (home / "tests").exists()
+def build(target, tmp_path):
+    """Build a wheel or an sdist, without network, and return it."""
+    code = f"import hatchling.build as b; print(b.build_{target}({str(tmp_path)!r}))"
+    return tmp_path / python(code, cwd=ROOT).splitlines()[-1]
+
+
+def test_a_built_package_works_outside_the_checkout(tmp_path):
+    """The sdist is built, a wheel is built from it and installed in a fresh environment, used, and uninstalled."""
+    sdist = build("sdist", tmp_path)
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    source = tmp_path / sdist.name.removesuffix(".tar.gz")
+    code = f"import hatchling.build as b; print(b.build_wheel({str(tmp_path)!r}))"
+    wheel = tmp_path / python(code, cwd=source).splitlines()[-1]
+    home = tmp_path / "environment"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(home)], check=True)
+    scripts = home / ("Scripts" if os.name == "nt" else "bin")
+    (site,) = home.rglob("site-packages")
+    # The dependencies are those of this environment; an editable fbl-gym in it is not found by a path.
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib"))
+    pip = [sys.executable, "-m", "pip", "--python", str(scripts / "python"), "--disable-pip-version-check"]
+    subprocess.run([*pip, "install", "--quiet", "--no-deps", "--ignore-installed", str(wheel)], check=True)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+    def run(*line):
+        done = subprocess.run(
+            [str(scripts / line[0]), *line[1:]], capture_output=True, text=True, cwd=tmp_path, env=environment
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    assert str(site) in run("python", "-c", "import fbl_gym, benchmarks, controllers; print(fbl_gym.__file__)")
+    few = ["--policies", "zero", "ppo-residual", "--scenarios", "nominal", "--seeds", "1"]
+    assert "ppo-residual" in run("fbl-gym", "leaderboard", *few, "--workers", "1")
+    run("fbl-gym", "report", *few)
+    assert (tmp_path / "results" / "report" / "board.html").stat().st_size > 1e6
+    few = ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--scenarios", "nominal"]
+    assert "best: " in run("fbl-gym", "tune", "pd-gravity", *few)
+    assert (site / "fbl_gym" / "py.typed").exists()
+    assert not (site / "tests").exists()
+    subprocess.run([*pip, "uninstall", "--quiet", "--yes", "fbl-gym"], check=True)
+    left = [path.name for path in site.iterdir() if path.name in ("fbl_gym", "controllers", "benchmarks")]
+    assert left == []
+
+
+def test_the_sdist_has_all_that_the_readme_names(tmp_path):
+    with tarfile.open(build("sdist", tmp_path)) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    links = re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / "README.md").read_text())
+    assert {"Makefile", "constraints.txt", "pyproject.toml", *links} <= names
 
 
 def test_importing_brings_no_graphics_and_no_learning():
@@ -55,3 +87,20 @@ def test_make_targets_of_the_readme_exist():
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.M))
     named = set(re.findall(r"^make ([a-z-]+)", (ROOT / "README.md").read_text(), flags=re.M))
     assert {"leaderboard", "test"} <= named <= targets
+
+
+def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
+    """Folders `controllers` and `benchmarks` come first in the path; workers and policies get fbl-gym's too."""
+    for name in ("controllers", "benchmarks"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong one')\n")
+    (tmp_path / "law.py").write_text("from controllers.simple import Zero as make_policy\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    command = "leaderboard --policies zero law.py --scenarios nominal --seeds 1 --workers 2"
+    line = [sys.executable, "-m", "fbl_gym", *command.split()]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
+    assert done.returncode == 0, done.stderr + done.stdout
+    line = [sys.executable, "-m", "fbl_gym", "doctor"]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
+    for name in ("controllers", "benchmarks"):
+        assert f"warning: {tmp_path / name / '__init__.py'} has the same name" in done.stdout

@@ -14,6 +14,7 @@ from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
+from benchmarks.run.suite import Cell
 from fbl_gym import Scenario
 from fbl_gym.arm import Array
 
@@ -38,6 +39,7 @@ class Board:
         runs: each metric, [p x s x n].
         decision_us: time of a decision of each policy, the median over scenarios [p].
         incomplete: policies that are left out, each with the reason.
+        lacking: a sentence on the scenarios without results; empty: there are none.
     """
 
     specs: tuple[PolicySpec, ...]
@@ -46,6 +48,13 @@ class Board:
     runs: dict[str, Array]
     decision_us: Array
     incomplete: dict[str, str]
+    lacking: str = ""
+
+    @property
+    def gaps(self) -> list[str]:
+        """Sentences on all that the board lacks; empty for a complete board."""
+        left_out = [f"Left out: {policy}: {reason}" for policy, reason in self.incomplete.items()]
+        return [*([f"Incomplete: {self.lacking}"] if self.lacking else []), *left_out]
 
     @cached_property
     def policies(self) -> tuple[str, ...]:
@@ -143,12 +152,17 @@ def family_of(scenario: str) -> str:
     return family if family and severity.isdigit() else name
 
 
-def assemble(results: Sequence[Result]) -> Board:
-    """Return the board of a suite's results, which are cells with the same seeds.
+def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
+    """Return the board of a suite's results.
 
     A policy that lacks a scenario, or failed, is left out and named.
 
-    Raises: ValueError: two different scenarios or policies share a name, or no policy is complete.
+    Args:
+        results: of cells with the same seeds.
+        expected: cells that the board should have.
+
+    Raises:
+        ValueError: two different scenarios or policies share a name, or no policy is complete.
     """
     tasks = _by_name([result.cell.scenario for result in results])
     specs = _by_name([result.cell.policy for result in results])
@@ -159,6 +173,12 @@ def assemble(results: Sequence[Result]) -> Board:
         if lacking and policy not in incomplete:
             more = f" and {len(lacking) - 1} more" if lacking[1:] else ""
             incomplete[policy] = f"no result yet for {lacking[0]}{more}"
+    for policy in dict.fromkeys(cell.policy.name for cell in expected):
+        if policy not in specs:
+            incomplete[policy] = "no result yet"
+    names = dict.fromkeys(cell.scenario.name for cell in expected)
+    absent = [name for name in names if name not in tasks]
+    gap = f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else ""
     complete = [policy for policy in specs if policy not in incomplete]
     if not complete:
         reasons = "; ".join(f"{policy}: {reason}" for policy, reason in incomplete.items())
@@ -169,7 +189,7 @@ def assemble(results: Sequence[Result]) -> Board:
     runs = {name: np.array([[[run[name] for run in r.rows] for r in row] for row in rows]) for name in METRICS}
     decision = np.array([np.median([result.decision_us for result in row]) for row in rows])
     return Board(
-        tuple(specs[policy] for policy in complete), tuple(tasks), rows[0][0].cell.seeds, runs, decision, incomplete
+        tuple(specs[policy] for policy in complete), tuple(tasks), rows[0][0].cell.seeds, runs, decision, incomplete, gap
     )  # fmt: skip
 
 

@@ -35,7 +35,7 @@ def episodes(text: str) -> int:
 
 def policy_name(text: str) -> str:
     """Return the text that names a policy; an argument's type. A path must exist."""
-    if ("/" in text or os.sep in text) and ":" not in text:
+    if ("/" in text or os.sep in text) and external.form_of(text) != "file":
         if not Path(text).exists():
             raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
         if Path(text).is_dir() and not (Path(text) / "agent.json").is_file():
@@ -84,7 +84,7 @@ def gain(text: str) -> tuple[str, Any]:
 
 def console() -> Console:
     """Return the console for tables; a file has no width, so 132 columns are used."""
-    return Console(width=None if sys.stdout.isatty() else 132)
+    return Console(width=None if sys.stdout.isatty() else 132, emoji=False)
 
 
 def command_line() -> str:
@@ -108,15 +108,18 @@ def add_policy(parser: argparse.ArgumentParser) -> None:
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:
-    """Add the permission to load archives."""
+    """Add the permission to run code that was not typed as a Python file or module."""
     parser.add_argument(
-        "--trust", action="store_true", help="load archives of stable-baselines3, which runs the code in them"
+        "--trust", action="store_true", help="run the code in an archive, and that of policies which a file names"
     )
 
 
-def trust(arguments: argparse.Namespace) -> None:
-    """Allow the archives among the arguments to be loaded, if `--trust` is given."""
-    names = [getattr(arguments, "policies", ()), getattr(arguments, "policy", ())]
-    for some in names if arguments.trust else ():
-        for name in (some,) if isinstance(some, str) else some:
-            external.trust(name)
+def trust(arguments: argparse.Namespace, *more: str) -> None:
+    """Allow the code of the policies among the arguments, and of some more, if `--trust` is given.
+
+    A Python file or module that is typed needs no permission.
+    """
+    typed = [getattr(arguments, "policies", ()), getattr(arguments, "policy", ())]
+    names = [name for some in typed for name in ((some,) if isinstance(some, str) else some)]
+    for name in (*names, *more) if arguments.trust else ():
+        external.trust(name)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 
 from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.analysis.statistics import resample, wins
-from benchmarks.cli.common import console, episodes, film, picture, policy_name
-from benchmarks.policies.spec import resolve
+from benchmarks.cli.common import add_trust, console, episodes, film, picture, policy_name, trust
+from benchmarks.policies.spec import resolve_apart
 from benchmarks.report.plot import plot_comparison
+from benchmarks.run.cell import trace_apart
 from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import rollout
 from fbl_gym import scenarios
 
 
@@ -31,24 +32,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plot", type=picture, metavar="FILE", help="draw their errors on the first seed: .png, .svg or .pdf"
     )
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed side by side: .mp4 or .gif")
+    add_trust(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status."""
+    trust(arguments)
     if len(set(arguments.policies)) < 2:
         raise ValueError(f"two policies or more can be compared, got {' '.join(arguments.policies)}")
     scenario = scenarios.get(arguments.scenario)
-    traces = {policy: rollout(resolve(policy), scenario, range(arguments.seeds)) for policy in arguments.policies}
+    specs = {policy: resolve_apart(policy) for policy in arguments.policies}
+    traces = {name: trace_apart(spec, scenario, range(arguments.seeds)) for name, spec in specs.items()}
     rows = {policy: measure(trace) for policy, trace in traces.items()}
     errors = {policy: [[row["error_pct"] for row in runs]] for policy, runs in rows.items()}
     first, counts = arguments.policies[0], resample(arguments.seeds, 0)
-    table = Table(title=f"{scenario.name}, {arguments.seeds} seeds", title_style="bold", box=SIMPLE_HEAD)
-    for name in ("policy", "error %", "worst seed", "diverged %", "torque variation", f"errs less than {first}"):
+    table = Table(title=escape(f"{scenario.name}, {arguments.seeds} seeds"), title_style="bold", box=SIMPLE_HEAD)
+    for name in (
+        "policy",
+        "error %",
+        "worst seed",
+        "diverged %",
+        "torque variation",
+        escape(f"errs less than {first}"),
+    ):
         table.add_column(name, justify="left" if name == "policy" else "right")
     for policy, runs in rows.items():
         better = wins(errors[policy], errors[first], counts)
         table.add_row(
-            policy,
+            escape(policy),
             f"{_mean(runs, 'error_pct'):.3g}",
             f"{max(row['error_pct'] for row in runs):.3g}",
             f"{100 * _mean(runs, 'diverged'):.2g}",
@@ -59,12 +70,12 @@ def run(arguments: argparse.Namespace) -> int:
     screen.print(table)
     if arguments.plot is not None:
         plot_comparison(traces, f"Tracking errors on {scenario.name}", arguments.plot)
-        screen.print(f"plot: {arguments.plot}")
+        screen.print(f"plot: {arguments.plot}", markup=False)
     if arguments.video is not None:
         from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
 
         write_video(traces, arguments.video)
-        screen.print(f"video: {arguments.video}")
+        screen.print(f"video: {arguments.video}", markup=False)
     return 0
 
 

@@ -39,13 +39,13 @@ def run(arguments: argparse.Namespace) -> int:
     screen = console()
     title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
     terminal.evaluation(screen, title, measure(trace), 1e6 * trace.decision_time)
-    screen.print(scenario.description)
+    screen.print(scenario.description, markup=False)
     if arguments.plot is not None:
         plot_trace(trace, f"{arguments.policy} on {scenario.name}", arguments.plot)
-        screen.print(f"plot: {arguments.plot}")
+        screen.print(f"plot: {arguments.plot}", markup=False)
     if arguments.video is not None:
         from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
 
         write_video({arguments.policy: trace}, arguments.video)
-        screen.print(f"video: {arguments.video}")
+        screen.print(f"video: {arguments.video}", markup=False)
     return 0

@@ -13,6 +13,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.analysis.board import assemble
 from benchmarks.cli.common import add_store, add_trust, command_line, console, count, policy_name, trust
+from benchmarks.cli.parser import stopped_status
+from benchmarks.policies import external
+from benchmarks.policies.apart import Limits, limit
 from benchmarks.report import terminal
 from benchmarks.run.cell import Outcome
 from benchmarks.run.runner import BACKENDS
@@ -45,9 +48,27 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
     add_store(parser)
 
 
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """Add the limits of a cell."""
+    parser.add_argument(
+        "--cell-timeout", type=float, default=Limits.seconds, metavar="S",
+        help=f"longest time of a cell, and of loading a policy [s] ({Limits.seconds:g}, for external policies alone)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--cell-memory",
+        type=float,
+        metavar="GB",
+        help="most memory of a cell's process, on Linux (as much as there is)",
+    )
+
+
 def suite_of(arguments: argparse.Namespace) -> Suite:
     """Return the suite that the arguments of `add_suite` describe."""
-    suite = narrow(load(arguments.suite), arguments.policies, arguments.scenarios, arguments.seeds)
+    suite = load(arguments.suite)
+    for policy in suite.policies if arguments.suite.endswith(".toml") and not arguments.policies else ():
+        trust(arguments, str(policy))
+        external.expect_trust(str(policy), arguments.suite)
+    suite = narrow(suite, arguments.policies, arguments.scenarios, arguments.seeds)
     if arguments.policy:
         suite = narrow(suite, (*suite.policies, *arguments.policy))
     if arguments.arm is None:
@@ -63,18 +84,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
     )
     parser.add_argument("--backend", choices=BACKENDS, default="loky", help="this machine, or a cluster (loky)")
+    add_limits(parser)
     parser.add_argument("--address", metavar="A", help="address of the Ray or Dask cluster (a new one on this machine)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status."""
     trust(arguments)
+    limit(Limits(arguments.cell_timeout, arguments.cell_memory))
     cells, store = suite_of(arguments).cells, Store(arguments.store)
     outcomes: list[Outcome] = []
-    stopped = False
+    stopped: KeyboardInterrupt | None = None
     columns = (
-        TextColumn("{task.description:<44}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
-        TimeRemainingColumn(), TextColumn("{task.fields[rate]} [red]{task.fields[failures]}"),
+        TextColumn("{task.description:<44}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[rate]} [red]{task.fields[failures]}"),
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(cells), rate="", failures="")
@@ -87,20 +110,25 @@ def run(arguments: argparse.Namespace) -> int:
                 progress.update(task, advance=1, description=outcome.id)
                 rate, failures = _news(outcomes, progress.tasks[0].elapsed)
                 progress.update(task, rate=rate, failures=failures)
-        except KeyboardInterrupt:
-            stopped = True
+        except KeyboardInterrupt as stop:
+            stopped = stop
     done = results_of(cells, store, outcomes)
     if any(result.rows for result in done):
         terminal.leaderboard(console(), assemble(done))
         print(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
-    if stopped:
+    if stopped is not None:
         print(
-            f"fbl-gym: stopped with {len(done)} of {len(cells)} cells; the same command goes on from there",
+            f"fbl-gym: stopped with {len(done)} of {len(cells)} cells in {arguments.store}; "
+            "the same command goes on from there",
             file=sys.stderr,
         )
-        return 130
-    # A policy whose extra is not installed is named above and does not count as failed.
-    return 1 if any(o.error and not o.error.startswith("DependencyNotInstalled") for o in outcomes) else 0
+        return stopped_status(stopped)
+    return 1 if any(counts(outcome.error) for outcome in outcomes) else 0
+
+
+def counts(error: str) -> bool:
+    """Return whether an error counts as a failure. An extra that is not installed does not."""
+    return bool(error) and not error.startswith("DependencyNotInstalled")
 
 
 def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]:
@@ -114,13 +142,13 @@ def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]
 def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] = ()) -> list[Result]:
     """Return the stored results of some cells, in their order.
 
-    A cell that failed has a result with its error.
+    A cell that failed, in this run or the last one, has a result with its error.
     """
     errors = {outcome.id: outcome.error for outcome in outcomes if outcome.error}
     results = []
     for cell in cells:
         if cell.id in errors:
             results.append(Result(cell, (), float("nan"), 0.0, errors[cell.id]))
-        elif (result := store.find(cell)) is not None:
+        elif (result := store.find(cell) or store.find_failure(cell)) is not None:
             results.append(result)
     return results

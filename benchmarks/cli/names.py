@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 
 import controllers
 from benchmarks.paper import claims
+from benchmarks.policies.apart import reason_of
 from benchmarks.run.suite import SUITES
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.descriptions import Description, describe
@@ -26,10 +27,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _policies() -> dict[str, str]:
-    return {
-        name: f"{controllers.summary(name)}  [{controllers.kind(name)}, access: {controllers.access(name)}]"
-        for name in controllers.names()
-    }
+    return {name: _policy(name) for name in controllers.names()}
+
+
+def _policy(name: str) -> str:
+    try:
+        return f"{controllers.summary(name)}  [{controllers.kind(name)}, access: {controllers.access(name)}]"
+    except Exception as problem:  # an installed package may be broken
+        return f"cannot be loaded: {reason_of(problem)}"
 
 
 def _scenarios() -> dict[str, str]:

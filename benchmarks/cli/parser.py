@@ -3,27 +3,40 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
+import io
 import os
 import re
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
 import gymnasium
 
+from benchmarks.policies.apart import Failed
 from fbl_gym import __version__
 from fbl_gym.checks import nearest, unknown
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command: the name of its module, one line on it, and an example of its arguments."""
+    """A command.
+
+    Args:
+        module: its file.
+        help: one line.
+        example: of its arguments.
+        kept: what a stopped run has stored.
+    """
 
     module: str
     help: str
     example: str = ""
+    kept: str = ""
 
 
 COMMANDS: dict[str, Command] = {
@@ -43,20 +56,38 @@ COMMANDS: dict[str, Command] = {
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4",
     ),
     "report": Command(
-        "report", "write the board as Markdown, CSV and one HTML page, from stored results", "--out board"
+        "report",
+        "write the board as Markdown, CSV and one HTML page, from stored results",
+        "--out board",
+        "measured cells and traces are in the store",
     ),
     "query": Command(
         "query",
         "query stored results in SQL, or write them as CSV or Parquet",
         '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"',
     ),
+    "transfer": Command(
+        "transfer",
+        "run policies on the package's arm and on MuJoCo's, and compare their orders",
+        "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4",
+    ),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
     "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/mass-error-2"),
     "check-policy": Command("check_policy", "check that a policy keeps every promise of a policy", "my_law.py"),
-    "tune": Command("tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20"),
-    "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2"),
+    "tune": Command(
+        "tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20", "finished trials are kept"
+    ),
+    "train": Command(
+        "train",
+        "train an agent of stable-baselines3 on the uncertain arm",
+        "ppo --minutes 2",
+        "the last checkpoint and the best agent are kept",
+    ),
     "reproduce": Command(
-        "reproduce", "measure the paper's figures and claims, each with a verdict", "--only figure-2-table-1 --short"
+        "reproduce",
+        "measure the paper's figures and claims, each with a verdict",
+        "--only figure-2-table-1 --short",
+        "finished claims are kept",
     ),
     "speed": Command("speed", "measure steps per second beside other environments, in one interleaved run"),
     "list": Command(
@@ -90,6 +121,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
+    "mujoco": ("mujoco",),
     "cluster": ("dask", "distributed", "ray"),
 }
 """The modules that each extra installs."""
@@ -98,20 +130,28 @@ EXTRAS: dict[str, tuple[str, ...]] = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit status."""
     given = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a name may have any character
     try:
         if not given or given[0].startswith("-"):
             _overview().parse_args(given or ["--help"])
             return 0
         parser, run = prepare(given[0])
-        return run(parser.parse_args(given[1:]))
+        arguments = parser.parse_args(given[1:])
+        with _signals():
+            return _run(run, arguments)
     except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except MemoryError as problem:
+        print(f"fbl-gym: not enough memory: {problem}", file=sys.stderr)
+        return 2
     except OSError as problem:
         reason = f"{problem.strerror}: {problem.filename}" if problem.filename else problem
         print(f"fbl-gym: {reason}", file=sys.stderr)
         return 2
-    except (ValueError, gymnasium.error.Error) as problem:
+    except (ValueError, Failed, gymnasium.error.Error) as problem:
         print(f"fbl-gym: {problem}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as problem:
@@ -121,9 +161,49 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"fbl-gym: this needs {package}, which is not installed: pip install 'fbl-gym[{extra}]'", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("fbl-gym: stopped", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as stop:
+        kept = COMMANDS[given[0]].kept if given and given[0] in COMMANDS else ""
+        with contextlib.suppress(OSError):  # the terminal may be closed
+            print("fbl-gym: stopped" + (f"; {kept}, and the same command goes on" if kept else ""), file=sys.stderr)
+        return stopped_status(stop)
+
+
+def _run(run: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
+    try:
+        return run(arguments)
+    except SystemExit as end:  # of an external policy, or of rich, whose reader has stopped
+        if isinstance(end.__context__, BrokenPipeError):
+            return 0
+        raise ValueError(f"the policy ended the program, by SystemExit({end.code!r})") from None
+
+
+class Stopped(KeyboardInterrupt):
+    """The end of this process by a signal; its argument is the signal's number."""
+
+
+def stopped_status(stop: KeyboardInterrupt) -> int:
+    """Return the exit status of a stopped process: 128 and the number of the signal."""
+    return 128 + (stop.args[0] if isinstance(stop, Stopped) else signal.SIGINT)
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[None]:
+    """Raise `Stopped` at the signals of `kill` and of a terminal that closes, the first time."""
+
+    def stop(number: int, _frame: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise Stopped(number)
+
+    main = threading.current_thread() is threading.main_thread()
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if main and hasattr(signal, name)]
+    caught = [number for number in numbers if signal.getsignal(number) == signal.SIG_DFL]  # nohup ignores one
+    for number in caught:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number in caught:
+            signal.signal(number, signal.SIG_DFL)
 
 
 class Parser(argparse.ArgumentParser):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from pathlib import Path
 
 from benchmarks.analysis.board import assemble
@@ -11,12 +12,14 @@ from benchmarks.analysis.generalization import measure_ranges
 from benchmarks.analysis.learned import measure_learned
 from benchmarks.analysis.robustness import stored_radii
 from benchmarks.cli.common import command_line, console, count, trust
-from benchmarks.cli.leaderboard import add_suite, results_of, suite_of
+from benchmarks.cli.leaderboard import add_limits, add_suite, counts, results_of, suite_of
+from benchmarks.files import write_text
+from benchmarks.policies.apart import Limits, limit
 from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv, write_generalization
 from benchmarks.report.page import contents, write_page
 from benchmarks.report.scenes import selected
-from benchmarks.run.store import Store, write_text
+from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 from benchmarks.run.traces import trace_of
 
@@ -24,6 +27,7 @@ from benchmarks.run.traces import trace_of
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     add_suite(parser)
+    add_limits(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("results/report"), metavar="DIR", help="folder of the report (results/report)"
     )
@@ -59,13 +63,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status."""
     trust(arguments)
+    limit(Limits(arguments.cell_timeout, arguments.cell_memory))
     store = Store(arguments.store)
-    results = results_of(suite_of(arguments).cells, store)
+    cells = suite_of(arguments).cells
+    results = results_of(cells, store)
     if not results:
         raise ValueError(
             f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments first"
         )
-    board = assemble(results)
+    board = assemble(results, cells)
     radii = stored_radii(board.specs, store, arguments.workers) if arguments.radius else {}
     ranges = measure_ranges(board, store, arguments.workers) if arguments.generalization else {}
     terminal.leaderboard(console(), board)
@@ -90,4 +96,6 @@ def run(arguments: argparse.Namespace) -> int:
         command = f"fbl-gym leaderboard --suite {arguments.suite}"
         write_text(arguments.readme.parent / "docs" / "board.md", markdown.board_page(board, command))
     print(f"report: {arguments.out / 'board.html'}, board.md and board.csv beside it")
-    return 0
+    if board.gaps:
+        print("fbl-gym: the report is incomplete, see above; `fbl-gym leaderboard` computes the rest", file=sys.stderr)
+    return 1 if board.lacking or any(map(counts, board.incomplete.values())) else 0

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.cli.common import command_line, console, count
+from benchmarks.files import write_text
 from benchmarks.report import terminal
 from benchmarks.report.plot import Line, Panel, plot_lines
-from benchmarks.run.store import provenance, write_text
+from benchmarks.run.store import provenance
 from benchmarks.speed.costs import measure_evaluation, measure_growth, measure_policies
 from benchmarks.speed.environments import compare, measure_environments, to_plain
 

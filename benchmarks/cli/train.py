@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from benchmarks.cli.common import command_line
+from benchmarks.cli.common import command_line, count
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hyperparameters", type=Path, metavar="FILE", help="JSON file, instead of the shipped hyperparameters"
     )
-    parser.add_argument("--threads", type=int, default=1, metavar="N", help="threads of torch (1)")
+    parser.add_argument("--threads", type=count, default=1, metavar="N", help="threads of torch (1)")
     parser.add_argument("--wandb", metavar="PROJECT", help="also report to this project of Weights & Biases")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (runs/ALGORITHM-INTERFACE-SEED)")
 
@@ -64,7 +64,7 @@ def _settings(arguments: argparse.Namespace) -> TrainingSettings:
         scenario = at_radius(scenario, arguments.radius)
     hyperparameters: dict[str, Any] = {}
     if arguments.hyperparameters is not None:
-        hyperparameters = json.loads(arguments.hyperparameters.read_text())[arguments.algorithm]
+        hyperparameters = _hyperparameters(arguments.hyperparameters, arguments.algorithm)
     return TrainingSettings(
         algorithm=arguments.algorithm,
         adapter=AdapterSettings(arguments.interface, history=arguments.history, context=arguments.context),
@@ -74,3 +74,12 @@ def _settings(arguments: argparse.Namespace) -> TrainingSettings:
         minutes=arguments.minutes,
         hyperparameters=hyperparameters,
     )
+
+
+def _hyperparameters(path: Path, algorithm: str) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))[algorithm]
+    except (ValueError, KeyError, TypeError, RecursionError) as problem:
+        raise ValueError(
+            f"{path} must be JSON with an entry {algorithm!r}: {type(problem).__name__}: {problem}"
+        ) from None

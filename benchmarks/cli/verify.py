@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add_store, add_trust
+from benchmarks.cli.common import add_store, add_trust, trust
 from benchmarks.policies import external
-from benchmarks.policies.spec import resolve
+from benchmarks.policies.spec import resolve_apart
 from benchmarks.run.cell import run_apart, run_cell
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result, Store, provenance
@@ -30,9 +30,10 @@ def run(arguments: argparse.Namespace) -> int:
     differs = 0
     for row in arguments.rows:
         for published in _find(store, row):
-            if arguments.trust:
-                external.trust(published.cell.policy.name)
-            cell = Cell(resolve(published.cell.policy.name), published.cell.scenario, published.cell.seeds)
+            name = published.cell.policy.name
+            trust(arguments, name)
+            external.expect_trust(name, f"the result {published.cell.id}")
+            cell = Cell(resolve_apart(name), published.cell.scenario, published.cell.seeds)
             difference = compare(published, run_apart(cell) if cell.policy.external else run_cell(cell))
             differs += bool(difference)
             print(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")

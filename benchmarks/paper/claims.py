@@ -8,11 +8,11 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from benchmarks.files import write_text
 from benchmarks.paper import adaptive, leakage, robust
 from benchmarks.paper.claim import Claim, Effort, Measured
 from benchmarks.paper.radius import adaptive_radius, robust_radius
 from benchmarks.report import markdown
-from benchmarks.run.store import write_text
 from fbl_gym.checks import unknown
 
 CLAIMS: dict[str, Callable[[Effort], Measured]] = {

@@ -1,16 +1,35 @@
-"""A process for each external policy, which may change anything in it, such as `np.seterr`."""
+"""Processes for external policies, one for each, since a policy may change anything in its process.
+
+Examples are `np.seterr`, and a class of fbl-gym that a policy replaces. A process may also hang,
+take all memory or die: `limit` sets how long a call may take, and how much memory. All processes
+end with their parent.
+"""
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
 import importlib
 import os
 import pickle
 import signal
 import subprocess
 import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from multiprocessing import current_process
 from typing import Any
+
+from fbl_gym.checks import check_number
+from fbl_gym.records import set_fields
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
 
 ATTEMPTS = 2
 """Number of processes that may die over one call before the call fails."""
@@ -19,94 +38,213 @@ MOST_PROCESSES = 3
 """Largest number of processes that wait for further calls."""
 
 
-class Died(RuntimeError):
-    """The process of a policy died, and again in a new process."""
+class Failed(RuntimeError):
+    """The process of a policy died twice, took too long, or raised an error but no ValueError."""
 
 
-_PROCESSES: dict[tuple[int, str], subprocess.Popen[bytes]] = {}
-"""The process of each policy, the last used last. A fork of this process must not use them, so the
-identity of this process is part of the key."""
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one call.
+
+    Args:
+        seconds: longest time.
+        gigabytes: most memory; None: as much as there is.
+    """
+
+    seconds: float = 3600.0
+    gigabytes: float | None = None
+
+    def __post_init__(self) -> None:
+        set_fields(self, seconds=check_number("cell-timeout", self.seconds, above=0, high=threading.TIMEOUT_MAX))
+        if self.gigabytes is not None:
+            check_number("cell-memory", self.gigabytes, above=0, high=1e6)
+            if not sys.platform.startswith("linux"):
+                raise ValueError(f"cell-memory must be left out on {sys.platform}, which does not limit memory")
+
+
+_LIMITS = [Limits()]
+
+
+def limit(limits: Limits) -> None:
+    """Set the limits of all calls from this process."""
+    _LIMITS[0] = limits
+
+
+def limits() -> Limits:
+    """Return the limits of calls from this process."""
+    return _LIMITS[0]
 
 
 def call_apart(owner: str, function: str, *arguments: Any) -> Any:
-    """Call "module:name" with plain data in the process of a policy, which is kept.
+    """Call a function in the process of a policy and return its result; raise its ValueError here.
 
-    An error of the function is raised here.
+    Args:
+        owner: name of the policy; the process is kept for its further calls.
+        function: "module:name".
+        *arguments: plain data.
 
     Raises:
-        Died: the process died.
+        Failed: there is no result.
     """
-    key = os.getpid(), owner
     for _ in range(ATTEMPTS):
-        process = _process(key)
-        assert process.stdin is not None
-        assert process.stdout is not None
+        process = _process(owner)
         try:
-            pickle.dump((os.getcwd(), function, arguments), process.stdin)
-            process.stdin.flush()
-            error, value = pickle.load(process.stdout)
+            error, value = process.call(function, arguments)
         except (EOFError, OSError, pickle.UnpicklingError):
-            _end(key)
+            _PROCESSES.pop((os.getpid(), owner)).close()
+            if process.late:
+                raise Failed(f"it took longer than {limits().seconds:g} s, see --cell-timeout") from None
             continue
         except BaseException:  # the answer to this call must not be taken for that to the next one
-            _end(key)
+            _PROCESSES.pop((os.getpid(), owner)).close()
             raise
         if error is not None:
             raise error
         return value
-    raise Died(f"its worker died {ATTEMPTS} times")
+    raise Failed(f"its worker died {ATTEMPTS} times")
 
 
-def _process(key: tuple[int, str]) -> subprocess.Popen[bytes]:
-    """Return the process of a policy. It ends with its parent, since its input ends then."""
+class _Process:
+    """A Python process that waits for calls. It ends with its parent, since its input ends then."""
+
+    def __init__(self) -> None:
+        code = (
+            f"import sys; sys.path[:] = {sys.path!r}; from benchmarks.policies.apart import serve; serve({os.getpid()})"
+        )
+        self.late = False
+        with parent_decides():
+            self.process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    def call(self, function: str, arguments: tuple[Any, ...]) -> tuple[BaseException | None, Any]:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        timer = threading.Timer(limits().seconds, self._end)
+        timer.daemon = True
+        timer.start()
+        try:
+            pickle.dump((os.getcwd(), limits(), function, arguments), self.process.stdin)
+            self.process.stdin.flush()
+            answer: tuple[BaseException | None, Any] = pickle.load(self.process.stdout)
+        finally:
+            timer.cancel()
+        return answer
+
+    def _end(self) -> None:
+        self.late = True
+        self.process.kill()
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        for pipe in (self.process.stdin, self.process.stdout):
+            with contextlib.suppress(OSError):
+                if pipe is not None:
+                    pipe.close()
+
+
+_PROCESSES: dict[tuple[int, str], _Process] = {}
+"""The process of each policy. A fork of this process starts others, so the identity of this process
+is part of the key."""
+
+
+def _process(owner: str) -> _Process:
+    mine = [key for key in _PROCESSES if key[0] == os.getpid()]
+    key = os.getpid(), owner
     if key not in _PROCESSES:
-        waiting = _ours()
-        if len(waiting) >= MOST_PROCESSES:
-            _end(waiting[0])
-        code = f"import sys; sys.path[:] = {sys.path!r}; from benchmarks.policies.apart import serve; serve()"
-        command = [sys.executable, "-c", code]
-        _PROCESSES[key] = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    _PROCESSES[key] = _PROCESSES.pop(key)
+        if len(mine) >= MOST_PROCESSES:
+            _PROCESSES.pop(mine[0]).close()
+        _PROCESSES[key] = _Process()
+    _PROCESSES[key] = _PROCESSES.pop(key)  # the last used stands last
     return _PROCESSES[key]
 
 
-def _ours() -> list[tuple[int, str]]:
-    return [key for key in _PROCESSES if key[0] == os.getpid()]
-
-
-def _end(key: tuple[int, str]) -> None:
-    process = _PROCESSES.pop(key)
-    process.kill()
-    process.wait()
-    for pipe in (process.stdin, process.stdout):
-        with contextlib.suppress(OSError):
-            if pipe is not None:
-                pipe.close()
-
-
 @atexit.register
-def _end_all() -> None:
-    for key in _ours():
-        _end(key)
+def close() -> None:
+    """End the processes of this one."""
+    for key in [key for key in _PROCESSES if key[0] == os.getpid()]:
+        _PROCESSES.pop(key).close()
 
 
-def serve() -> None:
-    """Answer the calls on the standard input on the standard output, until the input ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+def serve(parent: int) -> None:
+    """Answer the calls on the standard input on the standard output, until the input ends.
+
+    Args:
+        parent: identity of the process that calls.
+    """
+    _watch(parent)
     requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     # A policy may read and print.
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
     while True:
         try:
-            folder, function, arguments = pickle.load(requests)
+            folder, limits, function, arguments = pickle.load(requests)
         except EOFError:
             return
+        limit(limits)
+        if limits.gigabytes is not None:
+            most = resource.getrlimit(resource.RLIMIT_DATA)[1]
+            resource.setrlimit(resource.RLIMIT_DATA, (int(1e9 * limits.gigabytes), most))
         os.chdir(folder)  # the policy may be named by a relative path
         module, _, name = function.partition(":")
         try:
             answer = pickle.dumps((None, getattr(importlib.import_module(module), name)(*arguments)))
-        except Exception as problem:
-            answer = pickle.dumps((ValueError(f"{problem}"), None))
+        except BaseException as problem:
+            known = isinstance(problem, ValueError)
+            answer = pickle.dumps((ValueError(text_of(problem)) if known else Failed(reason_of(problem)), None))
         replies.write(answer)
         replies.flush()
+
+
+LONGEST = 2000
+"""Characters of an error that are kept."""
+
+
+def text_of(problem: BaseException) -> str:
+    """Return the text of an error. An external policy's may raise one itself."""
+    try:
+        return str(problem)[:LONGEST]
+    except BaseException:
+        return "(its text raises an error)"
+
+
+def reason_of(problem: BaseException) -> str:
+    """Return the kind and the text of an error."""
+    return f"{type(problem).__name__}: {text_of(problem)}"
+
+
+@contextlib.contextmanager
+def parent_decides() -> Iterator[None]:
+    """Let processes that are started here ignore the signals of a terminal."""
+    main = threading.current_thread() is threading.main_thread()
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if main and hasattr(signal, name)]
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+_WATCHED: list[int] = []
+
+
+def end_with_parent() -> None:
+    """End this process when its parent has ended, if it is a worker of joblib."""
+    if current_process().name.startswith("LokyProcess") and not _WATCHED:
+        _watch(os.getppid())
+
+
+def _watch(parent: int) -> None:
+    _WATCHED.append(parent)
+    threading.Thread(target=_wait_for_the_end, args=(parent,), daemon=True).start()
+    if sys.platform.startswith("linux") and not current_process().name.startswith("LokyProcess"):
+        # Compiled code may hold Python's lock, so that no thread of Python runs. joblib starts its
+        # workers in a thread that may end before the parent, and this signal would follow it.
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
+def _wait_for_the_end(parent: int) -> None:
+    while os.name == "nt" or os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)

@@ -40,7 +40,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 def code_digest(modules: Mapping[str, Path]) -> str:
     """Return a hash of the code of some modules, each a name and its file."""
     lines = [f"{name} {source_digest(path.read_bytes())}" for name, path in sorted(modules.items())]
-    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    return hashlib.sha256("\n".join(lines).encode(errors="surrogateescape")).hexdigest()
 
 
 @lru_cache(maxsize=1024)

@@ -24,9 +24,8 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-import controllers
 from benchmarks.policies.digest import PACKAGES, closure, code_digest
-from benchmarks.rl.agent import DESCRIPTION, WEIGHTS
+from benchmarks.rl.agent import DESCRIPTION, files
 from controllers import registry
 from fbl_gym.checks import unknown
 
@@ -49,34 +48,52 @@ def form_of(text: str) -> str:
     """Return the form of a text: "archive", "file", "module", "agent" (a folder), or "name"."""
     if text.endswith(".zip"):
         return "archive"
-    if text.partition(":")[0].endswith(".py"):
+    if split(text)[0].endswith(".py"):
         return "file"
-    if ":" in text:
-        return "module"
-    has_folder = os.sep in text or "/" in text
-    return "agent" if has_folder and (Path(text) / DESCRIPTION).is_file() else "name"
+    if (os.sep in text or "/" in text) and (Path(text) / DESCRIPTION).is_file():
+        return "agent"
+    return "module" if ":" in text else "name"
+
+
+def split(text: str) -> tuple[str, str]:
+    """Return the place of a policy's code and the attribute; empty: none is named.
+
+    A path may contain colons, as on Windows.
+    """
+    source, _, name = text.rpartition(":")
+    return (source, name) if source and name.isidentifier() else (text, "")
 
 
 def weights(text: str) -> list[Path]:
     """Return the files of a trained policy, an archive or an agent; none for code."""
-    form, path = form_of(text), Path(text)
-    return {"archive": [path], "agent": [path / DESCRIPTION, path / WEIGHTS]}.get(form, [])
+    form = form_of(text)
+    return [Path(text)] if form == "archive" else files(Path(text)) if form == "agent" else []
 
 
-_TRUSTED: set[Path] = set()
+_TRUSTED: set[str] = set()
 
 
-def trust(path: str) -> None:
-    """Allow an archive to be loaded. Loading runs any code that it holds."""
-    _TRUSTED.add(Path(path).resolve())
+def trust(text: str) -> None:
+    """Allow the code of a policy that a file names, or of an archive, to be run."""
+    _TRUSTED.add(_place(text))
+
+
+def expect_trust(text: str, origin: str) -> None:
+    """Raise `Untrusted` if `origin`, a file, names a policy whose code nobody has vouched for."""
+    if form_of(text) in ("archive", "file", "module") and _place(text) not in _TRUSTED:
+        raise Untrusted(f"{origin} names {text}, whose code would be run; give --trust if you trust it")
+
+
+def _place(text: str) -> str:
+    return str(Path(text).resolve()) if form_of(text) == "archive" else text
 
 
 def check(text: str) -> None:
     """Raise an error if an external policy does not exist or may not be loaded."""
-    form, source = form_of(text), text.partition(":")[0]
+    form, source = form_of(text), split(text)[0]
     if form in ("archive", "file") and not Path(source).is_file():
         raise ValueError(f"policy must name a file that exists, but there is no file {Path(source)}")
-    if form == "archive" and Path(text).resolve() not in _TRUSTED:
+    if form == "archive" and _place(text) not in _TRUSTED:
         raise Untrusted(f"loading {Path(text)} runs any code that it holds; give --trust if you trust its source")
     if form == "module" and not all(part.isidentifier() for part in source.split(".")):
         raise ValueError(f"the module of a policy must be named as in an import, such as my_laws.pd, got {source!r}")
@@ -95,7 +112,7 @@ def has_loaded() -> bool:
 def load(text: str) -> Callable[..., Any]:
     """Return the factory in a file or module. A file is loaded again when its code has changed."""
     _HAS_LOADED.append(text)
-    source, _, name = text.partition(":")
+    source, name = split(text)
     module = _load_file(Path(source)) if form_of(text) == "file" else _load_module(source)
     factory: Callable[..., Any] | None = getattr(module, name or ATTRIBUTE, None)
     if not callable(factory):
@@ -153,7 +170,7 @@ def forget(path: Path) -> None:
 
 def _prefix(path: Path) -> str:
     """Return the beginning of the names under which the states of a file are loaded."""
-    return f"fbl_gym_external_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}_"
+    return f"fbl_gym_external_{hashlib.sha256(os.fsencode(path)).hexdigest()[:12]}_"
 
 
 @contextlib.contextmanager
@@ -203,30 +220,43 @@ def sources(text: str) -> dict[str, Path]:
     if weights(text):
         return {}
     if form_of(text) == "file":
-        path = Path(text.partition(":")[0]).resolve()
-        return {"": path, **_beside(path)}
+        file = Path(split(text)[0]).resolve()
+        return {"": file, **_beside(file)}
     entry = entry_module(text)
-    name = entry or text.partition(":")[0]
-    module, top = _load_module(name), _load_module(name.partition(".")[0])
-    if getattr(module, "__file__", None) is None:
+    name = entry or split(text)[0]
+    top = name.partition(".")[0]
+    path, package = _locate(name)[0], _locate(top)[1]
+    if path is None:
         return {}
-    path = Path(str(module.__file__))
-    if top.__name__ in PACKAGES:
+    if top in PACKAGES:
         return {name: path}
-    if hasattr(top, "__path__"):
-        files = sorted({file for folder in top.__path__ for file in Path(folder).rglob("*.py")})
-        return {name: path, **{file.as_posix().rpartition(f"/{top.__name__}/")[2]: file for file in files}}
+    if package:
+        every = sorted({file for folder in package for file in Path(folder).rglob("*.py")})
+        return {name: path, **{file.as_posix().rpartition(f"/{top}/")[2]: file for file in every}}
     installed = path.parent.name in ("site-packages", "dist-packages")
     return {"": path} if entry or installed else {"": path, **_beside(path)}
 
 
+def _locate(module: str) -> tuple[Path | None, list[str]]:
+    """Return the file of a module and the folders of a package. No code is run to find them."""
+    if (loaded := sys.modules.get(module)) is not None:
+        file = getattr(loaded, "__file__", None)
+        return (Path(file) if file else None), list(getattr(loaded, "__path__", []))
+    file, folders = None, [Path.cwd(), *map(Path, sys.path)]
+    for part in module.split("."):
+        places = [place for folder in folders for place in (folder / part / "__init__.py", folder / f"{part}.py")]
+        file = next((place for place in places if place.is_file()), None)
+        if file is None:  # a package without __init__.py
+            folders = [folder / part for folder in folders if (folder / part).is_dir()]
+        else:
+            folders = [file.parent] if file.name == "__init__.py" else []
+    return file, list(map(str, folders))
+
+
 def entry_module(name: str) -> str:
     """Return the module by which another package registers a policy; empty: there is none."""
-    for point in registry.entry_points():
-        if point.name == name and point.module.partition(".")[0] not in PACKAGES:
-            # A built-in policy of that name wins.
-            return point.module if point.load() is controllers.factory(name) else ""
-    return ""
+    point = registry.entry_point(name)
+    return "" if point is None or point.module.partition(".")[0] in PACKAGES else point.module
 
 
 def _beside(path: Path) -> dict[str, Path]:

@@ -31,7 +31,7 @@ from typing import Any
 
 import controllers
 from benchmarks.policies import external
-from benchmarks.policies.apart import Died, call_apart
+from benchmarks.policies.apart import Failed, call_apart
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.rl.agent import access_of, saved_agent
@@ -102,9 +102,9 @@ class PolicySpec:
     @property
     def identity(self) -> dict[str, Any]:
         """All that distinguishes this policy from others, but not the place of an external one."""
-        place, _, attribute = self.name.partition(":")
+        attribute = external.split(self.name)[1]
         return {
-            "policy": place if _form(self.name) == "name" else f"external:{attribute}",
+            "policy": self.name if _form(self.name) == "name" else f"external:{attribute}",
             "access": self.access,
             "code": self.digest,
             "data": sorted(self.data.values()),
@@ -199,8 +199,8 @@ def resolve_apart(text: str) -> PolicySpec:
         return resolve(text)
     try:
         spec: PolicySpec = call_apart(text, "benchmarks.policies.spec:resolve", text)
-    except Died as death:
-        return PolicySpec(text, "classical", "nominal", external=True, problem=f"{death} while the policy was loaded")
+    except Failed as problem:
+        return PolicySpec(text, "classical", "nominal", external=True, problem=f"{problem}, while it was loaded")
     return spec
 
 
@@ -210,7 +210,7 @@ def is_unchanged(spec: PolicySpec) -> bool:
     No code of a file is run.
     """
     try:
-        if _form(spec.name) == "file":
+        if _form(spec.name) in ("file", "module"):
             data = {path: external.file_digest(Path(path)) for path in spec.data}
             return _digest(external.sources(spec.name)) == spec.digest and data == spec.data
         now = _trained(spec.name) if external.weights(spec.name) else resolve_apart(spec.name)
@@ -246,7 +246,7 @@ def _state(text: str, spec: PolicySpec | None = None) -> str:
     spec = spec or _RESOLVED.get(text, (None, ""))[0]
     files = {*external.sources(text).values(), *external.weights(text), *map(Path, spec.data if spec else ())}
     digests = [str(Path.cwd()), *(external.file_digest(path) for path in sorted(files))]
-    return hashlib.sha256("".join(digests).encode()).hexdigest()
+    return hashlib.sha256("".join(digests).encode(errors="surrogateescape")).hexdigest()
 
 
 def _trained(text: str) -> PolicySpec:
@@ -263,7 +263,7 @@ def _trained(text: str) -> PolicySpec:
 def _coded(text: str) -> PolicySpec:
     """Return the specification of a policy that is code, from the policy made for an example."""
     if _form(text) == "file" and text in _RESOLVED:
-        external.forget(Path(text.partition(":")[0]))
+        external.forget(Path(external.split(text)[0]))
     is_external = _form(text) != "name" or external.entry_module(_with_seed(text)[0]) != ""
     spec = PolicySpec(text, "classical", "nominal", external=is_external)
     modules: dict[str, Path] = {}
@@ -272,6 +272,9 @@ def _coded(text: str) -> PolicySpec:
         with external.watch() as reads:
             modules = external.sources(text) if is_external else {}
             factory = _factory(text)
+            modules = external.sources(text) if is_external else {}
+            if is_external and not modules:
+                raise BadDeclaration(f"{text} must be Python code in files, since its key follows them")
             modules = modules or _files(factory.__module__)
             spec = _declared(spec, factory)
             spec = dataclasses.replace(spec, configuration=configuration(_make(text, _example(spec), {})))

@@ -10,9 +10,10 @@ from typing import Any
 
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
+from benchmarks.files import write_text
 from benchmarks.run.current import current_keys, current_runs
 from benchmarks.run.metrics import METRICS
-from benchmarks.run.store import Result, write_text
+from benchmarks.run.store import Result
 
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 
@@ -57,13 +58,14 @@ def write_generalization(path: Path, board: Board, ranges: Mapping[str, RangeErr
     write_text(path, text.getvalue())
 
 
-def query(results: Iterable[Result], sql: str) -> str | None:
+def query(results: Iterable[Result], sql: str, files: bool = False) -> str | None:
     """Return DuckDB's answer to a question about stored results; None for a command.
 
     The table `results` has each run of the current results once, with the columns of the CSV. The
     table `all_results` has every stored run, those of older code and other sets of seeds among
     them, and the columns `APART` too. A question is "SELECT policy, avg(error_pct) FROM results
-    GROUP BY policy", a command "COPY results TO 'board.parquet'".
+    GROUP BY policy", a command "COPY results TO 'board.parquet'". With `files`, it may read and
+    write files, and load extensions.
     """
     import duckdb
     import pandas as pd
@@ -80,6 +82,9 @@ def query(results: Iterable[Result], sql: str) -> str | None:
     connection.register("results", pd.DataFrame.from_records(current, columns=list(COLUMNS)))
     connection.register("all_results", pd.DataFrame.from_records(every, columns=[*COLUMNS, *APART]))
     try:
+        if not files:
+            connection.execute("SET enable_external_access = false")
+        connection.execute("SET lock_configuration = true")
         answer = connection.sql(sql)
         return None if answer is None else str(answer)
     except duckdb.Error as problem:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
@@ -27,6 +28,18 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table, one line a row."""
     lines = [header, ["---"] * len(header), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def code(text: str) -> str:
+    """Return text that Markdown shows character by character, in one line."""
+    text = " ".join(text.split())
+    fence = "`" * (1 + max(map(len, re.findall("`+", text)), default=0))
+    return f"{fence} {text} {fence}" if "`" in text else f"`{text}`"
+
+
+def plain(text: str) -> str:
+    """Return text, such as a name, in which Markdown and HTML find no markup, in one line."""
+    return re.sub(r"([\\`*\[\]<>&]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
 
 
 def claims(measured: Mapping[str, Claim]) -> str:
@@ -56,12 +69,13 @@ def leaderboard(board: Board, ranges: Mapping[str, RangeErrors] = MappingProxyTy
     selected = [every[key] for key in keys if key in every]
     rows = [[_cell(column, i) for column in selected] for i in (board.order[:ROWS] if short else board.order)]
     note = f"\n{UNSCORED}\n" if board.score is None and not short else ""
-    return table([column.title for column in selected], rows) + note
+    gaps = "".join(f"\n{plain(gap)}\n" for gap in board.gaps)
+    return table([plain(column.title) for column in selected], rows) + note + gaps
 
 
 def _cell(column: Column, i: int) -> str:
     if column.key == "policy":
-        return f"`{column.text(i)}`"
+        return code(column.text(i))
     if column.key == "rank":
         low, _, high = column.interval(i).partition("–")
         return "not ranked" if not low else low if low == high else f"{low}–{high}"
@@ -80,7 +94,7 @@ def learned_table(rows: Sequence[Learned]) -> str:
         shares = [f"{100 * share:.0f} %" for share in parts / parts.sum()]
         label = f", {row.error.label}" if row.error.label else ""
         error = f"{row.error.value:.3f} ({row.error.low:.3f}–{row.error.high:.3f}{label})"
-        lines.append((f"`{row.policy}`", row.scenario, str(row.training_seeds), error, *shares))
+        lines.append((code(row.policy), plain(row.scenario), str(row.training_seeds), error, *shares))
     return table(header, lines)
 
 

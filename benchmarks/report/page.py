@@ -21,6 +21,7 @@ from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.statistics import Radius
+from benchmarks.files import write_text
 from benchmarks.report import figures
 from benchmarks.report.columns import Column, columns
 from benchmarks.report.figures import DASHES, MARKS, style
@@ -99,6 +100,7 @@ def contents(
             f"{len(board.policies)} policies on {len(board.scenarios)} scenarios with the same {len(board.seeds)} seeds. "
             "Intervals cover 95 %, by a bootstrap over seeds."
             + ("" if statistics.enough(len(board.seeds)) else " There are too few episodes to claim failure rates.")
+            + "".join(f" {gap}." for gap in board.gaps)
         ),
         "facts": {
             "command": command,
@@ -148,8 +150,7 @@ def write_page(path: Path, page: Page) -> None:
         ).replace("<", "\\u003c"),
     }
     template = resources.files("benchmarks.report").joinpath("page.html").read_text(encoding="utf-8")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template), encoding="utf-8")
+    write_text(path, re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template))
 
 
 def _table(page: Page) -> str:

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.analysis.linear import LinearLoop
+from benchmarks.files import replacing
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import Array
 
@@ -147,9 +148,9 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, lane: i
 
 def _save(figure: Figure, title: str, path: Path) -> None:
     figure.suptitle(title, x=0.01, horizontalalignment="left")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with rc_context({"pdf.fonttype": 42}):  # TrueType: text stays text, and publishers accept it
-        figure.savefig(path, dpi=100)
+    # TrueType fonts in a PDF: text stays text, and publishers accept it.
+    with rc_context({"pdf.fonttype": 42}), replacing(path) as beside:
+        figure.savefig(beside, dpi=100)
 
 
 def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path) -> None:

@@ -45,8 +45,8 @@ def leaderboard(console: Console, board: Board) -> None:
         "interval. us: microseconds per decision. In brackets: privileged access, not ranked.",
         width=min(text_width, console.width),
     )
-    for policy, reason in board.incomplete.items():
-        console.print(f"[red]left out[/red] {escape(policy)}: {escape(reason)}")
+    for gap in board.gaps:
+        console.print(f"[red]{escape(gap)}[/red]")
 
 
 def _width(console: Console, table: Table) -> int:
@@ -62,11 +62,11 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
     for name in ("rank", "score", "error\n%", "diverged\n%", "us") if summary else ():
         table.add_column(name, justify="right", no_wrap=True)
     for family in families:
-        table.add_column(family.replace("-", "-\n"), justify="right", no_wrap=True)
+        table.add_column(escape(family.replace("-", "-\n")), justify="right", no_wrap=True)
     ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
     for i in board.order:
         privileged = not board.specs[i].ranked
-        cells = [f"({board.policies[i]})" if privileged else board.policies[i]]
+        cells = [escape(f"({board.policies[i]})" if privileged else board.policies[i])]
         if summary:
             diverged = 100 * board.failures.value[i]
             cells += [
@@ -98,7 +98,9 @@ def generalization(console: Console, board: Board, measured: Mapping[str, RangeE
             diverged = f" [red]{100 * errors.diverged[i]:.2g} %[/red]" if errors.diverged[i] else ""
             cells.append(f"{value} [dim]{low}-{high}[/dim]{diverged}")
         table.add_row(
-            f"({board.policies[i]})" if privileged else board.policies[i], *cells, style="dim" if privileged else ""
+            escape(f"({board.policies[i]})" if privileged else board.policies[i]),
+            *cells,
+            style="dim" if privileged else "",
         )
     console.print(table)
     console.print(
@@ -118,7 +120,7 @@ def _number(value: float) -> str:
 
 def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:
     """Print the metrics of one policy on one scenario: mean over the seeds, and worst seed."""
-    table = Table(title=title, title_style="bold")
+    table = Table(title=escape(title), title_style="bold")
     for name, justify in (("metric", "left"), ("mean", "right"), ("worst seed", "right"), ("meaning", "left")):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for name, value, meaning in describe(summarize(rows)):

@@ -9,6 +9,7 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 
+from benchmarks.files import replacing
 from benchmarks.report.scenes import first_of
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
@@ -39,17 +40,17 @@ def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size:
         raise ValueError(f"size must be even, got {size}")
     frames = film(traces, FPS[ending], lane=lane, size=size)
     first = next(frames)
-    path.parent.mkdir(parents=True, exist_ok=True)
     height, width, _ = first.shape
-    writer = imageio_ffmpeg.write_frames(
-        str(path), (width, height), fps=FPS[ending], quality=None, macro_block_size=2, ffmpeg_log_level="error",
-        **_WRITER[ending],
-    )  # fmt: skip
-    writer.send(None)
-    writer.send(first)
-    for frame in frames:
-        writer.send(frame)
-    writer.close()
+    with replacing(path) as beside:
+        writer = imageio_ffmpeg.write_frames(
+            str(beside), (width, height), fps=FPS[ending], quality=None, macro_block_size=2, ffmpeg_log_level="error",
+            **_WRITER[ending],
+        )  # fmt: skip
+        writer.send(None)
+        writer.send(first)
+        for frame in frames:
+            writer.send(frame)
+        writer.close()
 
 
 def film(traces: Mapping[str, Trace], fps: float, *, lane: int = 0, size: int = 480) -> Iterator[Frame]:

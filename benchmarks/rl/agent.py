@@ -1,12 +1,18 @@
 """An agent as a policy, which is an adapter and an actor network, and the folder that holds it.
 
-In the folder, `agent.json` describes the agent, and `weights.npz` holds its network in single
+In the folder, `agent.json` describes the agent and names the file of its network, which has single
 precision. Both are plain data: reading them runs no code.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import io
 import json
+import zipfile
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +20,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from benchmarks.files import replacing, write_text
 from benchmarks.rl.adapter import SENSORS, AdapterSettings, AgentAdapter
 from benchmarks.rl.network import Actor
 from controllers.policy import State, TorqueLaw
@@ -21,6 +28,7 @@ from fbl_gym.arm import Array
 from fbl_gym.interface import Interface
 
 DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
+_ZIP = (zipfile.BadZipFile, zlib.error, RuntimeError)  # the errors of damaged archives
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,21 +74,22 @@ def write(folder: Path, actor: Actor, description: dict[str, Any]) -> None:
 
     The description is plain data; its entry `interface` holds the fields of the `AdapterSettings`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     arrays: dict[str, Any] = {}
     for i, (weight, bias) in enumerate(actor.layers):
         arrays[f"weight_{i}"], arrays[f"bias_{i}"] = np.float32(weight), np.float32(bias)
-    np.savez(folder / f".{WEIGHTS}", **arrays)
-    (folder / f".{WEIGHTS}").replace(folder / WEIGHTS)
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    # The weights of an earlier agent stay until the description, in one step, names the new ones.
+    weights = f"weights-{hashlib.sha256(content.getvalue()).hexdigest()[:12]}.npz"
+    with replacing(folder / weights) as beside:
+        beside.write_bytes(content.getvalue())
     network = {"layers": len(actor.layers), "activation": actor.activation, "output": actor.output}
-    replace_text(folder / DESCRIPTION, json.dumps({**description, "network": network}, indent=1) + "\n")
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write a text file in one move, so that no reader sees half of it."""
-    temporary = path.with_name(f".{path.name}")
-    temporary.write_text(text)
-    temporary.replace(path)
+    write_text(
+        folder / DESCRIPTION, json.dumps({**description, "weights": weights, "network": network}, indent=1) + "\n"
+    )
+    for file in folder.glob("weights*.npz"):
+        if file.name != weights:
+            file.unlink(missing_ok=True)
 
 
 def describe(folder: Path) -> dict[str, Any]:
@@ -88,18 +97,37 @@ def describe(folder: Path) -> dict[str, Any]:
     path = folder / DESCRIPTION
     if not path.exists():
         raise ValueError(f"folder must hold an agent.json, as `fbl-gym train` writes it, got {str(folder)!r}")
-    return json.loads(path.read_text())
+    with _reading(path):
+        description: dict[str, Any] = {"weights": WEIGHTS, **json.loads(path.read_text(encoding="utf-8"))}
+        _ = description["interface"].items(), (folder / description["weights"]).name
+    return description
+
+
+def files(folder: Path) -> list[Path]:
+    """Return the files of the agent in a folder."""
+    return [folder / DESCRIPTION, folder / describe(folder)["weights"]]
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Turn each error of reading a malformed file into one that names the file."""
+    try:
+        yield
+    except (ArithmeticError, AttributeError, EOFError, LookupError, OSError, TypeError, ValueError, *_ZIP) as problem:
+        reason = f"it lacks {problem}" if isinstance(problem, KeyError) else problem
+        raise ValueError(f"{path} must be as `fbl-gym train` wrote it: {reason}") from None
 
 
 def read(folder: Path) -> tuple[AdapterSettings, Actor]:
     """Return the adapter's settings and the network of the agent in a folder."""
     description = describe(folder)
-    network = description["network"]
-    with np.load(folder / WEIGHTS, allow_pickle=False) as file:
-        layers = tuple(
-            (file[f"weight_{i}"].astype(float), file[f"bias_{i}"].astype(float)) for i in range(network["layers"])
-        )
-    return AdapterSettings(**description["interface"]), Actor(layers, network["activation"], network["output"])
+    weights = folder / description["weights"]
+    with _reading(weights), weights.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        arrays = {name: file[name].astype(float) for name in file}
+    with _reading(folder / DESCRIPTION):
+        network, settings = description["network"], AdapterSettings(**description["interface"])
+        layers = tuple((arrays[f"weight_{i}"], arrays[f"bias_{i}"]) for i in range(network["layers"]))
+        return settings, Actor(layers, network["activation"], network["output"])
 
 
 def access_of(folder: Path) -> str:

@@ -17,7 +17,8 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from benchmarks.rl.agent import Agent, replace_text, write
+from benchmarks.files import replacing, write_text
+from benchmarks.rl.agent import Agent, write
 from benchmarks.rl.export import export
 from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.rl.validation import VALIDATION, tracking_error
@@ -79,7 +80,7 @@ class Progress(BaseCallback):
         if error < best:
             write(self.folder, actor, self._description())
         lines = [",".join(COLUMNS), *(",".join(map(str, row)) for row in self.curve)]
-        replace_text(self.folder / "curve.csv", "\n".join(lines) + "\n")
+        write_text(self.folder / "curve.csv", "\n".join(lines) + "\n")
         self.logger.record("validation/rms_mrad", float(error))
         remaining = f", {_clock(wall * (1 - fraction) / fraction)} left" if fraction > 0 else ""
         print(
@@ -110,10 +111,10 @@ class Progress(BaseCallback):
 
     def _save(self) -> None:
         if isinstance(self.model, OffPolicyAlgorithm):
-            self.model.save_replay_buffer(self.folder / ".buffer.pkl")
-            (self.folder / ".buffer.pkl").replace(self.folder / "buffer.pkl")
-        self.model.save(self.folder / ".checkpoint.zip")
-        (self.folder / ".checkpoint.zip").replace(self.folder / "checkpoint.zip")
+            with replacing(self.folder / "buffer.pkl") as beside:
+                self.model.save_replay_buffer(beside)
+        with replacing(self.folder / "checkpoint.zip") as beside:
+            self.model.save(beside)
 
 
 class LinearDecay:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,13 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
         raise ValueError(
             f"loading {str(path)!r} runs the code in it: give trust=True if you trust its source, got {trust!r}"
         )
-    model = _class_of(path).load(path, device="cpu")
+    algorithm = _class_of(path)
+    try:
+        model = algorithm.load(path, device="cpu")
+    except Exception as problem:  # of SB3, torch, zipfile, pickle or the archive's code
+        raise ValueError(
+            f"{path} must be an archive that stable-baselines3's save wrote ({type(problem).__name__}: {problem})"
+        ) from None
     _check_spaces(model, interface)
     return model
 
@@ -73,8 +80,8 @@ def _class_of(path: str | Path) -> Any:
     try:
         with zipfile.ZipFile(path) as archive:
             data = json.loads(archive.read("data"))
-        module = data["policy_class"]["__module__"]
-    except (zipfile.BadZipFile, KeyError, TypeError, ValueError) as problem:
+        module = str(data["policy_class"]["__module__"])
+    except (zipfile.BadZipFile, zlib.error, LookupError, OSError, RuntimeError, TypeError, ValueError) as problem:
         raise ValueError(f"{path} must be an archive that stable-baselines3's save wrote ({problem})") from None
     if module == _SHARED_NETWORK:
         place = next((place for key, place in _BY_SETTING.items() if key in data), "stable_baselines3:A2C")

@@ -2,7 +2,7 @@
 
 A run writes to its folder:
 
-    agent.json, weights.npz    the agent with the smallest validation error so far
+    agent.json, weights-*.npz  the agent with the smallest validation error so far
     curve.csv                  the learning curve
     run.json, checkpoint.zip   settings and state, from which a killed run resumes; off-policy
                                algorithms have buffer.pkl too
@@ -22,9 +22,10 @@ from pathlib import Path
 
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
+from benchmarks.files import write_text
 from benchmarks.rl.progress import LinearDecay, Progress
 from benchmarks.rl.sb3 import find_class
-from benchmarks.rl.training_settings import TrainingSettings
+from benchmarks.rl.training_settings import LANES, TrainingSettings
 from benchmarks.rl.vec_env import ArmVecEnv
 from benchmarks.rl.vector_adapter import VectorAdapter
 from benchmarks.seeds import SPLITS
@@ -34,9 +35,6 @@ try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
-
-LANES = 1000
-"""Number of episode seeds that each training seed has for its lanes."""
 
 
 def train(
@@ -75,11 +73,13 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: int, wandb: str | None) -> None:
-    plain = json.loads(json.dumps(asdict(settings)))
+    text = json.dumps(asdict(settings), indent=1) + "\n"
     run_file = folder / "run.json"
-    if run_file.exists() and json.loads(run_file.read_text()) != plain:
-        raise ValueError(f"folder must be new or hold a run of the same settings, got {str(folder)!r} with another run")
-    run_file.write_text(json.dumps(plain, indent=1) + "\n")
+    if run_file.exists() and run_file.read_bytes() != text.encode():
+        raise ValueError(
+            f"folder must be new or hold a run of the same settings, got {str(folder)!r}, whose run.json has others"
+        )
+    write_text(run_file, text)
 
     # The environment: lane i draws its episodes from the stream of seed first + i.
     first = SPLITS["training"][settings.seed * LANES]
@@ -94,18 +94,28 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
     algorithm = find_class(settings.algorithm)
     checkpoint = folder / "checkpoint.zip"
     if checkpoint.exists():
-        model = algorithm.load(checkpoint, env=env, custom_objects=arguments)
-        if isinstance(model, OffPolicyAlgorithm):
-            model.load_replay_buffer(folder / "buffer.pkl")
-        progress.resume(model.num_timesteps)
+        try:
+            model = algorithm.load(checkpoint, env=env, custom_objects=arguments)
+            if isinstance(model, OffPolicyAlgorithm):
+                model.load_replay_buffer(folder / "buffer.pkl")
+            progress.resume(model.num_timesteps)
+        except Exception as problem:  # of SB3, torch, zipfile, pickle or csv
+            raise ValueError(
+                f"{folder} holds a run that cannot be resumed ({type(problem).__name__}: {problem}); give another --out"
+            ) from None
         for _ in range(model.num_timesteps // (env.num_envs * settings.scenario.steps)):
             env.reset()  # skip the episodes that the run has trained on
     else:
         logs = str(folder / "tensorboard") if util.find_spec("tensorboard") else None
-        model = algorithm("MlpPolicy", env, seed=first, tensorboard_log=logs, **arguments)
+        try:
+            model = algorithm("MlpPolicy", env, seed=first, tensorboard_log=logs, **arguments)
+        except Exception as problem:  # SB3 checks some arguments, torch some, and neither others
+            raise ValueError(
+                f"hyperparameters.arguments must be those of {algorithm.__name__}: {type(problem).__name__}: {problem}"
+            ) from None
 
     if wandb is not None:
-        importlib.import_module("wandb").init(project=wandb, config=plain, dir=folder, sync_tensorboard=True)
+        importlib.import_module("wandb").init(project=wandb, config=json.loads(text), dir=folder, sync_tensorboard=True)
     remaining = (settings.steps or sys.maxsize) - model.num_timesteps
     if remaining > 0:
         model.learn(remaining, callback=progress, reset_num_timesteps=False, tb_log_name="run")

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
+from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
+from fbl_gym.checks import check_number, check_whole
 from fbl_gym.records import Record, choice, number, set_fields, whole
 from fbl_gym.scenarios import Scenario
 from fbl_gym.uncertainty import ParameterError
+
+LANES = 1000
+"""Number of episode seeds that each training seed has for its lanes."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +48,28 @@ class TrainingSettings(Record):
         """Fill in the shipped hyperparameters and the number of steps."""
         if not self.hyperparameters:
             set_fields(self, hyperparameters=shipped_hyperparameters(self.algorithm))
+        if self.seed > (last := len(SPLITS["training"]) // LANES - 1):
+            raise ValueError(f"seed must be at most {last}, since each has {LANES} training seeds, got {self.seed}")
+        check_hyperparameters(self.hyperparameters)
         if self.minutes is None and self.steps is None:
             set_fields(self, steps=self.hyperparameters["steps"])
+
+
+def check_hyperparameters(given: Any) -> None:
+    """Raise an error unless a training run can use these hyperparameters."""
+    for name in ("lanes", "steps", "arguments"):
+        if not isinstance(given, Mapping) or name not in given:
+            raise ValueError(f"hyperparameters must have lanes, steps and arguments, got {given!r}")
+    if check_whole("hyperparameters.lanes", given["lanes"], low=1) > LANES:
+        raise ValueError(
+            f"hyperparameters.lanes must be at most {LANES}, since more would train on the episodes of the next seed, "
+            f"got {given['lanes']}"
+        )
+    check_whole("hyperparameters.steps", given["steps"], low=1)
+    arguments = given["arguments"]
+    if not isinstance(arguments, Mapping) or "learning_rate" not in arguments:
+        raise ValueError(f"hyperparameters.arguments must have a learning_rate, got {arguments!r}")
+    check_number("hyperparameters.arguments.learning_rate", arguments["learning_rate"], above=0)
 
 
 def shipped_hyperparameters(algorithm: str) -> dict[str, Any]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.policies import external
-from benchmarks.policies.apart import Died, call_apart
+from benchmarks.policies.apart import Failed, Limits, call_apart, end_with_parent, limit, limits, reason_of
+from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import rollout
+from benchmarks.run.rollout import Trace, rollout
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.run.suite import Cell
+from fbl_gym import Scenario
 
 
 @dataclass(frozen=True)
@@ -46,21 +49,24 @@ def run_cell(cell: Cell, command: str = "") -> Result:
         cell.policy.check(reads)
         rows, decision, error = tuple(measure(trace)), 1e6 * trace.decision_time, ""
     except (Exception, SystemExit) as problem:  # an external policy may raise anything, and other cells must not suffer
-        rows, decision, error = (), float("nan"), f"{type(problem).__name__}: {problem}"
+        rows, decision, error = (), float("nan"), reason_of(problem)
     return Result(cell, rows, decision, time.perf_counter() - begin, error, provenance(command))
 
 
-def compute(cell: Cell, store: Store, command: str) -> Outcome:
+def compute(cell: Cell, store: Store, command: str, limited: Limits | None = None) -> Outcome:
     """Run a cell and write its result into the store, unless it is there.
 
     Args:
         cell: to run.
         store: for the result.
         command: the command that was typed, for the record.
+        limited: limits of the cell; None: those of this process.
     """
+    end_with_parent()
+    limit(limited or limits())
     if store.find(cell) is not None:
         return Outcome(cell.id, "found")
-    apart = cell.policy.external or external.has_loaded()
+    apart = cell.policy.external or external.has_loaded() or limits() != Limits()
     result = run_apart(cell, command) if apart else run_on_one_thread(cell, command)
     store.save(result)
     return Outcome(cell.id, "failed" if result.error else "computed", result.wall_s, result.error)
@@ -72,9 +78,22 @@ def run_apart(cell: Cell, command: str = "") -> Result:
     owner = cell.policy.name if cell.policy.external else ""
     try:
         result: Result = call_apart(owner, "benchmarks.run.cell:run_on_one_thread", cell, command)
-    except Died as death:
-        return Result(cell, (), float("nan"), time.perf_counter() - begin, str(death), provenance(command))
+    except (Failed, ValueError) as problem:
+        return Result(cell, (), float("nan"), time.perf_counter() - begin, str(problem), provenance(command))
     return result
+
+
+def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> Trace:
+    """Return the trace of `rollout`.
+
+    The code of an external policy runs in a process that only this policy uses, so that it cannot
+    change the trace of another one.
+    """
+    if not (policy.external or external.has_loaded()):
+        return rollout(policy, scenario, seeds)
+    owner = policy.name if policy.external else ""
+    trace: Trace = call_apart(owner, "benchmarks.run.rollout:rollout", policy, scenario, tuple(seeds))
+    return trace
 
 
 def run_on_one_thread(cell: Cell, command: str) -> Result:

@@ -136,7 +136,15 @@ def rollout(
 
 def _reference(scenario: Scenario, seeds: Sequence[int]) -> Array:
     """The reference of each seed over the whole episode [T + 1 x n x 2]."""
-    calm = scenario.replace(parameter_error=None, friction=None, disturbance=None, actuator=None, initial_error=0.0)
+    calm = scenario.replace(
+        plant=None,
+        parameter_error=None,
+        friction=None,
+        disturbance=None,
+        actuator=None,
+        initial_error=0.0,
+        limits={"position": 1e9, "velocity": 1e9},
+    )
     env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
     env.reset(seed=list(seeds))
     rows = [env.truth.reference]

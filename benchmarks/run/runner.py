@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
-from benchmarks.policies.apart import ATTEMPTS
+from benchmarks.policies.apart import ATTEMPTS, limits, parent_decides
 from benchmarks.run.cell import Outcome, compute
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
@@ -99,10 +99,12 @@ def _pool(
     """Run cells in one pool of workers. It ends early, with an exception, if a worker dies."""
     from joblib import Parallel, delayed
 
-    jobs = [delayed(compute)(cell, store, command) for cell in cells]
+    jobs = [delayed(compute)(cell, store, command, limits()) for cell in cells]
     with _backend(backend, workers, address):
         if backend != "ray":
-            yield from Parallel(return_as="generator_unordered")(jobs)
+            with parent_decides():
+                outcomes = Parallel(return_as="generator_unordered")(jobs)
+            yield from outcomes
             return
         # Ray's backend returns lists only. Short ones show progress, and little is lost with a
         # worker.

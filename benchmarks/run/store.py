@@ -15,7 +15,6 @@ import math
 import os
 import platform
 import re
-import uuid
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -23,9 +22,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell
+from controllers.policy import ACCESS
+from fbl_gym.checks import check_choice
 
 FORMAT = 3
 """Layout of a result's file. Files of another layout are left alone and not read."""
@@ -89,6 +91,8 @@ class Store:
     def path(self, cell: Cell) -> Path:
         """Return the place of a cell's result."""
         name = re.sub(r"[^\w@.-]+", "_", f"{cell.policy.name}--{cell.scenario.name}")[-120:]
+        # File systems count the bytes of a name, 255 at most.
+        name = name.encode(errors="replace")[-180:].decode(errors="ignore")
         return self.folder / f"{name}--{cell.key}.json"
 
     def save(self, result: Result) -> Path:
@@ -117,6 +121,13 @@ class Store:
             return None
         return dataclasses.replace(result, cell=cell)
 
+    def find_failure(self, cell: Cell) -> Result | None:
+        """Return the result of a cell that failed when it last ran, or None."""
+        try:
+            return dataclasses.replace(self.load(self.path(cell).with_suffix(".error")), cell=cell)
+        except (OSError, Damaged):
+            return None
+
     def load(self, path: Path) -> Result:
         """Return the result in a file of a store, or in a copy of one.
 
@@ -131,6 +142,7 @@ class Store:
             if document.pop("sha256") != _digest(document):
                 raise ValueError("its checksum is wrong")
             cell = Cell(PolicySpec.from_dict(document["policy"]), document["scenario"], tuple(document["seeds"]))
+            check_choice("access", cell.policy.access, ACCESS)
             if cell.key != document["key"]:
                 raise ValueError("its key is not that of its content")
             columns = document["rows"]
@@ -212,24 +224,3 @@ def _digest(document: dict[str, Any]) -> str:
 
 def _write(path: Path, document: dict[str, Any]) -> None:
     write_text(path, json.dumps(document, indent=None, separators=(",", ":"), allow_nan=False) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file, complete or not at all.
-
-    It is written beside its place, flushed to the disk, and renamed into it.
-
-    Args:
-        path: the file; its folder is created.
-        text: its content, written as UTF-8.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name[:80]}.{uuid.uuid4().hex}")
-    try:
-        with beside.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
+from benchmarks.policies.external import entry_module as is_plugin
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_apart
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
@@ -171,7 +172,10 @@ def named(name: str) -> Suite:
         # A law with tuned gains appears with them; the paper's controllers appear as printed too.
         best = tuple(p for p in policies if f"{p}@tuned" not in policies or p in PAPER)
         return Suite(name, best, tuple(members), 32)
-    classical = tuple(policy for policy in policies if controllers.kind(policy) == "classical")
+    kinds = {
+        policy: resolve_apart(policy).kind if is_plugin(policy) else controllers.kind(policy) for policy in policies
+    }
+    classical = tuple(policy for policy in policies if kinds[policy] == "classical")
     return Suite(name, classical, tuple(at_rate(scenario, 1e-3) for scenario in members), 64)
 
 
@@ -189,13 +193,17 @@ def load(name: str) -> Suite:
     with path.open("rb") as file:
         try:
             data = tomllib.load(file)
-        except tomllib.TOMLDecodeError as problem:
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
             raise ValueError(f"{path} is no TOML: {problem}") from None
     for key in data:
         if key not in ("policies", "scenarios", "seeds", "control_dt"):
             raise unknown(f"entry of {path}", key, ("policies", "scenarios", "seeds", "control_dt"))
-    suite = Suite(path.stem, names(), (), data.get("seeds", 64))
-    suite = narrow(suite, data.get("policies", ()), data.get("scenarios", leaderboard_scenarios()))
+    policies, tasks = data.get("policies", []), data.get("scenarios", leaderboard_scenarios())
+    if not isinstance(policies, list) or not all(isinstance(policy, str) for policy in policies):
+        raise ValueError(f"policies of {path} must be a list of names, got {policies!r}")
+    if not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
+        raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
+    suite = narrow(Suite(path.stem, tuple(policies) or names(), (), data.get("seeds", 64)), (), tasks)
     if "control_dt" in data:
         dt = check_number("control_dt", data["control_dt"], above=0)
         suite = dataclasses.replace(suite, scenarios=tuple(at_rate(scenario, dt) for scenario in suite.scenarios))
@@ -222,7 +230,7 @@ def narrow(
     for name in scenario_names:
         members = [s for s in leaderboard_scenarios() if _family(s) == name]
         chosen.extend(scenarios.get(s) for s in members)
-        if not members and isinstance(name, str) and name not in scenarios.names():
+        if not members and isinstance(name, str) and name.partition("@")[0] not in scenarios.names():
             raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
         chosen.extend([] if members else [as_scenario(name)])
     return dataclasses.replace(

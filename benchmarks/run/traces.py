@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import uuid
 
 import numpy as np
 
-from benchmarks.run.rollout import Trace, rollout
+from benchmarks.files import replacing
+from benchmarks.run.cell import trace_apart
+from benchmarks.run.rollout import Trace
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 
@@ -23,12 +24,10 @@ def trace_of(cell: Cell, store: Store) -> Trace:
     """
     path = store.path(cell).with_suffix(".npz")
     if not path.exists():
-        trace = dataclasses.replace(rollout(cell.policy, cell.scenario, cell.seeds), watched={})
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name[:80]}.{uuid.uuid4().hex}.npz")
+        trace = dataclasses.replace(trace_apart(cell.policy, cell.scenario, cell.seeds), watched={})
         arrays = {name: getattr(trace, name) for name in _ARRAYS}
-        np.savez_compressed(partial, decision_time=trace.decision_time, **arrays)
-        partial.replace(path)
+        with replacing(path) as beside:
+            np.savez_compressed(beside, decision_time=trace.decision_time, **arrays)
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: file[name] for name in _ARRAYS}
         return Trace(scenario=cell.scenario, seeds=cell.seeds, decision_time=float(file["decision_time"]), **arrays)

@@ -25,11 +25,13 @@ from typing import Any
 
 import numpy as np
 import optuna
+import sqlalchemy
 
+from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
-from benchmarks.run.store import provenance, write_text
+from benchmarks.run.store import provenance
 from benchmarks.run.suite import leaderboard_scenarios
 from benchmarks.seeds import SPLITS
 from controllers.registry import TUNED
@@ -130,12 +132,8 @@ def tune(
         low, high = ranges[name]
         check_number(name, value, low=low, high=high)
     storage.parent.mkdir(parents=True, exist_ok=True)
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study = optuna.create_study(
-        study_name=task.policy.name, storage=f"sqlite:///{storage}", load_if_exists=True,
-        sampler=optuna.samplers.TPESampler(seed=sampler_seed),
-    )  # fmt: skip
-
+    optuna.logging.set_verbosity(optuna.logging.ERROR)  # a stopped trial is a warning with a traceback
+    study = _study(task.policy.name, storage, optuna.samplers.TPESampler(seed=sampler_seed))
     _close_stale(study)
 
     def objective(trial: optuna.Trial) -> float:
@@ -156,6 +154,18 @@ def tune(
     finally:
         _close_stale(study, including=_process())
     return study
+
+
+def _study(name: str, path: Path, sampler: optuna.samplers.BaseSampler, attempts: int = 30) -> optuna.Study:
+    """The study of a file. If another process creates the same file now, SQLite raises an error."""
+    for _ in range(attempts):
+        with contextlib.suppress(sqlalchemy.exc.SQLAlchemyError):
+            storage = optuna.storages.RDBStorage(f"sqlite:///{path}", engine_kwargs={"connect_args": {"timeout": 60.0}})
+            return optuna.create_study(study_name=name, storage=storage, load_if_exists=True, sampler=sampler)
+        time.sleep(0.2)
+    raise ValueError(
+        f"{path} must be a study of Optuna that can be written, and is none; remove it, or name another folder"
+    )
 
 
 def _process() -> str:

@@ -7,6 +7,8 @@ names the numbers that the kernel reads and writes.
 
     torque.py     action -> torque command, within the limit; actuator and disturbance
     physics.py    `substeps` times: payload, friction, Runge-Kutta
+    elastic.py    the same for elastic joints
+    events.py     payload and events between two physics steps
     readings.py   acceleration, noise, quantization; the flat observation
     motion.py     the reference
     episode.py    start, reward, divergence

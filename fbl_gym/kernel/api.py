@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from fbl_gym.fastmath import cached_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.elastic import advance_elastic, feel_joints
 from fbl_gym.kernel.episode import judge, start
+from fbl_gym.kernel.events import carry_payload, happen
 from fbl_gym.kernel.motion import refer
-from fbl_gym.kernel.physics import acceleration_and_friction, advance, carry_payload
+from fbl_gym.kernel.physics import acceleration_and_friction, advance
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
 from fbl_gym.kernel.views import array_at, record_at
@@ -60,17 +62,36 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, rows, queue, waypoints, settings, tables, actions, count, width):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic):
     """Advance a block by one control step."""
     command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
-        if substep == 0 or settings.torque_varies:
-            apply_torque(block, queue, settings, tables, width, substep)
-        if settings.has_payload:
-            carry_payload(block, settings, width, substep)
-        advance(block, settings, width)
+        _load(block, rows, queue, settings, tables, width, substep)
+        if elastic:
+            advance_elastic(block, settings, width)
+        else:
+            advance(block, settings, width)
+    _end(block, rows, waypoints, settings, tables, width, elastic)
+
+
+@merged_njit
+def _load(block, rows, queue, settings, tables, width, substep):
+    """Let events happen, and set torques and payload of a block, for one physics step."""
+    if settings.events > 0:
+        happen(block, rows, settings, tables, width, substep)
+    if substep == 0 or settings.torque_varies:
+        apply_torque(block, queue, settings, tables, width, substep)
+    if settings.has_payload:
+        carry_payload(block, settings, width, substep)
+
+
+@merged_njit
+def _end(block, rows, waypoints, settings, tables, width, elastic):
+    """End the control step of a block, after its physics."""
     for lane in range(width):
         block.step[lane] += _ONE
+    if elastic:
+        feel_joints(block, settings, width)
     sense(block, rows, settings, width)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
@@ -107,7 +128,9 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _compile(fingerprint):
+def _compile_step(fingerprint, elastic):
+    """Compile the step of arms with elastic or with rigid joints; the other's code is left out."""
+
     @cached_njit
     def step(memory, out, part, parts):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
@@ -119,7 +142,7 @@ def _compile(fingerprint):
             out: takes the observations [lanes * size].
             part: the part of the lanes to work on, from 0.
             parts: number of parts, one for each thread. One: all lanes, after a check. More: no
-                check. Zero: no lane moves, but episodes start.
+                check. Zero: no lane moves, but episodes start and readings are taken.
 
         Returns:
             The result of `check`; then reward, terminated and truncated of the first lane.
@@ -147,7 +170,7 @@ def _compile(fingerprint):
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
                 actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
-                _move(block, rows, queue, waypoints, settings, tables, actions, count, width)
+                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
             for lane in range(width):
@@ -156,12 +179,19 @@ def _compile(fingerprint):
                 for lane in range(width):
                     if block.status[lane] == RESTART:
                         start(block, rows, queue, waypoints, settings, tables, lane)
+            if restarts > 0 or not moves:
+                if elastic:
+                    feel_joints(block, settings, width)
                 sense(block, rows, settings, width)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
         return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
 
+    return step
+
+
+def _compile(fingerprint):
     @cached_njit
     def check(memory):
         """Return -1 if all lanes can be stepped.
@@ -189,14 +219,69 @@ def _compile(fingerprint):
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
             law, linear = settings.friction_law, settings.stribeck_linear
-            a1, a2, friction1, friction2 = acceleration_and_friction(block, lane, law, linear)
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law, linear)
+            if settings.elastic:
+                a1, a2 = block.acceleration[0, lane], block.acceleration[1, lane]
+                friction1, friction2 = block.motor_friction[0, lane], block.motor_friction[1, lane]
             expected1, expected2 = nominal_acceleration(block, settings, lane)
             out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
             out[i, column + 1], out[i, column + 2] = a1, a2
             out[i, column + 3], out[i, column + 4] = friction1, friction2
             out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
 
-    return step, check, inspect
+    @cached_njit
+    def load(memory, substep):
+        """Set the torques and payloads of a physics step, for an engine other than the kernel.
+
+        With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
+        load(memory, substeps - 1), each before the engine's physics step, then `end`, then
+        step(memory, out, 0, 0).
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            substep: number of the physics step within the control step. 0 takes the actions first.
+
+        Returns:
+            The result of `check` at substep 0, else -1.
+        """
+        _ = fingerprint
+        if substep == 0:
+            problem = _check(memory)
+            if problem >= 0:
+                return problem
+        settings = record_at(memory, 0, SETTINGS)
+        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        for number in range((settings.lanes + LANES - 1) // LANES):
+            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
+            count = min(LANES, count)
+            block = record_at(memory, place, BLOCK)
+            queue = array_at(memory, place + BLOCK_SIZE, (settings.delay_steps + 1, 2, LANES), np.float64)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+            if substep == 0:
+                actions = array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+                command(block, rows, queue, settings, actions, count)
+            _load(block, rows, queue, settings, tables, count, substep)
+        return -1
+
+    @cached_njit
+    def end(memory):
+        """End a control step after its physics: clock, readings, reference, reward and flags."""
+        _ = fingerprint
+        settings = record_at(memory, 0, SETTINGS)
+        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        for number in range((settings.lanes + LANES - 1) // LANES):
+            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
+            count = min(LANES, count)
+            block = record_at(memory, place, BLOCK)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+            place += BLOCK_SIZE + 2 * LANES * (settings.delay_steps + 1)
+            waypoints = array_at(memory, place, (settings.waypoints, 2, LANES), np.float64)
+            _end(block, rows, waypoints, settings, tables, count, False)
+            _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+
+    return check, inspect, load, end
 
 
-step, check, inspect = _compile(_fingerprint())
+_KEY = _fingerprint()
+step, step_elastic = _compile_step(_KEY, False), _compile_step(_KEY, True)
+check, inspect, load, end = _compile(_KEY)

@@ -3,10 +3,22 @@
 import numpy as np
 
 from fbl_gym.fastmath import exp, kernel_njit, log, sincos
+from fbl_gym.kernel.elastic import hang_motors
 from fbl_gym.kernel.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.physics import lump
 from fbl_gym.kernel.torque import nominal_torque, pick_disturbance
-from fbl_gym.memory import CHOICE, DRAW_SIZE, FIRST_VARIED, LOG_UNIFORM, NORMALIZED, RUNNING, SINE, STEPS, TORQUE
+from fbl_gym.memory import (
+    CHOICE,
+    DRAW_SIZE,
+    EVENT_ROWS,
+    FIRST_VARIED,
+    LOG_UNIFORM,
+    NORMALIZED,
+    RUNNING,
+    SINE,
+    STEPS,
+    TORQUE,
+)
 from fbl_gym.streams import stream_key, uniforms
 
 _PARAMETERS = stream_key("parameter error")
@@ -53,6 +65,8 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     block.start_position[0, lane], block.start_position[1, lane] = q1, q2
     block.velocity[0, lane], block.velocity[1, lane] = v1, v2
     _hold_still(block, rows, queue, settings, lane)
+    if settings.elastic:
+        hang_motors(block, lane)
     block.far[lane] = 0.0
 
     torque1, torque2 = pick_disturbance(block, settings, tables, lane, np.int64(0))
@@ -84,6 +98,9 @@ def _draw(block, rows, settings, tables, lane):
         elif kind == CHOICE:
             value = tables[int(first) + int(draw * second)]
         rows[int(tables[place]), lane] = value
+    for i in range(settings.events):
+        row = settings.event_row + EVENT_ROWS * i
+        rows[row, lane] = np.rint(rows[row, lane])
     block.payload_pick_up[lane] = np.rint(block.payload_pick_up[lane])
     block.payload_drop[lane] = np.rint(block.payload_drop[lane])
     block.delay[lane] = np.rint(block.delay[lane]) + settings.computation_delay

@@ -1,7 +1,5 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
-import numpy as np
-
 from fbl_gym import arm
 from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
 from fbl_gym.friction import dry_friction, resist, sign
@@ -15,11 +13,11 @@ solve_terms = inline_njit(arm.solve_terms)
 
 
 @inline_njit
-def load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2):
+def load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2):
     """Return the inertia matrix, and the torque left to accelerate it: tau - C v - G."""
     sin1, cos1 = sincos(q1)
     sin2, cos2 = sincos(q2)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, cos2)
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, cos2)
     coriolis1, coriolis2 = coriolis_terms(p3, sin2, v1, v2)
     gravity1, gravity2 = gravity_terms(p4, p5, cos1, cos1 * cos2 - sin1 * sin2)
     return m11, m12, m22, tau1 - coriolis1 - gravity1, tau2 - coriolis2 - gravity2
@@ -28,14 +26,14 @@ def load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2):
 @inline_njit
 def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law, linear):
     """Return the acceleration at one stage of a physics step."""
-    p1, p2, p3, p4, p5 = lumped
+    p1, p2, p3, p4, p5, r1, r2 = lumped
     viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
     dry1, dry2, free1, free2 = held
     tau1, tau2 = tau1 - viscous1 * v1 - dry1, tau2 - viscous2 * v2 - dry2
     if law == LITERAL_FRICTION:
         tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1, linear) * sign(v1)
         tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2, linear) * sign(v2)
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2)
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
     if law == EXACT_FRICTION:
         # A stuck joint carries any reaction: the other moves as if alone.
         load1, load2, m12 = load1 * free1, load2 * free2, m12 * (free1 * free2)
@@ -43,7 +41,7 @@ def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law, linear):
 
 
 @inline_njit
-def _runge_kutta(block, lane, h, law, linear):
+def _runge_kutta(block, lane, h, rotor, law, linear):
     """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
 
     Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
@@ -59,6 +57,7 @@ def _runge_kutta(block, lane, h, law, linear):
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     p1, p2, p3 = block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane]
     p4, p5 = block.lumped[3, lane], block.lumped[4, lane]
+    r1, r2 = rotor
     friction = (
         block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
         block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
@@ -71,7 +70,7 @@ def _runge_kutta(block, lane, h, law, linear):
     if law == EXACT_FRICTION:
         viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
         m11, m12, m22, load1, load2 = load_on_joints(
-            p1, p2, p3, p4, p5, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
+            p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
         )
         bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1, linear)
         bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2, linear)
@@ -84,7 +83,7 @@ def _runge_kutta(block, lane, h, law, linear):
         free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
 
     half, sixth = 0.5 * h, h / 6.0
-    lumped = (p1, p2, p3, p4, p5)
+    lumped = (p1, p2, p3, p4, p5, r1, r2)
     held = (dry1, dry2, free1, free2)
     tau_half1, tau_half2 = block.tau_half[0, lane], block.tau_half[1, lane]
     a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law, linear)
@@ -110,21 +109,21 @@ def _runge_kutta(block, lane, h, law, linear):
 def _implicit_euler(block, settings, width):
     """Advance lanes by one physics step where viscous friction B makes Runge-Kutta unstable.
 
-    Each quarter of the step solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
+    Each of the step's parts h solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
     q+ = q + h v+. It is stable for any B, and of first order.
     """
     law, linear = settings.friction_law, settings.stribeck_linear
-    h = 0.25 * settings.physics_dt
+    h = settings.physics_dt / settings.euler_steps
     for lane in range(width):
         # The mean torque has the impulse of the whole step.
         tau1 = (block.tau_start[0, lane] + 4.0 * block.tau_half[0, lane] + block.tau_end[0, lane]) / 6.0
         tau2 = (block.tau_start[1, lane] + 4.0 * block.tau_half[1, lane] + block.tau_end[1, lane]) / 6.0
         q1, q2 = block.position[0, lane], block.position[1, lane]
         v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
-        for _ in range(4):
+        for _ in range(settings.euler_steps):
             m11, m12, m22, load1, load2 = load_on_joints(
                 block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-                block.lumped[4, lane], q1, q2, v1, v2, tau1, tau2,
+                block.lumped[4, lane], settings.rotor[0], settings.rotor[1], q1, q2, v1, v2, tau1, tau2,
             )  # fmt: skip
             bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane], linear)
             bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane], linear)
@@ -144,28 +143,30 @@ def _implicit_euler(block, settings, width):
 def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
     h, law, linear = settings.physics_dt, settings.friction_law, settings.stribeck_linear
-    if settings.stiff:
+    if settings.euler_steps > 0:
         _implicit_euler(block, settings, width)
         return
+    rotor = (settings.rotor[0], settings.rotor[1])
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, NO_FRICTION, linear)
+            _runge_kutta(block, lane, h, rotor, NO_FRICTION, linear)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, EXACT_FRICTION, linear)
+            _runge_kutta(block, lane, h, rotor, EXACT_FRICTION, linear)
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, LITERAL_FRICTION, linear)
+            _runge_kutta(block, lane, h, rotor, LITERAL_FRICTION, linear)
 
 
 @inline_njit
-def acceleration_and_friction(block, lane, law, linear):
+def acceleration_and_friction(block, settings, lane, law, linear):
     """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     m11, m12, m22, load1, load2 = load_on_joints(
         block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-        block.lumped[4, lane], block.position[0, lane], block.position[1, lane], v1, v2,
+        block.lumped[4, lane], settings.rotor[0], settings.rotor[1],
+        block.position[0, lane], block.position[1, lane], v1, v2,
         block.torque[0, lane] - block.disturbance[0, lane], block.torque[1, lane] - block.disturbance[1, lane],
     )  # fmt: skip
     bound1, bound2 = 0.0, 0.0
@@ -182,18 +183,6 @@ def acceleration_and_friction(block, lane, law, linear):
     hold1, hold2 = bound1 if v1 == 0.0 else 0.0, bound2 if v2 == 0.0 else 0.0
     a1, a2, dry1, dry2 = resist(m11, m12, m22, load1, load2, hold1, hold2)
     return a1, a2, friction1 + (dry1 if v1 == 0.0 else 0.0), friction2 + (dry2 if v2 == 0.0 else 0.0)
-
-
-@kernel_njit
-def carry_payload(block, settings, width, substep):
-    """Put the payload on the tip while it is carried."""
-    for lane in range(width):
-        now = float(np.int64(block.step[lane])) * settings.substeps + substep
-        carried = block.payload_pick_up[lane] <= now and now < block.payload_drop[lane]
-        payload = block.payload_mass[lane] if carried else 0.0
-        if payload != block.payload[lane]:
-            block.payload[lane] = payload
-            lump(block, settings, lane)
 
 
 @kernel_njit

@@ -26,12 +26,15 @@ def _within(value, bound):
 def sense(block, rows, settings, width):
     """Take the readings of a block; they depend on its state alone."""
     senses_acceleration = settings.senses_acceleration
-    if senses_acceleration:
+    if senses_acceleration and not (settings.elastic or settings.external_physics):
         _accelerate(block, settings, width)
+    position, velocity = block.position, block.velocity
+    if settings.encoder_on_motor:
+        position, velocity = block.motor_position, block.motor_velocity
     for joint in range(2):
         for lane in range(width):
-            block.measured_position[joint, lane] = block.position[joint, lane]
-            block.measured_velocity[joint, lane] = block.velocity[joint, lane]
+            block.measured_position[joint, lane] = position[joint, lane]
+            block.measured_velocity[joint, lane] = velocity[joint, lane]
             if senses_acceleration:
                 block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
     if settings.noisy:
@@ -42,12 +45,12 @@ def sense(block, rows, settings, width):
     if settings.history > 0:
         _encode(block, rows, settings, width)
     # A sensor reads no further than its range.
-    position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
+    max_position, max_velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
     for joint in range(2):
         for lane in range(width):
-            block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], position)
-            block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], velocity)
+            block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], max_position)
+            block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], max_velocity)
             if senses_acceleration:
                 reading = block.measured_acceleration[joint, lane]
                 block.measured_acceleration[joint, lane] = _within(reading, acceleration)
@@ -59,15 +62,15 @@ def _accelerate(block, settings, width):
     law, linear = settings.friction_law, settings.stribeck_linear
     if law == NO_FRICTION:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, lane, NO_FRICTION, linear)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, lane, EXACT_FRICTION, linear)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     else:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, lane, LITERAL_FRICTION, linear)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION, linear)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
 
 

@@ -46,31 +46,32 @@ def command(block, rows, queue, settings, actions, count):
 
 @inline_njit
 def _nominal_parameters(settings):
-    """Return the lumped parameters of the nominal arm."""
+    """Return the lumped parameters of the nominal arm, and its rotor inertias."""
     parameters = settings.parameters
-    return lumped_terms(
+    p1, p2, p3, p4, p5 = lumped_terms(
         parameters[0], parameters[1], parameters[2], parameters[3], settings.gravity, settings.centre, settings.inertia
     )
+    return p1, p2, p3, p4, p5, settings.rotor[0], settings.rotor[1]
 
 
 @inline_njit
 def nominal_torque(block, settings, lane, a1, a2):
     """Return the nominal feedback linearisation mapping at the measured state (figure 2)."""
-    p1, p2, p3, p4, p5 = _nominal_parameters(settings)
+    p1, p2, p3, p4, p5, r1, r2 = _nominal_parameters(settings)
     q1, q2 = block.measured_position[0, lane], block.measured_position[1, lane]
     v1, v2 = block.measured_velocity[0, lane], block.measured_velocity[1, lane]
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, 0.0, 0.0)
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, 0.0, 0.0)
     return m11 * a1 + m12 * a2 - load1, m12 * a1 + m22 * a2 - load2
 
 
 @inline_njit
 def nominal_acceleration(block, settings, lane):
     """Return the nominal model's acceleration under the applied torque at the true state."""
-    p1, p2, p3, p4, p5 = _nominal_parameters(settings)
+    p1, p2, p3, p4, p5, r1, r2 = _nominal_parameters(settings)
     q1, q2 = block.position[0, lane], block.position[1, lane]
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     tau1, tau2 = block.torque[0, lane], block.torque[1, lane]
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, q1, q2, v1, v2, tau1, tau2)
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
     return solve_terms(m11, m12, m22, load1, load2)
 
 
@@ -123,18 +124,24 @@ def apply_torque(block, queue, settings, tables, width, substep):
             block.tau_half[joint, lane] = base + 0.5 * rise + half * gap
             block.tau_end[joint, lane] = base + rise + end * gap
             block.torque[joint, lane] = base + rise + end * gap
+    tau_start, tau_half, tau_end = block.tau_start, block.tau_half, block.tau_end
+    if settings.elastic:  # a disturbance loads the links, not the drives
+        tau_start, tau_half, tau_end = block.load_start, block.load_half, block.load_end
+        for joint in range(2):
+            for lane in range(width):
+                tau_start[joint, lane] = tau_half[joint, lane] = tau_end[joint, lane] = 0.0
     if settings.disturbance_kind == SINE:
-        _subtract_sine(block, block.tau_start, settings, width, substep + 0.0)
-        _subtract_sine(block, block.tau_half, settings, width, substep + 0.5)
-        _subtract_sine(block, block.tau_end, settings, width, substep + 1.0)
+        _subtract_sine(block, tau_start, settings, width, substep + 0.0)
+        _subtract_sine(block, tau_half, settings, width, substep + 0.5)
+        _subtract_sine(block, tau_end, settings, width, substep + 1.0)
     elif settings.disturbance_kind != NO_DISTURBANCE:
         _renew_disturbance(block, settings, tables, width, substep)
         for joint in range(2):
             for lane in range(width):
                 disturbance = block.disturbance[joint, lane]
-                block.tau_start[joint, lane] -= disturbance
-                block.tau_half[joint, lane] -= disturbance
-                block.tau_end[joint, lane] -= disturbance
+                tau_start[joint, lane] -= disturbance
+                tau_half[joint, lane] -= disturbance
+                tau_end[joint, lane] -= disturbance
 
 
 @kernel_njit

@@ -1,7 +1,8 @@
 """Scenarios by name: the paper's figures and the families of the leaderboard.
 
-`get(name)` returns a scenario of the paper (`paper-3a` to `paper-10`) or of a family (`nominal`,
-`mass-error-0` to `everything-3`). `Scenario` describes any other task.
+`get(name)` returns a scenario of the paper (`paper-3a` to `paper-10`), of a laboratory's arm
+(`dfki-c1`, `dfki-a0`, `cicese`) or of a family (`nominal`, `mass-error-0` to `everything-3`).
+`Scenario` describes any other task.
 """
 
 from __future__ import annotations
@@ -9,33 +10,50 @@ from __future__ import annotations
 from typing import Any
 
 from fbl_gym.checks import unknown
+from fbl_gym.plants import WORLDS
 from fbl_gym.records import build
 from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
+from fbl_gym.scenarios.real import REAL
 from fbl_gym.scenarios.scenario import Scenario
 
-__all__ = ["SEVERITIES", "Scenario", "arms", "as_scenario", "families", "family", "get", "names"]
+__all__ = ["SEVERITIES", "WORLDS", "Scenario", "arms", "as_scenario", "families", "family", "get", "in_world", "names"]
 
 
 def names() -> tuple[str, ...]:
-    """Return every name that `get` knows: the paper's figures, then the families of both arms."""
-    return (*FIGURES, *MEMBERS)
+    """Return every name that `get` knows: the paper's figures, laboratories' arms, families."""
+    return (*FIGURES, *REAL, *MEMBERS)
 
 
 def get(name: str) -> Scenario:
     """Return the scenario of a name.
 
     Args:
-        name: one of `names()`.
+        name: one of `names()`, and optionally "@" and one of `WORLDS`: "everything-2@mujoco-bend".
     """
-    if name in FIGURES:
-        return FIGURES[name]
+    name, _, world = name.partition("@")
+    if world:
+        return in_world(get(name), world)
+    if name in FIGURES or name in REAL:
+        return (FIGURES | REAL)[name]
     if name in MEMBERS:
         return family(*MEMBERS[name])
     severities = [f"{name}-{severity}" for severity in SEVERITIES]
     if severities[0] in MEMBERS:
         raise ValueError(f"scenario {name!r} needs a severity: {', '.join(severities[:-1])} or {severities[-1]}")
     raise unknown("scenario", name, names())
+
+
+def in_world(scenario: Scenario, world: str) -> Scenario:
+    """Return a scenario whose real arm another engine moves.
+
+    Args:
+        scenario: the task.
+        world: one of `WORLDS`.
+    """
+    if world not in WORLDS:
+        raise unknown("world", world, WORLDS)
+    return scenario.replace(name=f"{scenario.name}@{world}", plant=WORLDS[world])
 
 
 def as_scenario(value: Any) -> Scenario:

@@ -12,8 +12,12 @@ from typing import Any
 import numpy as np
 
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
-from fbl_gym.checks import check_choice, unknown
+from fbl_gym.checks import Pair, check_choice, unknown
+from fbl_gym.events import Event, FrictionChange, events
 from fbl_gym.interface import Limits
+from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
+from fbl_gym.plants import PLANTS, MuJoCo
+from fbl_gym.real_arms import REAL_ARMS
 from fbl_gym.records import Numbers, Record, build, choices, declared, ends, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, ArrayReference, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
@@ -31,11 +35,15 @@ from fbl_gym.uncertainty import (
     SensorError,
     SineDisturbance,
 )
+from fbl_gym.urdf import load_urdf
 
 
 def _arm(name: str, value: Any) -> ArmParameters:
+    if isinstance(value, str) and value.endswith(".urdf"):
+        return load_urdf(value)
     if isinstance(value, str):
-        value = ARMS[check_choice(name, value, ARMS)]
+        known = ARMS | REAL_ARMS
+        value = known[check_choice(name, value, known)]
     return build(name, value, ArmParameters)
 
 
@@ -71,6 +79,8 @@ class Scenario(Record):
         friction: joint friction; the nominal model has none.
         disturbance: torque tau_d of equation (1).
         actuator: torque limits, delay and lag; None: an ideal drive without limits.
+        joint: springs between motors and links; None: rigid joints.
+        events: changes of the real arm at a time.
         sensors: the measured signals; they include "position".
         reference: motion that the arm follows.
         control_dt: time between two decisions; the torque command is held in between.
@@ -79,6 +89,7 @@ class Scenario(Record):
         initial_error: difference between the arm's first position and the reference's.
         initial_velocity: likewise for the velocity.
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
+        plant: engine that moves the real arm; None: the package's own.
     """
 
     name: str = "nominal"
@@ -86,7 +97,8 @@ class Scenario(Record):
     arm: ArmParameters = declared(
         TABLE_1,
         _arm,
-        "an ArmParameters, a dict of its fields, " + " or ".join(f'"{name}"' for name in ARMS),
+        "an ArmParameters, a dict of its fields, the path of a .urdf file, "
+        + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
         classes=(ArmParameters,),
     )
     parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio")
@@ -97,6 +109,8 @@ class Scenario(Record):
     actuator: Actuator = declared(
         Actuator(), _actuator, "an Actuator, a dict of its fields, its torque_limit or None", classes=(Actuator,)
     )
+    joint: ElasticJoint | None = record(ElasticJoint, None, scalar="stiffness")
+    events: tuple[Event, ...] = events()
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     reference: Reference = one_of(REFERENCES, MinimumJerk())
     control_dt: float = number(0.01, unit="s", above=0)
@@ -105,6 +119,7 @@ class Scenario(Record):
     initial_error: Numbers = pair(0.0, unit="rad", varies=True)
     initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True)
     limits: Limits = record(Limits, Limits())
+    plant: MuJoCo | None = one_of(PLANTS, None)
 
     def validate(self) -> None:
         """Refuse noise on a sensor that is left out, and times that do not divide each other."""
@@ -139,8 +154,42 @@ class Scenario(Record):
         self._check_multiple("duration", self.duration, "control_dt", least=1)
         if isinstance(self.actuator.delay, float):
             self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
+        if self.friction is None and any(isinstance(event, FrictionChange) for event in self.events):
+            raise ValueError("events change friction, but friction is None: give the friction that they change")
+        self._check_joint()
         self._check_reference()
         self._check_disturbance()
+
+    def _check_joint(self) -> None:
+        """Refuse elastic joints without rotors, or too stiff for the physics step."""
+        joint, arm, error = self.joint, self.arm, self.parameter_error
+        if joint is None:
+            return
+        if self.plant is not None:
+            raise ValueError("joint: MuJoCo's arm has rigid joints; leave out joint, or plant")
+        if min(self.rotor) <= 0.0:
+            raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {self.rotor}")
+        # The lightest links are the fastest. Lengths may act either way.
+        m1, m2, L1, L2 = (1.0,) * 4 if error is None else error.ratios
+        spread = 1.0 if error is None else 1.0 + error.radius
+        rate = max(
+            fastest_rate(
+                dataclasses.replace(
+                    arm, m1=arm.m1 * m1 / spread, m2=arm.m2 * m2 / spread, L1=arm.L1 * L1 * x1, L2=arm.L2 * L2 * x2
+                ),
+                self.rotor,
+                joint,
+                self.most_viscous,
+            )
+            for x1 in {1.0 / spread, spread}
+            for x2 in {1.0 / spread, spread}
+        )
+        if self.physics_dt * rate > LARGEST_STEP:
+            longest = self.control_dt / math.ceil(self.control_dt * rate / LARGEST_STEP)
+            raise ValueError(
+                f"physics_dt={self.physics_dt:g} s is too long for these joints, whose fastest rate is {rate:.4g} 1/s; "
+                f"physics_dt={longest:.4g} s would do"
+            )
 
     def _check_reference(self) -> None:
         """Refuse a reference beyond the limits, and moves and levels shorter than a step."""
@@ -196,6 +245,23 @@ class Scenario(Record):
             raise ValueError(f"{name} must be a multiple of {dt_name}={dt:g} s, got {name}={duration:g} s")
         if steps < least:
             raise ValueError(f"{name} must be at least {dt_name}={dt:g} s, got {duration:g} s")
+
+    @property
+    def rotor(self) -> Pair:
+        """Return the real rotor inertias, reflected to the joints [kg m^2]."""
+        given = self.joint.rotor_inertia if self.joint is not None else None
+        return self.arm.rotor if given is None else given  # type: ignore[return-value]
+
+    @property
+    def most_viscous(self) -> Pair:
+        """Return the largest viscous friction of each joint, over draws and events [N m s/rad]."""
+        viscous = [0.0, 0.0]
+        for joint in range(2) if self.friction is not None else ():
+            viscous[joint] = ends(self.friction.viscous[joint])[1]  # type: ignore[index, union-attr]
+            for event in self.events:
+                if isinstance(event, FrictionChange):
+                    viscous[joint] *= max(1.0, ends(event.factor[joint])[1])  # type: ignore[index]
+        return viscous[0], viscous[1]
 
     @property
     def substeps(self) -> int:

@@ -160,7 +160,7 @@ def test_report_and_query_commands(tmp_path, capsys):
     assert "src=" not in page.partition("<body")[0].replace("data:", "")
     capsys.readouterr()
     parquet = tmp_path / "board.parquet"
-    assert cli.main(["query", f"COPY results TO '{parquet}'", "--store", str(store)]) == 0
+    assert cli.main(["query", "--files", f"COPY results TO '{parquet}'", "--store", str(store)]) == 0
     assert parquet.read_bytes().startswith(b"PAR1")
     sql = "SELECT count(*) AS rows, count(DISTINCT policy) AS policies FROM results"
     assert cli.main(["query", sql, "--store", str(store)]) == 0

@@ -8,7 +8,7 @@ from importlib import metadata
 import numpy as np
 import pytest
 
-from benchmarks.policies import digest
+from benchmarks.policies import digest, external
 from benchmarks.policies.configuration import Inexact, exact
 from benchmarks.policies.digest import closure, file_of, source_digest
 from benchmarks.policies.spec import PolicySpec, names, resolve
@@ -326,3 +326,25 @@ def test_a_name_of_the_package_wins_over_a_folder_of_that_name(tmp_path, monkeyp
         ValueError, match=r"unknown policy 'mine'; the folder of that name is named by its path, ./mine"
     ):
         resolve("mine")
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("C:\\laws\\my.py", ("C:\\laws\\my.py", "")),
+        ("C:\\laws\\my.py:Law", ("C:\\laws\\my.py", "Law")),
+        ("a:b/law.py:Law", ("a:b/law.py", "Law")),
+        ("a:b/law.py", ("a:b/law.py", "")),
+        ("package.module:Law", ("package.module", "Law")),
+        ("law.py", ("law.py", "")),
+    ],
+)
+def test_a_path_may_contain_a_colon(text, parts):
+    assert external.split(text) == parts
+
+
+def test_a_law_in_a_folder_with_a_colon_runs(tmp_path):
+    (tmp_path / "a:b").mkdir()
+    (tmp_path / "a:b" / "law.py").write_text(LAW)
+    for text in (f"{tmp_path}/a:b/law.py", f"{tmp_path}/a:b/law.py:make_policy"):
+        assert run_cell(Cell(text, "nominal", (0,))).error == ""

@@ -128,7 +128,7 @@ def test_a_trace_is_kept_in_the_store(tmp_path, monkeypatch):
     cell, store = Cell("pd-gravity", short("mass-error-2"), SEEDS[:2]), Store(tmp_path)
     first = trace_of(cell, store)
     assert store.files() == []  # a trace is no result
-    monkeypatch.setattr(traces, "rollout", lambda *_: pytest.fail("it was run again"))
+    monkeypatch.setattr(traces, "trace_apart", lambda *_: pytest.fail("it was run again"))
     second = trace_of(cell, store)
     for name in ("time", "position", "velocity", "reference", "torque", "disturbance", "alive", "lengths"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))

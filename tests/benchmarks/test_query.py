@@ -39,3 +39,19 @@ def test_a_query_runs_no_code_of_a_file(tmp_path):
     law.write_text(law.read_text().replace("Zero", "PdGravity"))
     assert count(store, "results") == 0
     assert not flag.exists()
+
+
+def test_a_question_reads_and_writes_files_only_if_asked(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Store(tmp_path / "store").save(run_cell(Cell("zero", "nominal", (0,))))
+    (tmp_path / "secret.csv").write_text("a\n1\n")
+    ask = ["query", "--store", "store"]
+    for question in (
+        "COPY results TO 'board.csv'", "SELECT * FROM 'secret.csv'", "SELECT * FROM read_text('secret.csv')",
+        "ATTACH 'other.db'", "SET enable_external_access = true", "INSTALL httpfs",
+    ):  # fmt: skip
+        assert cli.main([*ask, question]) == 2, question
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["secret.csv", "store"]
+    assert cli.main([*ask, "COPY results TO 'board.csv'", "--files"]) == 0
+    assert (tmp_path / "board.csv").read_text().count("\n") == 2
+    assert "Traceback" not in capsys.readouterr().err

@@ -205,3 +205,29 @@ def test_what_cannot_be_tuned_is_said(line, message, capsys, tmp_path):
         status = left.code
     assert status == 2
     assert message in capsys.readouterr().err
+
+
+def test_two_processes_begin_one_study_together(tmp_path):
+    line = [
+        sys.executable,
+        "-m",
+        "fbl_gym",
+        "tune",
+        "pd-gravity",
+        "--trials",
+        "4",
+        "--seeds",
+        "1",
+        "--fresh-seeds",
+        "1",
+    ]
+    line += ["--candidates", "1", "--scenarios", "nominal", "--storage", str(tmp_path)]
+    both = [subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    for process in both:
+        _, errors = process.communicate(timeout=300)
+        assert process.returncode == 0, errors
+    (path,) = tmp_path.glob("*.db")
+    study = optuna.load_study(study_name="pd-gravity", storage=f"sqlite:///{path}")
+    assert {trial.state.name for trial in study.trials} == {"COMPLETE"}
+    gains = [tuple(trial.params.values()) for trial in study.trials if trial.params]
+    assert len(set(gains)) == len(gains) >= 2

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters
+from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv
 from fbl_gym.arm import (
     coriolis_matrix,
     coriolis_torque,
@@ -27,6 +27,10 @@ ARMS = {
     "section-2-2": SECTION_2_2,
     "rods": TABLE_1.as_rods(),
     "other": ArmParameters(3.0, 7.0, 0.4, 1.3, gravity=1.62, centre=0.4, inertia=0.05),
+    "unequal links with rotors": ArmParameters.from_links(
+        mass=(24.0, 4.0), length=(0.45, 0.4), centre=(0.1, -0.05), inertia=(1.3, 0.09), rotor=(0.7, 0.2)
+    ),
+    "horizontal": ArmParameters.from_lumped((3.3, 0.2, 0.24, 0.0, 0.0), (0.4, 0.3), rotor=0.1, gravity=0.0),
 }
 arms = pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS.keys())
 
@@ -39,9 +43,9 @@ def states(n, seed=0):
 def mujoco_model(arm):
     """The arm in MuJoCo: x to the right, z up, hinges about -y so that angles count from the horizontal upwards."""
 
-    def link(mass, length):
-        about_centre = max(arm.inertia * mass * length**2, 1e-12)
-        centre = f"{arm.centre * length} 0 0"
+    def link(mass, length, joint):
+        about_centre = max(arm.inertia[joint] * mass * length**2, 1e-12)
+        centre = f"{arm.centre[joint] * length} 0 0"
         return f'<inertial pos="{centre}" mass="{mass}" diaginertia="{about_centre} {about_centre} {about_centre}"/>'
 
     text = f"""
@@ -49,8 +53,10 @@ def mujoco_model(arm):
       <option gravity="0 0 {-arm.gravity}"><flag contact="disable"/></option>
       <compiler boundmass="0" boundinertia="0" balanceinertia="false" autolimits="false"/>
       <worldbody>
-        <body><joint type="hinge" axis="0 -1 0"/>{link(arm.m1, arm.L1)}
-          <body pos="{arm.L1} 0 0"><joint type="hinge" axis="0 -1 0"/>{link(arm.m2, arm.L2)}</body>
+        <body><joint type="hinge" axis="0 -1 0" armature="{arm.rotor[0]}"/>{link(arm.m1, arm.L1, 0)}
+          <body pos="{arm.L1} 0 0">
+            <joint type="hinge" axis="0 -1 0" armature="{arm.rotor[1]}"/>{link(arm.m2, arm.L2, 1)}
+          </body>
         </body>
       </worldbody>
     </mujoco>"""
@@ -62,12 +68,13 @@ def pinocchio_model(arm):
     model = pin.Model()
     model.gravity.linear = np.array([0.0, -arm.gravity, 0.0])
     parent, place = 0, pin.SE3.Identity()
-    for name, mass, length in (("1", arm.m1, arm.L1), ("2", arm.m2, arm.L2)):
-        joint = model.addJoint(parent, pin.JointModelRZ(), place, name)
-        about_centre = arm.inertia * mass * length**2 * np.eye(3)
-        inertia = pin.Inertia(mass, np.array([arm.centre * length, 0.0, 0.0]), about_centre)
+    for i, (mass, length) in enumerate(((arm.m1, arm.L1), (arm.m2, arm.L2))):
+        joint = model.addJoint(parent, pin.JointModelRZ(), place, str(i))
+        about_centre = arm.inertia[i] * mass * length**2 * np.eye(3)
+        inertia = pin.Inertia(mass, np.array([arm.centre[i] * length, 0.0, 0.0]), about_centre)
         model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
         parent, place = joint, pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
+    model.armature = np.array(arm.rotor)
     return model
 
 
@@ -119,10 +126,12 @@ def test_kinematics_equals_pinocchios(arm):
 def test_energy_equals_pinocchios(arm):
     """Both count potential energy from the base."""
     model = pinocchio_model(arm)
+    model.armature[:] = 0.0  # only some versions add the rotors' energy
     data = model.createData()
     q, v, _ = states(50)
     for i in range(50):
         theirs = pin.computeKineticEnergy(model, data, q[i], v[i]) + pin.computePotentialEnergy(model, data, q[i])
+        theirs += 0.5 * (np.array(arm.rotor) * v[i] ** 2).sum()
         assert energy(arm, q[i], v[i]) == pytest.approx(theirs, rel=1e-11, abs=1e-9)
 
 
@@ -162,9 +171,11 @@ def test_rods_have_the_lumped_parameters_of_the_errata():
 
 numbers = st.floats(0.05, 50.0)
 angles = st.tuples(st.floats(-10, 10), st.floats(-10, 10))
+share = st.floats(0.0, 1.0)
 anyone = st.builds(
-    ArmParameters, numbers, numbers, numbers, numbers, st.floats(0, 20), st.floats(0.1, 1.0), st.floats(0.0, 1.0)
-)
+    ArmParameters, numbers, numbers, numbers, numbers, st.floats(0, 20),
+    st.tuples(st.floats(0.1, 1.0), st.floats(0.1, 1.0)), st.tuples(share, share), st.tuples(share, share),
+)  # fmt: skip
 
 
 @settings(deadline=None)
@@ -199,7 +210,9 @@ def test_the_papers_coriolis_matrix_is_not_skew():
 def test_inverse_and_forward_dynamics_and_regressor_agree(arm, q, v, a):
     torque = inverse_dynamics(arm, q, v, a)
     scale = np.abs(torque).max() + 1e-9
-    np.testing.assert_allclose(regressor(q, v, a) @ arm.lumped, torque, rtol=1e-10, atol=1e-11 * scale)
+    np.testing.assert_allclose(
+        regressor(q, v, a) @ arm.lumped + np.array(arm.rotor) * a, torque, rtol=1e-10, atol=1e-11 * scale
+    )
     m = inertia_matrix(arm, q)
     tolerance = 1e-13 * np.linalg.cond(m) * (np.abs(a).max() + scale / np.abs(m).max())
     np.testing.assert_allclose(forward_dynamics(arm, q, v, torque), a, atol=tolerance + 1e-12)
@@ -252,8 +265,9 @@ NOT_POSITIVE = (-1.0, 0.0, float("nan"), float("inf"), True, np.True_, "1", None
     ("name", "value"),
     [(name, value) for name in ("m1", "m2", "L1", "L2") for value in NOT_POSITIVE]
     + [("gravity", value) for value in (-9.81, float("nan"), float("inf"), False)]
-    + [("centre", value) for value in (0.0, -0.5, 1.5, float("nan"), True)]
-    + [("inertia", value) for value in (-0.1, 1.5, float("nan"), True, "1")],
+    + [("centre", value) for value in (float("nan"), True)]
+    + [("inertia", value) for value in (-0.1, float("nan"), True, "1")]
+    + [("rotor", value) for value in (-0.1, float("inf"), "1")],
 )
 def test_a_bad_parameter_is_named(name, value):
     with pytest.raises(ValueError, match=rf"^{name} must be .*, got {re.escape(repr(value))}$"):
@@ -262,3 +276,50 @@ def test_a_bad_parameter_is_named(name, value):
 
 def test_parameters_may_be_numpy_numbers():
     assert ArmParameters(m1=np.float32(2.0), m2=np.int64(3)).lumped[1] == pytest.approx(3 * 0.25)
+
+
+def test_an_arm_without_inertia_about_a_joint_is_refused():
+    with pytest.raises(ValueError, match="inertia about both joints"):
+        ArmParameters(centre=(1.0, 0.0))
+    assert ArmParameters(centre=(1.0, 0.0), rotor=0.1).lumped[2] == 0.0
+
+
+def test_links_in_absolute_numbers():
+    """The numbers of a data sheet, in the formulas of a textbook."""
+    (m1, m2), (L1, L2), (c1, c2), (i1, i2) = (24.0, 4.0), (0.45, 0.4), (0.1, 0.05), (1.3, 0.09)
+    arm = ArmParameters.from_links((m1, m2), (L1, L2), (c1, c2), (i1, i2))
+    g = arm.gravity
+    textbook = [m1 * c1**2 + i1 + m2 * L1**2, m2 * c2**2 + i2, m2 * L1 * c2, (m1 * c1 + m2 * L1) * g, m2 * c2 * g]
+    np.testing.assert_allclose(arm.lumped, textbook, rtol=1e-14)
+
+
+@arms
+def test_lumped_parameters_make_an_arm_of_the_same_motion(arm):
+    if arm.lumped[2] < 0:
+        pytest.skip("two point masses have no counterweight")
+    again = ArmParameters.from_lumped(arm.lumped, (arm.L1, arm.L2), arm.rotor, arm.gravity)
+    q, v, torque = states(20)
+    expected = forward_dynamics(arm, q, v, torque)
+    np.testing.assert_allclose(forward_dynamics(again, q, v, torque), expected, rtol=1e-10)
+
+
+def test_lumped_parameters_of_no_arm_are_refused():
+    with pytest.raises(ValueError, match="p1 p2 > p3"):
+        ArmParameters.from_lumped((1.0, 1.0, 2.0, 0.0, 0.0), (1.0, 1.0), gravity=0.0)
+    with pytest.raises(ValueError, match="p3 g = p5 L1"):
+        ArmParameters.from_lumped((3.0, 1.0, 1.0, 20.0, 20.0), (1.0, 1.0))
+
+
+def test_rotors_reach_the_plant_and_the_nominal_model():
+    """A command of the nominal inverse dynamics gives the acceleration asked for; `lumped` leaves rotors out."""
+    plain, heavy = ArmParameters(), ArmParameters(rotor=(6.0, 2.0))
+    np.testing.assert_array_equal(plain.lumped, heavy.lumped)
+    for arm in (plain, heavy):
+        env = TwoLinkArmEnv(action="acceleration", arm=arm, actuator=None)
+        env.reset(seed=0)
+        env.step((3.0, -2.0))
+        truth = env.truth
+        np.testing.assert_allclose(truth.leakage, 0.0, atol=1e-10)
+        expected = forward_dynamics(arm, truth.position, truth.velocity, truth.applied_torque)
+        np.testing.assert_allclose(truth.acceleration, expected, rtol=1e-12)
+    assert np.abs(forward_dynamics(plain, truth.position, truth.velocity, truth.applied_torque) - expected).min() > 0.1

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.interface import ACTIONS
+from fbl_gym.real_arms import REAL_ARMS
 from fbl_gym.uncertainty import PARAMETERS, SENSORS
 
 MAX = 2**64 - 1
@@ -34,8 +35,17 @@ def with_kind(kind, **fields):
     return some(**fields).map(lambda values: {"kind": kind, **values})
 
 
+def varied(low, high):
+    """A number within bounds, or a distribution of such numbers; both joints may differ."""
+    numbers = st.lists(st.floats(low, high), min_size=2, max_size=2).map(sorted)
+    kinds = ["uniform", "choice", *(["log_uniform"] if low > 0 else [])]
+    one = st.one_of(st.floats(low, high), st.builds(lambda kind, ends: {kind: ends}, st.sampled_from(kinds), numbers))
+    return st.one_of(one, st.tuples(one, one))
+
+
 SENSOR = st.one_of(
     joint(0, 2),
+    some(density=varied(0, 0.1), bias=varied(-1, 1)),
     some(sigma=joint(0, 2), bias=joint(-2, 2), quantization=joint(0, 1)),
     some(snr_db=st.floats(-20, 120), bias=joint(-2, 2)),
 )
@@ -63,15 +73,16 @@ REFERENCE = st.one_of(
     st.builds(lambda position, dt: {"kind": "array", "position": position, "dt": dt}, ROWS, st.floats(0.003, 0.1)),
 )
 ARM = st.one_of(
-    st.sampled_from(scenarios.arms()),
+    st.sampled_from([*scenarios.arms(), *REAL_ARMS]),
     some(
         m1=st.floats(0.01, 100),
         m2=st.floats(0.01, 100),
         L1=st.floats(0.05, 20),
         L2=st.floats(0.05, 20),
         gravity=st.floats(0, 30),
-        centre=st.floats(0.1, 1),
-        inertia=st.floats(0, 1),
+        centre=joint(0.1, 1.5),
+        inertia=joint(0, 1),
+        rotor=joint(0, 5),
     ),
 )
 ERROR = st.one_of(
@@ -97,10 +108,10 @@ ERROR = st.one_of(
     ),
 )
 FRICTION = some(
-    viscous=joint(0, 50),
-    coulomb=joint(0, 200),
-    stiction=joint(0, 200),
-    v_s=joint(1e-8, 1),
+    viscous=varied(0, 1e4),
+    coulomb=varied(0, 200),
+    stiction=varied(0, 200),
+    v_s=varied(1e-8, 1),
     law=st.sampled_from(["exact", "literal"]),
 )
 REWARD = some(
@@ -111,7 +122,24 @@ REWARD = some(
     weight_chatter=st.floats(0, 5),
 )
 LIMITS = some(
-    position=st.floats(10, 100), velocity=st.floats(1, 1e3), acceleration=st.floats(1, 1e6), command=st.floats(1, 1e3)
+    position=st.floats(10, 100),
+    error=st.floats(0.1, 5),
+    error_time=st.floats(1e-3, 1),
+    velocity=st.floats(1, 1e3),
+    acceleration=st.floats(1, 1e6),
+    command=st.floats(1, 1e3),
+)
+JOINT = st.fixed_dictionaries(
+    {"stiffness": st.floats(1, 1e5), "rotor_inertia": joint(0.01, 5)},
+    optional={"damping": joint(0, 50), "backlash": joint(0, 0.5), "encoder": st.sampled_from(["motor", "link"])},
+)
+PLANT = ("arm", "parameter_error", "friction", "joint", "physics_dt", "control_dt", "duration")
+EVENT = st.one_of(
+    st.builds(lambda mass: {"kind": "pick-up", "mass": mass}, st.floats(0, 20)),
+    st.just({"kind": "drop"}),
+    st.builds(lambda factor: {"kind": "friction", "factor": factor}, joint(0, 4)),
+    st.builds(lambda factor: {"kind": "drive", "factor": factor}, joint(0, 2)),
+    st.builds(lambda impulse: {"kind": "knock", "impulse": impulse}, joint(-20, 20)),
 )
 
 
@@ -140,7 +168,8 @@ def environments(draw):
             options["reference"] = {**options["reference"], name: max(options["reference"][name], substeps * h)}
     maybe("limits", LIMITS)
     maybe("reward", REWARD)
-    maybe("initial_error", joint(-4, 4))
+    maybe("initial_error", varied(-4, 4))
+    maybe("initial_velocity", varied(-4, 4))
     maybe("preview", st.integers(0, 5))
     maybe("action", st.sampled_from(ACTIONS))
     if draw(st.booleans()):
@@ -153,12 +182,24 @@ def environments(draw):
         options["actuator"] = {
             "torque_limit": limit,
             "delay": delay,
-            "lag": draw(st.sampled_from([0.0, 1e-4, 0.05, 10.0])),
+            "lag": draw(st.sampled_from([0.0, 1e-9, 1e-4, 0.05, 10.0, {"uniform": [0.0, 0.01]}])),
+            "delay_samples": draw(st.integers(0, 3)),
+            "gain": draw(varied(0, 2)),
+            "rate_limit": draw(st.one_of(st.none(), varied(1e-3, 1e6))),
         }
     must = {"position"} | ({"velocity"} if options.get("action") == "acceleration" else set())
+    maybe("encoder", some(counts=joint(1, 1e6), latency=st.integers(0, 5)))
     sensors = [name for name in SENSORS if name in must or draw(st.booleans())]
     options["sensors"] = sensors
     maybe("noise", some(**dict.fromkeys(sensors, SENSOR)))
+    noise, encoder = options.get("noise", {}), options.get("encoder", {})
+    position = noise.get("position", {})
+    if isinstance(position, dict) and "quantization" in position:
+        encoder.pop("counts", None)
+    if "velocity" in sensors and "velocity" not in noise and "encoder" in options:
+        encoder |= draw(some(difference=st.integers(1, 5)))
+        if "difference" in encoder:
+            encoder |= draw(some(low_pass=st.floats(0.1, 1e4)))
     kind = draw(st.sampled_from([None, "piecewise-constant", "sine", "pulses", "array"]))
     if kind == "piecewise-constant":
         options["disturbance"] = {"kind": kind, "amplitude": draw(joint(0, 1e3)), "period": draw(times) * h}
@@ -171,6 +212,21 @@ def environments(draw):
     elif kind == "array":
         torque = draw(st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)), min_size=1, max_size=5))
         options["disturbance"] = {"kind": kind, "torque": torque, "dt": draw(times) * h}
+    if draw(st.booleans()):
+        options["joint"] = draw(JOINT)
+        for _ in range(20):  # until it is soft enough for the step
+            try:
+                Scenario(**{name: options[name] for name in PLANT if name in options})
+                break
+            except ValueError:
+                options["joint"] = {**options["joint"], "stiffness": options["joint"]["stiffness"] / 8, "damping": 0.0}
+        else:
+            del options["joint"]
+    time = st.integers(0, 12 * substeps).map(lambda k: k * h)
+    options["events"] = draw(st.lists(EVENT, max_size=3))
+    options["events"] = [event | {"time": draw(time)} for event in options["events"]]
+    if "friction" not in options:
+        options["events"] = [event for event in options["events"] if event["kind"] != "friction"]
     return options
 
 

@@ -33,7 +33,7 @@ from fbl_gym.uncertainty import (
 
 def particles(mass, length, centre):
     """Return a link as point masses at distances: one at its end, or three equivalent to a rod."""
-    if centre == 1.0:
+    if centre[0] == 1.0:
         return [(mass, length)]
     return [(mass / 6, 0.0), (2 * mass / 3, length / 2), (mass / 6, length)]
 
@@ -94,6 +94,8 @@ class World:
             jumps = [j * dt + self.delay for j in range(k + 1)][-math.ceil(self.delay / dt) - 2 :]
             inner = [s for s in (*jumps, *self.jumps, *self.payload[1:]) if t + 1e-9 < s < end - 1e-9]
             for a, b in zip([t, *sorted(inner)], [*sorted(inner), end], strict=True):
+                if abs(a - self.payload[1]) < 1e-9 and a > 0.0:
+                    x[2:4] = self.grasp(a, *x[:4])
                 arrived = math.floor((a - self.delay) / dt + 1e-6)
                 u1, u2 = commands[arrived] if arrived >= 0 else held
                 if self.lag == 0.0:
@@ -101,6 +103,17 @@ class World:
                 x = self._solve(x, a, b, u1, u2)
             path.append(x[:4].copy())
         return np.array(path), x[4:]
+
+    def grasp(self, t, _q1, q2, v1, v2):
+        """Return the velocities after a grasp at t: the particles and the payload share the momentum."""
+
+        def inertia(sums):
+            _, second1, mass2, first2, second2 = sums
+            m12 = second2 + self.arm.L1 * first2 * math.cos(q2)
+            m11 = second1 + mass2 * self.arm.L1**2 + 2 * m12 - second2
+            return np.array([[m11, m12], [m12, second2]])
+
+        return np.linalg.solve(inertia(self.sums(t + 1e-6)), inertia(self.sums(t - 1e-6)) @ (v1, v2))
 
     def _solve(self, x, a, b, u1, u2):
         sums, rate = self.sums(0.5 * (a + b)), 1.0 / self.lag if self.lag else 0.0

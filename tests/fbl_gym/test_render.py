@@ -410,6 +410,7 @@ def test_an_arm_that_diverged_can_be_drawn():
 @pytest.mark.parametrize("scenario", ["nominal", "section-2-2/nominal", "paper-10"])
 def test_without_a_torque_limit_the_longest_arc_is_ten_times_the_arms_weight(scenario):
     env = TwoLinkArmEnv(scenario, action="torque")
+    env.reset(seed=0)
     limit = env.torque_limit
     full = View(env.scenario, 160).picture(env.truth).full_torque
     nominal = env.nominal

@@ -70,7 +70,7 @@ def test_the_papers_scenarios_have_the_papers_arms():
     np.testing.assert_allclose([*large.truth.masses, *large.truth.lengths], [200.0, 150.0, 7.0, 5.0])
 
 
-def test_the_names_are_the_papers_figures_and_the_families_for_both_arms():
+def test_the_names_are_figures_real_arms_and_the_families_for_both_arms():
     figures = {f"paper-{name}" for name in ("3a", "3b", "4a", "4b", "6a", "6b", "8", "10")}
     families = (
         "mass-error",
@@ -86,7 +86,8 @@ def test_the_names_are_the_papers_figures_and_the_families_for_both_arms():
         "everything",
     )
     members = {"nominal"} | {f"{family}-{severity}" for family in families for severity in range(4)}
-    assert set(scenarios.names()) == figures | members | {f"section-2-2/{name}" for name in members}
+    arms = {"dfki-c1", "dfki-a0", "cicese"}
+    assert set(scenarios.names()) == figures | arms | members | {f"section-2-2/{name}" for name in members}
     assert len(scenarios.names()) == len(set(scenarios.names()))
     assert set(scenarios.families()) == {"nominal", *families}
 

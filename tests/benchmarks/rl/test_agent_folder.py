@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.policies.configuration import configuration
 from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.agent import read, saved_agent, write
+from benchmarks.rl.agent import describe, files, read, saved_agent, write
 from fbl_gym import TwoLinkArmEnv
 from tests.benchmarks.rl.agents import random_actor
 
@@ -36,11 +36,48 @@ def test_a_folder_returns_the_agent_that_was_written(tmp_path):
 def test_weights_that_need_code_to_load_are_refused(tmp_path):
     interface = TwoLinkArmEnv().interface
     write_agent(tmp_path, interface)
-    np.savez(tmp_path / "weights.npz", weight_0=np.array([print], dtype=object))
+    np.savez(files(tmp_path)[1], weight_0=np.array([print], dtype=object))
     with pytest.raises(ValueError, match="allow_pickle=False"):
         saved_agent(interface, str(tmp_path))
 
 
 def test_a_folder_without_an_agent_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"folder must hold an agent.json"):
+        saved_agent(TwoLinkArmEnv().interface, str(tmp_path))
+
+
+def test_weights_and_description_change_in_one_step(tmp_path, monkeypatch):
+    """Killed between the two files, the folder holds the agent that it held."""
+    interface = TwoLinkArmEnv().interface
+    settings, actor = write_agent(tmp_path, interface)
+    before = describe(tmp_path)
+    monkeypatch.setattr("benchmarks.rl.agent.write_text", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    other = dataclasses.replace(actor, layers=tuple((2 * weight, bias) for weight, bias in actor.layers))
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path, other, {"interface": dataclasses.asdict(settings)})
+    assert describe(tmp_path) == before
+    np.testing.assert_array_equal(read(tmp_path)[1].layers[0][0], actor.layers[0][0])
+    monkeypatch.undo()
+    write(tmp_path, other, {"interface": dataclasses.asdict(settings)})
+    np.testing.assert_array_equal(read(tmp_path)[1].layers[0][0], other.layers[0][0])
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["", "[]", "3", "{", "{}", '{"interface": 3}', '{"interface": {}, "weights": 3}', '{"interface": {"action": 1}}',
+     '{"interface": {"x": 1}, "network": {"layers": 0}}', '{"interface": {}, "network": {"layers": "x"}}'],
+)  # fmt: skip
+def test_a_malformed_folder_is_an_error_that_names_the_file(damage, tmp_path):
+    write_agent(tmp_path, TwoLinkArmEnv().interface)
+    (tmp_path / "agent.json").write_text(damage)
+    with pytest.raises(ValueError, match=r"must be as `fbl-gym train` wrote it"):
+        saved_agent(TwoLinkArmEnv().interface, str(tmp_path))
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"PK\x03\x04" + 40 * b"x"])
+def test_damaged_weights_are_an_error_that_names_the_file(content, tmp_path):
+    write_agent(tmp_path, TwoLinkArmEnv().interface)
+    files(tmp_path)[1].write_bytes(content)
+    with pytest.raises(ValueError, match=r"weights-.*npz must be as `fbl-gym train` wrote it"):
         saved_agent(TwoLinkArmEnv().interface, str(tmp_path))

@@ -58,3 +58,44 @@ def test_the_page_on_learning_runs(tmp_path, monkeypatch):
         assert process.returncode == 0, process.stderr
     assert (tmp_path / "trace.png").exists()
     assert json.loads((tmp_path / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--threads 0", "must be a whole number, 1 or more, got '0'"),
+        ("--seed 99999999", "seed must be at most 2146482, since each has 1000 training seeds, got 99999999"),
+        ("--hyperparameters lanes.json", "hyperparameters.lanes must be at most 1000"),
+        ("--hyperparameters rate.json", "hyperparameters.arguments must have a learning_rate, got {}"),
+        ("--hyperparameters words.json", "hyperparameters.arguments must be those of PPO: TypeError"),
+        ("--hyperparameters list.json", "list.json must be JSON with an entry 'ppo': TypeError"),
+        ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
+    ],
+)
+def test_a_mistake_is_answered_with_what_is_right(options, message, folder, capsys):
+    files = {
+        "lanes": {"ppo": {"lanes": 1001, "steps": 80, "arguments": {"learning_rate": 1e-3}}},
+        "rate": {"ppo": {"lanes": 4, "steps": 80, "arguments": {}}},
+        "words": {"ppo": {"lanes": 4, "steps": 80, "arguments": {"learning_rate": 1e-3, "n_step": 3}}}, "list": [],
+    }  # fmt: skip
+    for name, content in files.items():
+        (folder / f"{name}.json").write_text(json.dumps(content))
+    (folder / "none.json").touch()
+    try:
+        status = cli.main(["train", "ppo", "--hyperparameters", "short.json", *options.split()])
+    except SystemExit as end:
+        status = end.code
+    assert status == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("run.json", b""), ("run.json", b"[]"), ("checkpoint.zip", b"PK"), ("curve.csv", b"\xff")],
+)
+def test_a_damaged_run_is_refused(name, content, folder, capsys):
+    assert train("--steps", "80", "--out", "run") == 0
+    (folder / "run" / name).write_bytes(content)
+    capsys.readouterr()
+    assert train("--steps", "80", "--out", "run") == 2
+    assert "fbl-gym: folder must be new" in (said := capsys.readouterr().err) or "cannot be resumed" in said

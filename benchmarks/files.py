@@ -1,0 +1,38 @@
+"""Files that are complete or absent: each is written beside its place and renamed into it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a place to write a file to. The file is renamed to its path if the block succeeds.
+
+    Args:
+        path: of the file; its folder is created.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{uuid.uuid4().hex}{path.suffix[:20]}")
+    try:
+        yield beside
+        with beside.open("rb+") as file:
+            os.fsync(file.fileno())
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file as UTF-8.
+
+    Args:
+        path: the file; its folder is created.
+        text: its content. A character that UTF-8 lacks is written as its escape.
+    """
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")

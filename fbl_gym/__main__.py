@@ -1,0 +1,27 @@
+"""The command line, `fbl-gym` or `python -m fbl_gym`.
+
+The packages `controllers` and `benchmarks` are those beside this one, even where a folder of the
+user has one of these names and comes first in `sys.path`.
+"""
+
+import importlib
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def main() -> int:
+    """Run a command and return the exit status."""
+    for name in ("controllers", "benchmarks"):
+        spec = find_spec(name)
+        folders = spec.submodule_search_locations if spec else None
+        if ROOT / name not in [Path(folder).resolve() for folder in folders or ()]:
+            sys.path.insert(0, str(ROOT))  # workers get the same path
+    status: int = importlib.import_module("benchmarks.cli").main()
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

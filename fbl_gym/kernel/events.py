@@ -1,0 +1,75 @@
+"""Events at a time, and the payload: changes of the arm between two physics steps."""
+
+import numpy as np
+
+from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.physics import inertia_terms, lump, solve_terms
+from fbl_gym.memory import DRIVE_CHANGE, DROP, EVENT_ROWS, FRICTION_CHANGE, KNOCK, PICK_UP
+
+
+@inline_njit
+def _inertia(block, settings, lane):
+    """Return the inertia that meets an impulse; an elastic joint passes none to its motor."""
+    r1, r2 = settings.rotor[0], settings.rotor[1]
+    if settings.elastic:
+        r1, r2 = 0.0, 0.0
+    _, cos2 = sincos(block.position[1, lane])
+    return inertia_terms(block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], r1, r2, cos2)
+
+
+@kernel_njit
+def change_payload(block, settings, lane, payload):
+    """Let a lane carry another payload; the velocities after a grasp conserve momentum."""
+    m11, m12, m22 = _inertia(block, settings, lane)
+    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    grasps = payload > block.payload[lane]
+    block.payload[lane] = payload
+    lump(block, settings, lane)
+    if grasps:
+        momentum1, momentum2 = m11 * v1 + m12 * v2, m12 * v1 + m22 * v2
+        m11, m12, m22 = _inertia(block, settings, lane)
+        v1, v2 = solve_terms(m11, m12, m22, momentum1, momentum2)
+        block.velocity[0, lane], block.velocity[1, lane] = v1, v2
+
+
+@kernel_njit
+def carry_payload(block, settings, width, substep):
+    """Take up or release the payload where its time has come."""
+    for lane in range(width):
+        now = float(np.int64(block.step[lane])) * settings.substeps + substep
+        if now > 0.0 and block.payload_pick_up[lane] != block.payload_drop[lane]:
+            if now == block.payload_pick_up[lane]:
+                change_payload(block, settings, lane, block.payload[lane] + block.payload_mass[lane])
+            if now == block.payload_drop[lane]:
+                change_payload(block, settings, lane, max(block.payload[lane] - block.payload_mass[lane], 0.0))
+
+
+@kernel_njit
+def happen(block, rows, settings, tables, width, substep):
+    """Apply the events of a block whose time has come."""
+    for event in range(settings.events):
+        kind, row = tables[settings.event_table + event], settings.event_row + EVENT_ROWS * event
+        for lane in range(width):
+            if rows[row, lane] == float(np.int64(block.step[lane])) * settings.substeps + substep:
+                _apply(block, settings, lane, kind, rows[row + 1, lane], rows[row + 2, lane])
+
+
+@kernel_njit
+def _apply(block, settings, lane, kind, size1, size2):
+    """Apply an event to a lane."""
+    if kind == PICK_UP:
+        change_payload(block, settings, lane, block.payload[lane] + size1)
+    elif kind == DROP:
+        change_payload(block, settings, lane, 0.0)
+    elif kind == FRICTION_CHANGE:
+        for friction in (block.viscous, block.coulomb, block.stiction):
+            friction[0, lane] *= size1
+            friction[1, lane] *= size2
+    elif kind == DRIVE_CHANGE:
+        block.gain[0, lane] *= size1
+        block.gain[1, lane] *= size2
+    elif kind == KNOCK:
+        m11, m12, m22 = _inertia(block, settings, lane)
+        change1, change2 = solve_terms(m11, m12, m22, size1, size2)
+        block.velocity[0, lane] += change1
+        block.velocity[1, lane] += change2

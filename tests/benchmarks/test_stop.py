@@ -1,0 +1,111 @@
+"""Stopped runs: nothing is left behind, and the message says what is kept."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from benchmarks.run.store import Store
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+
+SLOW = """
+import time
+from controllers.simple import Zero
+
+
+class make_policy(Zero):
+    def initial(self, observation):
+        open({flag!r}, "w").close()
+        {wait}
+        return super().initial(observation)
+"""
+WAITS = {"sleeps": "time.sleep(600)", "computes": "while True: pass"}
+
+
+def group(number):
+    """The living processes of a group, without zombies."""
+    living = []
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{pid}/stat") as file:
+                _, _, fields = file.read().rpartition(") ")
+        except OSError:
+            continue
+        state, _, of = fields.split()[:3]
+        if int(of) == number and state != "Z":
+            living.append(int(pid))
+    return living
+
+
+def wait(until, seconds):
+    end = time.monotonic() + seconds
+    while not until() and time.monotonic() < end:
+        time.sleep(0.05)
+    return until()
+
+
+@pytest.fixture
+def start(tmp_path):
+    """A board with a law that never ends, once the law runs and some cells are stored."""
+    processes = []
+
+    def start(how="sleeps", workers=2):
+        flag, law = tmp_path / "runs", tmp_path / "slow.py"
+        law.write_text(SLOW.format(flag=str(flag), wait=WAITS[how]))
+        command = [
+            sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", str(law), "--scenarios", "nominal",
+            "--seeds", "1", "--workers", str(workers), "--store", str(tmp_path / "store"),
+        ]  # fmt: skip
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        process = subprocess.Popen(command, **pipes, start_new_session=True, stdin=subprocess.DEVNULL)
+        processes.append(process)
+        assert wait(lambda: flag.exists() and (workers == 1 or Store(tmp_path / "store").files()), 120)
+        return process
+
+    yield start
+    for process in processes:
+        for pid in group(process.pid):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate()
+
+
+@pytest.mark.parametrize(
+    ("number", "to_all", "status"),
+    [(signal.SIGINT, True, 130), (signal.SIGTERM, False, 143), (signal.SIGHUP, True, 129)],
+)
+def test_a_stopped_board_leaves_no_process_and_says_what_is_kept(number, to_all, status, start):
+    """A terminal sends its signals to all processes, `kill` to one."""
+    process = start()
+    (os.killpg if to_all else os.kill)(process.pid, number)
+    out, errors = process.communicate(timeout=20)
+    assert process.returncode == status
+    assert "stopped with 1 of 2 cells in " in errors
+    assert "the same command goes on from there" in errors
+    assert "Traceback" not in out + errors
+    assert wait(lambda: not group(process.pid), 5)
+
+
+@pytest.mark.parametrize(("how", "workers"), [("sleeps", 2), ("computes", 1)])
+def test_workers_end_within_five_seconds_of_a_killed_parent(how, workers, start):
+    process = start(how, workers)
+    assert len(group(process.pid)) > 1
+    process.kill()
+    assert wait(lambda: not group(process.pid), 5)
+
+
+def test_other_commands_say_what_is_kept_too(tmp_path):
+    command = ["tune", "pd-gravity", "--trials", "100000", "--seeds", "1", "--scenarios", "nominal", "--storage"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fbl_gym", *command, str(tmp_path)], stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert wait(lambda: list(tmp_path.glob("*.db")), 60)
+    time.sleep(1)
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (
+        143, "fbl-gym: stopped; finished trials are kept, and the same command goes on\n",
+    )  # fmt: skip

@@ -1,0 +1,69 @@
+"""Code that a file names runs only with `--trust`."""
+
+import json
+
+import pytest
+
+from benchmarks import cli
+from benchmarks.policies import external
+from benchmarks.report.export import query
+from benchmarks.run.cell import run_cell
+from benchmarks.run.store import Store, _digest
+from benchmarks.run.suite import Cell
+
+LAW = "from controllers.simple import Zero as make_policy\nopen({flag!r}, 'w').close()\n"
+
+
+@pytest.fixture
+def flag(tmp_path, monkeypatch):
+    """Files of this name are written by the law's code."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(external, "_TRUSTED", set())
+    (tmp_path / "law_for_trust.py").write_text(LAW.format(flag=str(tmp_path / "ran")))
+    return tmp_path / "ran"
+
+
+@pytest.mark.parametrize("name", ["law_for_trust.py", "law_for_trust:make_policy"])
+def test_a_result_that_names_code_is_verified_only_with_trust(name, flag, capsys):
+    store = Store(flag.parent / "store")
+    path = store.save(run_cell(Cell(name, "nominal", (0,))))
+    flag.unlink()
+    assert cli.main(["verify", str(path), "--store", "store"]) == 2
+    assert f"names {name}, whose code would be run; give --trust if you trust it" in capsys.readouterr().err
+    assert str(query(store.results(), "SELECT count(*) FROM results")).count("1")
+    assert not flag.exists()
+    assert cli.main(["verify", str(path), "--store", "store", "--trust"]) == 0
+    assert flag.exists()
+
+
+def test_a_suite_that_names_code_runs_only_with_trust(flag, capsys):
+    (flag.parent / "mine.toml").write_text(
+        'policies = ["zero", "law_for_trust.py"]\nscenarios = ["nominal"]\nseeds = 1\n'
+    )
+    line = ["leaderboard", "--suite", "mine.toml", "--store", "store", "--workers", "1"]
+    assert cli.main(line) == 2
+    assert "mine.toml names law_for_trust.py, whose code would be run" in capsys.readouterr().err
+    assert not flag.exists()
+    assert cli.main([*line, "--trust"]) == 0
+    assert flag.exists()
+
+
+def test_trust_covers_the_archives_that_a_suite_names(flag, capsys):
+    (flag.parent / "a.zip").write_bytes(b"PK")
+    (flag.parent / "mine.toml").write_text('policies = ["zero", "a.zip"]\nscenarios = ["nominal"]\nseeds = 1\n')
+    line = ["leaderboard", "--suite", "mine.toml", "--store", "store", "--workers", "1"]
+    assert cli.main(line) == 2
+    assert "give --trust" in capsys.readouterr().err
+    assert cli.main([*line, "--trust"]) == 1
+    assert "a.zip must be an archive" in " ".join(capsys.readouterr().out.split())
+
+
+def test_an_unknown_access_in_a_result_is_damage(tmp_path):
+    store = Store(tmp_path)
+    path = store.save(run_cell(Cell("zero", "nominal", (0,))))
+    document = json.loads(path.read_text())
+    document["policy"]["access"] = "<b>all</b>"
+    del document["sha256"]
+    path.write_text(json.dumps({**document, "sha256": _digest(document)}))
+    with pytest.warns(UserWarning, match="is damaged"):
+        assert list(store.results()) == []

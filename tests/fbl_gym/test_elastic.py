@@ -1,0 +1,342 @@
+"""Elastic joints against an ODE solver, MuJoCo, the C reference and the rigid arm; sticking, backlash, encoders."""
+
+import re
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from benchmarks.speed.c_reference import Reference, load
+from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import energy, forward_dynamics, inertia_matrix
+from fbl_gym.joints import ElasticJoint, fastest_rate
+from tests.fbl_gym.paired_runs import same
+
+K, D, B = np.array([4000.0, 1500.0]), np.array([6.0, 2.0]), np.array([0.6, 0.3])
+JOINT = {"stiffness": tuple(K), "damping": tuple(D), "rotor_inertia": tuple(B)}
+HELD = {"kind": "sine", "amplitude": 0.0, "centre": (-1.2, 0.4)}
+OPTIONS = {"action": "torque", "actuator": None, "reference": HELD, "limits": {"position": 1e3, "velocity": 1e4}}
+
+
+def torque(k):
+    return np.array([-60.0, -20.0]) + np.array([90.0, 30.0]) * np.sin([0.21 * k, 0.3 * k])
+
+
+def run(steps, **options):
+    """Return the truths of a run under `torque`."""
+    env = TwoLinkArmEnv(**{**OPTIONS, "joint": JOINT, **options})
+    env.reset(seed=0)
+    truths = [env.truth]
+    for k in range(steps):
+        env.step(torque(k))
+        truths.append(env.truth)
+    return truths
+
+
+def state(truth):
+    return np.concatenate([truth.position, truth.motor_position, truth.velocity, truth.motor_velocity])
+
+
+def slope(x, tau, arm=TABLE_1, load=0.0, viscous=0.0, gap=0.0):
+    """Return the rate of a state, with half the backlash `gap`."""
+    q, th, v, w = x.reshape(4, 2)
+    stretch = th - q
+    touching = np.abs(stretch) >= gap
+    spring = K * (stretch - np.clip(stretch, -gap, gap)) + np.where(touching, D * (w - v), 0.0)
+    return np.concatenate([v, w, forward_dynamics(arm, q, v, spring - load), (tau - spring - viscous * w) / B])
+
+
+def solve(start, steps, dt=0.01, disturbance=lambda t: 0.0, tolerance=1e-12, **options):
+    """Return the states of the solver at the control steps."""
+    path = [start]
+    for k in range(steps):
+        rate = lambda t, x, k=k: slope(x, torque(k), load=disturbance(t), **options)
+        done = solve_ivp(rate, (k * dt, (k + 1) * dt), path[-1], method="DOP853", rtol=tolerance, atol=tolerance)
+        path.append(done.y[:, -1])
+    return np.array(path)
+
+
+def test_a_motion_agrees_with_the_solver():
+    """Two seconds with damping, viscous friction and a disturbance on the links, to 1e-7 in all eight states."""
+    disturbance = {"kind": "sine", "amplitude": (20.0, 8.0), "frequency": (1.5, 2.5), "phase": (0.3, 1.0)}
+    truths = run(200, physics_dt=2.5e-4, friction={"viscous": 3.0}, disturbance=disturbance)
+    calls = lambda t: np.array([20.0, 8.0]) * np.sin(2 * np.pi * np.array([1.5, 2.5]) * t + (0.3, 1.0))
+    ours = np.array([state(truth) for truth in truths])
+    theirs = solve(ours[0], 200, disturbance=calls, viscous=3.0)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-7)
+    for k in (0, 50, 200):
+        rate = slope(ours[k], truths[k].applied_torque, load=calls(0.01 * k), viscous=3.0)
+        np.testing.assert_allclose(truths[k].acceleration, rate[4:6], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(truths[k].friction_torque, 3.0 * truths[k].motor_velocity, rtol=1e-12)
+
+
+def test_the_error_falls_with_the_fourth_power_of_the_step():
+    start = state(run(0)[0])
+    exact = solve(start, 20)
+    errors = [np.abs(state(run(20, physics_dt=h)[-1]) - exact[-1]).max() for h in (1e-3, 5e-4)]
+    assert 13 < errors[0] / errors[1] < 19
+
+
+def test_a_motion_agrees_with_mujocos():
+    """Each body has two hinges: the motor with its armature, then the spring. Both integrate by Runge-Kutta."""
+
+    def link(i, mass, length):
+        tiny = 1e-12
+        return (
+            f'<joint type="hinge" axis="0 -1 0" armature="{B[i]}"/>'
+            f'<joint type="hinge" axis="0 -1 0" stiffness="{K[i]}" damping="{D[i]}"/>'
+            f'<inertial pos="{length} 0 0" mass="{mass}" diaginertia="{tiny} {tiny} {tiny}"/>'
+        )
+
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco><option gravity="0 0 -9.81" integrator="RK4" timestep="0.001"><flag contact="disable"/></option>
+      <compiler boundmass="0" boundinertia="0" balanceinertia="false" autolimits="false"/>
+      <worldbody><body>{link(0, TABLE_1.m1, TABLE_1.L1)}
+        <body pos="{TABLE_1.L1} 0 0">{link(1, TABLE_1.m2, TABLE_1.L2)}</body></body></worldbody></mujoco>""")
+    data, truths = mujoco.MjData(model), run(100)
+    first = truths[0]
+    data.qpos[:] = np.stack([first.motor_position, first.position - first.motor_position], axis=1).ravel()
+    for k in range(100):
+        data.qfrc_applied[[0, 2]] = torque(k)
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+        motor, spring = data.qpos[[0, 2]], data.qpos[[1, 3]]
+        np.testing.assert_allclose(truths[k + 1].motor_position, motor, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(truths[k + 1].position, motor + spring, rtol=0, atol=1e-9)
+
+
+@pytest.mark.skipif(load() is None, reason="no C compiler")
+def test_a_motion_agrees_with_the_c_reference():
+    joint = {"stiffness": 2000.0, "damping": 5.0, "rotor_inertia": 0.5}
+    truths = run(100, joint=joint, friction={"viscous": 3.0})
+    reference = Reference(TABLE_1, 8, friction=(3.0, 0.0, 1.0), joint=(2000.0, 5.0, 0.5))
+    first = truths[0]
+    reference.state[:] = np.concatenate([first.position, first.velocity, first.motor_position, first.motor_velocity])[
+        :, None
+    ]
+    for k in range(100):
+        reference.torque[:] = torque(k)[:, None]
+        reference.step()
+    np.testing.assert_allclose(reference.state[0, :2, 0], truths[-1].position, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(reference.state[0, 4:6, 0], truths[-1].motor_position, rtol=0, atol=1e-10)
+
+
+def test_stiff_joints_become_the_rigid_arm():
+    """The distance to the rigid arm with the same rotors falls as one over the stiffness."""
+    arm = ArmParameters(rotor=tuple(B))
+    rigid = run(100, joint=None, arm=arm)[-1]
+    distances = []
+    for stiffness in (2e4, 8e4, 3.2e5):
+        joint = {"stiffness": stiffness, "damping": 0.03 * stiffness**0.5}
+        elastic = run(100, joint=joint, arm=arm, physics_dt=1e-4)[-1]
+        distances.append(np.abs(elastic.position - rigid.position).max())
+    ratios = np.divide(distances[:-1], distances[1:])
+    assert np.all((ratios > 3.3) & (ratios < 4.7)), (distances, ratios)
+
+
+def test_energy_is_constant_without_damping_and_torque():
+    joint = {**JOINT, "damping": 0.0}
+    env = TwoLinkArmEnv(**OPTIONS, joint=joint, physics_dt=2.5e-4)
+    env.reset(seed=0)
+    total = []
+    for _ in range(100):
+        env.step((0.0, 0.0))
+        truth = env.truth
+        spring = 0.5 * (K * (truth.motor_position - truth.position) ** 2).sum()
+        total.append(
+            energy(TABLE_1, truth.position, truth.velocity) + spring + 0.5 * (B * truth.motor_velocity**2).sum()
+        )
+    assert np.ptp(total) < 1e-4
+    assert np.abs(truth.velocity).min() > 0.3
+
+
+def test_backlash_agrees_with_the_solver():
+    """The links swing through the gap several times; each contact costs the step some accuracy."""
+    truths = run(100, physics_dt=1e-4, joint={**JOINT, "backlash": 0.02})
+    ours = np.array([state(truth) for truth in truths])
+    theirs = solve(ours[0], 100, gap=0.01, tolerance=1e-10)
+    np.testing.assert_allclose(ours[:, :4], theirs[:, :4], rtol=0, atol=6e-5)
+    sides = np.sign(np.round((ours[:, 2:4] - ours[:, :2]) / 0.009999))
+    assert np.all(np.ptp(sides, axis=0) == 2)  # both joints touch both sides
+
+
+def test_in_the_gap_a_motor_turns_alone():
+    flat = {"gravity": 0.0}
+    env = TwoLinkArmEnv(**OPTIONS, arm=flat, joint={**JOINT, "backlash": 0.1}, control_dt=1e-3)
+    env.reset(seed=0)
+    start = env.truth.position
+    while np.abs(env.truth.motor_position - env.truth.position)[0] < 0.049:
+        env.step((1.0, 0.0))
+        np.testing.assert_array_equal(env.truth.position, start)
+        t = env.truth.time
+        assert env.truth.motor_position[0] - start[0] == pytest.approx(0.5 * t * t / B[0], rel=1e-9)
+    for _ in range(100):
+        env.step((1.0, 0.0))
+    assert env.truth.position[0] > start[0] + 1e-4
+
+
+def test_a_motor_sticks_while_its_link_swings():
+    """Below breakaway the motor does not move by one bit; above, it slides. The link swings on its spring."""
+    friction = {"coulomb": 5.0, "stiction": 5.0}
+    options = OPTIONS | {"arm": {"gravity": 0.0}, "joint": {**JOINT, "damping": 0.0}, "control_dt": 1e-3}
+    env = TwoLinkArmEnv(**options, friction=friction)
+    env.reset(seed=0)
+    start = env.truth.motor_position
+    for _ in range(100):
+        env.step((9.99, -9.99))
+        np.testing.assert_array_equal(env.truth.motor_position, start)
+        np.testing.assert_array_equal(env.truth.motor_velocity, 0.0)
+        np.testing.assert_allclose(env.truth.friction_torque, (9.99, -9.99))
+    env.step((10.01, -10.01))
+    assert np.abs(env.truth.motor_velocity).min() > 0.0
+    # With the drives off, links that start in motion swing, and the motors hold against the springs.
+    moving = {"kind": "sine", "amplitude": 0.01, "frequency": 0.5, "centre": (-1.2, 0.4), "phase": 0.0}
+    env = TwoLinkArmEnv(**options | {"reference": moving}, friction={"coulomb": 200.0})
+    env.reset(seed=0)
+    env.step((0.0, 0.0))
+    positions, motors = [], []
+    for _ in range(1000):
+        env.step((0.0, 0.0))
+        positions.append(env.truth.position)
+        motors.append(env.truth.motor_position)
+        spring = K * (env.truth.motor_position - env.truth.position)
+        np.testing.assert_allclose(env.truth.friction_torque, -spring, atol=1e-12)
+    assert np.ptp(motors, axis=0).max() == 0.0
+    assert np.ptp(positions, axis=0).min() > 1e-4
+
+
+def test_the_literal_law_is_the_printed_formula():
+    """Where a motor turns one way, the formula is smooth, and the motion agrees with the solver's."""
+    friction = {"coulomb": 4.0, "law": "literal", "viscous": 1.0}
+    env = TwoLinkArmEnv(**OPTIONS, joint=JOINT, friction=friction, physics_dt=5e-4)
+    env.reset(seed=0)
+    for _ in range(30):
+        env.step((150.0, 60.0))
+    start, x = state(env.truth), None
+    for _ in range(20):
+        env.step((150.0, 60.0))
+        assert env.truth.motor_velocity.min() > 0.0
+    rate = lambda _, x: slope(x, np.array([150.0, 60.0]) - 4.0, viscous=1.0)
+    x = solve_ivp(rate, (0.0, 0.2), start, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(state(env.truth), x, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("side", ["motor", "link"])
+def test_the_encoder_reads_its_side(side):
+    env = TwoLinkArmEnv(**OPTIONS, joint={**JOINT, "encoder": side})
+    observation, _ = env.reset(seed=0)
+    for k in range(30):
+        truth = env.truth
+        q, v = (truth.motor_position, truth.motor_velocity) if side == "motor" else (truth.position, truth.velocity)
+        np.testing.assert_array_equal(observation[env.layout["position"]], q)
+        np.testing.assert_array_equal(observation[env.layout["velocity"]], v)
+        np.testing.assert_array_equal(observation[env.layout["acceleration"]], truth.acceleration)
+        observation = env.step(torque(k))[0]
+    assert np.abs(truth.motor_position - truth.position).min() > 1e-5
+
+
+def test_an_arm_starts_on_its_reference_with_the_spring_under_the_holding_torque():
+    env = TwoLinkArmEnv(**OPTIONS, joint={**JOINT, "backlash": 0.02})
+    env.reset(seed=0)
+    truth = env.truth
+    np.testing.assert_array_equal(truth.position, truth.reference)
+    stretch = truth.motor_position - truth.position
+    np.testing.assert_allclose(K * (stretch - 0.01 * np.sign(stretch)), truth.applied_torque, rtol=1e-9)
+    np.testing.assert_allclose(truth.acceleration, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("friction", [None, {"coulomb": 5.0, "stiction": 3.0}, {"coulomb": 5.0, "law": "literal"}])
+def test_lanes_are_single_environments(friction):
+    options = {
+        "joint": {**JOINT, "backlash": 0.01},
+        "friction": friction,
+        "parameter_error": {"radius": 0.2},
+        "noise": {"position": 1e-3},
+        "physics_dt": 5e-4,
+    }
+    batch = TwoLinkArmVectorEnv(19, **options)
+    observations = [batch.reset(seed=0)[0]]
+    actions = np.random.default_rng(0).uniform(-0.2, 0.2, (30, 19, 2))
+    for action in actions:
+        observations.append(batch.step(action)[0])
+    for lane in (0, 8, 17):
+        env = TwoLinkArmEnv(**options)
+        np.testing.assert_array_equal(env.reset(seed=lane)[0], observations[0][lane])
+        for k, action in enumerate(actions):
+            np.testing.assert_array_equal(env.step(action[lane])[0], observations[k + 1][lane])
+
+
+def test_elastic_joints_change_the_plant_alone():
+    """Reference, arm and disturbance are those of rigid joints; a rigid arm's motor is its link."""
+    options = {
+        "reference": {"kind": "minimum-jerk"},
+        "disturbance": {"kind": "piecewise-constant", "amplitude": 20.0},
+        "parameter_error": {"radius": 0.2},
+        "physics_dt": 5e-4,
+    }
+    rigid, elastic = run(30, joint=None, **options), run(30, **options)
+    assert same(rigid, elastic, "reference", "reference_velocity", "disturbance", "lumped", "applied_torque")
+    assert not same(rigid[1:], elastic[1:], "position")
+    for truth in rigid:
+        np.testing.assert_array_equal(truth.motor_position, truth.position)
+        np.testing.assert_array_equal(truth.motor_velocity, truth.velocity)
+
+
+def test_a_step_too_long_is_refused_with_one_that_does():
+    joint = {**JOINT, "stiffness": 2e6}
+    with pytest.raises(ValueError, match="too long for these joints") as error:
+        TwoLinkArmEnv(joint=joint)
+    step = float(re.search(r"physics_dt=([0-9.e-]+) s would do", str(error.value)).group(1))
+    TwoLinkArmEnv(joint=joint, physics_dt=0.01 / round(0.01 / step))
+    with pytest.raises(ValueError, match="too long"):
+        TwoLinkArmEnv(joint=JOINT, physics_dt=5e-3, parameter_error={"radius": 5.0})
+
+
+def test_the_fastest_rate_is_the_textbooks():
+    """A single joint on a heavy link has the rate sqrt(K (1/B + 1/M)); a strong damper has D (1/B + 1/M)."""
+    arm = ArmParameters.from_links((50.0, 0.001), (1.0, 1.0), (1.0, 1.0), (0.0, 0.0))
+    m = inertia_matrix(arm, (0.0, 0.0))[0, 0]
+    soft = fastest_rate(arm, (0.5, 1e3), ElasticJoint((800.0, 1e-6)), (0.0, 0.0))
+    assert soft == pytest.approx(np.sqrt(800.0 * (1 / 0.5 + 1 / m)), rel=1e-3)
+    damped = fastest_rate(arm, (0.5, 1e3), ElasticJoint((1e-3, 1e-6), damping=(100.0, 0.0)), (0.0, 0.0))
+    assert damped == pytest.approx(100.0 * (1 / 0.5 + 1 / m), rel=1e-3)
+
+
+def test_elastic_joints_need_rotors():
+    with pytest.raises(ValueError, match=r"need rotors: give joint.rotor_inertia or arm.rotor"):
+        TwoLinkArmEnv(joint=1000.0)
+    env = TwoLinkArmEnv(joint=1000.0, arm={"rotor": 0.5})
+    assert env.scenario.rotor == (0.5, 0.5)
+
+
+def test_springs_may_vary():
+    """Each lane has its springs; the arm's own draws stay the same."""
+    spring = {
+        "stiffness": {"log_uniform": [500.0, 5000.0]},
+        "damping": ({"uniform": [1.0, 5.0]}, 2.0),
+        "rotor_inertia": 0.5,
+    }
+    options = {"parameter_error": {"radius": 0.2}, "physics_dt": 5e-4}
+    env, rigid = TwoLinkArmVectorEnv(64, joint=spring, **options), TwoLinkArmVectorEnv(64, **options)
+    env.reset(seed=0), rigid.reset(seed=0)
+    truth = env.truth
+    assert len(np.unique(truth.stiffness)) == 128
+    assert 500.0 <= truth.stiffness.min() < 700.0 < 4000.0 < truth.stiffness.max() <= 5000.0
+    assert np.all(truth.damping[:, 1] == 2.0)
+    np.testing.assert_allclose(
+        truth.stiffness * (truth.motor_position - truth.position), truth.applied_torque, atol=1e-9
+    )
+    np.testing.assert_array_equal(truth.masses, rigid.truth.masses)
+    with pytest.raises(ValueError, match="too long"):
+        TwoLinkArmEnv(joint={**spring, "stiffness": {"choice": [500.0, 1e8]}})
+
+
+def test_stribeck_friction_with_an_exponent_of_one_acts_on_the_motors():
+    """A sliding motor has the friction of the formula; the step holds it as for rigid joints."""
+    friction = {"coulomb": 4.0, "stiction": 3.0, "stribeck_velocity": 0.5, "stribeck_exponent": 1}
+    truths = run(40, friction=friction)
+    for truth in truths[1:]:
+        w = truth.motor_velocity
+        law = (4.0 + 3.0 * np.exp(-np.abs(w) / 0.5)) * np.sign(w)
+        np.testing.assert_allclose(truth.friction_torque[w != 0.0], law[w != 0.0], rtol=1e-12)

@@ -1,0 +1,189 @@
+"""Events: each changes what it names, at its time, and nothing before it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fbl_gym import TABLE_1, ArmParameters, Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import energy, inertia_matrix, with_rotors
+from tests.fbl_gym.paired_runs import watch
+
+MOVING = {"reference": {"kind": "sine", "amplitude": 0.8, "frequency": 0.7, "phase": (0.0, 0.5)}}
+FIELDS = ("position", "velocity", "lumped", "payload", "friction_torque", "applied_torque")
+
+
+def both(event, steps=60, arm=TABLE_1, torque=(-50.0, -10.0), **options):
+    """Return fields of a run with and of one without an event."""
+    options = {**MOVING, "arm": arm, **options}
+    return (
+        dict(zip(FIELDS, watch(*FIELDS, steps=steps, torque=torque, events=given, **options), strict=True))
+        for given in ([event], ())
+    )
+
+
+def jump(ours, plain, k):
+    """Return the change of velocity at physics step k that the event makes; both runs are equal before it."""
+    for name in ("position", "velocity", "lumped"):
+        np.testing.assert_array_equal(ours[name][: k + 1], plain[name][: k + 1])
+    return ours["velocity"][k + 1] - plain["velocity"][k + 1]
+
+
+@pytest.mark.parametrize("rotor", [0.0, (4.0, 2.0)])
+def test_a_knock_changes_the_momentum_by_its_impulse(rotor):
+    arm, impulse = ArmParameters(rotor=rotor), np.array([5.0, -2.0])
+    ours, plain = both({"kind": "knock", "time": 0.02, "impulse": tuple(impulse)}, arm=arm)
+    change = jump(ours, plain, 20)
+    expected = np.linalg.solve(inertia_matrix(arm, ours["position"][20]), impulse)
+    np.testing.assert_allclose(change, expected, rtol=2e-2)  # a step of 1 ms follows
+    assert np.abs(expected).min() > 0.1
+
+
+@pytest.mark.parametrize("given", ["event", "payload"])
+def test_a_grasp_conserves_momentum_and_loses_energy(given):
+    """Over ever shorter steps, the velocities after the grasp are those of M_after v+ = M_before v-."""
+    arm = ArmParameters(rotor=(2.0, 1.0))
+    options = MOVING | {"arm": arm, "action": "torque", "actuator": None}
+    if given == "event":
+        options["events"] = [{"kind": "pick-up", "time": 0.02, "mass": 6.0}]
+    else:
+        options["parameter_error"] = {"payload": {"mass": 6.0, "pick_up": 0.02}}
+    env = TwoLinkArmEnv(control_dt=1e-5, physics_dt=1e-5, duration=0.1, **options)
+    env.reset(seed=0)
+    for _ in range(2000):
+        env.step((0.0, 0.0))
+    before = env.truth
+    env.step((0.0, 0.0))
+    after = env.truth
+    assert (before.payload, after.payload) == (0.0, 6.0)
+    first, second = (with_rotors(truth.lumped, arm.rotor) for truth in (before, after))
+    q = before.position
+    momentum = inertia_matrix(first, q) @ before.velocity
+    np.testing.assert_allclose(inertia_matrix(second, q) @ after.velocity, momentum, rtol=2e-3)
+    kinetic = [energy(p * ([1] * 3 + [0] * 2 + [1] * 2), q, t.velocity) for p, t in ((first, before), (second, after))]
+    assert kinetic[1] < 0.9 * kinetic[0]
+
+
+def test_a_grasp_at_rest_moves_nothing():
+    still = {"reference": {"kind": "sine", "amplitude": 0.0}, "arm": {"gravity": 0.0}, "actuator": None}
+    velocity, payload = watch(
+        "velocity",
+        "payload",
+        steps=30,
+        torque=(0.0, 0.0),
+        events=[{"kind": "pick-up", "time": 0.01, "mass": 5.0}],
+        **still,
+    )
+    assert np.all(velocity == 0.0)
+    assert payload[-1] == 5.0
+
+
+def test_a_drop_releases_all_payload_and_keeps_velocities():
+    option = {"parameter_error": {"payload": 3.0}}
+    ours, plain = both({"kind": "drop", "time": 0.03}, **option)
+    assert np.abs(jump(ours, plain, 30)).max() < 0.1
+    np.testing.assert_array_equal(ours["payload"], [3.0] * 31 + [0.0] * 30)
+    np.testing.assert_array_equal(ours["lumped"][31], TABLE_1.lumped)
+
+
+def test_friction_changes_by_its_factor():
+    friction = {"viscous": (4.0, 2.0), "coulomb": (10.0, 4.0), "stiction": 1.0}
+    ours, plain = both({"kind": "friction", "time": 0.025, "factor": (3.0, 0.5)}, friction=friction)
+    jump(ours, plain, 25)
+    at = 26
+    v = ours["velocity"][at]
+    law = np.array([4.0, 2.0]) * v + (np.array([10.0, 4.0]) + np.exp(-(v**2) / 1e-3)) * np.sign(v)
+    np.testing.assert_allclose(ours["friction_torque"][at], (3.0, 0.5) * law, rtol=1e-12)
+
+
+def test_a_drive_loses_torque_within_a_control_step():
+    """The event comes at a physics step between two commands."""
+    env = TwoLinkArmEnv(action="torque", events=[{"kind": "drive", "time": 0.025, "factor": (0.5, 0.0)}], **MOVING)
+    whole = TwoLinkArmEnv(action="torque", **MOVING)
+    env.reset(seed=0), whole.reset(seed=0)
+    torques, velocities = [], []
+    for _ in range(4):
+        env.step((-50.0, -10.0)), whole.step((-50.0, -10.0))
+        torques.append(env.truth.applied_torque)
+        velocities.append(env.truth.velocity - whole.truth.velocity)
+    np.testing.assert_array_equal(torques, [(-50.0, -10.0)] * 2 + [(-25.0, 0.0)] * 2)
+    np.testing.assert_array_equal(velocities[1], 0.0)
+    ratio = velocities[2] / (velocities[3] - velocities[2])
+    np.testing.assert_allclose(ratio, 0.5, rtol=0.25)  # it acts for half of the third step
+
+
+def test_with_elastic_joints_a_knock_meets_the_links():
+    joint = {"stiffness": 4000.0, "rotor_inertia": 0.5, "encoder": "link"}
+    arm, impulse = ArmParameters(rotor=0.3), np.array([5.0, -2.0])
+    ours, plain = both({"kind": "knock", "time": 0.02, "impulse": tuple(impulse)}, joint=joint, arm=arm)
+    expected = np.linalg.solve(inertia_matrix(arm.lumped, ours["position"][20]), impulse)
+    np.testing.assert_allclose(jump(ours, plain, 20), expected, rtol=2e-2)
+
+
+def test_several_events_and_times_that_vary():
+    """Each lane draws its own time and size; the other streams are the same as without."""
+    events = [
+        {"kind": "pick-up", "time": {"uniform": [0.02, 0.3]}, "mass": {"uniform": [1.0, 3.0]}},
+        {"kind": "knock", "time": 0.1, "impulse": ({"choice": [-9.0, 9.0]}, 0.0)},
+    ]
+    options = {"parameter_error": {"radius": 0.2}, "control_dt": 1e-3}
+    env, plain = TwoLinkArmVectorEnv(40, events=events, **options), TwoLinkArmVectorEnv(40, **options)
+    env.reset(seed=0), plain.reset(seed=0)
+    payloads, velocities = [], []
+    for _ in range(320):
+        env.step(np.zeros((40, 2))), plain.step(np.zeros((40, 2)))
+        payloads.append(env.truth.payload), velocities.append(env.truth.velocity[:, 0])
+    np.testing.assert_array_equal(env.truth.masses, plain.truth.masses)
+    np.testing.assert_array_equal(env.truth.reference, plain.truth.reference)
+    times, masses = (np.array(payloads) > 0).argmax(axis=0), payloads[-1]
+    assert 20 <= times.min() < 60 < 250 < times.max() <= 300
+    assert len(set(times)) > 30
+    assert 1.0 <= masses.min() < 1.5 < 2.5 < masses.max() <= 3.0
+    kicks = np.sign(np.diff(velocities, axis=0)[99])
+    assert set(kicks) == {-1.0, 1.0}
+
+
+def test_lanes_are_single_environments_over_several_episodes():
+    events = [
+        {"kind": "pick-up", "time": {"uniform": [0.05, 0.2]}, "mass": 4.0},
+        {"kind": "friction", "time": 0.1, "factor": {"uniform": [0.5, 2.0]}},
+        {"kind": "drive", "time": 0.13, "factor": 0.5},
+        {"kind": "drop", "time": 0.22},
+    ]
+    options = {"events": events, "friction": {"coulomb": 5.0}, "duration": 0.3}
+    batch = TwoLinkArmVectorEnv(9, autoreset_mode="NextStep", **options)
+    observations = [batch.reset(seed=0)[0]]
+    actions = np.random.default_rng(0).uniform(-0.2, 0.2, (70, 9, 2))
+    for action in actions:
+        observations.append(batch.step(action)[0])
+    for lane in (0, 5, 8):
+        env, over = TwoLinkArmEnv(**options), False
+        np.testing.assert_array_equal(env.reset(seed=lane)[0], observations[0][lane])
+        for k, action in enumerate(actions):
+            observation, _, _, over, _ = (env.reset()[0], 0, 0, False, {}) if over else env.step(action[lane])
+            np.testing.assert_array_equal(observation, observations[k + 1][lane])
+
+
+def test_events_survive_json():
+    events = [{"kind": "knock", "time": 3.0, "impulse": (5, 2)}, {"kind": "drop", "time": {"uniform": [1, 2]}}]
+    scenario = Scenario(events=events)
+    assert Scenario.from_dict(json.loads(json.dumps(scenario.to_dict()))) == scenario
+    assert Scenario(events=None).events == ()
+    assert isinstance(hash(scenario), int)
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        ([{"kind": "kick", "time": 1.0}], r"kind of events\[0\] 'kick'"),
+        ([{"kind": "knock", "time": 1.0}], r"events\[0\]"),
+        ([{"kind": "drop", "time": -1.0}], r"events\[0\]: time must be"),
+        ({"kind": "drop", "time": 1.0}, "events must be a list"),
+        ("drop", "events must be a list"),
+        (3.0, "events must be a list"),
+        ([{"kind": "friction", "time": 1.0, "factor": 2.0}], "friction is None"),
+    ],
+)
+def test_bad_events_are_named(events, message):
+    with pytest.raises(ValueError, match=message):
+        Scenario(events=events)

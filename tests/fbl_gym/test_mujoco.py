@@ -1,0 +1,234 @@
+"""MuJoCo's plant: the package's arm where both model the same, lanes as single environments, and other worlds."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import controllers
+from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+from fbl_gym.plants import WORLDS
+from tests.fbl_gym.episodes import EVENTFUL, episode
+
+pytest.importorskip("mujoco")
+ID = "fbl_gym/TwoLinkArmMuJoCo-v0"
+
+EXACT = {
+    "nominal": {},
+    "rods": {"arm": TABLE_1.as_rods()},
+    "rotors": {"arm": {"centre": (0.5, 0.4), "inertia": (0.1, 0.05), "rotor": (0.5, 0.2)}},
+    "events": {
+        "friction": {"viscous": (20, 5)},
+        "events": (
+            {"kind": "knock", "time": 2.003, "impulse": (5, 2)},
+            {"kind": "friction", "time": 3.0, "factor": 2.0},
+            {"kind": "drive", "time": 4.0, "factor": (0.9, 0.9)},
+        ),
+    },
+    "parameters and payload": {"parameter_error": {"radius": 0.5, "payload": {"mass": 3, "pick_up": 2.003, "drop": 7}}},
+    "noise": {"noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 1.0}},
+    "viscous friction": {"friction": {"viscous": (20, 5)}},
+    "jumping torque": {"disturbance": {"kind": "piecewise-constant", "amplitude": (50, 20), "period": 0.105}},
+    "pulses": {"disturbance": {"kind": "pulses", "amplitude": (80, 30)}},
+    "delay": {"actuator": {"delay": 0.003}},
+    "steps": {"reference": "steps", "initial_error": 0.02},
+    "draws": {
+        "friction": {"viscous": {"uniform": [1, 20]}},
+        "parameter_error": {"payload": {"mass": {"uniform": [1, 4]}, "pick_up": {"uniform": [0.5, 3]}}},
+        "actuator": {"gain": {"uniform": [0.9, 1.1]}, "delay": {"choice": [0.0, 0.004]}},
+        "encoder": {"difference": 1},
+        "initial_velocity": 0.1,
+    },
+}
+"""Options under which a physics step has one torque."""
+
+SMOOTH = {
+    "sine": {"disturbance": {"kind": "sine", "amplitude": (50, 20), "frequency": 2}},
+    "lag": {"actuator": {"lag": 0.005}},
+    "all": {
+        "parameter_error": {"radius": 0.5, "payload": {"mass": 3, "pick_up": 2.003}},
+        "noise": {"position": 1e-4, "velocity": 1e-3},
+        "friction": {"viscous": (20, 5)},
+        "disturbance": {"kind": "sine", "amplitude": (50, 20), "frequency": 2},
+        "actuator": {"delay": 0.003, "lag": 0.005},
+    },
+}
+"""Options under which a torque varies within a physics step."""
+
+
+def run(options, lanes=4, policy="computed-torque", seconds=10.0):
+    """Return the truth of every step in closed loop, and all observations and rewards."""
+    env = TwoLinkArmVectorEnv(lanes, duration=seconds, **options)
+    law = controllers.make(policy, env)
+    observation, _ = env.reset(seed=0)
+    truth, numbers, state, starts = [env.truth], [observation], None, np.ones(lanes, dtype=bool)
+    for _ in range(env.scenario.steps):
+        action, state = law.predict(observation, state=state, episode_start=starts, deterministic=True)
+        observation, reward, terminated, _, _ = env.step(action)
+        assert not terminated.any()
+        starts[:] = False
+        truth.append(env.truth)
+        numbers += [observation, reward]
+    return truth, numbers
+
+
+def distance(one, other, name):
+    return max(np.abs(getattr(a, name) - getattr(b, name)).max() for a, b in zip(one[0], other[0], strict=True))
+
+
+@pytest.mark.parametrize("options", EXACT.values(), ids=EXACT)
+def test_ten_seconds_agree_to_rounding(options):
+    ours, theirs = run(options), run({**options, "plant": "mujoco"})
+    assert distance(ours, theirs, "position") < 1e-12
+    assert distance(ours, theirs, "velocity") < 1e-11
+    for name in ("acceleration", "leakage", "friction_torque", "disturbance", "payload", "lumped"):
+        assert distance(ours, theirs, name) < 1e-9, name
+    for a, b in zip(ours[1], theirs[1], strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("options", SMOOTH.values(), ids=SMOOTH)
+def test_ten_seconds_agree_where_a_torque_varies_within_a_step(options):
+    ours, theirs = run(options), run({**options, "plant": "mujoco"})
+    assert 1e-9 < distance(ours, theirs, "position") < 5e-6
+
+
+@pytest.mark.parametrize("name", [name for name in controllers.names() if name != "nmpc"])
+def test_every_policy_runs(name):
+    """All laws, in closed loop over 1 s; they follow as on the package's own plant."""
+    ours, theirs = (run({"plant": plant}, lanes=1, policy=name, seconds=1.0) for plant in (None, "mujoco"))
+    assert distance(ours, theirs, "position") < 1e-10
+
+
+def test_elastic_joints_are_refused():
+    with pytest.raises(ValueError, match="joint: MuJoCo's arm has rigid joints; leave out joint, or plant"):
+        TwoLinkArmEnv(plant="mujoco", joint={"stiffness": 4000, "rotor_inertia": 0.5})
+
+
+def test_checkers_pass():
+    check_env(gym.make(ID).unwrapped)
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(gym.make(ID, scenario="everything-2").unwrapped)
+
+
+@pytest.mark.parametrize("mode", [mode.value for mode in AutoresetMode])
+def test_lanes_are_single_environments(mode):
+    options = {**EVENTFUL, "plant": {"kind": "mujoco", "bend": 15.0}}
+    ours = gym.make_vec(ID, 18, vectorization_mode="vector_entry_point", autoreset_mode=mode, **options)
+    theirs = SyncVectorEnv([lambda: gym.make(ID, **options)] * 18, autoreset_mode=mode)
+    np.testing.assert_array_equal(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(70):
+        actions = rng.uniform(-1, 1, (18, 2))
+        a, b = ours.step(actions), theirs.step(actions)
+        for x, y in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(x, y)
+        done = a[2] | a[3]
+        ends += done.sum()
+        for lane in np.flatnonzero(done) if "final_obs" in a[4] else ():
+            np.testing.assert_array_equal(a[4]["final_obs"][lane], b[4]["final_obs"][lane])
+        if mode == "Disabled" and done.any():
+            mask = {"reset_mask": done}
+            np.testing.assert_array_equal(ours.reset(options=dict(mask))[0], theirs.reset(options=dict(mask))[0])
+    assert ends >= 36
+
+
+def test_reading_the_truth_changes_nothing():
+    options = {"scenario": "everything-2@mujoco-bend"}
+    quiet, watched = TwoLinkArmEnv(**options), TwoLinkArmEnv(**options)
+    rows = []
+    for env, look in ((quiet, False), (watched, True)):
+        row = [env.reset(seed=1)[0]]
+        for _ in range(50):
+            row.append(env.step(np.array([0.1, -0.05]))[0])
+            if look:
+                env.truth  # noqa: B018
+        rows.append(row)
+    np.testing.assert_array_equal(*rows)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_continues_alone(copied):
+    env = TwoLinkArmEnv("everything-2@mujoco")
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.array([0.1, 0.0]))
+    twin = copied(env)
+    first = [env.step(np.array([0.1, 0.0]))[0] for _ in range(20)]
+    np.testing.assert_array_equal(first, [twin.step(np.array([0.1, 0.0]))[0] for _ in range(20)])
+
+
+@pytest.mark.parametrize("world", list(WORLDS)[1:])
+def test_a_world_is_another_one(world):
+    """Each differs from the same arm in MuJoCo, and follows a motion under a law."""
+    same, other = (run({"scenario": f"stiction-2@{name}"}, lanes=2, seconds=2.0) for name in ("mujoco", world))
+    assert distance(same, other, "position") > 1e-6
+    assert max(np.abs(t.position - t.reference).max() for t in other[0]) < 0.3
+
+
+def test_stiffer_links_approach_rigid_ones():
+    def follow(plant):
+        return run({"plant": plant}, policy="pid-gravity", seconds=2.0)
+
+    rigid = follow("mujoco")
+    soft, stiff = (distance(rigid, follow({"kind": "mujoco", "bend": rate}), "position") for rate in (20.0, 40.0))
+    assert 1e-6 < stiff < 0.3 * soft < 0.01
+
+
+def test_finer_steps_and_another_integrator_converge():
+    rods = {"arm": TABLE_1.as_rods()}
+    exact = run({**rods, "plant": "mujoco"}, seconds=1.0)
+    coarse, fine = (
+        run({**rods, "plant": {"kind": "mujoco", "integrator": "implicitfast", "substeps": n}}, seconds=1.0)
+        for n in (1, 4)
+    )
+    assert distance(exact, fine, "position") < 0.3 * distance(exact, coarse, "position") < 1e-3
+
+
+def test_friction_holds_the_arm():
+    """An arm that hangs, pushed below and above MuJoCo's friction loss, which lets it creep by some mrad/s."""
+    down = {"kind": "steps", "points": [[-np.pi / 2, 0.0]]}
+    for level, plant, moves in ((25, "coulomb", True), (25, "breakaway", False), (35, "breakaway", True)):
+        env = TwoLinkArmEnv(
+            action="torque",
+            reference=down,
+            friction={"coulomb": 20, "stiction": 10},
+            plant={"kind": "mujoco", "friction": plant},
+        )
+        env.reset(seed=0)
+        for _ in range(50):
+            env.step(np.array([float(level), 0.0]))
+        assert (abs(env.truth.position[0] + np.pi / 2) > 1e-2) == moves
+        if not moves:
+            assert env.truth.friction_torque[0] == pytest.approx(level, abs=0.5)
+
+
+def test_options_survive_json_and_errors_name_them():
+    env = gym.make(ID, plant={"kind": "mujoco", "bend": 20.0})
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert again.unwrapped.scenario == env.unwrapped.scenario
+    assert gym.make(ID).unwrapped.scenario.plant == WORLDS["mujoco"]
+    np.testing.assert_array_equal(episode(gym.make(ID)), episode(TwoLinkArmEnv(plant="mujoco")))
+    assert scenarios.get("payload-2@mujoco").name == "payload-2@mujoco"
+    with pytest.raises(ValueError, match="mujoco-bend"):
+        scenarios.get("payload-2@mujoco-bent")
+    with pytest.raises(ValueError, match="plant: bend"):
+        TwoLinkArmEnv(plant={"kind": "mujoco", "bend": -1.0})
+
+
+def test_numbers_that_are_not_finite_end_the_episode(tmp_path, monkeypatch):
+    """A torque beyond all bounds: terminated, observations finite, and MuJoCo writes no log file."""
+    monkeypatch.chdir(tmp_path)
+    env = TwoLinkArmEnv(plant="mujoco", action="torque", actuator=None)
+    env.reset(seed=0)
+    observation, reward, terminated, *_ = env.step(np.array([1e9, -1e9]))
+    assert terminated
+    assert reward == 0.0
+    assert np.isfinite(observation).all()
+    assert not list(tmp_path.iterdir())
+    env.reset()
+    assert not env.step(np.zeros(2))[2]

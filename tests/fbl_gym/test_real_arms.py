@@ -1,0 +1,92 @@
+"""Arms of laboratories: their numbers against those of their sources, and their scenarios."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import forward_dynamics, gravity_torque, inertia_matrix, inverse_dynamics
+from fbl_gym.real_arms import CICESE, DFKI_C1, PELICAN, REAL_ARMS
+from fbl_gym.scenarios.real import REAL
+
+STATES = np.random.default_rng(0).uniform(-3, 3, (50, 2))
+
+
+def test_dfkis_arm_has_the_accelerations_of_its_plant_file():
+    """`plant.py` written out: the matrices with the rotors' coupling, angles from hanging, inertia about the joint."""
+    m1, m2, l1, r1, r2 = 0.5234602302310271, 0.6255677234174437, 0.2, 0.2, 0.25569305436052964
+    I1, I2, Ir, gr, g = 0.031887199591513114, 0.05086984812807257, 6.287203962819607e-05, 6.0, 9.81
+    for x, (v1, v2), u in zip(STATES, 3 * STATES[::-1], STATES**2, strict=True):
+        q1, q2 = x
+        m22, m12 = I2 + gr**2 * Ir, I2 + m2 * l1 * r2 * math.cos(q2) - gr * Ir
+        m11 = I1 + I2 + m2 * l1**2 + 2 * m2 * l1 * r2 * math.cos(q2) + (gr**2 + 1) * Ir
+        h = m2 * l1 * r2 * math.sin(q2)
+        coriolis = np.array([[-2 * h * v2, -h * v2], [h * v1, 0.0]]) @ (v1, v2)
+        down2 = m2 * g * r2 * math.sin(q1 + q2)
+        gravity = np.array([m1 * g * r1 * math.sin(q1) + m2 * g * l1 * math.sin(q1) + down2, down2])
+        theirs = np.linalg.solve([[m11, m12], [m12, m22]], u - coriolis - gravity)
+        ours = forward_dynamics(DFKI_C1, (q1 - math.pi / 2, q2), (v1, v2), u)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-11)
+
+
+def test_the_direct_drive_arm_has_the_matrices_of_its_second_source():
+    for q in STATES:
+        c = math.cos(q[1])
+        theirs = [[2.351 + 0.1676 * c, 0.102 + 0.0838 * c], [0.102 + 0.0838 * c, 0.102]]
+        np.testing.assert_allclose(inertia_matrix(CICESE, q), theirs, atol=1e-3)
+        s1, s12 = math.sin(q[0]), math.sin(q.sum())
+        gravity = gravity_torque(CICESE, (q[0] - math.pi / 2, q[1]))
+        np.testing.assert_allclose(gravity, [9.81 * (3.9211 * s1 + 0.1862 * s12), 9.81 * 0.1862 * s12], atol=2e-3)
+
+
+def test_the_pelicans_largest_gravity_torque():
+    assert gravity_torque(PELICAN, (0.0, 0.0))[0] == pytest.approx(11.967, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", REAL_ARMS)
+def test_every_arm_is_known_by_name_and_physical(name):
+    arm = Scenario(arm=name).arm
+    assert arm == REAL_ARMS[name]
+    assert min(arm.inertia) > 0.0
+    assert 0.0 < min(arm.centre) <= max(arm.centre) <= 1.0
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_the_reference_stays_within_the_torque_limits(name):
+    """At the corners of its box and along its moves, with friction, two thirds of the limit are enough."""
+    scenario = REAL[name]
+    env = TwoLinkArmVectorEnv(64, scenario, preview=500)
+    observation, _ = env.reset(seed=0)
+    ahead = observation[:, env.layout["preview"]].reshape(64, -1, 3, 2)
+    q, v, a = ahead[:, :, 0], ahead[:, :, 1], ahead[:, :, 2]
+    torque = np.abs(inverse_dynamics(scenario.arm, q, v, a)) + np.array(scenario.friction.coulomb)
+    torque += np.array(scenario.friction.viscous) * np.abs(v)
+    limit = np.array(scenario.actuator.torque_limit)
+    assert np.all(torque < 2 / 3 * limit)
+    corners = np.array([scenario.reference.low, scenario.reference.high])
+    s = np.linspace(0.0, 1.0, 41)[:, None]
+    shape = (10 * s**3 - 15 * s**4 + 6 * s**5, 30 * s**2 - 60 * s**3 + 30 * s**4, 60 * s - 180 * s**2 + 120 * s**3)
+    for start in np.ndindex(2, 2):
+        for end in np.ndindex(2, 2):
+            first, last = corners[start, (0, 1)], corners[end, (0, 1)]
+            path, rate, change = (part * (last - first) for part in shape)
+            torque = np.abs(inverse_dynamics(scenario.arm, first + path, rate, change))
+            assert np.all(torque + np.array(scenario.friction.coulomb) < 2 / 3 * limit)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_feedback_linearisation_follows_on_the_ideal_arm(name):
+    """Without friction and noise, the nominal mapping keeps the error small: rate and step suit the arm."""
+    env = TwoLinkArmEnv(REAL[name], action="acceleration", friction=None, noise=None, duration=4.0)
+    observation, _ = env.reset(seed=0)
+    part, worst, over = env.layout, 0.0, False
+    while not over:
+        q, v, r, dr, ddr = (
+            observation[part[s]]
+            for s in ("position", "velocity", "reference_position", "reference_velocity", "reference_acceleration")
+        )
+        worst = max(worst, np.abs(r - q).max())
+        observation, _, terminated, over, _ = env.step(ddr + 400.0 * (r - q) + 40.0 * (dr - v))
+        assert not terminated
+    assert worst < 5e-3
