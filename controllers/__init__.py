@@ -1,4 +1,4 @@
-"""Policies that know the nominal model, and nothing of the real arm.
+"""Policies: laws on the nominal model, the oracle, an arm that stays, and shipped agents by name.
 
 `make("pid-flm", env)` builds one, and `names()` lists them. `TorqueLaw` is the base for a new law.
 """

@@ -1,4 +1,4 @@
-"""The extended state observer: position, velocity, and the unexplained acceleration."""
+"""The extended state observer of ADRC and NMPC: position, velocity, unexplained acceleration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Regressors of passivity-based laws: torques that are linear in the five lumped parameters p."""
+"""Regressors of Slotine and Li's and Spong's laws: torques linear in five lumped parameters p."""
 
 from __future__ import annotations
 

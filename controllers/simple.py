@@ -1,4 +1,4 @@
-"""The simplest laws: no torque, and PD with gravity compensation."""
+"""The simplest laws: `zero`, no torque, and `pd-gravity`, PD with gravity compensation."""
 
 from __future__ import annotations
 

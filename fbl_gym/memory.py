@@ -21,6 +21,7 @@ LANES = 16
 # Kinds, as numbers in the settings. The friction laws are arguments of compiled functions, which
 # Numba would compile again for each plain int.
 NO_FRICTION, EXACT_FRICTION, LITERAL_FRICTION = np.arange(3)
+FRICTION_LAWS = {"exact": EXACT_FRICTION, "literal": LITERAL_FRICTION}
 NO_DISTURBANCE, PIECEWISE_CONSTANT, SINE, PULSES, ARRAY = range(5)
 SAMPLES, MINIMUM_JERK, STEPS, FILTERED_STEPS, HARMONICS = range(5)
 NORMALIZED, TORQUE, ACCELERATION = range(3)

@@ -323,7 +323,7 @@ def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
     friction = scenario.friction
     if friction is None:
         return
-    settings["friction_law"] = memory.EXACT_FRICTION if friction.law == "exact" else memory.LITERAL_FRICTION
+    settings["friction_law"] = memory.FRICTION_LAWS[friction.law]
     if friction.coulomb == (0.0, 0.0) and friction.stiction == (0.0, 0.0):
         settings["friction_law"] = memory.NO_FRICTION  # viscous friction alone is smooth
     for name in ("viscous", "coulomb", "stiction"):

@@ -193,9 +193,13 @@ def _names(known: Iterable[str]) -> str:
     return _either([f'"{name}"' for name in known])
 
 
-def _either(texts: Sequence[str]) -> str:
+def _either(texts: Sequence[str], word: str = "or") -> str:
     """Return "a, b or c"."""
-    return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
+    return f" {word} ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
+
+
+def _is_required(field: dataclasses.Field[Any]) -> bool:
+    return field.init and field.default is MISSING and field.default_factory is MISSING
 
 
 def _article(cls: type) -> str:
@@ -325,6 +329,9 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
         for key in value:
             if key not in fields:
                 raise unknown(f"field of {name}", key, fields)
+        lacking = [f.name for f in dataclasses.fields(cls) if _is_required(f) and f.name not in value]  # type: ignore[arg-type]
+        if lacking:
+            raise ValueError(f"{name} must give {_either(lacking, 'and')}, got {dict(value)!r}")
         try:
             return cls(**value)
         except TypeError as problem:

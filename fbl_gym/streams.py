@@ -24,7 +24,7 @@ _32 = np.uint64(32)
 _12 = np.uint64(12)
 _ONE_BITS = np.uint64(0x3FF0000000000000)  # 1.0 as a double
 _ZERO = np.uint64(0)
-_TWO_PI = 6.283185307179586
+TWO_PI = 6.283185307179586
 
 
 def stream_key(name: str) -> np.uint64:
@@ -74,5 +74,5 @@ def normals(seed, stream, episode, step, slot):
     """Return two independent standard normal numbers (Box and Muller 1958)."""
     a, b, _, _ = philox(seed, stream, step, slot, episode)
     radius = np.sqrt(-2.0 * log(1.0 - _unit(a)))
-    sine, cosine = sincos(_TWO_PI * _unit(b))
+    sine, cosine = sincos(TWO_PI * _unit(b))
     return radius * cosine, radius * sine

@@ -1,1 +1,1 @@
-"""Analysis of stored results: statistics, the board, robustness and generalization."""
+"""Analysis of stored results: statistics, the board, robustness, generalization; and margins."""

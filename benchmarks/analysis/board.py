@@ -1,4 +1,4 @@
-"""The board: score, errors, failures and rank of each policy of a suite, with intervals."""
+"""The board: score, errors, diverged share and rank of each policy of a suite, with intervals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell
-from fbl_gym import Scenario
+from fbl_gym import Scenario, scenarios
 from fbl_gym.arm import Array
 
 ORACLE = "oracle-flm"
@@ -24,7 +24,7 @@ ORACLE = "oracle-flm"
 UNSCORED = f"No scores, since they need the errors of {ORACLE}, which is not on this board; ranked by the mean error."
 """The remark on a board without the oracle."""
 
-CHANCE = 0
+BOOTSTRAP_SEED = 0
 """Seed of the bootstrap."""
 
 
@@ -74,7 +74,7 @@ class Board:
     @cached_property
     def counts(self) -> Array:
         """Weight of each seed in each resample; see `statistics.resample`."""
-        return statistics.resample(len(self.seeds), CHANCE)
+        return statistics.resample(len(self.seeds), BOOTSTRAP_SEED)
 
     @cached_property
     def scores(self) -> Array | None:
@@ -86,7 +86,7 @@ class Board:
 
     @cached_property
     def score(self) -> Estimate | None:
-        """Mean score of each policy [p]. The mean, not the median, so that rare failures count."""
+        """Mean score of each policy [p]; the mean, so that rare divergence counts."""
         return None if self.scores is None else statistics.estimate(self.scores, self.counts, statistics.mean)
 
     @cached_property
@@ -100,10 +100,10 @@ class Board:
         return statistics.estimate(self.errors, self.counts, statistics.mean)
 
     @cached_property
-    def failures(self) -> Estimate:
+    def diverged(self) -> Estimate:
         """Share of each policy's runs that diverged [p]."""
         diverged = self.runs["diverged"]
-        return statistics.failures(diverged.sum(axis=(1, 2)), np.full(len(diverged), diverged[0].size))
+        return statistics.proportion(diverged.sum(axis=(1, 2)), np.full(len(diverged), diverged[0].size))
 
     @cached_property
     def rank(self) -> Estimate:
@@ -134,22 +134,32 @@ class Board:
     def degradation(self, family: str, arm: str) -> tuple[list[int], Estimate] | None:
         """Return severities [k] and the interquartile mean of each policy's errors [p x k].
 
-        The result is None where fewer than two severities have run. `arm` is the beginning of the
-        scenarios' names: "" for Table 1's arm, or "section-2-2/".
+        The result is None where fewer than two severities have run.
+
+        Args:
+            family: one of `scenarios.families()`.
+            arm: one of `scenarios.arms()`.
         """
-        named = {severity: f"{arm}{family}-{severity}" for severity in (1, 2, 3)} | {0: f"{arm}nominal"}
-        at = {s: self.scenarios.index(named[s]) for s in range(4) if named[s] in self.scenarios}
-        if len(at) < 2:
+        by_suffix: dict[str, dict[int, int]] = {}  # severities at one rate and in one world belong together
+        for i, name in enumerate(self.scenarios):
+            member = scenarios.member(name)
+            if member and member.arm == arm and member.family in (family, "nominal"):
+                by_suffix.setdefault(name.partition("@")[2], {})[member.severity] = i
+        indices = next(iter(by_suffix.values()), {})
+        if len(indices) < 2:
             return None
-        runs = self.errors[:, list(at.values())][:, :, None]
-        return list(at), statistics.estimate(runs, self.counts)
+        severities = sorted(indices)
+        runs = self.errors[:, [indices[severity] for severity in severities]][:, :, None]
+        return severities, statistics.estimate(runs, self.counts)
 
 
 def family_of(scenario: str) -> str:
-    """Return the family of a scenario's name: "mass-error" of "section-2-2/mass-error-2@1000Hz"."""
-    name = scenario.rpartition("/")[2].partition("@")[0]
-    family, _, severity = name.rpartition("-")
-    return family if family and severity.isdigit() else name
+    """Return the family of a scenario's name; one that belongs to no family stands for itself.
+
+    "section-2-2/mass-error-2@1000Hz" is of the family "mass-error". The rate is left out.
+    """
+    member = scenarios.member(scenario)
+    return scenario.partition("@")[0] if member is None else member.family
 
 
 def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.analysis.board import CHANCE, Board
+from benchmarks.analysis.board import BOOTSTRAP_SEED, Board
 from benchmarks.analysis.learned import results_of, training_runs
 from benchmarks.analysis.statistics import Estimate, estimate, trained
 from benchmarks.policies.spec import PolicySpec, resolve
@@ -71,5 +71,5 @@ def measure_ranges(board: Board, store: Store, workers: int) -> dict[str, RangeE
 
 def _estimate(runs: Array, board: Board) -> Estimate:
     if len(runs) > 1:
-        return trained(runs[:, None], board.counts, CHANCE)
+        return trained(runs[:, None], board.counts, BOOTSTRAP_SEED)
     return estimate(runs, board.counts)

@@ -41,13 +41,16 @@ SETTLING = 60.0
 """An arm that is not at rest after so long [s] has no operating point."""
 
 UNIT_CIRCLE = 1.0 + 1e-6
-"""The largest stable eigenvalue. Rounding moves the eigenvalue 1 of a constant state."""
+"""Largest modulus of an eigenvalue that counts as stable.
+
+Rounding moves the eigenvalue 1 of a constant state.
+"""
 
 LONGEST_DELAY = 1.0
 """The longest delay that is tried [s]."""
 
-GAINS = np.geomspace(1.0, 1e3, 61)[1:]
-"""The gains that are tried."""
+GAIN_FACTORS = np.geomspace(1.0, 1e3, 61)[1:]
+"""The factors of the loop's gain that are tried."""
 
 STEPS = (1e-5, 1e-6)
 """Steps of the difference quotients: shares of each quantity, absolute where it is below 1."""
@@ -98,7 +101,8 @@ class LinearLoop:
         control_dt: sample time [s].
         delay, lag: of the drive [s].
         stiffness: derivative of the acceleration by (q, v), [2 x 4].
-        inverse_inertia: derivative of the acceleration by the torque, [2 x 2].
+        inverse_inertia: derivative of the acceleration by the commanded torque, [2 x 2]; the
+            drive's gain is part of it.
         matrices: A, B, C, D of K.
         readings: names of y, as in `Layout.names`.
         action_scale: torque of an action of 1, [2] N m.
@@ -211,8 +215,8 @@ class LinearLoop:
 
         sensitivity = 1.0 / (1.0 + self.response(joint)[1])
         return JointMargins(
-            gain_lower=1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAINS),
-            gain_upper=_edge(stable, 1.0, GAINS),
+            gain_lower=1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAIN_FACTORS),
+            gain_upper=_edge(stable, 1.0, GAIN_FACTORS),
             phase=_edge(lambda x: stable(np.exp(-1j * np.radians(x))), 0.0, np.arange(2.0, 181.0, 2.0)),
             sensitivity=np.abs(sensitivity).max(),
             complementary=np.abs(1.0 - sensitivity).max(),
@@ -292,12 +296,21 @@ def linearize(
 
 
 def _calm(scenario: Scenario) -> Scenario:
-    """Return the scenario without noise, disturbance, dry friction and changes of its payload."""
+    """Return the scenario without what is not linear for small deviations.
+
+    That is noise, rounding, disturbance, dry friction and changes of the payload.
+
+    Raises:
+        NotLinear: the loop would need states for the encoder.
+    """
+    encoder = scenario.encoder
+    if encoder is not None and (encoder.latency or encoder.difference is not None):
+        raise NotLinear("the encoder has a latency or computes the velocity, which the loop does not describe")
     error = scenario.parameter_error
     if error is not None and isinstance(error.payload, Payload):
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
-    return scenario.replace(parameter_error=error, friction=friction, noise=None, disturbance=None)
+    return scenario.replace(parameter_error=error, friction=friction, noise=None, encoder=None, disturbance=None)
 
 
 def _loop(
@@ -320,7 +333,7 @@ def _loop(
         delay=middle(drive.delay) + drive.delay_samples * scenario.control_dt,
         lag=middle(drive.lag),
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
-        inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]),
+        inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]) * truth.gain[0],
         matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
         readings=tuple(layout.names[i] for i in entries),
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
@@ -345,7 +358,7 @@ def _law(
     cuts = np.cumsum([m, *(parts[i].size for i in real)])
 
     def step(points: Array, later: int = 0) -> Array:
-        """Return torque and next state [n x ...], by counts that are `later` samples later."""
+        """Return torque and next state [n x ...]; the state's counters are increased by `later`."""
         n = len(points)
         observations = np.tile(observation, (n, 1))
         observations[:, entries] = points[:, :m]
@@ -364,8 +377,9 @@ def _law(
 def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, slope: Array) -> None:
     """Raise `NotLinear` if the law departs from its linearisation while a linear plant moves.
 
-    An estimator may switch at any amplitude, but only for signals that belong to a motion. The
-    plant is delayed, or an estimator with an exact model would find that model again.
+    An estimator, such as that of `adaptive-flm`, may switch at any amplitude, but only if its
+    samples are those of a moving arm. Separate small changes of the signals do not show this. The
+    plant is delayed, since an estimator with an exact model would find that model again.
     """
     a, b, c = loop._plant(1.5 * loop.control_dt)
     m, centre = len(c), step(point[None])[0]

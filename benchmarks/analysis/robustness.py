@@ -1,4 +1,4 @@
-"""The uncertainty radius up to which a policy tracks."""
+"""The uncertainty radius of each policy of a board, for `fbl-gym report --radius`."""
 
 from __future__ import annotations
 

@@ -42,8 +42,10 @@ WORST_SCORE = -100.0
 """The score of a run that diverged, and the least score of any run."""
 
 ENOUGH_EPISODES = 256
-"""Test episodes that a claim about a failure rate needs: without any failure they bound it by 1.4 %
-(`failures`)."""
+"""Test episodes that a claim about the share of diverged runs needs.
+
+If none of them diverges, they bound the share by 1.4 % (`proportion`).
+"""
 
 ENOUGH_TRAINING_SEEDS = 10
 """An interval over fewer training seeds is labelled optimistic: it covers less often than its
@@ -224,15 +226,15 @@ def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayL
     return np.where(np.asarray(diverged, dtype=bool), WORST_SCORE, np.maximum(scores, WORST_SCORE))
 
 
-def failures(failed: ArrayLike, runs: ArrayLike) -> Estimate:
-    """Return the share of runs that failed with Clopper and Pearson's interval (1934).
+def proportion(count: ArrayLike, runs: ArrayLike) -> Estimate:
+    """Return the share of some runs, such as those that diverged, in all runs.
 
-    The interval covers at least as often as its confidence. The numbers of failed and of all runs
-    are [...].
+    It has Clopper and Pearson's interval (1934), which covers at least as often as its confidence.
+    The number of these runs, and that of all runs, are [...].
     """
-    k, n = np.asarray(failed, dtype=float), np.asarray(runs, dtype=float)
+    k, n = np.asarray(count, dtype=float), np.asarray(runs, dtype=float)
     if np.any((k < 0) | (k > n) | (n < 1)):
-        raise ValueError(f"failed must lie between 0 and runs, and runs be positive, got {failed!r} of {runs!r}")
+        raise ValueError(f"count must lie between 0 and runs, and runs be positive, got {count!r} of {runs!r}")
     with np.errstate(invalid="ignore"):
         low = np.where(k > 0, stats.beta.ppf(TAIL, k, n - k + 1), 0.0)
         high = np.where(k < n, stats.beta.ppf(1 - TAIL, k + 1, n - k), 1.0)
@@ -240,7 +242,7 @@ def failures(failed: ArrayLike, runs: ArrayLike) -> Estimate:
 
 
 def enough(episodes: int) -> bool:
-    """Return True if a claim about a failure rate has enough independent episodes."""
+    """Return True if a claim about the share of diverged runs has enough independent episodes."""
     return check_whole("episodes", episodes) >= ENOUGH_EPISODES
 
 

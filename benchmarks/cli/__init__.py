@@ -2,8 +2,8 @@
 
 A command file has `add_arguments(parser)` and `run(arguments)`, which returns the exit status.
 
-A command's file is imported only when that command runs, so each file imports what it needs at its
-head.
+A command's file is imported only when that command runs. What only some runs need, such as a video
+codec, is imported where it is used.
 """
 
 from benchmarks.cli.parser import COMMANDS, EXTRAS, Parser, main, prepare

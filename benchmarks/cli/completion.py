@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _everything() -> argparse.ArgumentParser:
-    """All commands in one parser, with the completions of each argument."""
+    """Return all commands in one parser, with the completions of each argument."""
     whole = argparse.ArgumentParser(prog="fbl-gym")
     commands = whole.add_subparsers()
     for name, command in COMMANDS.items():
@@ -65,7 +65,7 @@ def _everything() -> argparse.ArgumentParser:
 
 
 def _or_files(what: str, names: Iterable[str]) -> dict[str, Any]:
-    """Completion by names, or by files where no name fits, in shtab's form."""
+    """Return the completion by names, or by files where no name fits, in shtab's form."""
     function, text = f"_fbl_gym_{what}_or_file", " ".join(names)
     return {
         "bash": function,

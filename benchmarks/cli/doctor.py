@@ -57,7 +57,7 @@ def origins() -> list[str]:
 
 
 def _cache() -> str:
-    """The folder of Numba's compiled code."""
+    """Return the folder of Numba's compiled code."""
     from fbl_gym.kernel import api
 
     return str(api.step._cache.cache_path or "memory alone: no folder can be written")

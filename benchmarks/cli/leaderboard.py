@@ -132,7 +132,7 @@ def counts(error: str) -> bool:
 
 
 def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]:
-    """Cells per second and number of failed cells, as text."""
+    """Return cells per second and number of failed cells, as text."""
     computed = sum(outcome.done == "computed" for outcome in outcomes)
     failures = sum(outcome.done == "failed" for outcome in outcomes)
     rate = f"{computed / elapsed:.1f} cells/s" if computed and elapsed else ""

@@ -1,4 +1,4 @@
-"""`fbl-gym list`."""
+"""`fbl-gym list`: all names with one line each, and the documentation's page of options."""
 
 from __future__ import annotations
 
@@ -39,14 +39,13 @@ def _policy(name: str) -> str:
 
 def _scenarios() -> dict[str, str]:
     """Return each scenario, with one entry for all severities of a family."""
-    names, last = scenarios.names(), SEVERITIES[-1]
     texts = {}
-    for name in names:
-        family, _, severity = name.rpartition("-")
-        if f"{family}-{last}" not in names:
+    for name in scenarios.names():
+        member = scenarios.member(name)
+        if member is None or member.family == "nominal":
             texts[name] = scenarios.get(name).description
-        elif severity == "0":
-            texts[f"{name} to -{last}"] = scenarios.get(name).description
+        elif member.severity == SEVERITIES[0]:
+            texts[f"{name} to -{SEVERITIES[-1]}"] = scenarios.get(name).description
     return texts
 
 

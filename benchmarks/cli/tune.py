@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _study(policy: PolicySpec) -> str:
-    """The name of a study's file. An external law that has changed begins a new study."""
+    """Return the name of a study's file. An external law that has changed begins a new study."""
     return re.sub(r"[^\w@.-]+", "_", policy.name) + (f"-{policy.digest[:12]}" if policy.external else "")
 
 

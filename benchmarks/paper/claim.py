@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from benchmarks.analysis.statistics import Estimate, failures
+from benchmarks.analysis.statistics import Estimate, proportion
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
@@ -124,7 +124,7 @@ class Case:
 
 def share(meets: Any) -> Estimate:
     """Return the share of True along the last axis, with its 95 % interval."""
-    return failures(np.sum(meets, axis=-1), np.shape(meets)[-1])
+    return proportion(np.sum(meets, axis=-1), np.shape(meets)[-1])
 
 
 def interval(estimate: Estimate) -> str:

@@ -1,1 +1,1 @@
-"""Policies: find one by the text that names it, load it, and check what it promises."""
+"""Policies: find one by the text that names it, load it, and hash what it depends on."""

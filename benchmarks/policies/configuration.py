@@ -1,4 +1,4 @@
-"""The configuration of a policy as exact plain data, equal only for equal policies."""
+"""The gains of a policy as exact plain data for a cell's key, equal only for equal policies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Digests of code: equal for sources that differ only in comments, docstrings and layout.
+"""Hashes of the code that a result depends on, without comments, docstrings and layout.
 
 The modules that a result depends on are found by reading import statements, without running
 anything.
@@ -30,7 +30,7 @@ SKIPPED = (
 )
 """Modules that choose a policy, draw pictures, or hold scenarios.
 
-The first two change no number. A scenario's options are part of the key themselves.
+Code that chooses a policy or draws changes no number. A scenario's options are part of the key.
 """
 
 _CORE = ("benchmarks.run", "controllers", "fbl_gym")

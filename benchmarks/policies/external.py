@@ -3,7 +3,7 @@
 A policy's digest covers its code, the modules that it imports and the data files that it reads
 while it is made. A file that is read later must be named in the attribute `data_files` of the
 policy's factory, so that it is part of the digest too. Reads by C libraries, the network, the clock
-and environment variables cannot be seen: the policy's author answers for them.
+and environment variables are not noticed.
 """
 
 from __future__ import annotations
@@ -116,9 +116,23 @@ def load(text: str) -> Callable[..., Any]:
     module = _load_file(Path(source)) if form_of(text) == "file" else _load_module(source)
     factory: Callable[..., Any] | None = getattr(module, name or ATTRIBUTE, None)
     if not callable(factory):
-        public = [n for n in vars(module) if callable(getattr(module, n)) and not n.startswith("_")]
-        raise NotFound(unknown(f"factory of {source}", name or ATTRIBUTE, public))
+        raise NotFound(_no_factory(source, name, module))
     return factory
+
+
+def _no_factory(source: str, name: str, module: ModuleType) -> str:
+    """Return the error of a file or module without a factory; imported names are no factories."""
+    top = module.__name__.partition(".")[0]
+    factories = [
+        attribute for attribute, value in vars(module).items()
+        if callable(value) and not attribute.startswith("_")
+        and str(getattr(value, "__module__", "")).partition(".")[0] == top
+    ]  # fmt: skip
+    if name or not factories:
+        return str(unknown(f"factory of {source}", name or ATTRIBUTE, factories))
+    classes = [attribute for attribute in factories if isinstance(getattr(module, attribute), type)]
+    last = [*factories, *classes][-1]
+    return f"{source} has no {ATTRIBUTE}: add `{ATTRIBUTE} = {last}`, or give {source}:{last}"
 
 
 def _load_module(source: str) -> ModuleType:
@@ -163,7 +177,7 @@ def _load_file(path: Path) -> ModuleType:
 
 
 def forget(path: Path) -> None:
-    """Load a file again when it is needed next, since data that it read has changed."""
+    """Forget a loaded file, so that it is loaded again when it is needed next."""
     for name in [name for name in sys.modules if name.startswith(_prefix(path.resolve()))]:
         del sys.modules[name]
 

@@ -71,7 +71,7 @@ class PolicySpec:
         digest: hash of the code that its results depend on, and of its weights.
         data: hash of each data file that is read to make it, by the file's path.
         configuration: its gains as exact plain data.
-        problem: why no result of it can be stored; empty: there is no reason.
+        problem: error of its declaration, for which no result can be stored; empty: none.
         trusted: True if it is an archive that may be loaded, see `external.trust`.
     """
 

@@ -1,6 +1,6 @@
-"""The board's columns, declared once: the page and the Markdown tables print them.
+"""The board's columns: the page prints all of them, `markdown.py` those that it names.
 
-To add a column, add an entry to the list in `columns`.
+`terminal.py` has a table with fewer columns, which uses the same format of numbers.
 """
 
 from __future__ import annotations
@@ -99,10 +99,11 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
         ),
         estimated(
             "diverged", "diverged %", "Share of runs that diverged, with Clopper and Pearson's interval. These runs count in "
-            "every error.", board.failures, 100.0, best=-1, form="{:.2g}".format,
+            "every error.", board.diverged, 100.0, best=-1, form="{:.2g}".format,
         ),
         Column(
-            "effort", "effort kN m/s", "Total variation of the torque per second, both joints, median of the runs.",
+            "variation", "torque variation kN m/s",
+            "Total variation of the torque per second, both joints, median of the runs.",
             (np.median(board.runs["variation"], axis=(1, 2)) / 1e3).tolist(),
         ),
         *(

@@ -1,6 +1,7 @@
 """The page's figures, as plain data in Plotly's format.
 
-A trace's `legendgroup` is its policy, so that the page can hide a policy in every figure.
+The `legendgroup` of a Plotly trace is its policy, so that the page can hide a policy in every
+figure.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 def degradation(board: Board) -> list[Figure]:
     """Return error against severity, a figure for each arm and family."""
     figures = []
-    for arm in ("", "section-2-2/"):
+    for arm in scenarios.arms():
         for family in board.families:
             curve = board.degradation(family, arm)
             if family == "nominal" or curve is None:
@@ -88,7 +89,8 @@ def degradation(board: Board) -> list[Figure]:
             severities, estimate = curve
             data, text = _curves(board, severities, estimate), scenarios.families().get(family, "")
             axes = {"xaxis": {"dtick": 1}, "yaxis": LOG}
-            figures.append(_figure(f"{arm}{family}", text, data, "severity", "tracking error [%]", **axes))
+            title = family if arm == "table-1" else f"{arm}/{family}"
+            figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
     return figures
 
 

@@ -20,8 +20,8 @@ BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 ROWS = 10
 """Number of rows of the short table."""
 
-_SHORT = ("policy", "rank", "error", "diverged", "effort")
-_LONG = ("policy", "access", "rank", "score", "error", "diverged", "effort", "decision")
+_SHORT = ("policy", "rank", "error", "diverged", "variation")
+_LONG = ("policy", "access", "rank", "score", "error", "diverged", "variation", "decision")
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -62,7 +62,7 @@ def claims(measured: Mapping[str, Claim]) -> str:
 def leaderboard(board: Board, ranges: Mapping[str, RangeErrors] = MappingProxyType({}), *, short: bool = False) -> str:
     """Return the board as a table, the best policy first, with a column for each range.
 
-    A short one has the best ten rows with rank, error, diverged share and effort.
+    A short one has the best ten rows with rank, error, diverged share and torque variation.
     """
     every = {column.key: column for column in columns(board, ranges)}
     keys = _SHORT if short else (*_LONG, *(key for key in every if key.startswith(("family-", "range-"))))

@@ -99,7 +99,7 @@ def contents(
         "summary": (
             f"{len(board.policies)} policies on {len(board.scenarios)} scenarios with the same {len(board.seeds)} seeds. "
             "Intervals cover 95 %, by a bootstrap over seeds."
-            + ("" if statistics.enough(len(board.seeds)) else " There are too few episodes to claim failure rates.")
+            + ("" if statistics.enough(len(board.seeds)) else " Too few episodes to claim a share of diverged runs.")
             + "".join(f" {gap}." for gap in board.gaps)
         ),
         "facts": {

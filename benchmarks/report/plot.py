@@ -1,4 +1,7 @@
-"""Figures: the trace of one seed, and panels of lines; a path's ending gives the format."""
+"""Matplotlib figures for the commands: the trace of one seed, and panels of lines.
+
+A path's ending gives the format.
+"""
 
 from __future__ import annotations
 

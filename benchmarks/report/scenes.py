@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace
+from fbl_gym.scenarios import member
 
 POINTS = 201
 """Largest number of samples of a signal in the page: the start and 200 steps."""
@@ -22,7 +23,8 @@ def selected(scenarios: Sequence[str]) -> list[str]:
     """Return the scenarios of the page: all, or those of severity 2 where there are many."""
     if len(scenarios) <= SCENES:
         return list(scenarios)
-    return [name for name in scenarios if name.endswith(("nominal", "-2"))][:SCENES]
+    members = [(name, member(name)) for name in scenarios]
+    return [name for name, place in members if place and (place.family == "nominal" or place.severity == 2)][:SCENES]
 
 
 def first_of(traces: Mapping[str, Trace]) -> Trace:

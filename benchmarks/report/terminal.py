@@ -13,6 +13,7 @@ from rich.table import Table
 from benchmarks.analysis.board import UNSCORED, Board
 from benchmarks.analysis.generalization import RADII, TRAINED_ON, RangeErrors
 from benchmarks.paper.claim import Claim
+from benchmarks.report.columns import number
 from benchmarks.run.metrics import describe, summarize
 from benchmarks.speed.environments import Speed
 
@@ -56,7 +57,7 @@ def _width(console: Console, table: Table) -> int:
 
 def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
     """Return a table with the columns of some families; `summary` adds those over all scenarios."""
-    title = f"{len(board.scenarios)} scenarios, {len(board.seeds)} seeds each" if summary else None
+    title = f"{_count(board.scenarios, 'scenario')}, {_count(board.seeds, 'seed')} each" if summary else None
     table = Table(title=title, title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
     table.add_column("policy", no_wrap=True)
     for name in ("rank", "score", "error\n%", "diverged\n%", "us") if summary else ():
@@ -68,18 +69,18 @@ def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
         privileged = not board.specs[i].ranked
         cells = [escape(f"({board.policies[i]})" if privileged else board.policies[i])]
         if summary:
-            diverged = 100 * board.failures.value[i]
+            diverged = 100 * board.diverged.value[i]
             cells += [
                 "" if privileged else _range(*ranks[i]),
                 "" if board.score is None else f"{board.score.value[i]:.1f}",
-                _number(board.error.value[i]),
+                number(board.error.value[i]),
                 f"[red]{diverged:.2g}[/red]" if diverged else "0",
-                _number(board.decision_us[i]),
+                number(board.decision_us[i]),
             ]
         for family in families:
             values = board.family_errors[family].value
             best = not privileged and values[i] == min(values[k] for k in board.ranked)
-            cells.append(f"[green]{_number(values[i])}[/green]" if best else _number(values[i]))
+            cells.append(f"[green]{number(values[i])}[/green]" if best else number(values[i]))
         table.add_row(*cells, style="dim" if privileged else "")
     return table
 
@@ -94,7 +95,7 @@ def generalization(console: Console, board: Board, measured: Mapping[str, RangeE
         privileged = not board.specs[i].ranked
         cells = []
         for errors in measured.values():
-            value, low, high = (_number(x[i]) for x in (errors.error.value, errors.error.low, errors.error.high))
+            value, low, high = (number(x[i]) for x in (errors.error.value, errors.error.low, errors.error.high))
             diverged = f" [red]{100 * errors.diverged[i]:.2g} %[/red]" if errors.diverged[i] else ""
             cells.append(f"{value} [dim]{low}-{high}[/dim]{diverged}")
         table.add_row(
@@ -110,18 +111,19 @@ def generalization(console: Console, board: Board, measured: Mapping[str, RangeE
     )
 
 
+def _count(things: Sequence[object], name: str) -> str:
+    """Return a number of things in words, such as "1 seed"."""
+    return f"{len(things)} {name}{'' if len(things) == 1 else 's'}"
+
+
 def _range(low: float, high: float) -> str:
     return f"{low:.0f}" if low == high else f"{low:.0f}-{high:.0f}"
 
 
-def _number(value: float) -> str:
-    return f"{value:.0f}" if value >= 100 else f"{value:.1f}" if value >= 10 else f"{value:.2f}"
-
-
 def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:
-    """Print the metrics of one policy on one scenario: mean over the seeds, and worst seed."""
+    """Print the metrics of one policy on one scenario: mean and largest value over the seeds."""
     table = Table(title=escape(title), title_style="bold")
-    for name, justify in (("metric", "left"), ("mean", "right"), ("worst seed", "right"), ("meaning", "left")):
+    for name, justify in (("metric", "left"), ("mean", "right"), ("largest", "right"), ("meaning", "left")):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for name, value, meaning in describe(summarize(rows)):
         known = [row[name] for row in rows if not np.isnan(row[name])]

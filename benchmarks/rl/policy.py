@@ -1,4 +1,4 @@
-"""The shipped agents: training seeds, learning curves, and a factory of each for the registry."""
+"""The shipped agents by name and training seed, their learning curves and factories."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The batched environment behind an agent's adapter, as the agent is trained on it."""
+"""The batched environment as an agent in training sees it: its observations and its actions."""
 
 from __future__ import annotations
 

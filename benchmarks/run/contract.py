@@ -71,7 +71,7 @@ def check(policy: PolicySpec | str) -> Iterator[Check]:
 
 
 def _place(policy: PolicySpec, problem: BaseException) -> str:
-    """The place of an error in an external policy's files, such as " (my_law.py:12)"."""
+    """Return the place of an error in an external policy's files, such as " (my_law.py:12)"."""
     files = {str(file) for file in external.sources(policy.name).values()} if policy.external else set()
     lines = [frame for frame in traceback.extract_tb(problem.__traceback__) if frame.filename in files]
     return f" ({os.path.relpath(lines[-1].filename)}:{lines[-1].lineno})" if lines else ""
@@ -83,7 +83,7 @@ def _expect(kept: bool, otherwise: str) -> None:
 
 
 def _loop(policy: Any, env: Any, steps: int = STEPS, seed: int = 0) -> list[tuple[Array, Array, Any]]:
-    """Observations, actions and states of a closed loop."""
+    """Return observations, actions and states of a closed loop."""
     observation, _ = env.reset(seed=seed)
     state, log = None, []
     for _ in range(steps):

@@ -1,4 +1,4 @@
-"""Current results: those whose code, data and scenario have not changed."""
+"""The stored results that the present code would give again; `fbl-gym query` asks for them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def current_keys(results: Sequence[Result]) -> set[str]:
 
 
 def _is_known(scenario: Scenario) -> bool:
-    """Whether a scenario is that of the catalogue, if it has a name of the catalogue."""
+    """Return True unless a scenario has a built-in name and other options than the built-in one."""
     return scenario.name not in scenarios.names() or _options(scenarios.get(scenario.name)) == _options(scenario)
 
 

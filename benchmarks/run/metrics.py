@@ -18,8 +18,10 @@ WORST_ERROR = np.pi
 """Largest error of a joint [rad]; a joint whose run has diverged has it too."""
 
 REST = 0.2
-"""A reference rests when it stands still at least this long [s]; steady-state error is that of a
-rest's last quarter."""
+"""A reference rests when it stands still at least this long [s].
+
+The steady-state error is that of the last quarter of each rest.
+"""
 
 BAND = 0.02
 """A step has settled when the joint stays within this share of the step."""
@@ -91,7 +93,7 @@ def measure(trace: Trace) -> list[dict[str, float]]:
 
 
 def _steady(trace: Trace, error: Array) -> Array:
-    """Mean error [n x 2] over the last quarter of each rest of the reference, or NaN."""
+    """Return the mean error [n x 2] over the last quarter of each rest of the reference, or NaN."""
     dt = trace.scenario.control_dt
     still = np.abs(np.diff(trace.reference, axis=0)) < 1e-4 * dt
     steady = np.full(error.shape[1:], np.nan)
@@ -107,7 +109,7 @@ def _steady(trace: Trace, error: Array) -> Array:
 
 
 def _steps(trace: Trace) -> tuple[Array, Array]:
-    """Largest overshoot [n] in % of its step and mean settling time [n] s, or NaN."""
+    """Return the largest overshoot [n] in % of its step and mean settling time [n] s, or NaN."""
     reference = trace.scenario.reference
     n = len(trace.seeds)
     if not isinstance(reference, Steps | FilteredSteps):

@@ -30,8 +30,8 @@ class Trace:
         position, velocity, reference: [T + 1 x n x 2] rad, rad/s, rad.
         torque: applied torque [T + 1 x n x 2] N m.
         disturbance: [T + 1 x n x 2] N m.
-        alive: [T + 1 x n]; False from the sample on at which a lane diverged. After that, only the
-            reference still belongs to the episode.
+        alive: [T + 1 x n]; False from the sample at which a lane diverged. From there, only
+            `reference` is of this episode.
         decision_time: wall time of the policy for one decision of one lane [s], the median over the
             steps.
         payload: mass carried at the tip [T + 1 x n] kg.
@@ -112,14 +112,16 @@ def rollout(
         begin = time.perf_counter()
         action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
         waits[k] = time.perf_counter() - begin
-        # A lane that diverged begins its next episode one step later; that episode is not used.
         observation, _, terminated, truncated, _ = env.step(action)
+        # A lane that diverged begins its next episode one step later; that episode is not used.
         starts, ended = ended, terminated | truncated
         alive[k + 1] = alive[k] & ~terminated
         _record(signals, k + 1, env)
         for name, signal in (watch or {}).items():
             watched[name].append(signal(env, actor, state))
     env.close()
+    # The statistics of a lane that diverged need the reference to the end of its episode, and the
+    # lane's next episode has another one.
     if not alive.all():
         signals["reference"] = _reference(scenario, seeds)
     return Trace(
@@ -135,7 +137,7 @@ def rollout(
 
 
 def _reference(scenario: Scenario, seeds: Sequence[int]) -> Array:
-    """The reference of each seed over the whole episode [T + 1 x n x 2]."""
+    """Return the reference of each seed over the whole episode [T + 1 x n x 2]."""
     calm = scenario.replace(
         plant=None,
         parameter_error=None,

@@ -135,7 +135,7 @@ def _backend(backend: str, workers: int, address: str | None) -> AbstractContext
 
 
 def _deaths(backend: str) -> tuple[type[BaseException], ...]:
-    """The exceptions of a pool when a worker dies."""
+    """Return the exceptions of a pool when a worker dies."""
     from joblib.externals.loky.process_executor import BrokenProcessPool, TerminatedWorkerError
 
     deaths: list[type[BaseException]] = [BrokenProcessPool, TerminatedWorkerError]

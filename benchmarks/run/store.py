@@ -1,7 +1,7 @@
 """Results on disk: a folder with one file for each finished cell.
 
 A file's name says what was run and ends in the cell's key, a hash of all that the result depends
-on. A file is written beside its place and renamed into it, so it is complete or absent, on a
+on. A file is written under a temporary name and then renamed, so it is complete or absent, on a
 cluster's shared file system too. A result that is there is not computed again.
 """
 
@@ -30,7 +30,10 @@ from controllers.policy import ACCESS
 from fbl_gym.checks import check_choice
 
 FORMAT = 3
-"""Layout of a result's file. Files of another layout are left alone and not read."""
+"""Layout of a result's file.
+
+The names in METRICS are part of the layout. Files of another layout are left alone and not read.
+"""
 
 DAMAGED = "damaged"
 """The folder in a store to which damaged files are moved."""
@@ -107,7 +110,7 @@ class Store:
     def find(self, cell: Cell) -> Result | None:
         """Return the result of a cell, or None.
 
-        A damaged one is moved aside, with a warning.
+        A damaged one is moved aside, with a warning. One of another format counts as absent.
         """
         path = self.path(cell)
         if not path.exists():
@@ -116,6 +119,8 @@ class Store:
             result = self.load(path)
             if result.cell.key != cell.key:
                 raise Damaged(f"{path} is damaged (it holds the result of another cell, {result.cell.id})")
+        except OtherFormat:
+            return None
         except Damaged as problem:
             self._set_aside(path, problem)
             return None
@@ -146,6 +151,9 @@ class Store:
             if cell.key != document["key"]:
                 raise ValueError("its key is not that of its content")
             columns = document["rows"]
+            if set(columns) != set(METRICS):
+                others = ", ".join(sorted(set(columns) ^ set(METRICS)))
+                raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
             rows = [
                 {name: math.nan if (value := columns[name][i]) is None else value for name in METRICS}
                 for i in range(len(columns["error_pct"]))
@@ -193,7 +201,7 @@ class Store:
             path.replace(target)
         except FileNotFoundError:  # another process was faster
             return
-        warnings.warn(f"{problem}; moved to {target}, and its cell is computed again", stacklevel=3)
+        warnings.warn(f"{problem}; moved to {target}; `fbl-gym leaderboard` computes its cell again", stacklevel=3)
 
 
 def _document(result: Result) -> dict[str, Any]:

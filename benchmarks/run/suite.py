@@ -46,7 +46,7 @@ class Cell:
 
     @property
     def id(self) -> str:
-        """A readable name that leads to the settings, such as "cascade-flm/mass-error-2"."""
+        """Policy and scenario, such as "cascade-flm/mass-error-2"."""
         return f"{self.policy.name}/{self.scenario.name}"
 
     @cached_property
@@ -221,18 +221,21 @@ def narrow(
     Args:
         suite: to start from.
         policies: specifications, or texts that `resolve` understands; empty: the suite's.
-        scenario_names: names of scenarios, or of families, which stand for all their severities on
-            both arms, or tables of options; empty: the suite's.
+        scenario_names: names of scenarios, or of families, or tables of options; empty: the
+            suite's. A family such as "noise" stands for its severities 1 to 3 on both arms, and
+            "section-2-2/noise" for those on one arm.
         seeds: how many test seeds; None: the suite's.
     """
     specs = tuple(resolve_apart(policy) if isinstance(policy, str) else policy for policy in policies)
     chosen: list[Scenario] = []
     for name in scenario_names:
-        members = [s for s in leaderboard_scenarios() if _family(s) == name]
-        chosen.extend(scenarios.get(s) for s in members)
-        if not members and isinstance(name, str) and name.partition("@")[0] not in scenarios.names():
+        if not isinstance(name, str) or name.partition("@")[0] in scenarios.names():
+            chosen.append(as_scenario(name))
+            continue
+        members = _family(name)
+        if not members:
             raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
-        chosen.extend([] if members else [as_scenario(name)])
+        chosen.extend(members)
     return dataclasses.replace(
         suite,
         policies=specs or suite.policies,
@@ -241,5 +244,7 @@ def narrow(
     )
 
 
-def _family(scenario: str) -> str:
-    return scenario.rpartition("/")[2].rpartition("-")[0]
+def _family(name: str) -> list[Scenario]:
+    """Return the scenarios of a family at severities 1 to 3, on both arms or on one."""
+    places = [(s, scenarios.member(s)) for s in leaderboard_scenarios()]
+    return [scenarios.get(s) for s, place in places if place and name in (place.family, f"{place.arm}/{place.family}")]

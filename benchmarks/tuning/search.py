@@ -42,7 +42,7 @@ from fbl_gym.records import set_fields, tuning_ranges
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
 
-FAILURE = 1.0
+DIVERGENCE_COST = 1.0
 """Weight of each percent of diverged runs in judging: as much as an error e times as large."""
 
 SCENARIOS = (
@@ -221,7 +221,7 @@ def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, An
             }
             study.set_user_attr(f"judged {trial}", verdict)
         verdicts.append(verdict)
-    return sorted(verdicts, key=lambda verdict: verdict["objective"] + FAILURE * verdict["diverged_pct"])
+    return sorted(verdicts, key=lambda verdict: verdict["objective"] + DIVERGENCE_COST * verdict["diverged_pct"])
 
 
 def summary(

@@ -19,7 +19,7 @@ from fbl_gym.memory import (
     STEPS,
     TORQUE,
 )
-from fbl_gym.streams import stream_key, uniforms
+from fbl_gym.streams import TWO_PI, stream_key, uniforms
 
 _PARAMETERS = stream_key("parameter error")
 _DISTURBANCE = stream_key("disturbance")
@@ -74,7 +74,7 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
         phase1, phase2 = settings.disturbance_phase[0], settings.disturbance_phase[1]
         if settings.disturbance_phase_drawn:
             draw1, draw2, _, _ = uniforms(seed, _DISTURBANCE, episode, _ZERO, _ZERO)
-            phase1, phase2 = 6.283185307179586 * draw1, 6.283185307179586 * draw2
+            phase1, phase2 = TWO_PI * draw1, TWO_PI * draw2
         block.disturbance_phase[0, lane], block.disturbance_phase[1, lane] = phase1, phase2
         torque1 = block.disturbance_amplitude[0, lane] * sincos(phase1)[0]
         torque2 = block.disturbance_amplitude[1, lane] * sincos(phase2)[0]

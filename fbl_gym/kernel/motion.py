@@ -4,7 +4,7 @@ import numpy as np
 
 from fbl_gym.fastmath import exp, inline_njit, kernel_njit, sincos
 from fbl_gym.memory import FILTERED_STEPS, HARMONICS, MINIMUM_JERK, SAMPLES, STEPS
-from fbl_gym.streams import stream_key, uniforms
+from fbl_gym.streams import TWO_PI, stream_key, uniforms
 
 _STREAM = stream_key("reference")
 _ZERO = np.uint64(0)
@@ -141,7 +141,7 @@ def draw_reference(waypoints, settings, tables, lane, seed, episode):
     for i in range(points):
         draw1, draw2, _, _ = uniforms(seed, _STREAM, episode, np.uint64(i), _ZERO)
         if kind == HARMONICS:
-            value1, value2 = 6.283185307179586 * draw1, 6.283185307179586 * draw2
+            value1, value2 = TWO_PI * draw1, TWO_PI * draw2
             if not settings.reference_phases_drawn:
                 value1, value2 = tables[place + 2 * points], tables[place + 2 * points + 1]
         elif place < 0:

@@ -12,12 +12,25 @@ from typing import Any
 from fbl_gym.checks import unknown
 from fbl_gym.plants import WORLDS
 from fbl_gym.records import build
-from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, arms, families, family
+from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, Member, arms, families, family, member
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.real import REAL
 from fbl_gym.scenarios.scenario import Scenario
 
-__all__ = ["SEVERITIES", "WORLDS", "Scenario", "arms", "as_scenario", "families", "family", "get", "in_world", "names"]
+__all__ = [
+    "SEVERITIES",
+    "WORLDS",
+    "Member",
+    "Scenario",
+    "arms",
+    "as_scenario",
+    "families",
+    "family",
+    "get",
+    "in_world",
+    "member",
+    "names",
+]
 
 
 def names() -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from fbl_gym.arm import ARMS, ArmParameters
 from fbl_gym.checks import check_choice
@@ -124,10 +124,33 @@ def _member(name: str, severity: int, arm: str) -> str:
     return member if arm == "table-1" else f"{arm}/{member}"
 
 
+class Member(NamedTuple):
+    """The place of a scenario in the families.
+
+    Attributes:
+        family: its family.
+        severity: 0 to 3.
+        arm: the name of its arm.
+    """
+
+    family: str
+    severity: int
+    arm: str
+
+
 MEMBERS = {
-    _member(name, severity, arm): (name, severity, arm)
+    _member(name, severity, arm): Member(name, severity, arm)
     for arm in ARMS
     for name in _FAMILIES
     for severity in (SEVERITIES if name != "nominal" else (0,))
 }
 """Family, severity and arm of each named scenario."""
+
+
+def member(name: str) -> Member | None:
+    """Return family, severity and arm of a scenario; None if it belongs to no family.
+
+    Args:
+        name: of the scenario, which may end in a rate or a world: "section-2-2/noise-2@1000Hz".
+    """
+    return MEMBERS.get(name.partition("@")[0])

@@ -104,7 +104,7 @@ def test_the_board_against_its_definitions():
     assert found.ranked == [0, 1, 2]
     np.testing.assert_array_equal(found.rank.value, [3, 2, 1])
     assert found.families == {"nominal": [0], "mass-error": [1, 2, 3, 4, 5, 6]}
-    severities, estimate = found.degradation("mass-error", "")
+    severities, estimate = found.degradation("mass-error", "table-1")
     assert severities == [0, 1, 2, 3]
     assert estimate.value.shape == (4, 4)
 
@@ -133,6 +133,8 @@ def test_a_policy_without_results_is_left_out_and_named():
 def test_family_of():
     for name, family in {
         "section-2-2/mass-error-2@1000Hz": "mass-error", "nominal": "nominal", "everything-3": "everything", "mine": "mine",
+        "section-2-2/nominal": "nominal", "paper-8": "paper-8", "paper-3a": "paper-3a", "heavy-3": "heavy-3",
+        "nominal~3f9a20": "nominal~3f9a20", "mass-error-2~3f9a20": "mass-error-2~3f9a20", "mine@500Hz": "mine",
     }.items():  # fmt: skip
         assert family_of(name) == family
 
@@ -149,7 +151,7 @@ def test_report_and_query_commands(tmp_path, capsys):
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
-    assert short.splitlines()[0] == "| policy | rank | error % | diverged % | effort kN m/s |"
+    assert short.splitlines()[0] == "| policy | rank | error % | diverged % | torque variation kN m/s |"
     assert table in (tmp_path / "docs" / "board.md").read_text()
     for line, whole in zip(short.splitlines()[2:], table.splitlines()[2:], strict=True):
         policy, rank, *numbers = (cell.strip() for cell in line.strip("|").split("|"))

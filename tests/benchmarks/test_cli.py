@@ -10,7 +10,8 @@ from rich.console import Console
 from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.cli import names
-from benchmarks.report import terminal
+from benchmarks.report import markdown, terminal
+from benchmarks.report.columns import number
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import leaderboard_scenarios, narrow
 from benchmarks.run.suite import load as load_suite
@@ -96,6 +97,15 @@ def test_the_board_in_a_file_has_all_its_columns(board):
     (row,) = [line for line in shown.splitlines() if line.lstrip().startswith("slotine-li-composite@tuned")]
     assert len(row.split()) == 6 + len(board.families)
     assert max(map(len, shown[shown.index("score: 0") :].splitlines())) <= 80
+
+
+def test_the_board_in_a_file_has_the_numbers_of_the_markdown_table(board):
+    shown, table = printed(board, width=80), markdown.leaderboard(board)
+    assert f"{len(board.scenarios)} scenarios, 1 seed each" in shown
+    for error, policy in zip(board.error.value, board.policies, strict=True):
+        (row,) = [line for line in shown.splitlines() if line.strip("( ").startswith(policy)]
+        assert number(error) in row.split()
+        assert f" {number(error)} (" in next(line for line in table.splitlines() if f"`{policy}`" in line)
 
 
 @pytest.mark.parametrize("width", [72, 100, 132])

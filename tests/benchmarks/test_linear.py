@@ -86,6 +86,24 @@ def test_the_real_arm_and_the_drive_s_lag_are_those_of_the_environment():
     assert not settles("adrc", actuator={"lag": lag, "delay": above}, **options)
 
 
+def test_a_drive_of_half_the_gain_allows_twice_the_gain():
+    """The whole loop scales with the drive's gain, as it does in the environment."""
+    gains = {"kp": 100.0, "ki": 200.0, "kd": 20.0}
+    options = {"arm": {"gravity": 0.0}}
+    full, half = (
+        linearize("pid-flm", Scenario(actuator=actuator, **options), gains=gains)[0].margins().joints
+        for actuator in (None, {"gain": 0.5})
+    )
+    for joint in (0, 1):
+        assert half[joint].gain_upper == pytest.approx(2.0 * full[joint].gain_upper, rel=1e-3)
+        assert half[joint].gain_lower == pytest.approx(2.0 * full[joint].gain_lower, rel=1e-3)
+
+
+def test_rounding_of_an_encoder_changes_no_margin():
+    (plain,), (rounded,) = linearize("pid-flm"), linearize("pid-flm", Scenario(encoder={"counts": 4096}))
+    assert rounded.margins() == plain.margins()
+
+
 def test_the_state_spaces_belong_together():
     (loop,) = linearize("lqg", get("payload-2"))
     z = np.exp(1j * loop.control_dt * np.array([1.0, 10.0, 100.0]))
@@ -117,6 +135,8 @@ def test_a_pause_of_the_motion_is_a_point_of_rest():
         ("sliding-mode", {}, "no derivative"),
         ("adaptive-flm", {}, "does not follow"),
         ("oracle-flm", {}, "reads the true state"),
+        ("pid-flm", {"encoder": {"latency": 1}}, "latency"),
+        ("pid-flm", {"encoder": {"difference": 1}}, "computes the velocity"),
         ("zero", {}, "does not come to rest"),
         ("time-delay", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
     ],

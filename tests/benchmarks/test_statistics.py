@@ -11,13 +11,13 @@ from benchmarks.analysis.statistics import (
     difference,
     enough,
     estimate,
-    failures,
     improvement,
     interval,
     iqm,
     mean,
     over_training,
     profile,
+    proportion,
     radius,
     ranks,
     resample,
@@ -200,20 +200,20 @@ def test_score_of_real_runs():
     assert np.all((found > 50) & (found < 100))
 
 
-def test_failures_agree_with_scipy_and_cover():
+def test_shares_agree_with_scipy_and_cover():
     for k, n in [(0, 256), (1, 30), (15, 30), (30, 30)]:
-        found, expected = failures(k, n), stats.binomtest(k, n).proportion_ci(method="exact")
+        found, expected = proportion(k, n), stats.binomtest(k, n).proportion_ci(method="exact")
         assert (found.value, found.low, found.high) == pytest.approx((k / n, expected.low, expected.high))
     n = 40
     k = np.arange(n + 1)
-    found = failures(k, n)
+    found = proportion(k, n)
     for p in np.linspace(0.01, 0.99, 50):
         assert stats.binom.pmf(k, n, p)[(found.low <= p) & (p <= found.high)].sum() >= 0.95
     assert enough(ENOUGH_EPISODES)
     assert not enough(ENOUGH_EPISODES - 1)
-    assert failures(0, ENOUGH_EPISODES).high < 0.015
-    with pytest.raises(ValueError, match="failed must lie between 0 and runs"):
-        failures(3, 2)
+    assert proportion(0, ENOUGH_EPISODES).high < 0.015
+    with pytest.raises(ValueError, match="count must lie between 0 and runs"):
+        proportion(3, 2)
 
 
 @pytest.mark.parametrize("edge", [0.03, 0.5, 2.0, 9.5])

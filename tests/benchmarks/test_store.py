@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from benchmarks.run import cell as cell_module
+from benchmarks.run import store as store_module
 from benchmarks.run.cell import run_cell
+from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run
-from benchmarks.run.store import Damaged, Store
+from benchmarks.run.store import Damaged, OtherFormat, Store
 from benchmarks.run.suite import Cell, named, narrow
 
 SHORT = {"duration": 0.5}
@@ -85,7 +87,9 @@ def test_a_damaged_file_is_moved_aside_named_and_computed_again(tmp_path):
     victim.write_text(victim.read_text().replace('"seeds":[0,1,2]', '"seeds":[0,1,3]'))
     with pytest.raises(Damaged, match=rf"{victim.name} is damaged \(its checksum is wrong\)"):
         store.load(victim)
-    with pytest.warns(UserWarning, match=rf"{victim.name} is damaged .* moved to .*, and its cell is computed again"):
+    with pytest.warns(
+        UserWarning, match=rf"{victim.name} is damaged .* moved to .*; `fbl-gym leaderboard` computes its cell again"
+    ):
         assert [o.done for o in finish(cells(), tmp_path)].count("computed") == 1
     assert (tmp_path / "damaged" / victim.name).is_file()
     assert len(list(store.results())) == len(cells())
@@ -114,6 +118,22 @@ def test_a_file_of_another_format_is_left_alone(tmp_path):
     old.write_text(json.dumps({"id": "zero/nominal", "rows": {}}))
     assert len(list(Store(tmp_path).results())) == len(cells(["zero"]))
     assert old.is_file()
+
+
+@pytest.mark.parametrize("change", ["added", "removed"])
+def test_another_set_of_metrics_is_another_format_and_damages_nothing(tmp_path, monkeypatch, change):
+    some = cells(["zero"])
+    finish(some, tmp_path)
+    store = Store(tmp_path)
+    files = {path.name: path.read_bytes() for path in store.files()}
+    metrics = {**METRICS, "new_metric": "a metric"} if change == "added" else dict(list(METRICS.items())[:-1])
+    monkeypatch.setattr(store_module, "METRICS", metrics)
+    assert not list(store.results())
+    assert store.find(some[0]) is None
+    assert {path.name: path.read_bytes() for path in store.files()} == files
+    name = "new_metric" if change == "added" else "stay_pct"
+    with pytest.raises(OtherFormat, match=f"has other metrics than this version of fbl-gym .*{name}"):
+        store.load(store.path(some[0]))
 
 
 def test_a_full_disk_is_an_error_and_leaves_the_rest(tmp_path, monkeypatch):

@@ -56,6 +56,20 @@ def test_scenarios_that_share_a_name_keep_their_content(tmp_path):
     assert sorted(ratios) == [1.1, 2.0, 3.0]
 
 
+def test_a_family_stands_for_its_severities_on_both_arms_or_on_one():
+    def chosen(*names):
+        return [scenario.name for scenario in narrow(named("quick"), ["zero"], names).scenarios]
+
+    one = [f"noise-{severity}" for severity in (1, 2, 3)]
+    other = [f"section-2-2/{name}" for name in one]
+    assert chosen("noise") == one + other
+    assert chosen("table-1/noise") == one
+    assert chosen("section-2-2/noise") == other
+    assert chosen("nominal", "section-2-2/nominal") == ["nominal", "section-2-2/nominal"]
+    with pytest.raises(ValueError, match="unknown scenario or family 'noises'; did you mean 'noise'"):
+        chosen("noises")
+
+
 def test_what_is_given_twice_counts_once():
     suite = Suite("twice", ("zero", "zero"), (scenarios.get("nominal"),) * 2, 1)
     assert len(suite.cells) == 1

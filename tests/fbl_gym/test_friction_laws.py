@@ -8,8 +8,16 @@ from scipy.integrate import solve_ivp
 
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.arm import forward_dynamics
+from fbl_gym.memory import FRICTION_LAWS
+from fbl_gym.records import declarations
+from fbl_gym.uncertainty import Friction
 from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL
 from tests.fbl_gym.paired_runs import plain, play, same
+
+
+def test_every_friction_law_has_a_number_in_the_kernel():
+    assert declarations(Friction)["law"].form == " or ".join(f'"{law}"' for law in FRICTION_LAWS)
+    assert len(set(FRICTION_LAWS.values())) == len(FRICTION_LAWS)
 
 
 @pytest.mark.parametrize("law", ["exact", "literal"])

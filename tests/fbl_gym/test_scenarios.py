@@ -49,6 +49,16 @@ def test_a_wrong_family_severity_or_arm_is_named(arguments, message):
         scenarios.family(*arguments)
 
 
+def test_a_scenarios_family_severity_and_arm():
+    for name in scenarios.names():
+        member = scenarios.member(name)
+        assert member is None or scenarios.family(*member) == scenarios.get(name)
+    assert scenarios.member("section-2-2/mass-error-2@1000Hz") == ("mass-error", 2, "section-2-2")
+    assert scenarios.member("nominal") == ("nominal", 0, "table-1")
+    for other in ("paper-8", "heavy-3", "noise", "noise-2~3f9a20"):
+        assert scenarios.member(other) is None
+
+
 def test_records_are_frozen_and_hashable():
     scenario = scenarios.get("everything-3")
     assert isinstance(hash(scenario), int)
