@@ -84,6 +84,9 @@ class Truth:
     gain: Array
 
 
+_STEPS = api.STEPS
+
+
 class ArmBatch:
     """A batch of arms of one scenario, each lane with its own seed and episode.
 
@@ -111,7 +114,8 @@ class ArmBatch:
         self._actions = self._parts["actions"]
         self._first_action = self._actions.start
         self.lanes = lanes
-        self._elastic = bool(settings["elastic"])
+        rare = any(settings[name] > 0 for name in ("events", "euler_steps", "history"))
+        self._class = 2 if settings["elastic"] else int(rare)
         self.threads = min(threads, blocks)
         self._memory = np.zeros(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
@@ -145,8 +149,8 @@ class ArmBatch:
 
     @property
     def _step(self) -> Any:
-        """The compiled step of these joints."""
-        return api.step_elastic if self._elastic else api.step
+        """The compiled step of this scenario's class."""
+        return _STEPS[self._class]
 
     def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
         """Give lanes their seeds; the next episode of each lane is the first one of its seed."""
@@ -175,7 +179,7 @@ class ArmBatch:
         memory = self._memory
         memory[self._actions] = actions
         if self.threads == 1:
-            return api.step_elastic(memory, out, 0, 1) if self._elastic else api.step(memory, out, 0, 1)
+            return _STEPS[self._class](memory, out, 0, 1)
         problem: int = api.check(memory)
         if problem >= 0:
             return problem, 0.0, False, False
@@ -189,7 +193,7 @@ class ArmBatch:
         memory, first = self._memory, self._first_action
         memory[first] = action1
         memory[first + 1] = action2
-        return api.step_elastic(memory, out, 0, 1) if self._elastic else api.step(memory, out, 0, 1)
+        return _STEPS[self._class](memory, out, 0, 1)
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:
@@ -208,7 +212,7 @@ class ArmBatch:
         table = np.empty((self.lanes, _TRUE_COLUMNS))
         api.inspect(self._memory, _TRUE_ROWS, table)
         fields = {name: table[:, columns].copy() for name, columns in _TRUE.items()}
-        if not self._elastic:
+        if self._class < 2:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
         return Truth(**fields)
 

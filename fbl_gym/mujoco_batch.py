@@ -92,14 +92,14 @@ class MuJoCoBatch(ArmBatch):
         """Start the lanes marked RESTART, and write all observations."""
         blocks, place = self._blocks, self._place
         starts = np.flatnonzero(blocks["status"][place[0], place[2]] == RESTART)
-        api.step(self._memory, out, 0, 0)
+        self._step(self._memory, out, 0, 0)
         numbers, position, velocity = self._numbers(), blocks["position"][place], blocks["velocity"][place]
         for lane in starts:
             arm = self._arms[int(lane)] = _Arm(self._scenario, numbers[lane])
             arm.place(position[lane], velocity[lane])
         if self._senses_acceleration and len(starts):
             blocks["acceleration"][place] = self._accelerate()[0]
-            api.step(self._memory, out, 0, 0)
+            self._step(self._memory, out, 0, 0)
 
     def _numbers(self) -> Array:
         """Return the numbers of each lane's model, [lanes x numbers]."""

@@ -78,7 +78,7 @@ class Effort:
 
 
 FULL = Effort(seeds=64, many=512, points=8, seconds=20.0)
-SHORT = Effort(seeds=40, many=40, points=3, seconds=3.0)
+SHORT = Effort(seeds=64, many=64, points=3, seconds=3.0)
 
 Draw: TypeAlias = Callable[[Path], None]
 """A function that draws a claim's figure to a file; the suffix sets the format."""

@@ -15,8 +15,8 @@ from fbl_gym.kernel.elastic import advance_elastic, feel_joints
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.events import carry_payload, happen
 from fbl_gym.kernel.motion import refer
-from fbl_gym.kernel.physics import acceleration_and_friction, advance
-from fbl_gym.kernel.readings import observe, sense
+from fbl_gym.kernel.physics import acceleration_and_friction, advance, advance_implicitly
+from fbl_gym.kernel.readings import encode, limit_readings, observe, sense
 from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
 from fbl_gym.kernel.views import array_at, record_at
 from fbl_gym.memory import (
@@ -62,22 +62,24 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic, rare):
     """Advance a block by one control step."""
     command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
-        _load(block, rows, queue, settings, tables, width, substep)
+        _load(block, rows, queue, settings, tables, width, substep, rare)
         if elastic:
             advance_elastic(block, settings, width)
+        elif rare and settings.euler_steps > 0:
+            advance_implicitly(block, settings, width)
         else:
             advance(block, settings, width)
-    _end(block, rows, waypoints, settings, tables, width, elastic)
+    _end(block, rows, waypoints, settings, tables, width, elastic, rare)
 
 
 @merged_njit
-def _load(block, rows, queue, settings, tables, width, substep):
+def _load(block, rows, queue, settings, tables, width, substep, rare):
     """Let events happen, and set torques and payload of a block, for one physics step."""
-    if settings.events > 0:
+    if rare and settings.events > 0:
         happen(block, rows, settings, tables, width, substep)
     if substep == 0 or settings.torque_varies:
         apply_torque(block, queue, settings, tables, width, substep)
@@ -86,13 +88,22 @@ def _load(block, rows, queue, settings, tables, width, substep):
 
 
 @merged_njit
-def _end(block, rows, waypoints, settings, tables, width, elastic):
+def _sense(block, rows, settings, width, elastic, rare):
+    """Take the readings of a block."""
+    if elastic:
+        feel_joints(block, settings, width)
+    sense(block, settings, width)
+    if rare and settings.history > 0:
+        encode(block, rows, settings, width)
+    limit_readings(block, settings, width)
+
+
+@merged_njit
+def _end(block, rows, waypoints, settings, tables, width, elastic, rare):
     """End the control step of a block, after its physics."""
     for lane in range(width):
         block.step[lane] += _ONE
-    if elastic:
-        feel_joints(block, settings, width)
-    sense(block, rows, settings, width)
+    _sense(block, rows, settings, width, elastic, rare)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
@@ -128,8 +139,12 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _compile_step(fingerprint, elastic):
-    """Compile the step of arms with elastic or with rigid joints; the other's code is left out."""
+def _compile_step(fingerprint, elastic, rare):
+    """Return the step of a class of scenarios, without the code that only other classes use.
+
+    `elastic`: joints are elastic. `rare`: there may be events, encoders, or viscous friction that
+    needs implicit steps. Each step is compiled when it is first called.
+    """
 
     @cached_njit
     def step(memory, out, part, parts):
@@ -170,7 +185,7 @@ def _compile_step(fingerprint, elastic):
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
                 actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
-                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic)
+                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic, rare)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
             for lane in range(width):
@@ -180,9 +195,7 @@ def _compile_step(fingerprint, elastic):
                     if block.status[lane] == RESTART:
                         start(block, rows, queue, waypoints, settings, tables, lane)
             if restarts > 0 or not moves:
-                if elastic:
-                    feel_joints(block, settings, width)
-                sense(block, rows, settings, width)
+                _sense(block, rows, settings, width, elastic, rare)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
@@ -260,7 +273,7 @@ def _compile(fingerprint):
             if substep == 0:
                 actions = array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
                 command(block, rows, queue, settings, actions, count)
-            _load(block, rows, queue, settings, tables, count, substep)
+            _load(block, rows, queue, settings, tables, count, substep, True)
         return -1
 
     @cached_njit
@@ -276,12 +289,15 @@ def _compile(fingerprint):
             rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
             place += BLOCK_SIZE + 2 * LANES * (settings.delay_steps + 1)
             waypoints = array_at(memory, place, (settings.waypoints, 2, LANES), np.float64)
-            _end(block, rows, waypoints, settings, tables, count, False)
+            _end(block, rows, waypoints, settings, tables, count, False, True)
             _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
 
     return check, inspect, load, end
 
 
 _KEY = _fingerprint()
-step, step_elastic = _compile_step(_KEY, False), _compile_step(_KEY, True)
+STEPS = _compile_step(_KEY, False, False), _compile_step(_KEY, False, True), _compile_step(_KEY, True, True)
+"""The steps of plain scenarios, of those with rare options, and of those with elastic joints."""
+
+step = STEPS[0]
 check, inspect, load, end = _compile(_KEY)

@@ -106,7 +106,7 @@ def _runge_kutta(block, lane, h, rotor, law, linear):
 
 
 @kernel_njit
-def _implicit_euler(block, settings, width):
+def advance_implicitly(block, settings, width):
     """Advance lanes by one physics step where viscous friction B makes Runge-Kutta unstable.
 
     Each of the step's parts h solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
@@ -143,9 +143,6 @@ def _implicit_euler(block, settings, width):
 def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
     h, law, linear = settings.physics_dt, settings.friction_law, settings.stribeck_linear
-    if settings.euler_steps > 0:
-        _implicit_euler(block, settings, width)
-        return
     rotor = (settings.rotor[0], settings.rotor[1])
     # One loop for each law, each without branches.
     if law == NO_FRICTION:

@@ -23,8 +23,8 @@ def _within(value, bound):
 
 
 @kernel_njit
-def sense(block, rows, settings, width):
-    """Take the readings of a block; they depend on its state alone."""
+def sense(block, settings, width):
+    """Take the readings of a block; they depend on its state alone. `limit_readings` ends them."""
     senses_acceleration = settings.senses_acceleration
     if senses_acceleration and not (settings.elastic or settings.external_physics):
         _accelerate(block, settings, width)
@@ -42,9 +42,12 @@ def sense(block, rows, settings, width):
         _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
         if senses_acceleration:
             _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
-    if settings.history > 0:
-        _encode(block, rows, settings, width)
-    # A sensor reads no further than its range.
+
+
+@kernel_njit
+def limit_readings(block, settings, width):
+    """Clip the readings of a block: a sensor reads no further than its range."""
+    senses_acceleration = settings.senses_acceleration
     max_position, max_velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
     for joint in range(2):
@@ -94,7 +97,7 @@ def _disturb_reading(block, measured, settings, width, sensor, stream):
 
 
 @kernel_njit
-def _encode(block, rows, settings, width):
+def encode(block, rows, settings, width):
     """Compute the velocity from the position readings, and show both as late as they are.
 
     The readings of a control step are at the place (step % history). Therefore sensing twice at the
