@@ -122,6 +122,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
     "mujoco": ("mujoco",),
+    "urdf": ("yourdfpy",),
     "cluster": ("dask", "distributed", "ray"),
 }
 """The modules that each extra installs."""

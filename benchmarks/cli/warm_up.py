@@ -17,6 +17,11 @@ def add_arguments(_parser: argparse.ArgumentParser) -> None:
 def run(_arguments: argparse.Namespace) -> int:
     """Compile all functions that the cache lacks; return the exit status."""
     begin = time.perf_counter()
+    for options in (
+        {"events": [{"kind": "drop", "time": 1.0}]},
+        {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
+    ):
+        TwoLinkArmVectorEnv(1, **options)  # a class of scenarios has a step of its own
     env = TwoLinkArmVectorEnv(32, threads=2)
     observation, _ = env.reset(seed=0)
     _ = env.truth

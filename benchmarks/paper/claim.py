@@ -108,7 +108,7 @@ class Case:
 
     @property
     def holds(self) -> bool:
-        """Whether the claim holds in this case."""
+        """Return True if the claim holds in this case."""
         return bool(np.all(self.meets)) if np.size(self.meets) == 1 else bool(self.share.low >= LEAST)
 
     @property
