@@ -87,7 +87,7 @@ def test_a_killed_run_resumes(algorithm, tmp_path, monkeypatch):
 
 def test_a_folder_with_other_settings_is_refused(tmp_path):
     train(settings(), tmp_path, evaluations=1)
-    with pytest.raises(ValueError, match="another run"):
+    with pytest.raises(ValueError, match="folder must be new or hold a run of the same settings"):
         train(settings(seed=1), tmp_path)
 
 
