@@ -61,6 +61,8 @@ def start(tmp_path):
             "--seeds", "1", "--workers", str(workers), "--store", str(tmp_path / "store"),
         ]  # fmt: skip
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        # A shell's background job ignores SIGINT, and so would its children.
+        pipes["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
         process = subprocess.Popen(command, **pipes, start_new_session=True, stdin=subprocess.DEVNULL)
         processes.append(process)
         assert wait(lambda: flag.exists() and (workers == 1 or Store(tmp_path / "store").files()), 120)
