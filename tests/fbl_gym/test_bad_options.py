@@ -196,4 +196,7 @@ def test_a_batch_beyond_any_memory_is_refused():
 
 
 def test_a_payload_that_is_never_picked_up_is_no_error():
-    TwoLinkArmEnv(parameter_error={"payload": {"mass": 1.0, "pick_up": 1.7e308}}).reset(seed=0)
+    env = TwoLinkArmEnv(parameter_error={"payload": {"mass": 1.0, "pick_up": 1.7e308}})
+    env.reset(seed=0)
+    env.step(np.zeros(2))
+    assert env.truth.payload == 0.0
