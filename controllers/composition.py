@@ -60,12 +60,21 @@ class Composed(TorqueLaw):
         outer = self.interface
         wanted = {"position", "velocity", *self.law.needs}
         sensors = tuple(name for name in SENSORS if name in wanted or name in outer.layout)
-        layout = make_layout(sensors, Limits(), outer.action_limit, "", 0, self.preview_samples)
+        position, velocity, acceleration, _ = self.bounds
+        limits = Limits(position=position / 2, velocity=velocity / 2, acceleration=acceleration)
+        layout = make_layout(sensors, limits, outer.action_limit, "", 0, self.preview_samples)
         inner = dataclasses.replace(outer, layout=layout)
         if self.predictor is not None:
             inner = dataclasses.replace(inner, delay=(0.0, 0.0), lag=(0.0, 0.0), latency=0.0)
         gains = {field.name: getattr(self, field.name) for field in dataclasses.fields(self.law)}
         return self.law(**{**gains, "interface": inner})
+
+    @cached_property
+    def bounds(self) -> Array:
+        """Bounds of an estimate's numbers [4], as of the sensors' readings."""
+        high = {slot.name: slot.high[0] for slot in self.interface.layout.slots}
+        position, velocity, acceleration = (high[f"reference_{name}"] for name in SENSORS)
+        return np.array([position, velocity, acceleration, acceleration])
 
     @property
     def preview_samples(self) -> int:
@@ -132,6 +141,8 @@ class Composed(TorqueLaw):
         layout, arm, inside = self.interface.layout, self.interface.nominal, self.inside.interface
         motion = {name: self.read(observation, name)[0] for name in SENSORS if name in layout}
         estimate = self.observer.correct(memory, motion["position"], motion.get("velocity"))
+        # An arm that diverges may carry an estimate away; its numbers stay finite.
+        estimate = np.clip(estimate, -self.bounds, self.bounds)
         estimated = dict(zip(SENSORS, np.moveaxis(estimate, -1, 0), strict=False))
         if any(part in OBSERVERS for part in self.parts):
             motion.pop("velocity", None)
@@ -148,7 +159,8 @@ class Composed(TorqueLaw):
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
         times = ahead + inside.control_dt * np.arange(1 + self.preview_samples, dtype=float)
         reference = self.reference_at(observation, times)
-        return np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1), estimate, due
+        seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
+        return np.clip(seen, *inside.layout.bounds), estimate, due
 
 
 @lru_cache(maxsize=256)

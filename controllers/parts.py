@@ -20,6 +20,10 @@ TUNE = (15.0, 300.0)
 """Tuning range of an observer's bandwidth [rad/s]."""
 
 
+FASTEST = 200.0
+"""Largest velocity of a prediction [rad/s], which keeps the numbers of a diverging arm finite."""
+
+
 @dataclass(frozen=True)
 class Observer(Record):
     """Base of the observers: each estimates both joints' motion from the measured position.
@@ -276,7 +280,7 @@ class Drive:
             v4 = v + h * a3
             a4 = forward_dynamics(arm, q + h * v3, v4, end) + f
             q = q + h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
-            v = v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+            v = np.clip(v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), -FASTEST, FASTEST)
             torque = end
         return q, v, torque
 
