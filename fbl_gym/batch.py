@@ -16,7 +16,18 @@ from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
 from fbl_gym.kernel import api
-from fbl_gym.memory import BLOCK, BLOCK_SIZE, ENDED, LANES, RESTART, SAME_STEP, SETTINGS, SETTINGS_SIZE, rows
+from fbl_gym.memory import (
+    BLOCK,
+    BLOCK_SIZE,
+    ENDED,
+    EVENT_ROWS,
+    LANES,
+    RESTART,
+    SAME_STEP,
+    SETTINGS,
+    SETTINGS_SIZE,
+    rows,
+)
 from fbl_gym.program import Program
 
 Flags = NDArray[np.bool_]
@@ -56,6 +67,7 @@ class Truth:
         stiction: friction that fades as the joint moves [N m].
         v_s: scale of the squared velocity at which it fades [(rad/s)^2].
         gain: real / nominal torque of the drives.
+        event_times: times of this episode's events [s], [events] or [lanes x events].
     """
 
     time: Array
@@ -82,6 +94,7 @@ class Truth:
     stiction: Array
     v_s: Array
     gain: Array
+    event_times: Array
 
 
 _STEPS = api.STEPS
@@ -214,7 +227,11 @@ class ArmBatch:
         fields = {name: table[:, columns].copy() for name, columns in _TRUE.items()}
         if self._class < 2:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
-        return Truth(**fields)
+        settings = self._settings
+        numbers = self._memory[self._parts["blocks"]].reshape(len(self._blocks), -1, LANES)
+        times = numbers[:, settings["event_row"] :: EVENT_ROWS][:, : settings["events"]] * settings["physics_dt"]
+        times = times.swapaxes(1, 2).reshape(len(numbers) * LANES, -1 if times.size else 0)
+        return Truth(**fields, event_times=times[: self.lanes])
 
 
 def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
