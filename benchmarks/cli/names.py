@@ -15,7 +15,6 @@ from benchmarks.run.suite import SUITES
 from controllers.composition import PARTS, gain_name
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.descriptions import Description, describe
-from fbl_gym.scenarios import SEVERITIES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,13 +39,15 @@ def _policy(name: str) -> str:
 
 def _scenarios() -> dict[str, str]:
     """Return each scenario, with one entry for all severities of a family."""
-    texts = {}
+    severities: dict[str, list[str]] = {}
     for name in scenarios.names():
         member = scenarios.member(name)
-        if member is None or member.family == "nominal":
-            texts[name] = scenarios.get(name).description
-        elif member.severity == SEVERITIES[0]:
-            texts[f"{name} to -{SEVERITIES[-1]}"] = scenarios.get(name).description
+        one = member is None or not name.endswith(f"-{member.severity}")
+        severities.setdefault(name if one else name[:-2], []).append(name)
+    texts = {}
+    for each in severities.values():
+        last = f", {each[-1][-2:]}" if len(each) == 2 else f" to {each[-1][-2:]}"
+        texts[each[0] + (last if each[1:] else "")] = scenarios.get(each[0]).description
     return texts
 
 
