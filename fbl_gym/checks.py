@@ -39,7 +39,7 @@ def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
     if len(names) <= MAX_NAMES:
         return ValueError(f"unknown {what} {name!r}{nearest(name, names) or '.'} Known: {', '.join(names) or 'none'}")
     first, *others = difflib.get_close_matches(str(name), names, n=3, cutoff=0.0)
-    return ValueError(f"unknown {what} {name!r}; did you mean {first!r}? Near it: {', '.join(others)}")
+    return ValueError(f"unknown {what} {name!r}; did you mean {first!r}? Also near: {', '.join(others)}")
 
 
 def check_choice(name: str, value: object, known: Iterable[str]) -> str:
