@@ -2,9 +2,9 @@
 
 The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter), plus log(2) for each
 percent of diverged runs. The error is the geometric mean of error_pct over the runs, each at least
-the sensor's resolution; a diverged run counts as half a turn from then on. The chatter of a run is the total variation of its torque per
-second, divided by the root mean square of its torque. Because of the logarithms, a scenario counts
-by the relative change of its error.
+the sensor's resolution; a diverged run counts as half a turn from then on. The chatter of a run is
+the total variation of its torque per second, divided by the root mean square of its torque. Because
+of the logarithms, a scenario counts by the relative change of its error.
 
 Trials use few scenarios and seeds. The best trials and the defaults are therefore judged with the
 same objective on more scenarios, and on tuning seeds that no trial used. The gains that are judged

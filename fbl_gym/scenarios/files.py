@@ -50,20 +50,22 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             return tomllib.load(file)
-    except FileNotFoundError:
-        raise ValueError(f"there is no file {path}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
 
 
-def load(path: Path, entry: str, named: Named) -> Scenario:
+def load(path: Path, entry: str, named: Named, above: tuple[str, ...] = ()) -> Scenario:
     """Return the scenario of a file. Without a name in it, the file's name is the scenario's.
 
     Args:
         path: of a TOML file.
         entry: name of one of the file's `scenarios`, if it is a suite; empty: the whole file.
         named: returns a scenario by name.
+        above: the files whose base this one is.
     """
+    place = f"{path.resolve()}:{entry}"
+    if place in above:
+        raise ValueError(f"{path}: base must be another scenario, but leads back to this file")
     table = read_toml(path)
     if entry:
         names = [each if isinstance(each, str) else each.get("name") for each in table.get("scenarios", ())]
@@ -74,40 +76,36 @@ def load(path: Path, entry: str, named: Named) -> Scenario:
             return named(table)
     elif "scenarios" in table:
         raise ValueError(f"{path} is a suite: give it to --suite, or name one of its scenarios, {path}:NAME")
-    return from_table({"name": path.stem, **table}, named, path)
+    return from_table({"name": path.stem, **table}, named, path, (*above, place))
 
 
-def from_table(table: Mapping[str, Any], named: Named, path: Path | None = None) -> Scenario:
+def from_table(
+    table: Mapping[str, Any], named: Named, path: Path | None = None, above: tuple[str, ...] = ()
+) -> Scenario:
     """Return the scenario of a table.
 
     Args:
         table: fields of `Scenario`, and optionally `base`.
         named: returns a scenario by name.
         path: of the table's file, for errors and for relative paths; None: it has none.
+        above: the files whose base this table is.
     """
     folder = path.parent if path else Path()
     fields = {name: value for name, value in table.items() if name != "base"}
-    parent = _base(table["base"], named, path, folder) if "base" in table else Scenario()
+    base = table.get("base", "")
+    file, entry, world = split(str(base))
+    parent = load(folder / file, entry, named, above) if file else Scenario()
     if str(arm := fields.get("arm")).endswith(".urdf"):
         fields["arm"] = str(folder / str(arm))
-    fields.setdefault("description", f"{parent.name} with other options")
     try:
+        if not isinstance(base, str) or (file and world):
+            raise ValueError(f"base must be a name, or a .toml file without a world, got {base!r}")
+        if base and not file:
+            parent = named(base)
+        fields.setdefault("description", f"{parent.name} with other options")
         return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:
         raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
-
-
-def _base(base: Any, named: Named, path: Path | None, folder: Path) -> Scenario:
-    """Return the scenario that a table's `base` names."""
-    is_file = isinstance(base, str) and split(base)[0] != ""
-    try:
-        if not isinstance(base, str):
-            raise ValueError(f"base must be a name or a .toml file, got {base!r}")
-        return named(str(folder / base) if is_file else base)
-    except RecursionError:
-        raise ValueError(f"{path}: base must be another scenario, but {base} leads back to this file") from None
-    except ValueError as problem:
-        raise problem if is_file or path is None else ValueError(f"{path}: {problem}") from None
 
 
 def merged(base: Any, changes: Any) -> Any:
