@@ -36,9 +36,9 @@ from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
-from benchmarks.run.suite import Cell, leaderboard_scenarios
+from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
-from fbl_gym import Scenario
+from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, unknown
 from fbl_gym.records import set_fields, tuning_ranges
 
@@ -49,14 +49,13 @@ DIVERGENCE = math.log(2.0)
 """Price of each percent of diverged runs: as much as twice the error."""
 
 SCENARIOS = (
-    "nominal", "mixed-error-2", "smaller-error-2", "payload-2", "noise-2", "stiction-2", "disturbance-2", "everything-2",
-    "section-2-2/everything-2",
+    "practice-nominal", "practice-model-error-3", "practice-delay-1", "practice-delay-3", "practice-lag-3",
+    "practice-friction-3", "practice-disturbance-3", "practice-elastic-1", "practice-elastic-3", "practice-saturation-1",
+    "practice-everything-1", "practice-everything-3",
 )  # fmt: skip
 """The scenarios of the trials."""
 
-JUDGED = (
-    *leaderboard_scenarios(["table-1"], [2, 3]), "section-2-2/everything-2", "section-2-2/everything-3",
-)  # fmt: skip
+JUDGED = scenarios.in_tier("practice")
 """The scenarios that the best trials and the defaults are judged on."""
 
 

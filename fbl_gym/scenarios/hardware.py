@@ -3,7 +3,7 @@
 Every scenario has an encoder with a velocity computed from it, no accelerometer, a sample of
 computation delay, a lag of the drives, friction, a start beside the reference, wrong parameters and
 a payload. Each episode draws their numbers. A family pushes one of them further, at severities 1 to
-3. The rate is 100 Hz: at 200 Hz with half the delay and lag, the best laws hardly differ.
+3. The rate is 100 Hz: at 200 Hz with half the delay and lag, simple laws are as good as the oracle.
 
 The board is measured on `hardware`, after which `surprise` changes the arm during an episode or
 brings another arm. Tuning and training use `practice`: other motions, and other draws of the same
@@ -41,7 +41,7 @@ FAMILIES = {
     "payload": "up to a quarter, half or all of the second link's mass, picked up and dropped during the motion",
     "delay": "a further delay of up to 10, 20 or 30 ms",
     "lag": "a lag of the drives of 10-20, 15-40 or 30-60 ms",
-    "noise": "position noise of 1e-4, 3e-4 or 1e-3 rad, and encoders of 16384, 8192 or 4096 counts",
+    "noise": "position noise of 0.3, 1 or 3 mrad, and encoders of 16384, 8192 or 4096 counts",
     "friction": "twice, four or eight times the friction",
     "disturbance": "a torque within 10, 30 or 60 % of the arm's weight, a new level every 0.5 s",
     "elastic": "springs in the joints, with natural frequencies about 12, 7 or 4 Hz; encoders on the links",
@@ -144,7 +144,7 @@ def conditions(arm: ArmParameters, family: str = "nominal", severity: int = 0) -
         "limits": {"error": 0.5},
     }
     if pushed("noise"):
-        options["noise"] = {"position": size * (1e-4, 3e-4, 1e-3)[s - 1]}
+        options["noise"] = {"position": size * (3e-4, 1e-3, 3e-3)[s - 1]}
         options["encoder"]["counts"] = 65536.0 / 2 ** (s + 1)
     if pushed("disturbance"):
         options["disturbance"] = {
