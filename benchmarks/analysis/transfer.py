@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmarks.analysis.statistics import TAIL
+from benchmarks.analysis.statistics import DIVERGENCE_PRICE, TAIL, diverged_share
+from benchmarks.run.store import Result
 from fbl_gym.arm import Array
 
 FLOOR_PCT = 1e-3
 """A smaller error counts as this one [%]."""
-
-PRICE = np.log(2.0)
-"""Price of each percent of diverged runs, in the logarithm of the error."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +22,21 @@ class Runs:
     """The runs of policies in one world; numbers are [policies x scenarios x runs].
 
     Args:
-        error: in %.
+        error: in %, at least the encoder's resolution.
         diverged: 1 where a run diverged, else 0.
     """
 
     error: Array
     diverged: Array
+
+    @classmethod
+    def of(cls, results: Sequence[Sequence[Result]]) -> Runs:
+        """Return the runs of results [policies x scenarios]."""
+        columns = ("error_pct", "resolution_pct", "diverged")
+        error, resolution, diverged = (
+            np.array([[[run[name] for run in result.rows] for result in row] for row in results]) for name in columns
+        )
+        return cls(np.maximum(error, resolution), diverged)
 
     @property
     def logs(self) -> Array:
@@ -38,7 +46,8 @@ class Runs:
     @property
     def levels(self) -> Array:
         """Mean logarithm of the errors, and the price of diverged runs, [policies x scenarios]."""
-        return self.logs.mean(axis=-1) + 100 * PRICE * self.diverged.mean(axis=-1)
+        share = diverged_share(self.diverged.sum(axis=-1), self.diverged.shape[-1])
+        return self.logs.mean(axis=-1) + DIVERGENCE_PRICE * share
 
     @property
     def intervals(self) -> tuple[Array, Array]:

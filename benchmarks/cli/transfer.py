@@ -76,7 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
             ranked[name] = row[0].policy.ranked
     if not ranked:
         raise ValueError("every policy failed on a scenario, so no order can be compared")
-    runs = {side: _runs(store, [rows[name] for name in ranked]) for side, rows in cells.items()}
+    runs = {
+        side: Runs.of([[result for cell in rows[name] if (result := store.find(cell))] for name in ranked])
+        for side, rows in cells.items()
+    }
     _print_orders(arguments, runs)
     _print_best(arguments, runs, list(ranked), np.array(list(ranked.values())))
     return 1 if failures else 0
@@ -88,15 +91,6 @@ def _cells(policies: Sequence[str], members: Sequence[Scenario], seeds: int) -> 
     for cell in Suite("transfer", tuple(policies), tuple(members), seeds).cells:
         rows.setdefault(cell.policy.name, []).append(cell)
     return rows
-
-
-def _runs(store: Store, rows: list[list[Cell]]) -> Runs:
-    results = [[store.find(cell) for cell in row] for row in rows]
-    error, diverged = (
-        np.array([[[run[name] for run in result.rows] for result in row if result] for row in results])
-        for name in ("error_pct", "diverged")
-    )
-    return Runs(error, diverged)
 
 
 def _print_orders(arguments: argparse.Namespace, runs: dict[str, Runs]) -> None:
@@ -136,7 +130,7 @@ def _print_best(arguments: argparse.Namespace, runs: dict[str, Runs], policies: 
             lost = f"{best.diverged} of {total}"
             lines.append([policies[best.policy], world, f"{best.error:.3g} %", lost, f"{best.ratio:.2f}", place])
     _print(arguments, f"the best {arguments.top} on the package's arm over all scenarios", header, lines)
-    print("error: geometric mean over runs. The order prices each percent of diverged runs like twice the error.")
+    print("error: geometric mean over runs. The order is that of the score: diverged runs have a price.")
 
 
 def _print(arguments: argparse.Namespace, title: str, header: Sequence[str], lines: Sequence[Sequence[str]]) -> None:

@@ -51,16 +51,16 @@ def test_a_policy_that_diverges_on_both_sides_has_no_place():
 
 
 def test_the_best_in_the_other_world():
-    """A percent of lost runs counts as twice the error; ratios are to the best ranked policy there."""
+    """Diverged runs have their price; ratios are to the best ranked policy there."""
     spread = np.ones((1, 2, 100))
     package, world = (np.array(each)[:, None, None] * spread for each in ([1.0, 2.0, 1.5, 0.1], [4.0, 1.0, 2.0, 0.1]))
     lost = np.zeros((4, 2, 100))
-    lost[0, 0, :2] = 1.0  # 1 % of all runs, as much as an error of 2 %
+    lost[0, 0, :1] = 1.0  # 1.8 %, of one scenario out of two: as much as an error of 1.9 %
     world[1, 1] = 3.0
     ranked = np.array([True, True, True, False])
     best = transfer_best(Runs(package, lost), Runs(world, lost), ranked, 5)
     assert [row.policy for row in best] == [2, 0, 1]
-    assert [row.diverged for row in best] == [0, 2, 0]
+    assert [row.diverged for row in best] == [0, 1, 0]
     assert [row.scenario for row in best] == [0, 0, 1]
     np.testing.assert_allclose([row.ratio for row in best], [2 / 3**0.5, 4 / 3**0.5, 1.0])
     np.testing.assert_allclose([row.worst for row in best], [2.0, 4.0, 1.5])
@@ -68,14 +68,16 @@ def test_the_best_in_the_other_world():
 
 def test_the_command_prints_tau_and_the_best(tmp_path, capsys):
     pytest.importorskip("mujoco")
-    arguments = ["transfer", "computed-torque", "pd-gravity", "zero", "lqg", "--seeds", "4", "--workers", "1"]
+    broken = tmp_path / "broken.py"
+    broken.write_text("def make_policy(interface):\n    raise ValueError('no gains')\n")
+    arguments = ["transfer", "computed-torque", "pd-gravity", "zero", str(broken), "--seeds", "4", "--workers", "1"]
     arguments += ["--store", str(tmp_path), "--scenario", "hardware-nominal", "hardware-delay-2", "--top", "2"]
     assert cli.main(arguments) == 1
     out, err = capsys.readouterr()
     lines = [line.split() for line in out.splitlines()]
     assert next(line for line in lines if line[:1] == ["all"])[1] == "1.00"
     assert sum("mujoco-lab" in line for line in lines) == 3
-    assert "without lqg, which failed: ValueError: Lqg needs a sensor of acceleration" in err
+    assert f"without {broken}, which failed: " in err
     assert len(list(tmp_path.glob("*.json"))) == 12
     assert cli.main([*arguments, "--markdown", "--world", "mujoco-bend"]) == 1
     assert "| all | " in capsys.readouterr().out
