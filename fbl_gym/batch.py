@@ -16,7 +16,18 @@ from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
 from fbl_gym.kernel import api
-from fbl_gym.memory import BLOCK, BLOCK_SIZE, ENDED, LANES, RESTART, SAME_STEP, SETTINGS, SETTINGS_SIZE, rows
+from fbl_gym.memory import (
+    BLOCK,
+    BLOCK_SIZE,
+    ENDED,
+    EVENT_ROWS,
+    LANES,
+    RESTART,
+    SAME_STEP,
+    SETTINGS,
+    SETTINGS_SIZE,
+    rows,
+)
 from fbl_gym.program import Program
 
 Flags = NDArray[np.bool_]
@@ -38,10 +49,13 @@ class Truth:
         motor_velocity: [rad/s]; likewise.
         stiffness: of elastic joints [N m/rad]; zero for rigid ones.
         damping: of elastic joints [N m s/rad].
+        backlash: width of their gaps [rad].
         reference: reference position now [rad].
         reference_velocity: [rad/s].
         reference_acceleration: [rad/s^2].
-        applied_torque: torque of the drives [N m], after limit, delay and lag.
+        commands: torque commands [N m], the last first, [n x 2] or [lanes x n x 2]: as many as the
+            longest delay holds back, and one more.
+        applied_torque: torque of the drives [N m], after limit, delay, lag and gain.
         friction_torque: F of equation (1) [N m]; of a joint that sticks, the torque that holds it.
         disturbance: tau_d of equation (1) [N m].
         leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of
@@ -56,6 +70,10 @@ class Truth:
         stiction: friction that fades as the joint moves [N m].
         v_s: scale of the squared velocity at which it fades [(rad/s)^2].
         gain: real / nominal torque of the drives.
+        delay: from command to torque, with the computation's [s]; a number, or [lanes].
+        lag: time constant of the drives [s]; a number, or [lanes].
+        rate_limit: of the torque [N m/s], infinite without one.
+        event_times: times of this episode's events [s], [events] or [lanes x events].
     """
 
     time: Array
@@ -66,9 +84,11 @@ class Truth:
     motor_velocity: Array
     stiffness: Array
     damping: Array
+    backlash: Array
     reference: Array
     reference_velocity: Array
     reference_acceleration: Array
+    commands: Array
     applied_torque: Array
     friction_torque: Array
     disturbance: Array
@@ -82,6 +102,10 @@ class Truth:
     stiction: Array
     v_s: Array
     gain: Array
+    delay: Array
+    lag: Array
+    rate_limit: Array
+    event_times: Array
 
 
 _STEPS = api.STEPS
@@ -117,6 +141,7 @@ class ArmBatch:
         rare = any(settings[name] > 0 for name in ("events", "euler_steps", "history"))
         self._class = 2 if settings["elastic"] else int(rare)
         self.threads = min(threads, blocks)
+        self._depth, self._physics_dt = int(settings["delay_steps"]) + 1, float(settings["physics_dt"])
         self._memory = np.zeros(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
         self._settings[...] = settings
@@ -209,12 +234,24 @@ class ArmBatch:
 
     def truth(self) -> Truth:
         """Return the truth at this instant."""
-        table = np.empty((self.lanes, _TRUE_COLUMNS))
+        table = np.empty((self.lanes, _TRUE_COLUMNS + 2 * self._depth))
         api.inspect(self._memory, _TRUE_ROWS, table)
         fields = {name: table[:, columns].copy() for name, columns in _TRUE.items()}
+        fields["commands"] = table[:, _TRUE_COLUMNS:].reshape(self.lanes, -1, 2).copy()
+        for name, unit in (
+            ("delay", self._physics_dt),
+            ("lag", self._physics_dt),
+            ("rate_limit", 1 / self._physics_dt),
+        ):
+            fields[name] *= unit
+        fields["backlash"] *= 2.0  # a block has half of it
         if self._class < 2:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
-        return Truth(**fields)
+        settings = self._settings
+        numbers = self._memory[self._parts["blocks"]].reshape(len(self._blocks), -1, LANES)
+        times = numbers[:, settings["event_row"] :: EVENT_ROWS][:, : settings["events"]] * settings["physics_dt"]
+        times = times.swapaxes(1, 2).reshape(len(numbers) * LANES, -1 if times.size else 0)
+        return Truth(**fields, event_times=times[: self.lanes])
 
 
 def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
@@ -226,11 +263,14 @@ def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
         "motor_velocity": rows("motor_velocity"),
         "stiffness": rows("stiffness"),
         "damping": rows("damping"),
+        "backlash": rows("half_backlash"),
         "lumped": rows("lumped"),
         "masses": rows("parameters")[:2],
         "lengths": rows("parameters")[2:],
         "payload": rows("payload"),
-        **{name: rows(name) for name in ("viscous", "coulomb", "stiction", "v_s", "gain")},
+        **{
+            name: rows(name) for name in ("viscous", "coulomb", "stiction", "v_s", "gain", "delay", "lag", "rate_limit")
+        },
         "applied_torque": rows("torque"),
         "disturbance": rows("disturbance"),
         "reference": rows("reference_position"),

@@ -138,6 +138,12 @@ class Interface:
         resolution: step between two readings of each joint's position [rad]; 0: none.
         noise_std: largest standard deviation of the noise of each joint's position [rad], velocity
             [rad/s] and acceleration [rad/s^2].
+        stiffness: smallest and largest stiffness of each joint's spring, [2 x 2] N m/rad; None:
+            rigid joints.
+        damping: smallest and largest damping of each spring, [2 x 2] N m s/rad.
+        rotor_inertia: inertia of each rotor behind its spring [kg m^2].
+        backlash: largest width of each joint's gap [rad].
+        encoder: side of the springs on which position and velocity are measured, "motor" or "link".
     """
 
     nominal: ArmParameters
@@ -152,6 +158,11 @@ class Interface:
     latency: float = 0.0
     resolution: Pair = (0.0, 0.0)
     noise_std: tuple[Pair, ...] = ((0.0, 0.0),) * 3
+    stiffness: tuple[Pair, Pair] | None = None
+    damping: tuple[Pair, Pair] = ((0.0, 0.0), (0.0, 0.0))
+    rotor_inertia: Pair = (0.0, 0.0)
+    backlash: Pair = (0.0, 0.0)
+    encoder: str = "motor"
 
     @property
     def action_space(self) -> spaces.Box:

@@ -69,6 +69,7 @@ VARIED = np.dtype(
         # Actuator
         ("gain", np.float64, 2),  # real / nominal torque
         ("delay", np.float64),  # [physics steps]
+        ("delay_samples", np.float64),  # of computation, which a block's delay includes [control steps]
         ("lag", np.float64),  # time constant [physics steps]
         ("rate_limit", np.float64, 2),  # [N m / physics step], may be infinite
     ]
@@ -131,7 +132,6 @@ SETTINGS = np.dtype(
         # Actuator
         ("torque_limit", np.float64, 2),  # [N m], may be infinite
         ("delay_steps", np.int64),  # the longest delay in control steps, rounded up
-        ("computation_delay", np.float64),  # [physics steps]
         ("torque_varies", np.bool_),  # torque or disturbance may change within a control step
         # Reference
         ("reference_kind", np.int64),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fbl_gym import memory
 from fbl_gym.arm import Array, inertia_matrix
-from fbl_gym.checks import Pair, check_choice, check_whole
+from fbl_gym.checks import Pair, check_choice, check_number, check_whole
 from fbl_gym.events import EVENTS, DriveChange
 from fbl_gym.interface import ACTIONS, Interface, make_layout
 from fbl_gym.memory import FIRST_VARIED, LANES, SETTINGS, VARIED
@@ -28,6 +28,7 @@ from fbl_gym.references import (
 )
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
+from fbl_gym.scenarios.scenario import MAX_STEPS
 from fbl_gym.streams import stream_key
 from fbl_gym.uncertainty import (
     PARAMETERS,
@@ -130,7 +131,7 @@ def make_program(
     settings["max_position"], settings["max_velocity"] = limits.position, limits.velocity
     settings["max_acceleration"] = limits.acceleration
     settings["max_error"] = np.inf if limits.error is None else limits.error
-    settings["error_steps"] = math.ceil(limits.error_time / scenario.control_dt - 1e-9)
+    settings["error_steps"] = np.ceil(limits.error_time / scenario.control_dt - 1e-9)
     interface = _make_interface(scenario, action, settings, preview)
     settings["action_kind"] = ACTIONS.index(action)
     settings["action_limit"] = interface.action_limit
@@ -234,12 +235,23 @@ def _make_interface(scenario: Scenario, action: str, settings: Settings, preview
 
 def _datasheet(settings: Settings, scenario: Scenario) -> dict[str, Any]:
     """Return the fields of `Interface` that the datasheets of drives and sensors state."""
-    actuator, dt = scenario.actuator, scenario.control_dt
-    delays, computation = np.array(ends(actuator.delay)), actuator.delay_samples * dt
+    actuator, joint, dt = scenario.actuator, scenario.joint, scenario.control_dt
     rate = actuator.rate_limit
     errors = [getattr(scenario.noise, name, None) or SensorError() for name in SENSORS]
-    return {
-        "delay": tuple((delays + computation).tolist()),
+    springs: dict[str, Any] = {}
+    if joint is not None:
+        stiffness, damping = ([ends(each) for each in both] for both in (joint.stiffness, joint.damping))  # type: ignore[union-attr]
+        springs = {
+            "stiffness": tuple(zip(*stiffness, strict=True)),
+            "damping": tuple(zip(*damping, strict=True)),
+            "rotor_inertia": scenario.rotor,
+            "backlash": tuple(ends(each)[1] for each in joint.backlash),  # type: ignore[union-attr]
+            "encoder": joint.encoder,
+        }
+    return springs | {
+        "delay": tuple(
+            x + round(n) * dt for x, n in zip(ends(actuator.delay), ends(actuator.delay_samples), strict=True)
+        ),
         "lag": ends(actuator.lag),
         "rate_limit": None if rate is None else tuple(ends(each)[0] for each in rate),  # type: ignore[union-attr]
         "latency": 0.0 if scenario.encoder is None else scenario.encoder.latency * dt,
@@ -365,13 +377,13 @@ def _pack_joint(settings: Settings, numbers: _Numbers, scenario: Scenario) -> No
 def _pack_actuator(settings: Settings, numbers: _Numbers, scenario: Scenario) -> None:
     actuator = scenario.actuator
     settings["torque_limit"] = np.inf if actuator.torque_limit is None else actuator.torque_limit
-    longest, scale = ends(actuator.delay)[1], 1 / scenario.physics_dt
-    samples = actuator.delay_samples
+    scale, samples = 1 / scenario.physics_dt, round(ends(actuator.delay_samples)[1])
+    longest = check_number("actuator.delay", ends(actuator.delay)[1], high=MAX_STEPS * scenario.physics_dt)
     delay = samples * scenario.substeps + round(longest * scale)
     steps = -(-delay // scenario.substeps)
     _check_size("actuator.delay", longest, " s", 2 * _PAIR * (steps - samples))
     _check_size("actuator.delay_samples", samples, "", 2 * _PAIR * samples)
-    settings["delay_steps"], settings["computation_delay"] = steps, samples * scenario.substeps
+    settings["delay_steps"] = steps
     # The state has the actions on their way, and the one that a slow drive still follows.
     slow = ends(actuator.lag)[1] > 0 or actuator.rate_limit is not None
     settings["past_actions"] = delay // scenario.substeps + 1 if slow else steps
@@ -379,6 +391,7 @@ def _pack_actuator(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
     numbers.set("rate_limit", rate, "actuator.rate_limit", scale=scenario.physics_dt)
     numbers.set("gain", actuator.gain, "actuator.gain")
     numbers.set("delay", actuator.delay, "actuator.delay", scale=scale)
+    numbers.set("delay_samples", actuator.delay_samples, "actuator.delay_samples")
     numbers.set("lag", actuator.lag, "actuator.lag", scale=scale)
     settings["torque_varies"] = steps > 0 or slow
 

@@ -136,10 +136,15 @@ def pair(
     return declared(default, convert, form, unit, tune=tune, optional=optional)
 
 
-def whole(default: Any = MISSING, *, low: int = 0) -> Any:
-    """Declare a whole number not below `low`."""
-    convert = lambda name, value: check_whole(name, value, low=low)  # noqa: E731
-    return declared(default, convert, f"a whole number not below {low}")
+def whole(default: Any = MISSING, *, low: int = 0, varies: bool = False) -> Any:
+    """Declare a whole number not below `low`; draws of a distribution are to be rounded."""
+
+    def convert(name: str, value: Any) -> Any:
+        if varies and isinstance(value, Distribution | Mapping):
+            return _check_varying(name, value, low=low)
+        return check_whole(name, value, low=low)
+
+    return declared(default, convert, f"a whole number{' or distribution' * varies} not below {low}")
 
 
 def choice(default: Any, known: Iterable[str]) -> Any:

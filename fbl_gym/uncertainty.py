@@ -321,7 +321,8 @@ class Actuator(Record):
         delay: time from command to torque, a multiple of physics_dt; a draw is rounded to one.
         lag: time constant of a first-order lag after the delay; 0: no lag.
         gain: real / nominal torque, the error of the torque constant.
-        delay_samples: control samples from reading to command, which adds to `delay`.
+        delay_samples: control samples from reading to command, which adds to `delay`; a draw is
+            rounded to a whole number.
         rate_limit: largest change of the torque per time, before the lag; None: no limit.
     """
 
@@ -329,5 +330,5 @@ class Actuator(Record):
     delay: Number = number(0.0, unit="s", varies=True, low=0)
     lag: Number = number(0.0, unit="s", varies=True, low=0)
     gain: Numbers = pair(1.0, varies=True, low=0)
-    delay_samples: int = whole(0)
+    delay_samples: Number = whole(0, varies=True)
     rate_limit: Numbers | None = pair(None, unit="N m/s", varies=True, above=0)

@@ -332,7 +332,7 @@ def _loop(
         raise NotLinear("the law changes from sample to sample")
     loop = LinearLoop(
         control_dt=scenario.control_dt,
-        delay=middle(drive.delay) + drive.delay_samples * scenario.control_dt,
+        delay=middle(drive.delay) + middle(drive.delay_samples) * scenario.control_dt,
         lag=middle(drive.lag),
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
         inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]) * truth.gain[0],

@@ -99,6 +99,13 @@ def add_store(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_policies(parser: argparse.ArgumentParser) -> None:
+    """Add one policy or more."""
+    parser.add_argument(
+        "policies", nargs="+", type=policy_name, metavar="POLICY", help="one or more, as for `fbl-gym evaluate`"
+    )
+
+
 def add_policy(parser: argparse.ArgumentParser) -> None:
     """Add one policy."""
     parser.add_argument(

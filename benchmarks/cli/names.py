@@ -12,9 +12,9 @@ import controllers
 from benchmarks.paper import claims
 from benchmarks.policies.apart import reason_of
 from benchmarks.run.suite import SUITES
+from controllers.composition import PARTS, gain_name
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.descriptions import Description, describe
-from fbl_gym.scenarios import SEVERITIES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,13 +39,15 @@ def _policy(name: str) -> str:
 
 def _scenarios() -> dict[str, str]:
     """Return each scenario, with one entry for all severities of a family."""
-    texts = {}
+    severities: dict[str, list[str]] = {}
     for name in scenarios.names():
         member = scenarios.member(name)
-        if member is None or member.family == "nominal":
-            texts[name] = scenarios.get(name).description
-        elif member.severity == SEVERITIES[0]:
-            texts[f"{name} to -{SEVERITIES[-1]}"] = scenarios.get(name).description
+        one = member is None or not name.endswith(f"-{member.severity}")
+        severities.setdefault(name if one else name[:-2], []).append(name)
+    texts = {}
+    for each in severities.values():
+        last = f", {each[-1][-2:]}" if len(each) == 2 else f" to {each[-1][-2:]}"
+        texts[each[0] + (last if each[1:] else "")] = scenarios.get(each[0]).description
     return texts
 
 
@@ -54,7 +56,10 @@ def _options() -> dict[str, str]:
 
 
 def _gains() -> dict[str, str]:
-    """Return the gains of each law. The laws whose extra is not installed are left out."""
+    """Return the gains of each law, then those of the parts.
+
+    The laws whose extra is not installed are left out.
+    """
     texts: dict[str, str] = {}
     for name in controllers.names():
         if controllers.kind(name) == "classical":
@@ -63,6 +68,9 @@ def _gains() -> dict[str, str]:
             except ImportError:
                 continue
             texts |= {gain.path: _line(gain) for gain in describe(law, f"{name}.")}  # type: ignore[arg-type]
+    for name, part in PARTS.items():
+        prefix = f"+{name} {gain_name(name, '')}"
+        texts |= {gain.path: _line(gain) for gain in describe(part, prefix)}
     return texts
 
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
-import re
 from pathlib import Path
 
-from benchmarks.cli.common import add_policy, command_line, count
-from benchmarks.policies.spec import PolicySpec, resolve
-from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, ship, summary, tune
+from benchmarks.cli.common import add_policies, command_line, count
+from benchmarks.policies.spec import resolve
+from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, summary, tune, write_gains
 from controllers.registry import TUNED
+from fbl_gym.scenarios import as_scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    add_policy(parser)
+    add_policies(parser)
     parser.add_argument(
         "--trials", type=count, default=40, metavar="N", help="number of trials, those of earlier runs counted (40)"
     )
@@ -30,49 +29,64 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fresh-seeds", type=count, default=128, metavar="N", help="tuning seeds to judge on, of each scenario (128)"
     )
     parser.add_argument(
-        "--scenarios", nargs="+", metavar="S",
-        help=f"scenarios of trials and judging ({len(SCENARIOS)} of the board's, then {len(JUDGED)})",
+        "--scenario", nargs="+", action="extend", metavar="S",
+        help=f"scenarios of trials and judging ({len(SCENARIOS)}, then {len(JUDGED)}, that fbl-gym comes with)",
     )  # fmt: skip
     parser.add_argument(
         "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",
         help="folder of the studies; several processes may share it, and a stopped study goes on (results/tuning)",
     )  # fmt: skip
-    parser.add_argument(
+    parser.add_argument("--jobs", type=count, default=1, metavar="N", help="policies that are tuned at a time (1)")
+    target = parser.add_mutually_exclusive_group()
+    target.add_argument(
+        "--out", type=Path, default=Path("results/gains"), metavar="DIR",
+        help="folder for the gains, which POLICY@DIR then names (results/gains)",
+    )  # fmt: skip
+    target.add_argument(
         "--ship",
         action="store_true",
-        help=f"write the gains of a built-in policy to {TUNED.parent.name}/{TUNED.name}",
+        help=f"write the gains of built-in policies to {TUNED.parent.name}/{TUNED.name}, for POLICY@tuned",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status."""
-    policy = resolve(arguments.policy)
-    if arguments.ship and policy.external:
-        raise ValueError(
-            f"--ship is for the policies that fbl-gym comes with, got {policy.name!r}: "
-            "leave it out, and make the best gains the law's defaults"
-        )
+    from joblib import Parallel, delayed
+
     tried, fresh = seeds(arguments.seeds, arguments.fresh_seeds)
-    task = Task(policy, tuple(arguments.scenarios or SCENARIOS), tried)
-    judging = Task(policy, tuple(arguments.scenarios or JUDGED), fresh)
-    study = tune(task, arguments.trials, arguments.storage / f"{_study(policy)}.db", dict(arguments.also))
-    best = summary(task, study, judging, judge(judging, study, arguments.candidates), command_line())
-    print(json.dumps({key: best[key] for key in ("gains", "judged")}, indent=1))
-    if arguments.ship:
-        print(f"shipped: {ship(best)}")
-    elif best["gains"]:
-        gains = " ".join(f"{name}={value:g}" for name, value in best["gains"].items())
-        print(
-            f"best: {gains}; try them: fbl-gym evaluate {policy.name} --gains {gains}; then make them the law's defaults"
+    pairs = []
+    for policy in map(resolve, dict.fromkeys(arguments.policies)):
+        if arguments.ship and (policy.external or "@" in policy.name):
+            raise ValueError(f"--ship is for the laws that fbl-gym comes with, got {policy.name!r}: give --out instead")
+        task, judging = (
+            Task(policy, tuple(map(as_scenario, arguments.scenario or names)), numbers)
+            for names, numbers in ((SCENARIOS, tried), (JUDGED, fresh))
         )
-    else:
-        print("best: the default gains")
+        task.check(dict(arguments.also))
+        pairs.append((task, judging))
+    texts = Parallel(n_jobs=min(arguments.jobs, len(pairs)), return_as="generator_unordered")(
+        delayed(_tune)(task, judging, arguments, command_line()) for task, judging in pairs
+    )
+    for text in texts:
+        print(text, flush=True)
     return 0
 
 
-def _study(policy: PolicySpec) -> str:
-    """Return the name of a study's file. An external law that has changed begins a new study."""
-    return re.sub(r"[^\w@.-]+", "_", policy.name) + (f"-{policy.digest[:12]}" if policy.external else "")
+def _tune(task: Task, judging: Task, arguments: argparse.Namespace, command: str) -> str:
+    """Tune one policy, write its gains, and return the verdict in words."""
+    name = task.policy.name
+    study = tune(task, arguments.trials, arguments.storage, dict(arguments.also))
+    best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)
+    path = write_gains(best, TUNED if arguments.ship else arguments.out)
+    verdicts = best["judged"]["best_first"]
+    defaults = next(verdict for verdict in verdicts if verdict["trial"] == 0)
+    gains = " ".join(f"{gain}={value:g}" for gain, value in best["gains"].items()) or "the default gains are best"
+    return (
+        f"{name}: {gains}\n"
+        f"  objective {verdicts[0]['objective']:.3f}, diverged {verdicts[0]['diverged_pct']:.2g} %; "
+        f"of the default gains {defaults['objective']:.3f}, {defaults['diverged_pct']:.2g} %\n"
+        f"  {path}: use them as {name}@{'tuned' if arguments.ship else arguments.out}"
+    )
 
 
 def _gain(text: str) -> tuple[str, float]:

@@ -1,22 +1,25 @@
 """Tuning of a policy's gains on the tuning seeds, with Optuna; it counts the cost.
 
-The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter). Error is the mean
-error_pct of the seeds; a diverged run counts as half a turn from then on. Chatter is the torque's
-total variation in full swings of both limits per second. Because of the logarithms, a scenario
-counts by the relative change of its error.
+The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter), plus log(2) for each
+percent of diverged runs. The error is the geometric mean of error_pct over the runs; a diverged run
+counts as half a turn from then on. The chatter of a run is the total variation of its torque per
+second, divided by the root mean square of its torque. Because of the logarithms, a scenario counts
+by the relative change of its error.
 
-Trials use few scenarios and seeds, so they miss a divergence in some hundred runs. The best trials
-and the defaults are therefore judged on more scenarios, those of severity 3 among them, and on
-tuning seeds that no trial used. There each percent of diverged runs adds to the objective, since
-the logarithms hardly count a few of them. The gains that are judged best are shipped.
+Trials use few scenarios and seeds. The best trials and the defaults are therefore judged with the
+same objective on more scenarios, and on tuning seeds that no trial used. The gains that are judged
+best are written to a file.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
+import math
 import os
 import platform
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,14 +30,14 @@ import numpy as np
 import optuna
 import sqlalchemy
 
+from benchmarks.analysis.transfer import FLOOR_PCT
 from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec, resolve
-from benchmarks.run.metrics import measure, summarize
+from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
-from benchmarks.run.suite import leaderboard_scenarios
+from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
-from controllers.registry import TUNED
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, unknown
 from fbl_gym.records import set_fields, tuning_ranges
@@ -42,27 +45,32 @@ from fbl_gym.records import set_fields, tuning_ranges
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
 
-DIVERGENCE_COST = 1.0
-"""Weight of each percent of diverged runs in judging: as much as an error e times as large."""
+DIVERGENCE = math.log(2.0)
+"""Price of each percent of diverged runs: as much as twice the error."""
 
 SCENARIOS = (
-    "nominal", "mixed-error-2", "smaller-error-2", "payload-2", "noise-2", "stiction-2", "disturbance-2", "everything-2",
-    "section-2-2/everything-2",
+    "practice-nominal", "practice-model-error-3", "practice-delay-1", "practice-delay-3", "practice-lag-3",
+    "practice-friction-3", "practice-disturbance-3", "practice-elastic-1", "practice-elastic-3", "practice-saturation-1",
+    "practice-everything-1", "practice-everything-3",
 )  # fmt: skip
 """The scenarios of the trials."""
 
-JUDGED = (
-    *leaderboard_scenarios(["table-1"], [2, 3]), "section-2-2/everything-2", "section-2-2/everything-3",
-)  # fmt: skip
+JUDGED = scenarios.in_tier("practice")
 """The scenarios that the best trials and the defaults are judged on."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """A policy to tune, with the names of scenarios and the seeds of each."""
+    """A policy to tune, with scenarios and the seeds of each.
+
+    Args:
+        policy: its specification, or the text that names it.
+        scenarios: the tasks.
+        seeds: of each scenario.
+    """
 
     policy: PolicySpec
-    names: tuple[str, ...]
+    scenarios: tuple[Scenario, ...]
     seeds: range
 
     def __post_init__(self) -> None:
@@ -79,31 +87,45 @@ class Task:
             )
         return ranges
 
-    @property
-    def tasks(self) -> list[Scenario]:
-        """The scenarios."""
-        return [scenarios.get(name) for name in self.names]
+    def check(self, gains: Mapping[str, float]) -> None:
+        """Refuse gains that are unknown or outside of their ranges."""
+        ranges = self.ranges
+        for name, value in gains.items():
+            if name not in ranges:
+                raise unknown(f"gain of {self.policy.name}", name, ranges)
+            low, high = ranges[name]
+            check_number(name, value, low=low, high=high)
 
     @property
     def steps(self) -> int:
         """Environment steps of one set of gains."""
-        return sum(task.steps for task in self.tasks) * len(self.seeds)
+        return sum(scenario.steps for scenario in self.scenarios) * len(self.seeds)
 
     @property
     def described(self) -> dict[str, Any]:
         """Scenarios and seeds as plain data."""
-        return {"scenarios": list(self.names), "seeds": [self.seeds.start, self.seeds.stop]}
+        names = [scenario.name for scenario in self.scenarios]
+        return {"scenarios": names, "seeds": [self.seeds.start, self.seeds.stop]}
+
+    @property
+    def digest(self) -> str:
+        """Hash of the policy, the scenarios and the seeds, 12 hexadecimal digits."""
+        keys = [Cell(self.policy, scenario, tuple(self.seeds)).key for scenario in self.scenarios]
+        return hashlib.sha256("".join(keys).encode()).hexdigest()[:12]
 
     def cost(self, gains: Mapping[str, float]) -> tuple[float, float]:
         """Return the objective of gains (lower is better) and the share of diverged runs [%]."""
         costs, diverged = [], []
-        for task in self.tasks:
-            mean = summarize(measure(rollout(self.policy, task, self.seeds, gains)))
-            limit = task.actuator.torque_limit
-            assert limit is not None
-            costs.append(np.log(mean["error_pct"]) + CHATTER * np.log1p(mean["variation"] / np.sum(limit)))
-            diverged.append(mean["diverged"])
-        return float(np.mean(costs)), 100 * float(np.mean(diverged))
+        for scenario in self.scenarios:
+            runs = measure(rollout(self.policy, scenario, self.seeds, gains))
+            error, variation, torque, lost = (
+                np.array([run[name] for run in runs]) for name in ("error_pct", "variation", "torque_rms", "diverged")
+            )
+            chatter = variation / np.maximum(torque, 1e-9)
+            costs.append(np.mean(np.log(np.maximum(error, FLOOR_PCT)) + CHATTER * np.log1p(chatter)))
+            diverged.append(100 * lost.mean())
+        share = float(np.mean(diverged))
+        return float(np.mean(costs)) + DIVERGENCE * share, share
 
 
 def seeds(trial: int, fresh: int) -> tuple[range, range]:
@@ -117,20 +139,24 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
 
 
 def tune(
-    task: Task, trials: int, storage: Path, also: Mapping[str, float] | None = None, sampler_seed: int | None = None
+    task: Task, trials: int, folder: Path, also: Mapping[str, float] | None = None, sampler_seed: int | None = None
 ) -> optuna.Study:
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
-    Several processes may share the file `storage`. The gains `also`, such as those of an earlier
-    study, are one of the trials. Without a `sampler_seed`, each run and process has a new one, so
-    that no trial is repeated.
+    Other code, scenarios or seeds begin another study. Several processes may share it. The gains
+    `also`, such as those of an earlier study, are one of the trials. Without a `sampler_seed`, each
+    run and process has a new one, so that no trial is repeated.
+
+    Args:
+        task: to be tuned.
+        trials: how many.
+        folder: of the studies' files.
+        also: gains to try.
+        sampler_seed: of Optuna's sampler.
     """
+    task.check(also or {})
     ranges = task.ranges
-    for name, value in (also or {}).items():
-        if name not in ranges:
-            raise unknown(f"gain of {task.policy.name}", name, ranges)
-        low, high = ranges[name]
-        check_number(name, value, low=low, high=high)
+    storage = study_path(task, folder)
     storage.parent.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.ERROR)  # a stopped trial is a warning with a traceback
     study = _study(task.policy.name, storage, optuna.samplers.TPESampler(seed=sampler_seed))
@@ -154,6 +180,11 @@ def tune(
     finally:
         _close_stale(study, including=_process())
     return study
+
+
+def study_path(task: Task, folder: Path) -> Path:
+    """Return the file of a task's study."""
+    return folder / file_name(task.policy.name).replace(".json", f"-{task.digest}.db")
 
 
 def _study(name: str, path: Path, sampler: optuna.samplers.BaseSampler, attempts: int = 30) -> optuna.Study:
@@ -208,7 +239,7 @@ def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, An
     verdicts = []
     for trial, values in {0: dict[str, float](), **gains}.items():
         verdict = study.user_attrs.get(f"judged {trial}")
-        if verdict is None or verdict["on"] != task.described:
+        if verdict is None or verdict["on"] != task.digest:
             begin = time.process_time()
             cost, diverged = task.cost(values)
             verdict = {
@@ -217,11 +248,11 @@ def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, An
                 "objective": cost,
                 "diverged_pct": diverged,
                 "cpu_s": time.process_time() - begin,
-                "on": task.described,
+                "on": task.digest,
             }
             study.set_user_attr(f"judged {trial}", verdict)
         verdicts.append(verdict)
-    return sorted(verdicts, key=lambda verdict: verdict["objective"] + DIVERGENCE_COST * verdict["diverged_pct"])
+    return sorted(verdicts, key=lambda verdict: verdict["objective"])
 
 
 def summary(
@@ -250,10 +281,14 @@ def summary(
     }
 
 
-def ship(summary: dict[str, Any], folder: Path = TUNED) -> Path:
-    """Write the result of `summary` where `controllers` reads it as POLICY@tuned.
+def write_gains(summary: dict[str, Any], folder: Path) -> Path:
+    """Write the result of `summary` to a file, for use as POLICY@FOLDER.
 
     Of the judged trials, the file has the number and the errors of the best and of the defaults.
+
+    Args:
+        summary: to be written.
+        folder: of the file. In `TUNED`, the gains are those of POLICY@tuned.
     """
     verdicts = summary["judged"]["best_first"]
     (defaults,) = (verdict for verdict in verdicts if verdict["trial"] == 0)
@@ -261,6 +296,11 @@ def ship(summary: dict[str, Any], folder: Path = TUNED) -> Path:
     del judged["best_first"]
     entries = {**summary, "judged": judged}
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
-    path = folder / f"{summary['policy']}.json"
+    path = folder / file_name(summary["policy"])
     write_text(path, f"{{\n{lines}\n}}\n")
     return path
+
+
+def file_name(policy: str) -> str:
+    """Return the name of the file with the gains of a policy, such as "pid-flm.json"."""
+    return re.sub(r"[^\w.+-]+", "_", policy) + ".json"

@@ -217,20 +217,24 @@ def _compile(fingerprint):
 
     @cached_njit
     def inspect(memory, shown, out):
-        """Write the truth of each lane to `out` [lanes x (rows + 7)].
+        """Write the truth of each lane to `out` [lanes x (rows + 7 + commands)].
 
         Args:
             memory: of the batch, see `memory.py`.
             shown: rows of a block that come first.
-            out: takes them, then time, acceleration, friction torque and leakage.
+            out: takes them, then time, acceleration, friction torque, leakage, and the last torque
+                commands as far as there are columns.
         """
         _ = fingerprint
         settings, column = record_at(memory, 0, SETTINGS), len(shown)
         for i in range(len(out)):
             place, lane = settings.blocks + i // LANES * settings.block_size, i % LANES
-            block, rows = record_at(memory, place, BLOCK), array_at(memory, place, (ROWS, LANES), np.float64)
+            block = record_at(memory, place, BLOCK)
+            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
+            for k in range(column + 7, out.shape[1]):
+                out[i, k] = rows[ROWS + k - column - 7, lane]
             law, linear = settings.friction_law, settings.stribeck_linear
             a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law, linear)
             if settings.elastic:

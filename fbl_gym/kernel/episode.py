@@ -103,7 +103,7 @@ def _draw(block, rows, settings, tables, lane):
         rows[row, lane] = np.rint(rows[row, lane])
     block.payload_pick_up[lane] = np.rint(block.payload_pick_up[lane])
     block.payload_drop[lane] = np.rint(block.payload_drop[lane])
-    block.delay[lane] = np.rint(block.delay[lane]) + settings.computation_delay
+    block.delay[lane] = np.rint(block.delay[lane]) + settings.substeps * np.rint(block.delay_samples[lane])
     if settings.stribeck_squared:
         for joint in range(2):
             block.v_s[joint, lane] *= block.v_s[joint, lane]

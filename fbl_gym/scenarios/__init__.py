@@ -1,41 +1,83 @@
-"""Scenarios by name: the paper's figures and the families of the leaderboard.
+"""Scenarios by name: the paper's figures, laboratories' arms and the tiers of the leaderboard.
 
 `get(name)` returns a scenario of the paper (`paper-3a` to `paper-10`), of a laboratory's arm
-(`dfki-c1`, `dfki-a0`, `cicese`) or of a family (`nominal`, `mass-error-0` to `everything-3`).
-`Scenario` describes any other task.
+(`dfki-c1`, `dfki-a0`, `cicese`) or of a tier (`nominal`, `everything-3`, `hardware-delay-2`,
+`surprise-knock`, `practice-friction-1`). `Scenario` describes any other task.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
-from fbl_gym.checks import unknown
+from fbl_gym.checks import check_choice, unknown
 from fbl_gym.plants import WORLDS
 from fbl_gym.records import build
-from fbl_gym.scenarios.families import MEMBERS, SEVERITIES, Member, arms, families, family, member
+from fbl_gym.scenarios import hardware, ideal
+from fbl_gym.scenarios.hardware import conditions, judged
+from fbl_gym.scenarios.ideal import SEVERITIES, Member, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.real import REAL
 from fbl_gym.scenarios.scenario import Scenario
+from fbl_gym.scenarios.worlds import in_world
 
 __all__ = [
     "SEVERITIES",
+    "TIERS",
     "WORLDS",
     "Member",
     "Scenario",
     "arms",
     "as_scenario",
+    "conditions",
     "families",
     "family",
     "get",
+    "in_tier",
     "in_world",
+    "judged",
     "member",
     "names",
 ]
 
+TIERS = {
+    "hardware": "the board: drives, sensors and friction as in laboratories, one thing pushed further in each family",
+    "surprise": "the same arm changes during the episode, or is another one",
+    "practice": "for tuning and training: the families of hardware with another motion",
+    "ideal": "the paper's assumptions: no delay, no lag, exact sensors; one kind of uncertainty in each family",
+}
+"""The tiers of the leaderboard's scenarios, each with one line."""
+
+_MEMBERS = ideal.MEMBERS | hardware.MEMBERS
+
 
 def names() -> tuple[str, ...]:
-    """Return every name that `get` knows: the paper's figures, laboratories' arms, families."""
-    return (*FIGURES, *REAL, *MEMBERS)
+    """Return every name that `get` knows: the paper's figures, laboratories' arms, tiers."""
+    return (*FIGURES, *REAL, *_MEMBERS)
+
+
+def in_tier(tier: str, severities: Collection[int] = SEVERITIES[1:]) -> tuple[str, ...]:
+    """Return the names of a tier's scenarios.
+
+    Args:
+        tier: one of `TIERS`.
+        severities: of the families; names without a severity are always returned.
+    """
+    check_choice("tier", tier, TIERS)
+    return tuple(
+        name
+        for name, member in _MEMBERS.items()
+        if member.tier == tier and (member.severity in severities or (member.severity == 0 and name[-2:] != "-0"))
+    )
+
+
+def member(name: str) -> Member | None:
+    """Return family, severity, arm and tier of a scenario; None if it belongs to no tier.
+
+    Args:
+        name: of the scenario, which may end in a rate or a world: "section-2-2/noise-2@1000Hz".
+    """
+    return _MEMBERS.get(name.partition("@")[0])
 
 
 def get(name: str) -> Scenario:
@@ -49,24 +91,14 @@ def get(name: str) -> Scenario:
         return in_world(get(name), world)
     if name in FIGURES or name in REAL:
         return (FIGURES | REAL)[name]
-    if name in MEMBERS:
-        return family(*MEMBERS[name])
-    severities = [f"{name}-{severity}" for severity in SEVERITIES]
-    if severities[0] in MEMBERS:
+    if name in hardware.MEMBERS:
+        return hardware.get(name)
+    if name in ideal.MEMBERS:
+        return family(*ideal.MEMBERS[name][:3])
+    severities = [other for other in _MEMBERS if other.startswith(f"{name}-") and other[-1].isdigit()]
+    if severities:
         raise ValueError(f"scenario {name!r} needs a severity: {', '.join(severities[:-1])} or {severities[-1]}")
     raise unknown("scenario", name, names())
-
-
-def in_world(scenario: Scenario, world: str) -> Scenario:
-    """Return a scenario whose real arm another engine moves.
-
-    Args:
-        scenario: the task.
-        world: one of `WORLDS`.
-    """
-    if world not in WORLDS:
-        raise unknown("world", world, WORLDS)
-    return scenario.replace(name=f"{scenario.name}@{world}", plant=WORLDS[world])
 
 
 def as_scenario(value: Any) -> Scenario:

@@ -100,7 +100,7 @@ def test_workers_end_within_five_seconds_of_a_killed_parent(how, workers, start)
 
 
 def test_other_commands_say_what_is_kept_too(tmp_path):
-    command = ["tune", "pd-gravity", "--trials", "100000", "--seeds", "1", "--scenarios", "nominal", "--storage"]
+    command = ["tune", "pd-gravity", "--trials", "100000", "--seeds", "1", "--scenario", "nominal", "--storage"]
     process = subprocess.Popen(
         [sys.executable, "-m", "fbl_gym", *command, str(tmp_path)], stderr=subprocess.PIPE, text=True,
     )  # fmt: skip

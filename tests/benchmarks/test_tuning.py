@@ -1,6 +1,7 @@
 """Trials find gains, and fresh seeds judge them."""
 
 import json
+import math
 import os
 import platform
 import shlex
@@ -13,10 +14,13 @@ import pytest
 from benchmarks import cli
 from benchmarks.cli.common import gain
 from benchmarks.seeds import SPLITS
-from benchmarks.tuning.search import JUDGED, Task, judge, seeds, ship, summary, tune
+from benchmarks.tuning.search import Task, judge, seeds, study_path, summary, tune
+from fbl_gym import Scenario, scenarios
+
+NOMINAL = (Scenario(),)
 
 # Of the defaults (trial 0) and two others: kp, the objective of the trial, then objective and diverged runs [%] on fresh seeds.
-TRIALS = ((None, 1.0, (0.5, 0.0)), (100.0, -3.0, (-2.9, 4.0)), (50.12345, -2.0, (-1.9, 0.0)))
+TRIALS = ((None, 1.0, (0.5, 0.0)), (100.0, -3.0, (0.9, 4.0)), (50.12345, -2.0, (-1.9, 0.0)))
 
 
 @pytest.fixture
@@ -45,7 +49,7 @@ def asked(monkeypatch):
 def test_fresh_seeds_overrule_the_trials(study, asked):
     """Trial 1 was best and fails on fresh seeds, so trial 2 is shipped. The defaults are judged in any case."""
     tried, fresh = seeds(16, 128)
-    task, judging = Task("pid-flm", ("nominal",), tried), Task("pid-flm", JUDGED, fresh)
+    task, judging = Task("pid-flm", NOMINAL, tried), Task("pid-flm", (*NOMINAL, scenarios.get("noise-2")), fresh)
     verdicts = judge(judging, study, 2)
     assert [verdict["trial"] for verdict in verdicts] == [2, 0, 1]
     found = summary(task, study, judging, verdicts, "")
@@ -71,8 +75,8 @@ def test_judging_is_on_tuning_seeds_that_no_trial_saw():
 
 
 def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmarks.cli.tune.ship", lambda found: ship(found, tmp_path))
-    few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
+    monkeypatch.setattr("benchmarks.cli.tune.TUNED", tmp_path)
+    few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenario", "nominal"]
     arguments = ["tune", "pid-flm", *few, "--storage", str(tmp_path), "--ship"]
     assert cli.main([*arguments, "--trials", "2"]) == 0
     assert json.loads((tmp_path / "pid-flm.json").read_text())["trials"]["count"] == 2
@@ -85,8 +89,21 @@ def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert found["judged"]["count"] == 3
     assert found["judged"]["defaults"]["trial"] == 0
     assert set(found["gains"]) in (set(), {"kp", "ki", "kd"})
-    study = optuna.load_study(study_name="pid-flm", storage=f"sqlite:///{tmp_path / 'pid-flm.db'}")
+    (path,) = tmp_path.glob("*.db")
+    assert path == study_path(Task("pid-flm", (scenarios.get("nominal"),), seeds(2, 3)[0]), tmp_path)
+    study = optuna.load_study(study_name="pid-flm", storage=f"sqlite:///{path}")
     assert [trial.params.get("kp") == 3756 for trial in study.trials] == [False, False, True, False, False]
+
+
+def test_the_objective_needs_no_torque_limits_and_prices_each_diverged_run():
+    free = scenarios.get("nominal").replace(actuator=None)
+    stiff, soft = (Task("pd-gravity", (free,), range(4)).cost({"frequency": w}) for w in (10.0, 5.0))
+    assert stiff[1] == soft[1] == 0.0
+    assert stiff[0] < soft[0]
+    tight = free.replace(limits={"velocity": 1e-3})
+    objective, diverged = Task("pd-gravity", (free, tight), range(4)).cost({})
+    assert diverged == 50.0
+    assert objective > 50 * math.log(2)
 
 
 LAW = """
@@ -109,14 +126,12 @@ make_policy = Law
 def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "law.py").write_text(LAW)
-    few = shlex.split("--trials 3 --seeds 1 --fresh-seeds 1 --candidates 2 --scenarios nominal --also frequency=35")
+    few = shlex.split("--trials 3 --seeds 1 --fresh-seeds 1 --candidates 2 --scenario nominal --also frequency=35")
     for policy in ("law.py", "law.py:Law"):
         assert cli.main(["tune", policy, *few]) == 0
-        *_, last = capsys.readouterr().out.splitlines()
-        assert last.startswith("best: frequency=")
-        assert f"try them: fbl-gym evaluate {policy} --gains frequency=" in last
-        assert cli.main(shlex.split(last.partition("fbl-gym ")[2].partition(";")[0]) + ["--seeds", "1"]) == 0
-        capsys.readouterr()
+        first, _, last = capsys.readouterr().out.splitlines()
+        assert first.startswith(f"{policy}: frequency=")
+        assert last.endswith(f"use them as {policy}@results/gains")
     assert len(list((tmp_path / "results/tuning").iterdir())) == 2
     # Changed code is another law, of which nothing was tried.
     (tmp_path / "law.py").write_text(f"{LAW}changed = True\n")
@@ -135,21 +150,21 @@ def quick_cost(monkeypatch):
 
 @pytest.mark.usefixtures("quick_cost")
 def test_a_resumed_study_repeats_no_trial(tmp_path):
-    task = Task("pid-flm", ("nominal",), seeds(1, 1)[0])
+    task = Task("pid-flm", NOMINAL, seeds(1, 1)[0])
     for trials in (2, 3, 4, 5):
-        study = tune(task, trials, tmp_path / "study.db")
+        study = tune(task, trials, tmp_path)
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
 
 
 @pytest.mark.usefixtures("quick_cost")
 def test_trials_of_processes_that_ended_are_closed(tmp_path):
-    task = Task("pid-flm", ("nominal",), seeds(1, 1)[0])
-    study = tune(task, 1, tmp_path / "study.db")
+    task = Task("pid-flm", NOMINAL, seeds(1, 1)[0])
+    study = tune(task, 1, tmp_path)
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     for pid in (ended.pid, os.getppid()):
         study.ask().set_user_attr("process", f"{platform.node()} {pid}")
-    study = tune(task, 2, tmp_path / "study.db")
+    study = tune(task, 2, tmp_path)
     assert [trial.state.name for trial in study.trials] == ["COMPLETE", "FAIL", "RUNNING", "COMPLETE"]
 
 
@@ -158,10 +173,10 @@ def test_a_stopped_trial_is_closed(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Task, "cost", stop)
-    task = Task("pid-flm", ("nominal",), seeds(1, 1)[0])
+    task = Task("pid-flm", NOMINAL, seeds(1, 1)[0])
     with pytest.raises(KeyboardInterrupt):
-        tune(task, 1, tmp_path / "study.db")
-    study = optuna.load_study(study_name="pid-flm", storage=f"sqlite:///{tmp_path / 'study.db'}")
+        tune(task, 1, tmp_path)
+    study = optuna.load_study(study_name="pid-flm", storage=f"sqlite:///{study_path(task, tmp_path)}")
     assert [trial.state.name for trial in study.trials] == ["FAIL"]
 
 
@@ -190,7 +205,7 @@ def test_gains_are_the_policys(capsys):
         ("tune pid-fml", "did you mean 'pid-flm'?"),
         (
             "tune controllers.simple:PdGravity --ship",
-            "--ship is for the policies that fbl-gym comes with, got 'controllers.",
+            "--ship is for the laws that fbl-gym comes with, got 'controllers.",
         ),
         ("evaluate pid-flm --gains pk=3", "unknown argument of pid-flm 'pk'; did you mean 'kp'?"),
         ("evaluate pid-flm --gains kp=1,2,3", "got 'kp=1,2,3'"),
@@ -221,7 +236,7 @@ def test_two_processes_begin_one_study_together(tmp_path):
         "--fresh-seeds",
         "1",
     ]
-    line += ["--candidates", "1", "--scenarios", "nominal", "--storage", str(tmp_path)]
+    line += ["--candidates", "1", "--scenario", "nominal", "--storage", str(tmp_path), "--out", str(tmp_path)]
     both = [subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     for process in both:
         _, errors = process.communicate(timeout=300)

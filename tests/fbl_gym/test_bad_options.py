@@ -53,6 +53,8 @@ from tests.fbl_gym.episodes import ID
         ({"physics_dt": 1e-300}, "control_dt must be at most .* times physics_dt=1e-300 s, got 0.01 s"),
         ({"duration": 1.7e308}, "duration must be at most .* times control_dt=0.01 s"),
         ({"actuator": {"delay": 1.7e308}}, "actuator.delay must be at most .* times physics_dt"),
+        ({"actuator": {"delay": {"uniform": [0, 1.7e308]}}}, "actuator.delay must be .* not above 9.0072e\\+12"),
+        ({"actuator": {"delay_samples": {"choice": [0, -1]}}}, "delay_samples.* not below 0, got -1"),
         ({"reward": {"worst": 1e-300}}, "worst / resolution must be from 1e-9 to 1e15"),
         ({"reward": {"weight_effort": 1.7e308, "weight_chatter": 1.7e308}}, "must be finite"),
     ],

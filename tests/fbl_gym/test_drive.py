@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fbl_gym import TABLE_1, TwoLinkArmEnv
+from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import forward_dynamics, gravity_torque
 from tests.fbl_gym.paired_runs import PLANT, plain, play, same, torques, watch
 
@@ -86,6 +86,36 @@ def test_delay_samples_delay_by_whole_control_steps():
         theirs = play(actuator={"delay": samples * 0.01 + delay})
         np.testing.assert_array_equal(ours[1], theirs[1])
         assert same(ours[2], theirs[2], *PLANT)
+
+
+def test_the_computation_delay_may_vary():
+    """Each episode has the delay of its draw, and its observation has the actions of the longest."""
+    env = TwoLinkArmVectorEnv(32, actuator={"delay_samples": {"choice": [0, 2]}, "delay": 0.003})
+    env.reset(seed=0)
+    delays = env.truth.delay
+    assert set(delays.round(6)) == {0.003, 0.023}
+    assert env.layout["previous_actions"].stop - env.layout["previous_actions"].start == 6
+    for delay in (0.003, 0.023):
+        lane = int(np.argmin(np.abs(delays - delay)))
+        one = TwoLinkArmVectorEnv(1, actuator={"delay": delay})
+        one.reset(seed=lane)
+        env.reset(seed=0)
+        for k in range(10):
+            env.step(np.full((32, 2), 0.02 * k))
+            one.step(np.full((1, 2), 0.02 * k))
+            np.testing.assert_array_equal(env.truth.position[lane], one.truth.position[0])
+
+
+def test_the_truth_has_the_state_of_the_drive():
+    env = TwoLinkArmEnv(action="torque", actuator={"delay_samples": 1, "delay": 0.004, "lag": 0.02, "rate_limit": 9e4})
+    env.reset(seed=0)
+    assert (env.truth.delay, env.truth.lag) == (pytest.approx(0.014), pytest.approx(0.02))
+    np.testing.assert_allclose(env.truth.rate_limit, 9e4)
+    held = env.truth.applied_torque
+    np.testing.assert_array_equal(env.truth.commands, [held] * 3)
+    for torque in ((3.0, 1.0), (4.0, 2.0)):
+        env.step(torque)
+    np.testing.assert_array_equal(env.truth.commands, [(4.0, 2.0), (3.0, 1.0), held])
 
 
 @pytest.mark.parametrize(

@@ -154,6 +154,7 @@ def test_energy_is_constant_without_damping_and_torque():
 def test_backlash_agrees_with_the_solver():
     """The links swing through the gap several times; each contact costs the step some accuracy."""
     truths = run(100, physics_dt=1e-4, joint={**JOINT, "backlash": 0.02})
+    np.testing.assert_array_equal(truths[0].backlash, 0.02)
     ours = np.array([state(truth) for truth in truths])
     theirs = solve(ours[0], 100, gap=0.01, tolerance=1e-10)
     np.testing.assert_allclose(ours[:, :4], theirs[:, :4], rtol=0, atol=6e-5)

@@ -8,6 +8,7 @@ from fbl_gym import Interface, TwoLinkArmEnv
 
 IDEAL = TwoLinkArmEnv().interface
 FIELDS = ("delay", "lag", "rate_limit", "latency", "resolution", "noise_std")
+SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash", "encoder")
 
 
 @pytest.mark.parametrize(
@@ -16,6 +17,7 @@ FIELDS = ("delay", "lag", "rate_limit", "latency", "resolution", "noise_std")
         ({}, {}),
         ({"actuator": {"delay": 0.004, "delay_samples": 1}}, {"delay": (0.014, 0.014)}),
         ({"actuator": {"delay": {"uniform": [0.001, 0.005]}}}, {"delay": (0.001, 0.005)}),
+        ({"actuator": {"delay_samples": {"choice": [2, 1]}, "delay": 0.001}}, {"delay": (0.011, 0.021)}),
         ({"actuator": {"lag": {"log_uniform": [0.001, 0.005]}}}, {"lag": (0.001, 0.005)}),
         ({"actuator": {"rate_limit": [{"choice": [9.0, 5.0]}, 7.0]}}, {"rate_limit": (5.0, 7.0)}),
         ({"encoder": {"latency": 2}}, {"latency": 0.02}),
@@ -59,4 +61,12 @@ def test_the_interface_hides_the_errors_of_the_real_arm(options):
 
 def test_the_fields_of_a_datasheet_have_defaults():
     names = [field.name for field in dataclasses.fields(Interface)]
-    assert names[6:] == list(FIELDS)
+    assert names[6:] == [*FIELDS, *SPRINGS]
+
+
+def test_the_interface_states_the_springs():
+    joint = {"stiffness": [{"uniform": [3e3, 5e3]}, 2e3], "damping": 5.0, "backlash": {"uniform": [0, 1e-3]}}
+    interface = TwoLinkArmEnv(joint={**joint, "rotor_inertia": (0.5, 0.2), "encoder": "link"}).interface
+    stated = (((3e3, 2e3), (5e3, 2e3)), ((5.0, 5.0), (5.0, 5.0)), (0.5, 0.2), (1e-3, 1e-3), "link")
+    assert tuple(getattr(interface, name) for name in SPRINGS) == stated
+    assert IDEAL.stiffness is None

@@ -49,6 +49,10 @@ def test_the_last_step_can_terminate_and_truncate():
     assert end(limits={"error": 0.5, "error_time": 0.3}, duration=steps * 0.01)[1:3] == (True, True)
 
 
+def test_an_error_time_may_be_as_long_as_a_number():
+    TwoLinkArmEnv(limits={"error": 0.5, "error_time": 1.7e308})
+
+
 def test_an_error_time_of_one_step_ends_at_once():
     env = TwoLinkArmEnv(limits={"error": 0.1, "error_time": 0.01}, initial_error=0.2)
     env.reset(seed=0)

@@ -355,7 +355,7 @@ def test_an_array_longer_than_the_episode_is_cut():
 def test_no_move_in_the_box_needs_more_than_the_stated_torque(arm, load, stated, limit):
     """Between any two points of a 9 x 9 grid over the box, at the uncertainty's corners: torque is linear in each mass.
 
-    `references.py` and `scenarios/families.py` state the numbers.
+    `references.py` and `scenarios/ideal.py` state the numbers.
     """
     s = np.linspace(0, 1, 61)
     share, rate, bend = 10 * s**3 - 15 * s**4 + 6 * s**5, 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)

@@ -52,9 +52,9 @@ def test_a_wrong_family_severity_or_arm_is_named(arguments, message):
 def test_a_scenarios_family_severity_and_arm():
     for name in scenarios.names():
         member = scenarios.member(name)
-        assert member is None or scenarios.family(*member) == scenarios.get(name)
-    assert scenarios.member("section-2-2/mass-error-2@1000Hz") == ("mass-error", 2, "section-2-2")
-    assert scenarios.member("nominal") == ("nominal", 0, "table-1")
+        assert member is None or member.tier != "ideal" or scenarios.family(*member[:3]) == scenarios.get(name)
+    assert scenarios.member("section-2-2/mass-error-2@1000Hz") == ("mass-error", 2, "section-2-2", "ideal")
+    assert scenarios.member("nominal") == ("nominal", 0, "table-1", "ideal")
     for other in ("paper-8", "heavy-3", "noise", "noise-2~3f9a20"):
         assert scenarios.member(other) is None
 
@@ -97,7 +97,10 @@ def test_the_names_are_figures_real_arms_and_the_families_for_both_arms():
     )
     members = {"nominal"} | {f"{family}-{severity}" for family in families for severity in range(4)}
     arms = {"dfki-c1", "dfki-a0", "cicese"}
-    assert set(scenarios.names()) == figures | arms | members | {f"section-2-2/{name}" for name in members}
+    ideal = members | {f"section-2-2/{name}" for name in members}
+    tiers = {name for tier in ("hardware", "surprise", "practice") for name in scenarios.in_tier(tier)}
+    assert set(scenarios.in_tier("ideal", scenarios.SEVERITIES)) | {n for n in ideal if n[-2:] == "-0"} == ideal
+    assert set(scenarios.names()) == figures | arms | ideal | tiers
     assert len(scenarios.names()) == len(set(scenarios.names()))
     assert set(scenarios.families()) == {"nominal", *families}
 

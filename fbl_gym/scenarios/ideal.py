@@ -1,4 +1,4 @@
-"""The families of the leaderboard: one kind of uncertainty each, at severities 0 (none) to 3."""
+"""The tier `ideal`: one kind of uncertainty in each family, on an arm that is ideal otherwise."""
 
 from __future__ import annotations
 
@@ -131,11 +131,13 @@ class Member(NamedTuple):
         family: its family.
         severity: 0 to 3.
         arm: the name of its arm.
+        tier: one of `scenarios.TIERS`.
     """
 
     family: str
     severity: int
     arm: str
+    tier: str = "ideal"
 
 
 MEMBERS = {
@@ -145,12 +147,3 @@ MEMBERS = {
     for severity in (SEVERITIES if name != "nominal" else (0,))
 }
 """Family, severity and arm of each named scenario."""
-
-
-def member(name: str) -> Member | None:
-    """Return family, severity and arm of a scenario; None if it belongs to no family.
-
-    Args:
-        name: of the scenario, which may end in a rate or a world: "section-2-2/noise-2@1000Hz".
-    """
-    return MEMBERS.get(name.partition("@")[0])

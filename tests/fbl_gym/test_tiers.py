@@ -1,0 +1,70 @@
+"""The tiers hardware, surprise and practice."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fbl_gym import Scenario, TwoLinkArmVectorEnv, scenarios
+from fbl_gym.arm import TABLE_1, inverse_dynamics
+from fbl_gym.scenarios.hardware import FAMILIES, MOVES
+
+BOARD = (*scenarios.in_tier("hardware"), *scenarios.in_tier("surprise"))
+
+
+@pytest.mark.parametrize("name", [*BOARD, *scenarios.in_tier("practice")])
+def test_every_scenario_has_what_limits_a_laboratory(name):
+    scenario = scenarios.get(name)
+    assert scenario.sensors == ("position", "velocity")
+    assert scenario.encoder.counts is not None
+    assert scenario.encoder.difference == 1
+    assert scenario.actuator.delay_samples == 1
+    assert scenario.actuator.torque_limit is not None
+    assert scenario.actuator.lag
+    assert scenario.friction is not None
+    assert scenario.initial_error != (0.0, 0.0)
+    assert scenario.parameter_error.radius > 0
+    assert scenario.parameter_error.payload is not None
+    assert scenario.limits.error == 0.5
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_family_pushes_something_further_at_each_severity(family):
+    tasks = [scenarios.get("hardware-nominal"), *(scenarios.get(f"hardware-{family}-{s}") for s in (1, 2, 3))]
+    contents = [dataclasses.replace(task, name="", description="") for task in tasks]
+    assert len(set(contents)) == 4
+
+
+def test_the_moves_fill_the_workspace_and_the_drives():
+    scenario = scenarios.get("hardware-nominal")
+    env = TwoLinkArmVectorEnv(32, scenario)
+    env.reset(seed=0)
+    torques = []
+    for _ in range(scenario.steps - 1):
+        env.step(np.zeros((32, 2), dtype=np.float32))
+        truth = env.truth
+        torques.append(
+            inverse_dynamics(scenario.arm, truth.reference, truth.reference_velocity, truth.reference_acceleration)
+        )
+    share = np.abs(torques) / np.array(scenario.actuator.torque_limit)
+    assert 0.3 < share.max() < 1.0
+    assert (np.sqrt((share**2).mean(axis=(0, 1))) > 0.15).all()
+
+
+def test_the_board_is_recognised_by_its_content():
+    for name in BOARD:
+        assert scenarios.judged(scenarios.get(name).replace(name="mine"))
+    for name in (*scenarios.in_tier("practice"), "nominal", "everything-2", "dfki-c1"):
+        assert scenarios.judged(scenarios.get(name)) == ""
+    assert "events" in scenarios.judged(Scenario(events=[{"kind": "drop", "time": 3.0}]))
+    own = dataclasses.replace(TABLE_1, m1=3.0)
+    assert scenarios.judged(Scenario(arm=own, events=[{"kind": "drop", "time": 3.0}])) == ""
+    assert "motion" in scenarios.judged(Scenario(arm=own, reference=MOVES))
+
+
+@pytest.mark.parametrize("arm", [TABLE_1, dataclasses.replace(TABLE_1, gravity=0.0), {"m2": 10, "L1": 0.4}])
+def test_the_conditions_fit_any_arm(arm):
+    arm = Scenario(arm=arm).arm
+    for family in FAMILIES:
+        limit = np.array(Scenario(**scenarios.conditions(arm, family, 2)).actuator.torque_limit)
+        assert (limit > 0).all()
