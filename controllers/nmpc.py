@@ -202,13 +202,6 @@ class Nmpc(TorqueLaw):
 
     def reference(self, observation: Array) -> Array:
         """Return the reference at each step of the plan [n x (HORIZON + 1) x 6]."""
-        now = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        known = np.concatenate(now, axis=-1)[:, None]
-        if "preview" in self.interface.layout:
-            (ahead,) = self.read(observation, "preview")
-            known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
-        steps = self.stride * np.arange(HORIZON + 1)
-        last = np.minimum(steps, known.shape[1] - 1)
-        r, r_dot, r_ddot = np.split(known[:, last], 3, axis=-1)
-        t = ((steps - last) * self.interface.control_dt)[:, None]
-        return np.concatenate([r + t * r_dot + 0.5 * t**2 * r_ddot, r_dot + t * r_ddot, r_ddot], axis=-1)
+        return self.reference_at(
+            observation, self.stride * self.interface.control_dt * np.arange(HORIZON + 1, dtype=float)
+        )

@@ -111,6 +111,34 @@ class TorqueLaw(Record):
         """Return slots of `interface.layout` of an observation [... x size], each [... x 2]."""
         return tuple(observation[..., self.interface.layout[slot]] for slot in slots)
 
+    def measured_motion(self, observation: Array) -> tuple[Array, Array]:
+        """Return the measured position and velocity [... x 2]; zeros for an absent velocity."""
+        (position,) = self.read(observation, "position")
+        if "velocity" not in self.interface.layout:
+            return position, np.zeros_like(position)
+        return position, self.read(observation, "velocity")[0]
+
+    def reference_at(self, observation: Array, times: Array) -> Array:
+        """Return the reference's position, velocity and acceleration [n x k x 6] at k times.
+
+        It comes from the preview as far as that reaches. From the last known sample on, the
+        acceleration is held.
+
+        Args:
+            observation: [n x size].
+            times: from now on [k] s.
+        """
+        now = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        known = np.concatenate(now, axis=-1)[:, None]
+        if "preview" in self.interface.layout:
+            (ahead,) = self.read(observation, "preview")
+            known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
+        dt = self.interface.control_dt
+        last = np.minimum((times / dt + 1e-9).astype(int), known.shape[1] - 1)
+        r, r_dot, r_ddot = np.split(known[:, last], 3, axis=-1)
+        t = (times - last * dt)[:, None]
+        return np.concatenate([r + t * r_dot + 0.5 * t**2 * r_ddot, r_dot + t * r_ddot, r_ddot], axis=-1)
+
     def predict(
         self,
         observation: Array,
@@ -133,9 +161,5 @@ class TorqueLaw(Record):
             starts = np.broadcast_to(np.asarray(episode_start, dtype=bool), len(batch))
             state = where_lanes(starts, self.initial(batch), state)
         torque, state = self.torque(batch, state)
-        position = batch[..., self.interface.layout["position"]]
-        velocity = (
-            batch[..., self.interface.layout["velocity"]] if "velocity" in self.interface.layout else position * 0.0
-        )
-        action = self.interface.action_from_torque(torque, position, velocity)
+        action = self.interface.action_from_torque(torque, *self.measured_motion(batch))
         return (action if observation.ndim == 2 else action[0]), state

@@ -1,8 +1,9 @@
 """The registry: policies by name.
 
 It has the built-in laws of `catalogue.py`, the policies of installed packages (entry points of the
-group `fbl_gym.policies`), and those that a program registers itself. POLICY@tuned is a built-in law
-with the gains of `tuned/POLICY.json`.
+group `fbl_gym.policies`), and those that a program registers itself. LAW+PART, such as
+"computed-torque+kalman+predictor", is a law composed with parts (`composition.py`). POLICY@tuned
+is a built-in law, composed or not, with the gains of `tuned/POLICY.json`.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from controllers import catalogue
+from controllers.composition import PARTS, completed, compose
 from controllers.policy import ACCESS, Policy
-from fbl_gym.checks import check_choice, unknown
+from fbl_gym.checks import check_choice, check_choices, unknown
 from fbl_gym.interface import Interface
 
 KINDS = ("classical", "learned")
@@ -86,7 +88,11 @@ def _external() -> dict[str, metadata.EntryPoint]:
 
 
 def _entry(name: str) -> _Entry:
-    name = name.removesuffix("@tuned")
+    name, parts = _split(name)
+    if parts:
+        law = _entry(name)
+        factory = compose(_load(law), *parts)
+        return _Entry(factory, f"{law.summary}; with {' and '.join(parts)}", None, law.kind)
     if name in _REGISTRY:
         return _REGISTRY[name]
     external = _external()
@@ -96,6 +102,33 @@ def _entry(name: str) -> _Entry:
     summary = (inspect.getdoc(factory) or "").split("\n")[0]
     kind = check_choice(f"kind of {name}", getattr(factory, "kind", "classical"), KINDS)
     return _Entry(factory, summary, None, kind)
+
+
+def _split(name: str) -> tuple[str, list[str]]:
+    """Return the name of a law without "@tuned", and the names of its parts."""
+    law, *parts = name.removesuffix("@tuned").split("+")
+    return law, parts
+
+
+def _load(entry: _Entry) -> Callable[..., Any]:
+    if callable(entry.factory):
+        return entry.factory
+    module, attribute = entry.factory.split(":")
+    build: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
+    return build
+
+
+def is_composed(name: str) -> bool:
+    """Return True for a text LAW+PART whose law has a registered name, and tuned gains if @tuned.
+
+    Raises:
+        ValueError: a part is unknown.
+    """
+    law, parts = _split(name)
+    if not parts or law not in names():
+        return False
+    check_choices("parts", parts, PARTS)
+    return not name.endswith("@tuned") or (TUNED / f"{name.removesuffix('@tuned')}.json").is_file()
 
 
 def names() -> tuple[str, ...]:
@@ -126,23 +159,20 @@ def access(policy: str | Callable[..., Any]) -> str:
 
 def factory(name: str) -> Callable[..., Any]:
     """Return the class or function that builds a policy, called as `register` describes."""
-    build = _entry(name).factory
-    if isinstance(build, str):
-        module, attribute = build.split(":")
-        build = getattr(importlib.import_module(module), attribute)
-    return build
+    return _load(_entry(name))
 
 
 def tuned() -> tuple[str, ...]:
-    """Return the names of the policies with tuned gains, such as "pid-flm@tuned"."""
+    """Return the names of tuned policies, such as "pid-flm@tuned", without composed ones."""
     return tuple(f"{name}@tuned" for name in _REGISTRY if (TUNED / f"{name}.json").is_file())
 
 
 def tuned_gains(name: str) -> dict[str, float]:
     """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@tuned"."""
-    if name not in tuned():
+    path = TUNED / f"{name.removesuffix('@tuned')}.json"
+    if name not in tuned() and not is_composed(name):
         raise unknown("tuned policy", name, tuned())
-    gains: dict[str, float] = json.loads((TUNED / f"{name.removesuffix('@tuned')}.json").read_text())["gains"]
+    gains: dict[str, float] = json.loads(path.read_text())["gains"]
     return gains
 
 
@@ -150,10 +180,11 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     """Build a policy for an environment.
 
     Only a policy with privileged access gets the environment itself; any other gets its interface
-    and nothing else.
+    and nothing else. A law that needs an absent sensor is composed with an observer (see
+    `composition.completed`).
 
     Args:
-        name: one of `names()`, POLICY@tuned, or a factory as `register` takes it.
+        name: one of `names()`, LAW+PART, either with @tuned, or a factory as `register` takes it.
         env: the environment, single or batched, wrapped or not; or its `interface`.
         **gains: arguments of the policy; those left out take their defaults.
 
@@ -164,6 +195,8 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     build = factory(name) if isinstance(name, str) else name
     if isinstance(name, str) and name.endswith("@tuned"):
         gains = tuned_gains(name) | gains
+    interface = env if isinstance(env, Interface) else env.unwrapped.interface
+    build = completed(build, interface)
     parameters = list(inspect.signature(build).parameters)
     if not parameters:
         raise ValueError(f"{_name_of(name)} makes no policy: it must take the interface as its first argument")
@@ -174,7 +207,7 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
         if isinstance(env, Interface):
             raise ValueError(f"{_name_of(name)} reads the truth: it needs the environment, got its interface")
         return build(env.unwrapped, **gains)
-    return build(env if isinstance(env, Interface) else env.unwrapped.interface, **gains)
+    return build(interface, **gains)
 
 
 def _name_of(policy: str | Callable[..., Any]) -> str:

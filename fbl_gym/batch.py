@@ -16,7 +16,18 @@ from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
 from fbl_gym.kernel import api
-from fbl_gym.memory import BLOCK, BLOCK_SIZE, ENDED, LANES, RESTART, SAME_STEP, SETTINGS, SETTINGS_SIZE, rows
+from fbl_gym.memory import (
+    BLOCK,
+    BLOCK_SIZE,
+    ENDED,
+    EVENT_ROWS,
+    LANES,
+    RESTART,
+    SAME_STEP,
+    SETTINGS,
+    SETTINGS_SIZE,
+    rows,
+)
 from fbl_gym.program import Program
 
 Flags = NDArray[np.bool_]
@@ -62,6 +73,7 @@ class Truth:
         delay: from command to torque, with the computation's [s]; a number, or [lanes].
         lag: time constant of the drives [s]; a number, or [lanes].
         rate_limit: of the torque [N m/s], infinite without one.
+        event_times: times of this episode's events [s], [events] or [lanes x events].
     """
 
     time: Array
@@ -93,6 +105,7 @@ class Truth:
     delay: Array
     lag: Array
     rate_limit: Array
+    event_times: Array
 
 
 _STEPS = api.STEPS
@@ -234,7 +247,11 @@ class ArmBatch:
         fields["backlash"] *= 2.0  # a block has half of it
         if self._class < 2:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
-        return Truth(**fields)
+        settings = self._settings
+        numbers = self._memory[self._parts["blocks"]].reshape(len(self._blocks), -1, LANES)
+        times = numbers[:, settings["event_row"] :: EVENT_ROWS][:, : settings["events"]] * settings["physics_dt"]
+        times = times.swapaxes(1, 2).reshape(len(numbers) * LANES, -1 if times.size else 0)
+        return Truth(**fields, event_times=times[: self.lanes])
 
 
 def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:

@@ -3,11 +3,16 @@
 The kernel draws the episode, applies limit, delay, lag and disturbance, and takes the readings.
 MuJoCo integrates the torque in between. It holds a torque over a step, so a torque that varies
 within a physics step acts with its mean by Simpson's rule.
+
+An elastic joint is two hinges on one axis: the motor with its rotor as armature, then the spring.
+MuJoCo's springs have no gap. The difference to a spring with backlash is therefore a torque that is
+held over each of MuJoCo's steps, taken at the stretch expected in the step's middle.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,11 +30,20 @@ from fbl_gym.scenarios import Scenario
 _POINT_INERTIA = 1e-12
 """Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero."""
 
-_NUMBERS = ("parameters", "payload", "viscous", "coulomb", "stiction")
+_NUMBERS = (
+    "parameters", "payload", "viscous", "coulomb", "stiction", "stiffness", "damping", "half_backlash"
+)  # fmt: skip
 """Fields of a block from which a lane's model is made; it is made again when one changes."""
+
+_MOTION = ("position", "velocity", "motor_position", "motor_velocity")
+"""Fields of a block with a lane's state; rigid joints have the first two."""
 
 _HINGE = 0.15
 """Place of the hinge of a link that bends, as a fraction of its length."""
+
+
+_HARD = "0.999 0.999 0.001"
+"""Impedance of a motor's friction loss. With MuJoCo's default, a light motor that sticks creeps."""
 
 
 class MuJoCoBatch(ArmBatch):
@@ -53,6 +67,11 @@ class MuJoCoBatch(ArmBatch):
         numbers = np.arange(lanes)
         self._place = numbers // LANES, slice(None), numbers % LANES
 
+    @property
+    def _step(self) -> Any:
+        """The compiled step, of which only the start of episodes and the observation are used."""
+        return api.STEPS[1]
+
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
@@ -69,14 +88,15 @@ class MuJoCoBatch(ArmBatch):
             problem = api.load(memory, substep)
             if problem >= 0:
                 return problem, 0.0, False, False
-            torque = (blocks["tau_start"][place] + 4.0 * blocks["tau_half"][place] + blocks["tau_end"][place]) / 6.0
-            numbers, velocity = self._numbers(), blocks["velocity"][place]
+            torque, load = self._mean("tau"), self._mean("load")
+            numbers = self._numbers()
+            velocity, motor_velocity = blocks["velocity"][place], blocks["motor_velocity"][place]
             for lane, arm in self._arms.items():
                 if not np.array_equal(arm.numbers, numbers[lane]):
                     arm = self._arms[lane] = arm.changed(numbers[lane])
-                arm.advance(velocity[lane], torque[lane], steps)
-            blocks["position"][place] = [arm.position for arm in self._arms.values()]
-            blocks["velocity"][place] = [arm.velocity for arm in self._arms.values()]
+                arm.advance(velocity[lane], motor_velocity[lane], torque[lane], load[lane], steps)
+            for name in _MOTION if self._settings["elastic"] else _MOTION[:2]:
+                blocks[name][place] = [getattr(arm, name) for arm in self._arms.values()]
         if self._senses_acceleration:
             blocks["acceleration"][place] = self._accelerate()[0]
         api.end(memory)
@@ -93,13 +113,18 @@ class MuJoCoBatch(ArmBatch):
         blocks, place = self._blocks, self._place
         starts = np.flatnonzero(blocks["status"][place[0], place[2]] == RESTART)
         self._step(self._memory, out, 0, 0)
-        numbers, position, velocity = self._numbers(), blocks["position"][place], blocks["velocity"][place]
+        numbers = self._numbers()
         for lane in starts:
             arm = self._arms[int(lane)] = _Arm(self._scenario, numbers[lane])
-            arm.place(position[lane], velocity[lane])
+            arm.place(*(blocks[name][place][lane] for name in _MOTION))
         if self._senses_acceleration and len(starts):
             blocks["acceleration"][place] = self._accelerate()[0]
             self._step(self._memory, out, 0, 0)
+
+    def _mean(self, torque: str) -> Array:
+        """Return the mean of a torque over the physics step, [lanes x 2]."""
+        start, half, end = (self._blocks[f"{torque}_{time}"][self._place] for time in ("start", "half", "end"))
+        return (start + 4.0 * half + end) / 6.0
 
     def _numbers(self) -> Array:
         """Return the numbers of each lane's model, [lanes x numbers]."""
@@ -109,8 +134,8 @@ class MuJoCoBatch(ArmBatch):
 
     def _accelerate(self) -> tuple[Array, Array]:
         """Return acceleration and friction torque of each lane now, [lanes x 2] each."""
-        torque = self._blocks["torque"][self._place] - self._blocks["disturbance"][self._place]
-        each = np.array([arm.accelerate(torque[lane]) for lane, arm in self._arms.items()])
+        torque, load = self._blocks["torque"][self._place], -self._blocks["disturbance"][self._place]
+        each = np.array([arm.accelerate(torque[lane], load[lane]) for lane, arm in self._arms.items()])
         return each[:, 0], each[:, 1]
 
     def truth(self) -> Truth:
@@ -126,7 +151,8 @@ class _Arm:
 
     Args:
         scenario: the task.
-        numbers: real m1, m2 [kg], L1, L2 [m], payload [kg]; viscous, Coulomb friction and stiction.
+        numbers: real m1, m2 [kg], L1, L2 [m], payload [kg]; of both joints viscous friction,
+            Coulomb friction, stiction, stiffness, damping and half the backlash.
     """
 
     def __init__(self, scenario: Scenario, numbers: Array) -> None:
@@ -135,17 +161,23 @@ class _Arm:
         self._data = mujoco.MjData(self._model)
         for warning in self._data.warning:
             warning.number = 1  # MuJoCo writes a file at the first warning of each kind
-        # With links that bend, every other degree of freedom is a link's own hinge.
-        self._joints = slice(0, None, self._model.nv // 2)
+        # Of each link, the first hinge is the joint or its motor. The next is its spring, if it is
+        # elastic. The last is the link's own, if it bends.
+        each, elastic = self._model.nv // 2, scenario.joint is not None
+        self._joints, self._springs = slice(0, None, each), slice(1, None, each) if elastic else slice(0)
+        self._bends = slice(each - 1, None, each) if _plant(scenario).bend is not None else slice(0)
+        self._stiffness, self._damping, self._gap = numbers[11:].reshape(3, 2)
 
-    def place(self, position: Array, velocity: Array) -> None:
-        """Set the joints' state [2]; links that bend begin where their springs carry the load."""
-        model, data, joints = self._model, self._data, self._joints
+    def place(self, position: Array, velocity: Array, motor_position: Array, motor_velocity: Array) -> None:
+        """Set the state of the joints, [2] each; links start where their springs carry the load."""
+        data, joints, springs, bends = self._data, self._joints, self._springs, self._bends
         data.qpos[joints], data.qvel[joints] = position, velocity
-        springs = model.jnt_stiffness > 0
+        if self._scenario.joint is not None:
+            data.qpos[joints], data.qvel[joints] = motor_position, motor_velocity
+            data.qpos[springs], data.qvel[springs] = position - motor_position, velocity - motor_velocity
         for _ in range(3):
-            mujoco.mj_forward(model, data)
-            data.qpos[springs] = -data.qfrc_bias[springs] / model.jnt_stiffness[springs]
+            mujoco.mj_forward(self._model, data)
+            data.qpos[bends] = -data.qfrc_bias[bends] / self._model.jnt_stiffness[bends]
 
     def changed(self, numbers: Array) -> _Arm:
         """Return an arm of other numbers in the state of this one."""
@@ -153,27 +185,69 @@ class _Arm:
         arm._data.qpos[:], arm._data.qvel[:] = self._data.qpos, self._data.qvel
         return arm
 
-    def advance(self, velocity: Array, torque: Array, steps: int) -> None:
-        """Hold a torque [2] for a number of MuJoCo's steps, from these joint velocities [2] on."""
-        self._data.qvel[self._joints], self._data.qfrc_applied[self._joints] = velocity, torque
-        mujoco.mj_step(self._model, self._data, steps)
+    def advance(self, velocity: Array, motor_velocity: Array, torque: Array, load: Array, steps: int) -> None:
+        """Hold torques for a number of MuJoCo's steps, from these velocities on; [2] each."""
+        model, data = self._model, self._data
+        if self._scenario.joint is None:
+            data.qvel[self._joints] = velocity
+        else:
+            data.qvel[self._joints], data.qvel[self._springs] = motor_velocity, velocity - motor_velocity
+        if not self._gap.any():
+            self._push(torque, load)
+            mujoco.mj_step(model, data, steps)
+            return
+        for _ in range(steps):
+            self._push(torque, load, 0.5 * model.opt.timestep)
+            mujoco.mj_step(model, data)
 
-    def accelerate(self, torque: Array) -> tuple[Array, Array]:
-        """Return acceleration and friction torque under a torque at this instant, [2] each."""
-        data, joints = self._data, self._joints
-        data.qfrc_applied[joints] = torque
+    def _push(self, torque: Array, load: Array, ahead: float = 0.0) -> None:
+        """Apply torques of drives, loads on links, and the difference that a gap makes to springs.
+
+        Args:
+            torque: of the drives, [2].
+            load: on the links, [2].
+            ahead: time for which the stretch is extrapolated [s].
+        """
+        data, springs = self._data, self._springs
+        data.qfrc_applied[self._joints] = torque + load
+        if self._scenario.joint is None:
+            return
+        rate = data.qvel[springs]
+        stretch = data.qpos[springs] + ahead * rate
+        gap = self._stiffness * np.clip(stretch, -self._gap, self._gap)
+        data.qfrc_applied[springs] = load + gap + np.where(np.abs(stretch) < self._gap, self._damping * rate, 0.0)
+
+    def accelerate(self, torque: Array, load: Array) -> tuple[Array, Array]:
+        """Return acceleration and friction torque under torques at this instant, [2] each."""
+        data, joints, springs = self._data, self._joints, self._springs
+        self._push(torque, load)
         mujoco.mj_forward(self._model, data)
-        return data.qacc[joints].copy(), -(data.qfrc_passive + data.qfrc_constraint)[joints]
+        acceleration = data.qacc[joints].copy()
+        if self._scenario.joint is not None:
+            acceleration += data.qacc[springs]
+        return acceleration, -(data.qfrc_passive + data.qfrc_constraint)[joints]
+
+    @property
+    def motor_position(self) -> Array:
+        """Angles of the motors, [2] rad."""
+        return self._data.qpos[self._joints]
+
+    @property
+    def motor_velocity(self) -> Array:
+        """Velocities of the motors, [2] rad/s."""
+        return self._data.qvel[self._joints]
 
     @property
     def position(self) -> Array:
         """Joint angles, [2] rad."""
-        return self._data.qpos[self._joints]
+        motor = self.motor_position
+        return motor if self._scenario.joint is None else motor + self._data.qpos[self._springs]
 
     @property
     def velocity(self) -> Array:
         """Joint velocities, [2] rad/s."""
-        return self._data.qvel[self._joints]
+        motor = self.motor_velocity
+        return motor if self._scenario.joint is None else motor + self._data.qvel[self._springs]
 
 
 def _plant(scenario: Scenario) -> MuJoCo:
@@ -183,9 +257,9 @@ def _plant(scenario: Scenario) -> MuJoCo:
 
 def _describe(scenario: Scenario, numbers: Array) -> str:
     """Return the arm in MuJoCo's language: x to the right, y up, hinges about z."""
-    plant, (m1, m2, L1, L2, payload), friction = _plant(scenario), numbers[:5], numbers[5:].reshape(3, 2)
+    plant, (m1, m2, L1, L2, payload), joints = _plant(scenario), numbers[:5], numbers[5:].reshape(6, 2)
     load = f'<body pos="{L2} 0 0">{_mass(payload, 0.0, 0.0)}</body>' if payload > 0 else ""
-    second = f'<body pos="{L1} 0 0">{_link(scenario, 1, m2, L2, friction, load)}</body>'
+    second = f'<body pos="{L1} 0 0">{_link(scenario, 1, m2, L2, joints, load)}</body>'
     return f"""
     <mujoco>
       <compiler angle="radian" autolimits="false"/>
@@ -193,15 +267,19 @@ def _describe(scenario: Scenario, numbers: Array) -> str:
               gravity="0 {-scenario.arm.gravity} 0">
         <flag contact="disable" warmstart="disable" autoreset="disable"/>
       </option>
-      <worldbody><body>{_link(scenario, 0, m1, L1, friction, second)}</body></worldbody>
+      <worldbody><body>{_link(scenario, 0, m1, L1, joints, second)}</body></worldbody>
     </mujoco>"""
 
 
-def _link(scenario: Scenario, joint: int, mass: float, length: float, friction: Array, end: str) -> str:
+def _link(scenario: Scenario, joint: int, mass: float, length: float, joints: Array, end: str) -> str:
     """Return the content of a link's body, with the bodies at its end."""
-    arm, plant, (viscous, coulomb, stiction) = scenario.arm, _plant(scenario), friction[:, joint]
+    arm, plant, (viscous, coulomb, stiction, stiffness, damping, _) = scenario.arm, _plant(scenario), joints[:, joint]
     loss = coulomb + stiction if plant.friction == "breakaway" else coulomb
-    hinge = f'<joint axis="0 0 1" damping="{viscous}" frictionloss="{loss}" armature="{_of(arm.rotor, joint)}"/>'
+    drive = f'damping="{viscous}" frictionloss="{loss}" armature="{scenario.rotor[joint]}"'
+    hinge = f'<joint axis="0 0 1" {drive}/>'
+    if scenario.joint is not None:
+        hinge = f'<joint axis="0 0 1" {drive} solimpfriction="{_HARD}"/>'
+        hinge += f'<joint axis="0 0 1" stiffness="{stiffness}" damping="{damping}"/>'
     centre, inertia = _of(arm.centre, joint) * length, _of(arm.inertia, joint) * mass * length**2
     if plant.bend is None:
         return hinge + _mass(mass, centre, inertia) + end

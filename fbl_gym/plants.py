@@ -44,5 +44,9 @@ WORLDS: dict[str, MuJoCo] = {
     "mujoco-implicit": MuJoCo(integrator="implicitfast"),
     "mujoco-friction": MuJoCo(friction="breakaway"),
     "mujoco-bend": MuJoCo(friction="breakaway", bend=25.0),
+    "mujoco-lab": MuJoCo(integrator="implicitfast", friction="breakaway"),
 }
-"""Plants by name, as in `scenarios.get("everything-2@mujoco-bend")`."""
+"""Plants by name, as in `scenarios.get("everything-2@mujoco-bend")`.
+
+In "mujoco-lab", the arm and the rate are other ones too, see `scenarios.in_world`.
+"""

@@ -1,13 +1,15 @@
-"""The board: score, errors, diverged share and rank of each policy of a suite, with intervals."""
+"""The board: score, error, diverged share, effort and rank of each policy of a suite."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.analysis import statistics
 from benchmarks.analysis.statistics import Estimate
@@ -18,11 +20,20 @@ from benchmarks.run.suite import Cell
 from fbl_gym import Scenario, scenarios
 from fbl_gym.arm import Array
 
-ORACLE = "oracle-flm"
-"""The policy whose error scores 100."""
+TIERS = ("hardware", "ideal", "surprise", "practice")
+"""The tiers of scenarios. A board is ranked in the first of these that it has."""
 
-UNSCORED = f"No scores, since they need the errors of {ORACLE}, which is not on this board; ranked by the mean error."
-"""The remark on a board without the oracle."""
+UNSCORED = "No scores: no classical law with privileged access is a ceiling on this board. Ranked by the error."
+"""The remark on a board without a ceiling."""
+
+CLEAR = 0.5
+"""A ceiling errs at most CLEAR times as much as an arm that stays at its start."""
+
+MOST_DIVERGED = 0.1
+"""Largest share of runs that diverge for which a law can be a ceiling."""
+
+TOP = 10
+"""A suite on which the intervals of the TOP best policies overlap is too easy."""
 
 BOOTSTRAP_SEED = 0
 """Seed of the bootstrap."""
@@ -36,10 +47,11 @@ class Board:
         specs: policies [p] with a result for every scenario.
         scenarios: [s] names.
         seeds: [n].
-        runs: each metric, [p x s x n].
+        runs: each metric, [p x s x n]. Where a policy failed, they are those of an arm that stays.
         decision_us: time of a decision of each policy, the median over scenarios [p].
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.
+        failed: the error of each policy and scenario, by index, where the policy failed.
     """
 
     specs: tuple[PolicySpec, ...]
@@ -49,6 +61,7 @@ class Board:
     decision_us: Array
     incomplete: dict[str, str]
     lacking: str = ""
+    failed: dict[tuple[int, int], str] = field(default_factory=dict)
 
     @property
     def gaps(self) -> list[str]:
@@ -57,14 +70,39 @@ class Board:
         return [*([f"Incomplete: {self.lacking}"] if self.lacking else []), *left_out]
 
     @cached_property
+    def remarks(self) -> list[str]:
+        """Sentences that a reader of the board needs, `gaps` among them."""
+        sentences = []
+        if self.score is None:
+            sentences.append(UNSCORED)
+        elif without := [self.scenarios[i] for i in np.flatnonzero(self.ceilings < 0)]:
+            sentences.append(
+                f"No error score, since no law with privileged access is a ceiling there: {', '.join(without)}. Runs that "
+                "diverge there cost their price."
+            )
+        best = [i for i in self.order if i in self.ranked][:TOP]
+        value = self.error if self.score is None else self.score
+        if len(best) == TOP and value.low[best].max() <= value.high[best].min():
+            sentences.append(f"This suite is too easy: the intervals of the best {TOP} policies overlap.")
+        for i, policy in enumerate(self.policies):
+            places = [(self.scenarios[k], reason) for (j, k), reason in self.failed.items() if j == i]
+            if places:
+                names = ", ".join(name for name, _ in places)
+                sentences.append(f"{policy} counts as an arm that stays in {names}: {places[0][1]}")
+        return sentences + self.gaps
+
+    @cached_property
     def policies(self) -> tuple[str, ...]:
         """Name of each policy [p]."""
         return tuple(spec.name for spec in self.specs)
 
-    @property
+    @cached_property
     def errors(self) -> Array:
-        """Mean absolute tracking error in % of the reference's amplitude, [p x s x n]."""
-        return self.runs["error_pct"]
+        """Mean absolute tracking error in % of the reference's amplitude, [p x s x n].
+
+        An error below the encoder's resolution counts as the resolution.
+        """
+        return np.maximum(self.runs["error_pct"], self.runs["resolution_pct"])
 
     @cached_property
     def ranked(self) -> list[int]:
@@ -72,85 +110,166 @@ class Board:
         return [i for i, spec in enumerate(self.specs) if spec.ranked]
 
     @cached_property
+    def tiers(self) -> dict[str, list[int]]:
+        """Indices of the scenarios of each tier; the first tier is the one that ranks."""
+        places = [tier_of(scenario) for scenario in self.scenarios]
+        return {tier: [i for i, place in enumerate(places) if place == tier] for tier in TIERS if tier in places}
+
+    @property
+    def main(self) -> list[int]:
+        """Indices of the scenarios of the tier that ranks."""
+        return next(iter(self.tiers.values()))
+
+    @cached_property
     def counts(self) -> Array:
         """Weight of each seed in each resample; see `statistics.resample`."""
         return statistics.resample(len(self.seeds), BOOTSTRAP_SEED)
 
     @cached_property
-    def scores(self) -> Array | None:
-        """Scores of the runs [p x s x n]; None where the oracle has not run."""
-        if ORACLE not in self.policies:
-            return None
-        oracle = self.errors[self.policies.index(ORACLE)]
-        return statistics.score(self.errors, self.runs["stay_pct"], oracle, self.runs["diverged"])
+    def ceilings(self) -> NDArray[np.int64]:
+        """Index of the policy that is the ceiling of each scenario, or -1 [s].
+
+        The ceiling has the least error of all classical policies with privileged access.
+        """
+        laws = [i for i, spec in enumerate(self.specs) if spec.kind == "classical" and not spec.ranked]
+        errors, stay = np.log(self.errors).mean(axis=-1), np.log(self.runs["stay_pct"][0]).mean(axis=-1)
+        diverged = self.runs["diverged"].mean(axis=-1)
+        ceilings = np.full(len(self.scenarios), -1)
+        for k in range(len(self.scenarios)):
+            best = min(laws, key=lambda i: errors[i, k], default=-1)
+            if best >= 0 and errors[best, k] <= stay[k] + np.log(CLEAR) and diverged[best, k] <= MOST_DIVERGED:
+                ceilings[k] = best
+        return ceilings
+
+    def _scores(self, counts: Array) -> dict[str, Array]:
+        """Return the score of each policy in each tier with a ceiling [b x p].
+
+        The counts are [b x 1 x n].
+        """
+        n, has = len(self.seeds), self.ceilings >= 0
+        weights = counts[:, 0].T / n
+        errors, stay = np.log(self.errors), np.log(self.runs["stay_pct"][0]) @ weights
+        spans = stay - errors[self.ceilings, np.arange(len(has))] @ weights
+        tiers = {tier: places for tier, places in self.tiers.items() if has[places].any()}
+        scores: dict[str, list[Array]] = {tier: [] for tier in tiers}
+        for i in range(len(self.specs)):
+            gains = stay - errors[i] @ weights
+            diverged = statistics.diverged_share(n * self.runs["diverged"][i] @ weights, n)
+            for tier, places in tiers.items():
+                scored, rest = ([k for k in places if has[k] == here] for here in (True, False))
+                score = statistics.score(gains[scored], spans[scored], diverged[scored]).sum(axis=0)
+                # Where there is no ceiling, a diverged run costs as much as elsewhere on average.
+                price = statistics.score(0.0, spans[scored].mean(axis=0), diverged[rest]).sum(axis=0)
+                scores[tier].append((score + price) / len(scored))
+        return {tier: np.stack(rows, axis=-1) for tier, rows in scores.items()}
 
     @cached_property
+    def _draws(self) -> dict[str, Array]:
+        return self._scores(self.counts)
+
+    @cached_property
+    def scores(self) -> dict[str, Estimate]:
+        """Score of each policy [p] in each tier that has a ceiling: the mean over its scenarios."""
+        values = self._scores(np.ones((1, 1, len(self.seeds))))
+        return {tier: statistics.interval(values[tier][0], draws) for tier, draws in self._draws.items()}
+
+    @property
     def score(self) -> Estimate | None:
-        """Mean score of each policy [p]; the mean, so that rare divergence counts."""
-        return None if self.scores is None else statistics.estimate(self.scores, self.counts, statistics.mean)
+        """Score of each policy [p] in the tier that ranks; None without a ceiling."""
+        return self.scores.get(next(iter(self.tiers)))
 
     @cached_property
     def error(self) -> Estimate:
-        """The interquartile mean of each policy's errors [p]."""
-        return statistics.estimate(self.errors, self.counts)
+        """The geometric mean of each policy's errors in the tier that ranks [p]."""
+        return statistics.estimate(self.errors[:, self.main], self.counts)
 
     @cached_property
-    def mean_error(self) -> Estimate:
-        """The mean of each policy's errors [p]."""
-        return statistics.estimate(self.errors, self.counts, statistics.mean)
+    def worst(self) -> Array:
+        """The mean of each policy's largest errors, 5 % of the runs in the tier that ranks [p]."""
+        return statistics.tail_mean(self.errors[:, self.main].reshape(len(self.specs), -1))
 
     @cached_property
     def diverged(self) -> Estimate:
-        """Share of each policy's runs that diverged [p]."""
-        diverged = self.runs["diverged"]
-        return statistics.proportion(diverged.sum(axis=(1, 2)), np.full(len(diverged), diverged[0].size))
+        """Share of each policy's runs that diverged in the tier that ranks [p]."""
+        failed = [sum(j == i and k in self.main for j, k in self.failed) for i in range(len(self.specs))]
+        runs = (len(self.main) - np.array(failed)) * len(self.seeds)
+        return statistics.proportion(self.runs["diverged"][:, self.main].sum(axis=(1, 2)), np.maximum(runs, 1))
+
+    @cached_property
+    def effort(self) -> Array | None:
+        """Torque variation of each policy relative to the ceiling's, the median of scenarios [p].
+
+        The result is None where the tier that ranks has no ceiling.
+        """
+        places = [k for k in self.main if self.ceilings[k] >= 0]
+        variation = np.median(self.runs["variation"], axis=-1)
+        return np.median(variation[:, places] / variation[self.ceilings[places], places], axis=-1) if places else None
 
     @cached_property
     def rank(self) -> Estimate:
-        """Rank of each ranked policy, in the order of `ranked`: by score, else by mean error."""
-        better = self.errors if self.scores is None else -self.scores
-        return statistics.ranks(statistics.mean(better[self.ranked], self.counts))
+        """Rank of each ranked policy, in the order of `ranked`: by score, else by error."""
+        if self.score is not None:
+            return statistics.ranks(-self._draws[next(iter(self.tiers))][:, self.ranked])
+        return statistics.ranks(statistics.geometric_mean(self.errors[self.ranked][:, self.main], self.counts))
 
     @cached_property
     def order(self) -> list[int]:
         """Indices of the policies, the best first; unranked ones stand at the end."""
-        value = self.mean_error.value if self.score is None else -self.score.value
+        value = self.error.value if self.score is None else -self.score.value
         return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, value[i]))
 
     @cached_property
     def families(self) -> dict[str, list[int]]:
-        """Indices of the scenarios of each family."""
+        """Indices of the scenarios of each family, which names its tier if that does not rank."""
         families: dict[str, list[int]] = {}
         for i, scenario in enumerate(self.scenarios):
-            families.setdefault(family_of(scenario), []).append(i)
+            tier = "" if i in self.main else f"{tier_of(scenario)} "
+            families.setdefault(tier + family_of(scenario), []).append(i)
         return families
 
     @cached_property
     def family_errors(self) -> dict[str, Estimate]:
-        """Interquartile mean of each policy's errors in each family [p]."""
+        """Geometric mean of each policy's errors in each family [p]."""
         families = self.families.items()
         return {family: statistics.estimate(self.errors[:, indices], self.counts) for family, indices in families}
 
-    def degradation(self, family: str, arm: str) -> tuple[list[int], Estimate] | None:
-        """Return severities [k] and the interquartile mean of each policy's errors [p x k].
+    @cached_property
+    def recovery(self) -> dict[str, dict[str, Array]]:
+        """Metrics of each scenario with events: the mean over the runs that did not diverge [p]."""
+        names = ("recovery_s", "recovery_rad_s", "unrecovered_pct", "diverged")
+        places = np.flatnonzero(np.isfinite(self.runs["recovery_s"]).any(axis=(0, 2)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a policy whose runs all diverged has NaN
+            return {self.scenarios[k]: {x: np.nanmean(self.runs[x][:, k], axis=-1) for x in names} for k in places}
 
-        The result is None where fewer than two severities have run.
-
-        Args:
-            family: one of `scenarios.families()`.
-            arm: one of `scenarios.arms()`.
-        """
-        by_suffix: dict[str, dict[int, int]] = {}  # severities at one rate and in one world belong together
+    @cached_property
+    def degradation(self) -> dict[str, tuple[list[int], Estimate]]:
+        """Severities [k] and errors [p x k] of each family with two or more, by its title."""
+        groups: dict[tuple[str, str, str], dict[str, dict[int, int]]] = {}
         for i, name in enumerate(self.scenarios):
-            member = scenarios.member(name)
-            if member and member.arm == arm and member.family in (family, "nominal"):
-                by_suffix.setdefault(name.partition("@")[2], {})[member.severity] = i
-        indices = next(iter(by_suffix.values()), {})
-        if len(indices) < 2:
-            return None
-        severities = sorted(indices)
-        runs = self.errors[:, [indices[severity] for severity in severities]][:, :, None]
-        return severities, statistics.estimate(runs, self.counts)
+            if member := scenarios.member(name):
+                # Severities of one arm, at one rate and in one world belong together.
+                group = groups.setdefault((tier_of(name), member.arm, name.partition("@")[2]), {})
+                group.setdefault(member.family, {})[member.severity] = i
+        curves = {}
+        for (_, arm, suffix), group in groups.items():
+            for family, members in group.items():
+                severities = sorted((group.get("nominal", {}) | members).items())
+                if family != "nominal" and len(severities) > 1:
+                    runs = self.errors[:, [i for _, i in severities]][:, :, None]
+                    title = (family if arm == "table-1" else f"{arm}/{family}") + (f"@{suffix}" if suffix else "")
+                    curves[title] = [severity for severity, _ in severities], statistics.estimate(runs, self.counts)
+        return curves
+
+
+def tier_of(scenario: str) -> str:
+    """Return the tier of a scenario's name; one that belongs to no tier counts as "ideal".
+
+    A scenario in another engine's world is a surprise.
+    """
+    if scenario.partition("@")[2] in scenarios.WORLDS:
+        return "surprise"
+    return getattr(scenarios.member(scenario), "tier", "ideal")
 
 
 def family_of(scenario: str) -> str:
@@ -165,7 +284,8 @@ def family_of(scenario: str) -> str:
 def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     """Return the board of a suite's results.
 
-    A policy that lacks a scenario, or failed, is left out and named.
+    A policy that failed in a scenario counts there as an arm that stays. One that failed in all of
+    them, or lacks a result, is left out and named.
 
     Args:
         results: of cells with the same seeds.
@@ -174,13 +294,16 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     Raises:
         ValueError: two different scenarios or policies share a name, or no policy is complete.
     """
-    tasks = _by_name([result.cell.scenario for result in results])
+    tasks = _by_name([result.cell.scenario for result in results if result.rows])
     specs = _by_name([result.cell.policy for result in results])
-    finished = {(r.cell.policy.name, r.cell.scenario.name): r for r in results if r.rows}
-    incomplete = {r.cell.policy.name: r.error for r in results if r.error}
+    stored = {(r.cell.policy.name, r.cell.scenario.name): r for r in results}
+    incomplete = {}
     for policy in specs:
-        lacking = [task for task in tasks if (policy, task) not in finished]
-        if lacking and policy not in incomplete:
+        errors = [result.error for (name, _), result in stored.items() if name == policy]
+        lacking = [task for task in tasks if (policy, task) not in stored]
+        if all(errors):
+            incomplete[policy] = errors[0]
+        elif lacking:
             more = f" and {len(lacking) - 1} more" if lacking[1:] else ""
             incomplete[policy] = f"no result yet for {lacking[0]}{more}"
     for policy in dict.fromkeys(cell.policy.name for cell in expected):
@@ -195,12 +318,23 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         raise ValueError(
             f"there is no policy with a result for every scenario: {reasons or 'the store has none of the cells'}"
         )
-    rows = [[finished[policy, task] for task in tasks] for policy in complete]
-    runs = {name: np.array([[[run[name] for run in r.rows] for r in row] for row in rows]) for name in METRICS}
-    decision = np.array([np.median([result.decision_us for result in row]) for row in rows])
+    stays = {r.cell.scenario.name: [_staying(row) for row in r.rows] for r in results if r.rows}
+    table = [[stored[policy, task] for task in tasks] for policy in complete]
+    rows = [[result.rows or stays[result.cell.scenario.name] for result in row] for row in table]
+    runs = {name: np.array([[[run[name] for run in cell] for cell in row] for row in rows]) for name in METRICS}
+    decision = np.array([np.median([result.decision_us for result in row if result.rows]) for row in table])
+    failed = {(i, k): r.error for i, row in enumerate(table) for k, r in enumerate(row) if r.error}
     return Board(
-        tuple(specs[policy] for policy in complete), tuple(tasks), rows[0][0].cell.seeds, runs, decision, incomplete, gap
+        tuple(specs[policy] for policy in complete), tuple(tasks), table[0][0].cell.seeds, runs, decision, incomplete, gap,
+        failed,
     )  # fmt: skip
+
+
+def _staying(row: dict[str, float]) -> dict[str, float]:
+    """Return the metrics of an arm that stays at its start, from those of any policy's run."""
+    reference = {name: row[name] for name in ("stay_pct", "resolution_pct")}
+    still = {"error_pct": row["stay_pct"], "variation": 0.0, "diverged": 0.0}
+    return dict.fromkeys(METRICS, float("nan")) | reference | still
 
 
 _Named = TypeVar("_Named", Scenario, PolicySpec)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.analysis.board import BOOTSTRAP_SEED, Board
-from benchmarks.analysis.learned import results_of, training_runs
+from benchmarks.analysis.learned import results_of, training_errors, training_runs
 from benchmarks.analysis.statistics import Estimate, estimate, trained
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.rl.policy import shipped
@@ -37,9 +37,9 @@ class RangeErrors:
     """Errors of a board's policies in one generalization range.
 
     Args:
-        error: interquartile mean of each policy's errors [p] in %. Its interval is over the board's
+        error: geometric mean of each policy's errors [p] in %. Its interval is over the board's
             seeds, and over the training seeds too where an agent has several.
-        diverged: share of each policy's runs that diverged [p]; the interquartile mean does not
+        diverged: share of each policy's runs that diverged [p]; the geometric mean does not
             show a few of them.
     """
 
@@ -62,7 +62,7 @@ def measure_ranges(board: Board, store: Store, workers: int) -> dict[str, RangeE
     results = results_of(cells, store, workers, "fbl-gym report --generalization")
     ranges = {}
     for name in RADII:
-        rows = [_estimate(training_runs(results[policy, name], "error_pct"), board) for policy in board.policies]
+        rows = [_estimate(training_errors(results[policy, name]), board) for policy in board.policies]
         value, low, high = (np.array(x) for x in zip(*((e.value, e.low, e.high) for e in rows), strict=True))
         diverged = [training_runs(results[policy, name], "diverged").mean() for policy in board.policies]
         ranges[name] = RangeErrors(Estimate(value, low, high), np.array(diverged))

@@ -22,7 +22,7 @@ class Learned:
     """A shipped agent over all its training seeds on one scenario.
 
     Attributes:
-        error: interquartile mean of the error in %, with an interval over training and test seeds.
+        error: geometric mean of the error in %, with an interval over training and test seeds.
         parts: variances of the logarithm of the error: training, world, and neither alone.
     """
 
@@ -49,7 +49,7 @@ def measure_learned(
     counts = resample(len(seeds), rng)
     rows = []
     for (policy, scenario), results in results_of(cells, store, workers, "fbl-gym report --learned").items():
-        errors = training_runs(results, "error_pct")
+        errors = training_errors(results)
         estimate = trained(errors[:, None], counts, rng)
         rows.append(Learned(policy, scenario, len(results), estimate, components(np.log(errors))))
     return rows
@@ -68,3 +68,8 @@ def results_of(
 def training_runs(results: Sequence[Result], metric: str) -> Array:
     """Return a metric of an agent's results [training seeds x seeds]."""
     return np.array([[row[metric] for row in result.rows] for result in results])
+
+
+def training_errors(results: Sequence[Result]) -> Array:
+    """Return the errors of an agent's results in % [training seeds x seeds]."""
+    return np.maximum(training_runs(results, "error_pct"), training_runs(results, "resolution_pct"))

@@ -38,8 +38,12 @@ TAIL = (1 - LEVEL) / 2
 RESAMPLES = 2000
 """Default number of bootstrap resamples."""
 
-WORST_SCORE = -100.0
-"""The score of a run that diverged, and the least score of any run."""
+BOUNDS = -100.0, 120.0
+"""Least and largest score of a scenario."""
+
+DIVERGENCE_PRICE = 100 * np.log(2.0)
+"""Price of a share of diverged runs in the logarithm of the error: each percent costs as much as
+doubling the error."""
 
 ENOUGH_EPISODES = 256
 """Test episodes that a claim about the share of diverged runs needs.
@@ -55,8 +59,8 @@ Rng: TypeAlias = np.random.Generator | int
 """A generator, or the seed of one."""
 
 Statistic: TypeAlias = Callable[[Array, Array], Array]
-"""Runs [... x s x n] and counts [b x s x n] to one number per resample [b x ...]: `iqm` or
-`mean`."""
+"""Runs [... x s x n] and counts [b x s x n] to one number per resample [b x ...]:
+`geometric_mean` or `mean`."""
 
 
 @dataclass(frozen=True)
@@ -99,32 +103,12 @@ def mean(runs: ArrayLike, counts: Array) -> Array:
     return sums / total.reshape(-1, *[1] * (sums.ndim - 1))
 
 
-def iqm(runs: ArrayLike, counts: Array) -> Array:
-    """Return the interquartile mean of the runs [... x s x n] of each resample, [b x ...].
+def geometric_mean(runs: ArrayLike, counts: Array) -> Array:
+    """Return the geometric mean of the runs [... x s x n] of each resample, [b x ...].
 
-    This is the mean of the middle half of the runs of all scenarios. The counts are [b x s x n] or
-    broadcast to it.
+    The runs are above 0. The counts are as for `mean`.
     """
-    x = _runs(runs, counts)
-    axes = counts.ndim - 1
-    shape, x = x.shape[-axes:], x.reshape(*x.shape[:-axes], -1)
-    order = np.argsort(x, axis=-1)
-    x = np.take_along_axis(x, order, axis=-1)
-    means = np.empty((len(counts), *x.shape[:-1]))
-    for first in range(0, len(counts), _BLOCK):
-        block = slice(first, first + _BLOCK)
-        w = np.broadcast_to(counts[block], (len(counts[block]), *shape)).reshape(-1, x.shape[-1])
-        total = w.sum(axis=1, keepdims=True)
-        cut = np.floor(0.25 * total)
-        for row in np.ndindex(x.shape[:-1]):
-            # Of the runs in order, those from number `cut` to `total - cut` count.
-            upto = np.clip(np.cumsum(w[:, order[row]], axis=1), cut, total - cut)
-            means[(block, *row)] = np.diff(upto, axis=1, prepend=cut) @ x[row] / (total - 2 * cut)[:, 0]
-    return means
-
-
-_BLOCK = 16
-"""Resamples of one block, which stays in the processor's cache."""
+    return np.exp(mean(np.log(runs), counts))
 
 
 def _runs(runs: ArrayLike, counts: Array) -> Array:
@@ -143,16 +127,13 @@ def interval(value: ArrayLike, draws: Array) -> Estimate:
     return Estimate(np.asarray(value)[()], low, high)
 
 
-def estimate(x: ArrayLike, counts: Array, statistic: Statistic = iqm) -> Estimate:
-    """Return a statistic of the runs [... x s x n] with its interval, each [...].
-
-    With runs [families x severities x arms x n] it is a degradation curve with its pointwise band.
-    """
+def estimate(x: ArrayLike, counts: Array, statistic: Statistic = geometric_mean) -> Estimate:
+    """Return a statistic of the runs [... x s x n] with its interval, each [...]."""
     once = np.ones((1,) * counts.ndim)  # counts each run once
     return interval(statistic(np.asarray(x), once)[0], statistic(np.asarray(x), counts))
 
 
-def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = iqm) -> Estimate:
+def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = geometric_mean) -> Estimate:
     """Return the statistic of runs a minus that of runs b on the same resampled seeds.
 
     Below 0, a errs less.
@@ -191,8 +172,7 @@ def _beats(a: Array, b: Array) -> Array:
 def profile(x: ArrayLike, tau: ArrayLike, counts: Array) -> Estimate:
     """Return the share of the runs [... x s x n] with an error of at most tau [k], as [... x k].
 
-    This is the performance profile, with a pointwise band. For a score, where larger is better,
-    give -x and -tau.
+    This is the performance profile, with a pointwise band.
     """
     reached = np.asarray(x)[..., None, :, :] <= np.asarray(tau)[:, None, None]
     return estimate(reached, counts, mean)
@@ -209,21 +189,32 @@ def ranks(draws: Array) -> Estimate:
     return Estimate(median, low, high)
 
 
-def score(error: ArrayLike, stay: ArrayLike, oracle: ArrayLike, diverged: ArrayLike) -> Array:
-    """Return the score of each run [... x s x n]: 100 (stay - error) / (stay - oracle).
+def score(gain: ArrayLike, span: ArrayLike, diverged: ArrayLike) -> Array:
+    """Return the score of scenarios, 100 (gain - DIVERGENCE_PRICE diverged) / span, within BOUNDS.
 
-    `stay` is the error of an arm that stays at its start, `oracle` that of the oracle, both on the
-    same seeds. A run that diverged has WORST_SCORE, and no run has less. There is no upper bound:
-    the oracle knows the arm, but its gains are not optimal.
+    Args:
+        gain: ln(E_stay / E). E is the geometric mean error of the runs, E_stay that of an arm that
+            stays at its start.
+        span: ln(E_stay / E_ceiling) for the best law that knows the truth.
+        diverged: share of the runs that diverged, see `diverged_share`.
     """
-    error, stay, oracle = (np.asarray(x, dtype=float) for x in (error, stay, oracle))
-    if not np.all(oracle < stay):
-        worst = tuple(int(i) for i in np.argwhere(~(oracle < stay))[0])
-        raise ValueError(
-            f"oracle must err less than staying does on every seed to score a run, got otherwise at {worst}"
-        )
-    scores = 100 * (stay - error) / (stay - oracle)
-    return np.where(np.asarray(diverged, dtype=bool), WORST_SCORE, np.maximum(scores, WORST_SCORE))
+    return np.clip(100 * (np.asarray(gain) - DIVERGENCE_PRICE * np.asarray(diverged)) / np.asarray(span), *BOUNDS)
+
+
+def diverged_share(diverged: ArrayLike, runs: int) -> Array:
+    """Return the share of diverged runs that a score counts, of their number.
+
+    It is Clopper and Pearson's upper bound, less the upper bound where none diverged. The bound
+    alone would charge all policies for few runs: with none of 32 diverged it is 11 %.
+    """
+    bounds = proportion(np.arange(runs + 1), runs).high
+    return np.asarray((bounds - bounds[0])[np.rint(diverged).astype(int)])
+
+
+def tail_mean(x: ArrayLike, share: float = 0.05) -> Array:
+    """Return the mean of the largest of the runs [... x n], a share of them and at least one."""
+    x = np.sort(np.asarray(x, dtype=float), axis=-1)
+    return np.asarray(x[..., -max(round(share * x.shape[-1]), 1) :].mean(axis=-1))
 
 
 def proportion(count: ArrayLike, runs: ArrayLike) -> Estimate:
@@ -359,7 +350,7 @@ def over_training(counts: Array, training_seeds: int, rng: Rng) -> Array:
     return drawn[:, :, None, None] * counts[:, None]
 
 
-def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = iqm) -> Estimate:
+def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = geometric_mean) -> Estimate:
     """Return a statistic of a learned policy's runs [t x s x n] over training and test seeds."""
     t = np.asarray(x).shape[0]
     result = estimate(x, over_training(counts, t, rng), statistic)

@@ -8,7 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from benchmarks.analysis.statistics import resample, wins
+from benchmarks.analysis.statistics import estimate, resample, wins
 from benchmarks.cli.common import add_trust, console, episodes, film, picture, policy_name, trust
 from benchmarks.policies.spec import resolve_apart
 from benchmarks.report.plot import plot_comparison
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     specs = {policy: resolve_apart(policy) for policy in arguments.policies}
     traces = {name: trace_apart(spec, scenario, range(arguments.seeds)) for name, spec in specs.items()}
     rows = {policy: measure(trace) for policy, trace in traces.items()}
-    errors = {policy: [[row["error_pct"] for row in runs]] for policy, runs in rows.items()}
+    errors = {policy: [[max(row["error_pct"], row["resolution_pct"]) for row in runs]] for policy, runs in rows.items()}
     first, counts = arguments.policies[0], resample(arguments.seeds, 0)
     table = Table(title=escape(f"{scenario.name}, {arguments.seeds} seeds"), title_style="bold", box=SIMPLE_HEAD)
     for name in (
@@ -60,8 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
         better = wins(errors[policy], errors[first], counts)
         table.add_row(
             escape(policy),
-            f"{_mean(runs, 'error_pct'):.3g}",
-            f"{max(row['error_pct'] for row in runs):.3g}",
+            f"{estimate(errors[policy], counts).value:.3g}",
+            f"{max(errors[policy][0]):.3g}",
             f"{100 * _mean(runs, 'diverged'):.2g}",
             f"{_mean(runs, 'variation'):.3g}",
             "" if policy == first else f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})",

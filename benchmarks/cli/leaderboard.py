@@ -127,8 +127,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def counts(error: str) -> bool:
-    """Return whether an error counts as a failure. An extra that is not installed does not."""
-    return bool(error) and not error.startswith("DependencyNotInstalled")
+    """Return whether an error counts as a failure. An absent extra or sensor does not."""
+    return bool(error) and not error.startswith("DependencyNotInstalled") and "needs a sensor of" not in error
 
 
 def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]:

@@ -12,6 +12,7 @@ import controllers
 from benchmarks.paper import claims
 from benchmarks.policies.apart import reason_of
 from benchmarks.run.suite import SUITES
+from controllers.composition import PARTS, gain_name
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.descriptions import Description, describe
 
@@ -55,7 +56,10 @@ def _options() -> dict[str, str]:
 
 
 def _gains() -> dict[str, str]:
-    """Return the gains of each law. The laws whose extra is not installed are left out."""
+    """Return the gains of each law, then those of the parts.
+
+    The laws whose extra is not installed are left out.
+    """
     texts: dict[str, str] = {}
     for name in controllers.names():
         if controllers.kind(name) == "classical":
@@ -64,6 +68,9 @@ def _gains() -> dict[str, str]:
             except ImportError:
                 continue
             texts |= {gain.path: _line(gain) for gain in describe(law, f"{name}.")}  # type: ignore[arg-type]
+    for name, part in PARTS.items():
+        prefix = f"+{name} {gain_name(name, '')}"
+        texts |= {gain.path: _line(gain) for gain in describe(part, prefix)}
     return texts
 
 

@@ -80,8 +80,12 @@ def run(arguments: argparse.Namespace) -> int:
     write_csv(arguments.out / "board.csv", results)
     tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
     traces = [
-        {board.policies[i]: trace_of(Cell(board.specs[i], tasks[name], board.seeds[:1]), store) for i in board.order}
-        for name in selected(list(tasks))
+        {
+            board.policies[i]: trace_of(Cell(board.specs[i], tasks[name], board.seeds[:1]), store)
+            for i in board.order
+            if (i, board.scenarios.index(name)) not in board.failed
+        }
+        for name in selected(board.scenarios)
     ]
     write_page(arguments.out / "board.html", contents(board, results, traces, radii, ranges, command_line()))
     if ranges:
@@ -98,4 +102,4 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"report: {arguments.out / 'board.html'}, board.md and board.csv beside it")
     if board.gaps:
         print("fbl-gym: the report is incomplete, see above; `fbl-gym leaderboard` computes the rest", file=sys.stderr)
-    return 1 if board.lacking or any(map(counts, board.incomplete.values())) else 0
+    return 1 if board.lacking or any(map(counts, (*board.incomplete.values(), *board.failed.values()))) else 0

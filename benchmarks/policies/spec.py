@@ -5,6 +5,7 @@ The text is one of:
 - a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed
   package;
 - "cascade-flm@tuned", with its tuned gains;
+- "cascade-flm+kalman+predictor", a law composed with parts, also with "@tuned";
 - "ppo-memory@3", a shipped agent of one training seed;
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
@@ -37,14 +38,16 @@ from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.rl.agent import access_of, saved_agent
 from benchmarks.rl.policy import shipped
 from benchmarks.rl.sb3 import load_zip
-from controllers.registry import KINDS
+from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.interface import Interface
 from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
-RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout")
-"""Modules that every result depends on, the kernel among what they import."""
+RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout", "controllers.composition")
+"""Modules that every result depends on, the kernel among what they import.
+
+Any law is composed where a sensor that it needs is absent."""
 
 
 class BadDeclaration(ValueError):
@@ -221,7 +224,7 @@ def is_unchanged(spec: PolicySpec) -> bool:
 
 def _form(text: str) -> str:
     """Return "name" for a registered policy and for unknown text, else `external.form_of`."""
-    return "name" if _with_seed(text)[0] in names() else external.form_of(text)
+    return "name" if _with_seed(text)[0] in names() or is_composed(text) else external.form_of(text)
 
 
 def _with_seed(text: str) -> tuple[str, dict[str, int]]:
@@ -233,6 +236,8 @@ def _with_seed(text: str) -> tuple[str, dict[str, int]]:
 def _check(text: str) -> None:
     if _form(text) != "name":
         external.check(text)
+    elif is_composed(text):
+        controllers.factory(text)  # refuses parts that do not fit
     elif _with_seed(text)[0] not in names():
         if (Path(text) / "agent.json").is_file():
             raise ValueError(f"unknown policy {text!r}; the folder of that name is named by its path, ./{text}")
@@ -275,7 +280,7 @@ def _coded(text: str) -> PolicySpec:
             modules = external.sources(text) if is_external else {}
             if is_external and not modules:
                 raise BadDeclaration(f"{text} must be Python code in files, since its key follows them")
-            modules = modules or _files(factory.__module__)
+            modules = modules or _files(getattr(factory, "law", factory).__module__)
             spec = _declared(spec, factory)
             spec = dataclasses.replace(spec, configuration=configuration(_make(text, _example(spec), {})))
     except external.NotFound:

@@ -1,7 +1,4 @@
-"""The board's columns: the page prints all of them, `markdown.py` those that it names.
-
-`terminal.py` has a table with fewer columns, which uses the same format of numbers.
-"""
+"""The columns of the board, declared once for the page, the Markdown tables and the terminal."""
 
 from __future__ import annotations
 
@@ -30,9 +27,12 @@ class Column:
         meaning: one sentence for the reader.
         values: number or text of each policy; None where a policy has none.
         low, high: ends of the 95 % intervals; empty without intervals.
-        notes: text below the number of each policy; empty without notes.
+        notes: text below the entry of each policy; empty without notes.
         best: 1 if larger is better, -1 if smaller is better, 0 if neither.
         form: function that prints a number.
+        place: "short" for every table, "table" for all but the README's, "page" for the page alone.
+        ends: the interval in a table: "" none, "interval" both ends, "upper" the upper end, "range"
+            both ends in place of the value.
     """
 
     key: str
@@ -44,6 +44,13 @@ class Column:
     notes: Sequence[str] = ()
     best: int = 0
     form: Callable[[float], str] = lambda x: number(x)
+    place: str = "page"
+    ends: str = ""
+
+    @property
+    def is_choice(self) -> bool:
+        """True for a column of words, by which the page filters."""
+        return self.key != "policy" and all(isinstance(value, str) for value in self.values)
 
     def text(self, i: int) -> str:
         """Return the value of policy i as text, without its interval."""
@@ -57,6 +64,20 @@ class Column:
             return ""
         return f"{self.form(low)}{between}{self.form(high)}"
 
+    def cell(self, i: int, brief: bool = False) -> str:
+        """Return the entry of policy i in a table; a brief one has no interval in brackets."""
+        low, _, high = self.interval(i).partition("–")
+        if self.ends == "range":
+            return "" if not low else low if low == high else f"{low}–{high}"
+        ends = f" (≤{high})" if self.ends == "upper" else f" ({low}–{high})" if self.ends and not brief else ""
+        note = f", {self.notes[i]}" if self.notes and self.notes[i] else ""
+        return self.text(i) + (ends if low else "") + note
+
+    def leader(self, ranked: Sequence[int]) -> Value:
+        """Return the best value of some policies; None where no value is better than another."""
+        values = [x for i in ranked if isinstance(x := self.values[i], float | int)]
+        return self.best * max(self.best * x for x in values) if self.best and len(set(values)) > 1 else None
+
 
 def number(x: float) -> str:
     """Return a number with three significant digits, without an exponent down to 1e-6."""
@@ -69,65 +90,95 @@ def number(x: float) -> str:
 
 def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
     """Return the columns of a board, from left to right, one for each generalization range."""
-    policies = board.policies
-    rank: list[Value] = [None] * len(policies)
+    count = len(board.policies)
+    rank: list[Value] = [None] * count
     ends: list[list[Value]] = [rank[:], rank[:]]
     for place, i in enumerate(board.ranked):
         rank[i] = float(board.rank.value[place])
         ends[0][i], ends[1][i] = float(board.rank.low[place]), float(board.rank.high[place])
+    failures = [sum(j == i for j, _ in board.failed) for i in range(count)]
 
     def estimated(key: str, title: str, meaning: str, estimate: Estimate, scale: float = 1.0, **more: object) -> Column:
         value, low, high = ((scale * np.asarray(x)).tolist() for x in (estimate.value, estimate.low, estimate.high))
         return Column(key, title, meaning, value, low, high, **more)  # type: ignore[arg-type]
 
+    first, *others = board.tiers
+    here = f"in the tier {first}" if others else "of this suite"
     known = scenarios.families()
     return [
         Column(
             "rank", "rank", "Median rank over the bootstrap. A policy with privileged access has no rank.",
-            rank, low=ends[0], high=ends[1], form="{:.0f}".format,
-        ),
-        Column("policy", "policy", "Name of the policy.", policies),
-        *(
-            [] if board.score is None else [estimated(
-                "score", "score", "Mean of the runs' scores: 0 is an arm that stays at its start, 100 is the oracle, −100 a "
-                "run that diverged.", board.score, best=1, form="{:.1f}".format,
-            )]
-        ),
-        estimated(
-            "error", "error %", "Interquartile mean, over all scenarios, of the mean absolute tracking error in % of the "
-            "reference's amplitude.", board.error, best=-1,
-        ),
-        estimated(
-            "diverged", "diverged %", "Share of runs that diverged, with Clopper and Pearson's interval. These runs count in "
-            "every error.", board.diverged, 100.0, best=-1, form="{:.2g}".format,
+            rank, low=ends[0], high=ends[1], form="{:.0f}".format, place="short", ends="range",
         ),
         Column(
-            "variation", "torque variation kN m/s",
-            "Total variation of the torque per second, both joints, median of the runs.",
-            (np.median(board.runs["variation"], axis=(1, 2)) / 1e3).tolist(),
+            "policy", "policy", "Name of the policy. Where it failed, it counts as an arm that stays.", board.policies,
+            notes=[f"stays in {n} of {len(board.scenarios)}" if n else "" for n in failures], place="short",
+        ),
+        *(
+            estimated(
+                f"score-{tier}" if tier != first else "score", "score" if tier == first else f"{tier} score",
+                "0 is an arm that stays at its start, 100 the ceiling: the law with the least error that knows the truth. "
+                f"Logarithmic in the error; each percent of diverged runs counts as twice the error. Mean of the scenarios "
+                f"in the tier {tier}.",
+                score, best=1, form="{:.1f}".format, place="short" if tier == first else "table", ends="interval",
+            )
+            for tier, score in board.scores.items()
+        ),
+        estimated(
+            "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
+            "reference's amplitude, half its range.", board.error, best=-1, place="short", ends="interval",
+        ),
+        Column(
+            "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
+            place="short",
+        ),
+        estimated(
+            "diverged", "diverged %", f"Share of runs that diverged {here}, with Clopper and Pearson's upper bound. These "
+            "runs count in every error.", board.diverged, 100.0, best=-1, form="{:.2g}".format, place="short", ends="upper",
+        ),
+        *(
+            [] if board.effort is None else [Column(
+                "effort", "effort", "Torque variation relative to that of the ceiling, median of the scenarios.",
+                board.effort.tolist(), place="short",
+            )]
+        ),
+        *(
+            [Column(
+                "recovery", "recovery s", "Time until the error is back after an event, mean of the scenarios with events.",
+                np.mean([metrics["recovery_s"] for metrics in board.recovery.values()], axis=0).tolist(), best=-1,
+                place="table",
+            )] if board.recovery else []
         ),
         *(
             estimated(f"family-{family}", family, f"Error % over one family: {known.get(family, 'of this suite')}.",
-                      board.family_errors[family], best=-1)
-            for family in board.families
+                      errors, best=-1, place="table" if set(board.families[family]) <= set(board.main) else "page")
+            for family, errors in board.family_errors.items()
         ),
         *(
             estimated(
                 f"range-{name}", name, f"Error % on {MEANING[name]}, and the share of runs that diverged. An agent counts "
-                "with all its training seeds.", errors.error, best=-1, form="{:.3f}".format,
+                "with all its training seeds.", errors.error, best=-1, form="{:.3f}".format, place="table", ends="interval",
                 notes=[f"{100 * share:.2g} % diverged" if share else "" for share in errors.diverged],
             )
             for name, errors in ranges.items()
         ),
         Column(
-            "decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].",
-            board.decision_us.tolist(),
+            "access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",
+            [spec.access for spec in board.specs], place="table",
         ),
         Column(
-            "access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",
-            [spec.access for spec in board.specs],
+            "sensors", "sensors", "Sensors that the policy uses: p position, v velocity, a acceleration.",
+            [" ".join(name[0] for name in spec.needs) or "none" for spec in board.specs], place="table",
         ),
-        Column("sensors", "sensors", "Sensors that the policy needs.", [", ".join(spec.needs) for spec in board.specs]),
+        Column(
+            "decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].",
+            board.decision_us.tolist(), place="table",
+        ),
+        Column(
+            "variation", "torque variation kN m/s",
+            "Total variation of the torque per second, both joints, median of the runs.",
+            (np.median(board.runs["variation"][:, board.main], axis=(1, 2)) / 1e3).tolist(),
+        ),
         Column(
             "preview", "preview", "Part of the reference's future that the policy reads.",
             [f"{spec.preview:.2g} s" if spec.preview else "none" for spec in board.specs],

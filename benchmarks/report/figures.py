@@ -81,17 +81,88 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 def degradation(board: Board) -> list[Figure]:
     """Return error against severity, a figure for each arm and family."""
     figures = []
-    for arm in scenarios.arms():
-        for family in board.families:
-            curve = board.degradation(family, arm)
-            if family == "nominal" or curve is None:
-                continue
-            severities, estimate = curve
-            data, text = _curves(board, severities, estimate), scenarios.families().get(family, "")
-            axes = {"xaxis": {"dtick": 1}, "yaxis": LOG}
-            title = family if arm == "table-1" else f"{arm}/{family}"
-            figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
+    for title, (severities, estimate) in board.degradation.items():
+        text = scenarios.families().get(title.partition("@")[0].rpartition("/")[2], "")
+        data, axes = _curves(board, severities, estimate), {"xaxis": {"dtick": 1}, "yaxis": LOG}
+        figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
     return figures
+
+
+def pareto(board: Board) -> list[Figure]:
+    """Return error against effort of the ranked policies, and the front of the best of them."""
+    if board.effort is None:
+        return []
+    effort = board.effort
+    ranked = [i for i in board.ranked if effort[i] > 0]
+    points = sorted((board.error.value[i], effort[i], i) for i in ranked)
+    front = [point for k, point in enumerate(points) if all(point[1] < other[1] for other in points[:k])]
+    line = {
+        "type": "scatter", "mode": "lines", "x": [x for x, _, _ in front], "y": [y for _, y, _ in front],
+        "line": {"color": COLORS[-1], "width": 1.5, "dash": "dot", "shape": "hv"}, "hoverinfo": "skip",
+    }  # fmt: skip
+    data = [line, *_points(board, board.error.value, effort, ranked, [i for _, _, i in front])]
+    text = "Left is a smaller error, down is less strain on the drives. No policy is better in both than those on the line."
+    log = {"type": "log"}
+    figure = _figure("Error against effort", text, data, "error [%]", "effort [of the ceiling's]", xaxis=log, yaxis=log)
+    return [{**figure, "height": 520, "points": True}]
+
+
+def tiers(board: Board) -> list[Figure]:
+    """Return the score in each further tier against the score of the board."""
+    first, figures = next(iter(board.tiers)), []
+    for tier in board.scores if board.score is not None else ():
+        if tier == first:
+            continue
+        data = _points(board, board.score.value, board.scores[tier].value, board.ranked, [])
+        text = "A policy above the others at its place keeps more of its score there."
+        figure = _figure(f"{tier} against {first}", text, data, f"{first} score", f"{tier} score")
+        figures.append({**figure, "points": True})
+    return figures
+
+
+def _points(board: Board, x: Array, y: Array, chosen: Sequence[int], named: Sequence[int]) -> list[Figure]:
+    """Return a mark for each chosen policy, some with their names."""
+    place = {i: k for k, i in enumerate(board.order)}
+    return [
+        {
+            "type": "scatter", "name": board.policies[i], "legendgroup": board.policies[i], "x": [x[i]], "y": [y[i]],
+            "mode": "markers+text" if i in named else "markers", "text": [board.policies[i]], "textposition": "top center",
+            "marker": {"color": style(place[i])[0], "symbol": style(place[i])[1], "size": 9}, "cliponaxis": False,
+            "hovertemplate": f"{board.policies[i]}: %{{x:.3g}}, %{{y:.3g}}<extra></extra>",
+        }
+        for i in chosen
+    ]  # fmt: skip
+
+
+def recovery(board: Board) -> list[Figure]:
+    """Return the time back after events, for each policy and scenario with events."""
+    if not board.recovery:
+        return []
+    names, tasks = [board.policies[i] for i in board.order], list(board.recovery)
+    times = np.array([[board.recovery[task]["recovery_s"][i] for task in tasks] for i in board.order])
+    text = [
+        [
+            f"{board.policies[i]} in {task}: back after {m['recovery_s'][i]:.3g} s, area {m['recovery_rad_s'][i]:.3g} rad s, "
+            f"never back {m['unrecovered_pct'][i]:.3g} %, diverged {100 * m['diverged'][i]:.3g} %"
+            for task, m in board.recovery.items()
+        ]
+        for i in board.order
+    ]
+    heatmap = {
+        "type": "heatmap", "x": tasks, "y": names, "z": times, "text": text, "hovertemplate": "%{text}<extra></extra>",
+        "texttemplate": "%{z:.2g}", "zmin": 0, "colorscale": [[0, "rgba(128,128,128,0.08)"], [1, COLORS[1]]],
+        "colorbar": {"thickness": 10, "outlinewidth": 0}, "xgap": 1, "ygap": 1,
+    }  # fmt: skip
+    description = (
+        "Seconds until the error is back near its level before the event, mean over events and runs. An event without return "
+        "counts with the time until the next one or the end. Runs that diverged are left out; the pointer shows their share, "
+        "and the area of the error above its level before."
+    )
+    figure = _figure(
+        "Time back after an event", description, [heatmap], "", "", yaxis={"autorange": "reversed", "dtick": 1},
+        xaxis={"side": "top", "tickangle": -90, "dtick": 1},
+    )  # fmt: skip
+    return [{**figure, "height": 240 + 18 * len(names)}]
 
 
 def profiles(board: Board) -> list[Figure]:

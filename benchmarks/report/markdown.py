@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from benchmarks.analysis.board import UNSCORED, Board
+from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.learned import Learned
 from benchmarks.paper.claim import Claim
@@ -19,9 +19,6 @@ BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 
 ROWS = 10
 """Number of rows of the short table."""
-
-_SHORT = ("policy", "rank", "error", "diverged", "variation")
-_LONG = ("policy", "access", "rank", "score", "error", "diverged", "variation", "decision")
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -60,28 +57,21 @@ def claims(measured: Mapping[str, Claim]) -> str:
 
 
 def leaderboard(board: Board, ranges: Mapping[str, RangeErrors] = MappingProxyType({}), *, short: bool = False) -> str:
-    """Return the board as a table, the best policy first, with a column for each range.
+    """Return the board as a table, the best policy first, and its remarks.
 
-    A short one has the best ten rows with rank, error, diverged share and torque variation.
+    A short one has the best ten rows with the main columns, and no remarks on a complete board.
     """
-    every = {column.key: column for column in columns(board, ranges)}
-    keys = _SHORT if short else (*_LONG, *(key for key in every if key.startswith(("family-", "range-"))))
-    selected = [every[key] for key in keys if key in every]
+    places = ("short",) if short else ("short", "table")
+    selected = [column for column in columns(board, ranges) if column.place in places]
     rows = [[_cell(column, i) for column in selected] for i in (board.order[:ROWS] if short else board.order)]
-    note = f"\n{UNSCORED}\n" if board.score is None and not short else ""
-    gaps = "".join(f"\n{plain(gap)}\n" for gap in board.gaps)
-    return table([plain(column.title) for column in selected], rows) + note + gaps
+    remarks = "".join(f"\n{plain(remark)}\n" for remark in (board.gaps if short else board.remarks))
+    return table([plain(column.title) for column in selected], rows) + remarks
 
 
 def _cell(column: Column, i: int) -> str:
     if column.key == "policy":
-        return code(column.text(i))
-    if column.key == "rank":
-        low, _, high = column.interval(i).partition("–")
-        return "not ranked" if not low else low if low == high else f"{low}–{high}"
-    ends = column.interval(i) if column.key in ("score", "error") or column.key.startswith("range-") else ""
-    note = f", {column.notes[i]}" if column.notes and column.notes[i] else ""
-    return column.text(i) + (f" ({ends})" if ends else "") + note
+        return code(column.text(i)) + (f" {column.notes[i]}" if column.notes[i] else "")
+    return plain(column.cell(i)) or "not ranked"
 
 
 def learned_table(rows: Sequence[Learned]) -> str:

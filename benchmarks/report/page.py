@@ -23,7 +23,7 @@ from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.analysis.statistics import Radius
 from benchmarks.files import write_text
 from benchmarks.report import figures
-from benchmarks.report.columns import Column, columns
+from benchmarks.report.columns import Column, Value, columns
 from benchmarks.report.figures import DASHES, MARKS, style
 from benchmarks.report.scenes import scene
 from benchmarks.run.rollout import Trace
@@ -32,10 +32,10 @@ from benchmarks.run.store import Result
 DIGITS = 5
 """Significant digits of the numbers in the figures."""
 
-FILTERS = ("access", "sensors", "preview", "tuning")
-"""Columns whose values can be chosen from a list."""
-
 _SECTIONS = {
+    "pareto": ("Error and effort", ""),
+    "tiers": ("Tiers", "Scores in the tier that ranks, and in the others, on which nothing is tuned or trained."),
+    "recovery": ("Recovery", ""),
     "degradation": (
         "Degradation",
         "Error against severity, one family of uncertainty each. Severity 0 is the nominal arm. Bars are intervals.",
@@ -98,9 +98,10 @@ def contents(
         "title": "fbl-gym leaderboard",
         "summary": (
             f"{len(board.policies)} policies on {len(board.scenarios)} scenarios with the same {len(board.seeds)} seeds. "
+            f"{_tiers(board)}"
             "Intervals cover 95 %, by a bootstrap over seeds."
             + ("" if statistics.enough(len(board.seeds)) else " Too few episodes to claim a share of diverged runs.")
-            + "".join(f" {gap}." for gap in board.gaps)
+            + "".join(f" {remark.removesuffix('.')}." for remark in board.remarks)
         ),
         "facts": {
             "command": command,
@@ -116,6 +117,9 @@ def contents(
         "ranked": [board.policies[i] for i in board.ranked],
         "columns": columns(board, ranges),
         "figures": {
+            "pareto": figures.pareto(board),
+            "tiers": figures.tiers(board),
+            "recovery": figures.recovery(board),
             "degradation": figures.degradation(board),
             "radius": figures.radius(board, radii),
             "profiles": figures.profiles(board),
@@ -126,6 +130,11 @@ def contents(
     }
 
 
+def _tiers(board: Board) -> str:
+    first, *others = (f"{tier} ({len(places)} scenarios)" for tier, places in board.tiers.items())
+    return f"Rank, score, error and effort are of the tier {first}; beside it: {', '.join(others)}. " if others else ""
+
+
 def write_page(path: Path, page: Page) -> None:
     """Write the page to a file, and make the file's folder."""
     text = html.escape
@@ -134,7 +143,7 @@ def write_page(path: Path, page: Page) -> None:
         "TITLE": text(page["title"]),
         "SUMMARY": text(page["summary"]),
         "LINKS": "".join(f'<a href="#{name}">{_SECTIONS[name][0]}</a>' for name in drawn),
-        "FILTERS": "".join(_filter(column) for column in page["columns"] if column.key in FILTERS),
+        "FILTERS": "".join(_filter(column) for column in page["columns"] if column.is_choice),
         "TABLE": _table(page),
         "MEANINGS": "".join(f"<dt>{text(c.title)}</dt><dd>{text(c.meaning)}</dd>" for c in page["columns"]),
         "CHIPS": "".join(_chip(name, place) for place, name in enumerate(page["order"])),
@@ -160,13 +169,12 @@ def _table(page: Page) -> str:
         f'data-first="{-column.best or 1}" title="{html.escape(column.meaning)}">{html.escape(column.title)}</button></th>'
         for column in page["columns"]
     )
-    best = {column.key: _best(column, page) for column in page["columns"]}
+    ranked = [page["policies"].index(name) for name in page["ranked"]]
+    best = {column.key: column.leader(ranked) for column in page["columns"]}
     rows = []
     for name in page["order"]:
         i = page["policies"].index(name)
-        choices = " ".join(
-            f'data-{c.key}="{html.escape(str(c.values[i]))}"' for c in page["columns"] if c.key in FILTERS
-        )
+        choices = " ".join(f'data-{c.key}="{html.escape(str(c.values[i]))}"' for c in page["columns"] if c.is_choice)
         words = html.escape(f"{name} {page['summaries'][i]}".lower())
         rows.append(
             f'<tr data-policy="{html.escape(name)}" data-words="{words}" {choices} '
@@ -177,18 +185,14 @@ def _table(page: Page) -> str:
     return f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
 
 
-def _best(column: Column, page: Page) -> float | None:
-    values = [column.values[page["policies"].index(name)] for name in page["ranked"]] if column.best else []
-    numbers = [x for x in values if isinstance(x, float | int)]
-    return column.best * max(column.best * x for x in numbers) if len(set(numbers)) > 1 else None
-
-
-def _cell(column: Column, i: int, best: float | None, summary: str) -> str:
+def _cell(column: Column, i: int, best: Value, summary: str) -> str:
     value = column.values[i]
-    if column.key == "policy":
-        return f'<th scope="row" class="policy" title="{html.escape(summary)}">{html.escape(column.text(i))}</th>'
     small = [column.interval(i, " … "), column.notes[i] if column.notes else ""]
     notes = "".join(f"<small>{html.escape(note)}</small>" for note in small if note)
+    if column.key == "policy":
+        return (
+            f'<th scope="row" class="policy" title="{html.escape(summary)}">{html.escape(column.text(i))}{notes}</th>'
+        )
     kind = "best" if best is not None and value == best else "text" if isinstance(value, str) else ""
     stored = "" if value is None else html.escape(str(value))
     return f'<td data-value="{stored}" class="{kind}">{html.escape(column.text(i))}{notes}</td>'

@@ -10,44 +10,42 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from benchmarks.analysis.board import UNSCORED, Board
+from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RADII, TRAINED_ON, RangeErrors
 from benchmarks.paper.claim import Claim
-from benchmarks.report.columns import number
+from benchmarks.report.columns import Column, columns, number
 from benchmarks.run.metrics import describe, summarize
 from benchmarks.speed.environments import Speed
 
-SCORED = "score: 0 for an arm that stays at its start, 100 for the oracle."
+MEANING = (
+    "score: 0 for an arm that stays at its start, 100 for the best law that knows the truth. error: geometric mean of the mean "
+    "absolute tracking error in % of the reference's amplitude. diverged: share of runs, with its upper bound. effort: torque "
+    "variation relative to that law's. rank: 95 % interval. In brackets: privileged access, not ranked."
+)
 
 
 def leaderboard(console: Console, board: Board) -> None:
-    """Print one row per policy, the best first: score, errors, diverged share, families.
+    """Print one row per policy, the best first.
 
-    No text is cut. A file gets lines of any length. On a narrow terminal, the families that do not
+    No text is cut. A file gets lines of any length. On a narrow terminal, the columns that do not
     fit follow in further tables.
     """
     text_width = console.width
+    left = [column for column in columns(board, {}) if column.place != "page" and column.key != "policy"]
     if not console.is_terminal:
-        console.width = max(console.width, _width(console, _board(board, True, list(board.families))))
-    families, summary = list(board.families), True
-    while families or summary:
-        fits = [
-            n
-            for n in range(len(families) + 1)
-            if _width(console, _board(board, summary, families[:n])) <= console.width
-        ]
-        n = max([*fits, 0 if summary else 1])
-        console.print(_board(board, summary, families[:n]))
-        families, summary = families[n:], False
-    scored = UNSCORED if board.score is None else SCORED
-    console.print(
-        f"{scored} error: interquartile mean of the mean absolute tracking error in % of the reference's amplitude, over all "
-        "scenarios and in each family. diverged: share of runs that diverged. rank: 95 % "
-        "interval. us: microseconds per decision. In brackets: privileged access, not ranked.",
-        width=min(text_width, console.width),
-    )
-    for gap in board.gaps:
-        console.print(f"[red]{escape(gap)}[/red]")
+        console.width = max(console.width, _width(console, _board(board, left)))
+    title: str | None = f"{_count(board.scenarios, 'scenario')}, {_count(board.seeds, 'seed')} each"
+    while left:
+        fits = [n for n in range(len(left) + 1) if _width(console, _board(board, left[:n])) <= console.width]
+        n = max([*fits, 1])
+        table = _board(board, left[:n])
+        table.title = title
+        console.print(table)
+        left, title = left[n:], None
+    console.print(MEANING, width=min(text_width, console.width))
+    for remark in board.remarks:
+        style = "red" if remark in board.gaps else "yellow"
+        console.print(f"[{style}]{escape(remark)}[/{style}]", width=min(text_width, console.width))
 
 
 def _width(console: Console, table: Table) -> int:
@@ -55,32 +53,21 @@ def _width(console: Console, table: Table) -> int:
     return console.measure(table, options=console.options.update(width=10_000)).maximum
 
 
-def _board(board: Board, summary: bool, families: Sequence[str]) -> Table:
-    """Return a table with the columns of some families; `summary` adds those over all scenarios."""
-    title = f"{_count(board.scenarios, 'scenario')}, {_count(board.seeds, 'seed')} each" if summary else None
-    table = Table(title=title, title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
+def _board(board: Board, selected: Sequence[Column]) -> Table:
+    """Return a table with some columns."""
+    table = Table(title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
     table.add_column("policy", no_wrap=True)
-    for name in ("rank", "score", "error\n%", "diverged\n%", "us") if summary else ():
-        table.add_column(name, justify="right", no_wrap=True)
-    for family in families:
-        table.add_column(escape(family.replace("-", "-\n")), justify="right", no_wrap=True)
-    ranks = dict(zip(board.ranked, np.stack([board.rank.low, board.rank.high], axis=-1), strict=True))
+    for column in selected:
+        head = escape(column.title.replace("-", "-\n").replace(" ", "\n").replace("/", "/\n"))
+        table.add_column(head, justify="left" if column.is_choice else "right", no_wrap=True)
+    leaders = [column.leader(board.ranked) for column in selected]
     for i in board.order:
         privileged = not board.specs[i].ranked
         cells = [escape(f"({board.policies[i]})" if privileged else board.policies[i])]
-        if summary:
-            diverged = 100 * board.diverged.value[i]
-            cells += [
-                "" if privileged else _range(*ranks[i]),
-                "" if board.score is None else f"{board.score.value[i]:.1f}",
-                number(board.error.value[i]),
-                f"[red]{diverged:.2g}[/red]" if diverged else "0",
-                number(board.decision_us[i]),
-            ]
-        for family in families:
-            values = board.family_errors[family].value
-            best = not privileged and values[i] == min(values[k] for k in board.ranked)
-            cells.append(f"[green]{number(values[i])}[/green]" if best else number(values[i]))
+        for column, leader in zip(selected, leaders, strict=True):
+            best = not privileged and leader is not None and column.values[i] == leader
+            text = escape(column.cell(i, brief=True))
+            cells.append(f"[green]{text}[/green]" if best else text)
         table.add_row(*cells, style="dim" if privileged else "")
     return table
 
@@ -105,7 +92,7 @@ def generalization(console: Console, board: Board, measured: Mapping[str, RangeE
         )
     console.print(table)
     console.print(
-        f"{TRAINED_ON} with other radii of the parameters' error; agents are trained on 0.5. Interquartile means with 95 % "
+        f"{TRAINED_ON} with other radii of the parameters' error; agents are trained on 0.5. Geometric means with 95 % "
         "intervals. An agent's interval covers its training seeds too, and is optimistic with fewer than ten. In red: the "
         "share of runs that diverged."
     )
@@ -114,10 +101,6 @@ def generalization(console: Console, board: Board, measured: Mapping[str, RangeE
 def _count(things: Sequence[object], name: str) -> str:
     """Return a number of things in words, such as "1 seed"."""
     return f"{len(things)} {name}{'' if len(things) == 1 else 's'}"
-
-
-def _range(low: float, high: float) -> str:
-    return f"{low:.0f}" if low == high else f"{low:.0f}-{high:.0f}"
 
 
 def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:

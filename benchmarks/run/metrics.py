@@ -26,11 +26,24 @@ The steady-state error is that of the last quarter of each rest.
 BAND = 0.02
 """A step has settled when the joint stays within this share of the step."""
 
+FINEST = 2.0**20
+"""Counts of an ideal sensor, as if it were a very good encoder: the resolution is never 0."""
+
+LOOK_BACK, HOLD = 1.0, 0.5
+"""An event's level before is the largest error of the last LOOK_BACK seconds. The error is back
+when it stays near that level for HOLD seconds."""
+
+NEAR, LEAST_LEVEL = 1.5, 1e-3
+"""Near is within NEAR times the level before, which is at least LEAST_LEVEL [rad]."""
+
 METRICS: dict[str, str] = {
-    "error_pct": "mean absolute tracking error, both joints, in % of the reference's amplitude",
+    "error_pct": "mean absolute tracking error, both joints, in % of the reference's amplitude: half its range",
     "error_mrad": "mean absolute tracking error, both joints [mrad]",
     "rms_mrad": "root mean square tracking error, both joints [mrad]",
-    "max_mrad": "largest absolute tracking error of either joint [mrad]",
+    "max_mrad": "worst case: largest absolute tracking error of either joint [mrad]",
+    "iae": "integral of the absolute error, mean of both joints [rad s]",
+    "itae": "integral of the absolute error times the time, mean of both joints [rad s^2]",
+    "ise": "integral of the squared error, mean of both joints [rad^2 s]",
     "steady_1_pct": "mean absolute error of link 1 while the reference rests, in % of its amplitude",
     "steady_2_pct": "mean absolute error of link 2 while the reference rests, in % of its amplitude",
     "overshoot_pct": "largest overshoot beyond a step of the reference, in % of the step (step references only)",
@@ -38,8 +51,13 @@ METRICS: dict[str, str] = {
     "torque_rms": "root mean square torque, both joints [N m]",
     "variation": "total variation of the torque per second, both joints [N m/s]",
     "saturated_pct": "share of samples in which a joint's torque is at its limit [%]",
+    "recovery_rad_s": "area of the error above its level before an event, mean of the events [rad s] (events only)",
+    "recovery_s": "time until the error is back after an event, mean of the events [s]; the time until the next event or "
+    "the end if it never is (events only)",
+    "unrecovered_pct": "share of the events after which the error is never back [%] (events only)",
     "diverged": "1 where the run diverged, else 0",
     "stay_pct": "error_pct of an arm that stays at its start, for which the score is 0",
+    "resolution_pct": "error_pct of one count of the encoder; the score takes no smaller error into account",
 }
 """Name and meaning of each metric, in the order of the columns."""
 
@@ -51,11 +69,11 @@ def errors(trace: Trace) -> Array:
 
 
 def amplitude(trace: Trace) -> Array:
-    """Return the reference's largest distance from the arm's start [n x 2] rad.
+    """Return half the range of the reference, (largest - smallest) / 2 [n x 2] rad.
 
-    It is 1 for a joint that shall stand still.
+    All errors in % are shares of it. It is 1 for a joint that shall stand still.
     """
-    size = np.abs(trace.reference - trace.position[0]).max(axis=0)
+    size = np.ptp(trace.reference, axis=0) / 2
     return np.where(size > 1e-9, size, 1.0)
 
 
@@ -66,30 +84,67 @@ def measure(trace: Trace) -> list[dict[str, float]]:
     """
     error, size = errors(trace), amplitude(trace)
     alive = trace.alive[..., None]
+    dt, mean_error = trace.scenario.control_dt, error.mean(axis=-1)
     count = np.maximum(trace.alive.sum(axis=0), 1)
     torque = np.where(alive, trace.torque, 0.0)
     change = np.abs(np.diff(trace.torque, axis=0)) * (trace.alive[1:] & trace.alive[:-1])[..., None]
-    duration = count * trace.scenario.control_dt
     steady = _steady(trace, error) / size
     overshoot, settling = _steps(trace)
+    area, back, unrecovered = _recovery(trace, mean_error)
     limit = trace.scenario.actuator.torque_limit
     at_limit = np.zeros_like(torque) if limit is None else np.abs(torque) >= np.array(limit) * (1 - 1e-9)
+    encoder = trace.scenario.encoder
+    counts = np.array(FINEST if encoder is None or encoder.counts is None else encoder.counts)
     columns = {
         "error_pct": 100 * (error.mean(axis=0) / size).mean(axis=-1),
-        "error_mrad": 1e3 * error.mean(axis=(0, 2)),
+        "error_mrad": 1e3 * mean_error.mean(axis=0),
         "rms_mrad": 1e3 * np.sqrt((error**2).mean(axis=(0, 2))),
         "max_mrad": 1e3 * error.max(axis=(0, 2)),
+        "iae": dt * mean_error[1:].sum(axis=0),
+        "itae": dt * trace.time[1:] @ mean_error[1:],
+        "ise": dt * (error[1:] ** 2).mean(axis=-1).sum(axis=0),
         "steady_1_pct": 100 * steady[:, 0],
         "steady_2_pct": 100 * steady[:, 1],
         "overshoot_pct": overshoot,
         "settling_s": settling,
         "torque_rms": np.sqrt((torque**2).sum(axis=(0, 2)) / (2 * count)),
-        "variation": change.sum(axis=(0, 2)) / duration,
+        "variation": change.sum(axis=(0, 2)) / (count * dt),
         "saturated_pct": 100 * at_limit.any(axis=-1).sum(axis=0) / count,
+        "recovery_rad_s": area,
+        "recovery_s": back,
+        "unrecovered_pct": 100 * unrecovered,
         "diverged": (~trace.alive[-1]).astype(float),
         "stay_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
+        "resolution_pct": 100 * (2 * np.pi / counts / size).mean(axis=-1),
     }
     return [{name: float(columns[name][i]) for name in METRICS} for i in range(len(trace.seeds))]
+
+
+def _recovery(trace: Trace, error: Array) -> tuple[Array, Array, Array]:
+    """Return area, time back and unrecovered share of each run's events, [n] each.
+
+    They are NaN for a run without events, or that diverged.
+    """
+    dt, last = trace.scenario.control_dt, len(trace.time) - 1
+    hold = max(round(HOLD / dt), 1)
+    results = np.full((3, len(trace.seeds)), np.nan)
+    for lane in np.flatnonzero(trace.alive[-1]) if trace.event_times.size else ():
+        starts = np.unique(np.floor(trace.event_times[lane] / dt + 1e-6).astype(int))
+        starts = starts[starts < last]
+        events = []
+        for begin, end in zip(starts, [*starts[1:], last], strict=True):
+            first = max(begin - round(LOOK_BACK / dt), 0)
+            level = max(error[first : begin + 1, lane].max(), LEAST_LEVEL)
+            after = error[begin + 1 : end + 1, lane]
+            near = np.convolve(after <= NEAR * level, np.ones(hold))[
+                hold - 1 : len(after)
+            ]  # of the next `hold` samples
+            backs = np.flatnonzero(near > hold - 0.5)
+            time = backs[0] if backs.size else len(after)
+            events.append((dt * np.maximum(after - level, 0.0).sum(), dt * time, not backs.size))
+        if events:
+            results[:, lane] = np.mean(events, axis=0)
+    return results[0], results[1], results[2]
 
 
 def _steady(trace: Trace, error: Array) -> Array:

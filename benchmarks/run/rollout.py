@@ -36,6 +36,7 @@ class Trace:
             steps.
         payload: mass carried at the tip [T + 1 x n] kg.
         lengths: true link lengths of each seed's first episode [n x 2] m.
+        event_times: of each seed's first episode [n x number of events] s.
         watched: the signals of `rollout`'s argument `watch`, by name; [T x n x ...], from sample 1
             on.
     """
@@ -52,6 +53,7 @@ class Trace:
     decision_time: float
     payload: Array = field(default_factory=lambda: np.empty((0, 0)))
     lengths: Array = field(default_factory=lambda: np.empty((0, 2)))
+    event_times: Array = field(default_factory=lambda: np.empty((0, 0)))
     watched: dict[str, Array] = field(default_factory=dict)
 
 
@@ -107,7 +109,7 @@ def rollout(
     starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     observation, _ = env.reset(seed=list(seeds))
     _record(signals, 0, env)
-    lengths = np.array(env.truth.lengths)
+    lengths, event_times = np.array(env.truth.lengths), env.truth.event_times
     for k in range(steps):
         begin = time.perf_counter()
         action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
@@ -131,6 +133,7 @@ def rollout(
         alive=alive,
         decision_time=float(np.median(waits)) / n,
         lengths=lengths,
+        event_times=event_times,
         watched={name: np.array(rows) for name, rows in watched.items()},
         **signals,
     )

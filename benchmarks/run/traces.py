@@ -12,7 +12,9 @@ from benchmarks.run.rollout import Trace
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 
-_ARRAYS = ("time", "position", "velocity", "reference", "torque", "disturbance", "alive", "payload", "lengths")
+_ARRAYS = (
+    "time", "position", "velocity", "reference", "torque", "disturbance", "alive", "payload", "lengths", "event_times",
+)  # fmt: skip
 
 
 def trace_of(cell: Cell, store: Store) -> Trace:

@@ -19,6 +19,7 @@ from fbl_gym.scenarios.ideal import SEVERITIES, Member, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.real import REAL
 from fbl_gym.scenarios.scenario import Scenario
+from fbl_gym.scenarios.worlds import in_world
 
 __all__ = [
     "SEVERITIES",
@@ -98,18 +99,6 @@ def get(name: str) -> Scenario:
     if severities:
         raise ValueError(f"scenario {name!r} needs a severity: {', '.join(severities[:-1])} or {severities[-1]}")
     raise unknown("scenario", name, names())
-
-
-def in_world(scenario: Scenario, world: str) -> Scenario:
-    """Return a scenario whose real arm another engine moves.
-
-    Args:
-        scenario: the task.
-        world: one of `WORLDS`.
-    """
-    if world not in WORLDS:
-        raise unknown("world", world, WORLDS)
-    return scenario.replace(name=f"{scenario.name}@{world}", plant=WORLDS[world])
 
 
 def as_scenario(value: Any) -> Scenario:

@@ -165,8 +165,6 @@ class Scenario(Record):
         joint, arm, error = self.joint, self.arm, self.parameter_error
         if joint is None:
             return
-        if self.plant is not None:
-            raise ValueError("joint: MuJoCo's arm has rigid joints; leave out joint, or plant")
         if min(self.rotor) <= 0.0:
             raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {self.rotor}")
         # The lightest links are the fastest. Lengths may act either way.

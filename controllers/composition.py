@@ -1,0 +1,225 @@
+"""Composed laws: a law with an observer for the sensors that it lacks, and a predictor.
+
+`compose(ComputedTorque, "kalman", "predictor")` is a class like that of any law. Its name as text
+is "computed-torque+kalman+predictor".
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Mapping
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from controllers.parts import OBSERVERS, Drive, Observer, Predictor
+from controllers.policy import State, TorqueLaw
+from fbl_gym.arm import Array, forward_dynamics, gravity_torque
+from fbl_gym.checks import check_choices
+from fbl_gym.interface import Interface, Limits, make_layout
+from fbl_gym.records import declarations, declared
+from fbl_gym.uncertainty import SENSORS
+
+PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor}
+"""The parts, by name."""
+
+DEFAULT = "eso"
+"""The observer, with its default gains, for a sensor that is missing where no observer is named."""
+
+
+class Composed(TorqueLaw):
+    """Base of the composed laws, which `compose` makes.
+
+    The law inside works on its own interface: it has each sensor that the law needs, and, with a
+    predictor, neither delay nor lag. A named observer replaces the measured position and velocity.
+    An acceleration is estimated only if no sensor measures it. Without a named observer, measured
+    signals are used as they are, and the observer `DEFAULT` gives the missing ones.
+
+    The composition supposes that the torque it returns is the one that is commanded.
+
+    Attributes:
+        law: class of the law inside.
+        parts: names of the parts.
+    """
+
+    law: ClassVar[type[TorqueLaw]]
+    parts: ClassVar[tuple[str, ...]]
+
+    needs: ClassVar[tuple[str, ...]] = ("position",)
+
+    def validate(self) -> None:
+        """Refuse an interface without position, and gains that the law inside refuses."""
+        super().validate()
+        _ = self.inside
+
+    @cached_property
+    def inside(self) -> TorqueLaw:
+        """The law on its own interface."""
+        outer = self.interface
+        wanted = {"position", "velocity", *self.law.needs}
+        sensors = tuple(name for name in SENSORS if name in wanted or name in outer.layout)
+        position, velocity, acceleration, _ = self.bounds
+        limits = Limits(position=position / 2, velocity=velocity / 2, acceleration=acceleration)
+        layout = make_layout(sensors, limits, outer.action_limit, "", 0, self.preview_samples)
+        inner = dataclasses.replace(outer, layout=layout)
+        if self.predictor is not None:
+            inner = dataclasses.replace(inner, delay=(0.0, 0.0), lag=(0.0, 0.0), latency=0.0)
+        gains = {field.name: getattr(self, field.name) for field in dataclasses.fields(self.law)}
+        return self.law(**{**gains, "interface": inner})
+
+    @cached_property
+    def bounds(self) -> Array:
+        """Bounds of an estimate's numbers [4], as of the sensors' readings."""
+        high = {slot.name: slot.high[0] for slot in self.interface.layout.slots}
+        position, velocity, acceleration = (high[f"reference_{name}"] for name in SENSORS)
+        return np.array([position, velocity, acceleration, acceleration])
+
+    @property
+    def preview_samples(self) -> int:
+        """Coming samples of the reference in the observation."""
+        return sum(slot.size for slot in self.interface.layout.slots if slot.name == "preview") // 6
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The drive of the interface."""
+        return Drive.of(self.interface)
+
+    @cached_property
+    def predictor(self) -> Predictor | None:
+        """The predictor; None: there is none."""
+        return Predictor(self.drive, **self._gains("predictor")) if "predictor" in self.parts else None
+
+    @cached_property
+    def observer(self) -> Observer:
+        """The observer that is named, or else the default one."""
+        name = next((name for name in self.parts if name in OBSERVERS), DEFAULT)
+        return OBSERVERS[name](self.interface.control_dt, **self._gains(name))
+
+    def _gains(self, part: str) -> dict[str, Any]:
+        """Return the gains of a part that is named."""
+        names = declarations(PARTS[part]) if part in self.parts else ()
+        return {name: getattr(self, gain_name(part, name)) for name in names}
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: commands under way, torque on the joints, the observer's, the law's."""
+        (q,) = self.read(observation, "position")
+        v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
+        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        queue = np.repeat(hold[:, None], self.drive.depth, axis=1)
+        state = queue, hold, self.observer.initial(q, v)
+        return (*state, *self.inside.initial(self.look(observation, state)[0]))
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
+        queue, present, _, *inner = state
+        seen, estimate, due = self.look(observation, state)
+        torque, after = self.inside.torque(seen, tuple(inner))
+        if self.predictor is not None:
+            torque = due + self.predictor.gain * (self.interface.saturate(torque) - due)
+        measured = self.measured_motion(observation)
+        torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
+        queue, present, mean = self.drive.pass_interval(queue, present, torque)
+        u = np.zeros_like(mean)
+        if self.observer.uses_model:
+            u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], mean)
+        return torque, (queue, present, self.observer.predict(estimate, u), *after)
+
+    def look(self, observation: Array, state: State) -> tuple[Array, Array, Array]:
+        """Return all that the law inside depends on.
+
+        Args:
+            observation: [n x size].
+            state: of the drive and of the observer, and more.
+
+        Returns:
+            The observation of the law inside [n x its size], the estimate [n x 2 x 4] at the last
+            reading, and the torque [n x 2] N m at the time when the next command acts.
+        """
+        queue, present, memory, *_ = state
+        layout, arm, inside = self.interface.layout, self.interface.nominal, self.inside.interface
+        motion = {name: self.read(observation, name)[0] for name in SENSORS if name in layout}
+        estimate = self.observer.correct(memory, motion["position"], motion.get("velocity"))
+        # An arm that diverges may carry an estimate away; its numbers stay finite.
+        estimate = np.clip(estimate, -self.bounds, self.bounds)
+        estimated = dict(zip(SENSORS, np.moveaxis(estimate, -1, 0), strict=False))
+        if any(part in OBSERVERS for part in self.parts):
+            motion.pop("velocity", None)
+            del motion["position"]
+        q, v, a = ((estimated | motion)[name] for name in SENSORS)
+        ahead, due = 0.0, present
+        if self.predictor is not None:
+            missed = a - forward_dynamics(arm, q, v, present)
+            f = estimate[..., 3]
+            q, v, due = self.drive.predict(arm, q, v, f, present, self.drive.coming(queue))
+            q, v, torque = self.drive.predict(arm, q, v, f, due, [(self.predictor.lateness, queue[:, 0])])
+            a = forward_dynamics(arm, q, v, torque) + missed
+            ahead = self.drive.delay - self.interface.latency + self.predictor.lateness
+        signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
+        times = ahead + inside.control_dt * np.arange(1 + self.preview_samples, dtype=float)
+        reference = self.reference_at(observation, times)
+        seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
+        return np.clip(seen, *inside.layout.bounds), estimate, due
+
+
+@lru_cache(maxsize=256)
+def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
+    """Return the class of a law with parts.
+
+    Its fields are the gains of the law and, with the part's name before, those of each part:
+    `kalman_bandwidth`, `high_gain_bandwidth`, `predictor_lead`.
+
+    Args:
+        law: a subclass of `TorqueLaw`.
+        *parts: names out of `PARTS`: at most one observer, and "predictor".
+
+    Raises:
+        ValueError: the law is no `TorqueLaw`, or a part is unknown or given twice.
+    """
+    if not (inspect.isclass(law) and issubclass(law, TorqueLaw)):
+        raise ValueError(f"parts go with a subclass of TorqueLaw, got {getattr(law, '__name__', law)!r}")
+    if len(set(parts)) < len(parts):
+        raise ValueError(f"parts must differ, got {', '.join(parts)}")
+    parts = check_choices("parts", parts, PARTS)
+    observers = [part for part in parts if part in OBSERVERS]
+    if len(observers) > 1:
+        raise ValueError(f"give one observer, got {' and '.join(observers)}")
+    fields = []
+    for prefix, cls in (("", law), *((part, PARTS[part]) for part in parts)):
+        known = declarations(cls)
+        for field in dataclasses.fields(cls):
+            if field.name in known:
+                d = known[field.name]
+                copy = declared(
+                    field.default, d.convert, d.form, d.unit, tune=d.tune, optional=d.optional, classes=d.classes
+                )
+            elif prefix == "" and field.name != "interface":
+                copy = dataclasses.field(default=field.default, default_factory=field.default_factory)
+            else:
+                continue
+            fields.append((gain_name(prefix, field.name), field.type, copy))
+    return dataclasses.make_dataclass(
+        "+".join((law.__name__, *parts)), fields, bases=(Composed,), frozen=True,
+        namespace={
+            "law": law, "parts": parts, "access": law.access, "preview": law.preview, "__module__": __name__,
+            "__doc__": f"`{law.__name__}` with {' and '.join(parts) or 'an observer of the missing sensors'}.",
+        },
+    )  # fmt: skip
+
+
+def completed(policy: Callable[..., Any], interface: Interface) -> Callable[..., Any]:
+    """Return a policy's factory; that of a law that needs an absent sensor is composed."""
+    if not (inspect.isclass(policy) and issubclass(policy, TorqueLaw)):
+        return policy
+    return policy if all(sensor in interface.layout for sensor in policy.needs) else compose(policy)  # type: ignore[arg-type]
+
+
+def gain_name(part: str, name: str) -> str:
+    """Return the name of a part's gain in a composed law, such as "high_gain_bandwidth".
+
+    Args:
+        part: name of the part; empty: the law.
+        name: of the gain in the part's class.
+    """
+    return f"{part}_{name}".replace("-", "_").lstrip("_")

@@ -1,0 +1,333 @@
+"""The parts of composed laws: observers of the motion, and a predictor through the delay."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from controllers.observer import ExtendedStateObserver
+from fbl_gym.arm import ArmParameters, Array, forward_dynamics
+from fbl_gym.interface import Interface
+from fbl_gym.records import Record, number
+
+TUNE = (15.0, 300.0)
+"""Tuning range of an observer's bandwidth [rad/s]."""
+
+
+FASTEST = 200.0
+"""Largest velocity of a prediction [rad/s], which keeps the numbers of a diverging arm finite."""
+
+
+@dataclass(frozen=True)
+class Observer(Record):
+    """Base of the observers: each estimates both joints' motion from the measured position.
+
+    An estimate [n x 2 x 4] is position, velocity, acceleration and f of each joint. f is the
+    acceleration that the nominal model does not explain; zero, if the observer does not estimate
+    it. The memory [n x 2 x 4] is all that changes from sample to sample.
+
+    Args:
+        dt: sample time [s].
+
+    Attributes:
+        uses_model: True if the nominal acceleration drives the observer.
+    """
+
+    dt: float
+
+    uses_model: ClassVar[bool] = True
+
+    def initial(self, position: Array, velocity: Array) -> Array:
+        """Return the memory before the first sample of an episode."""
+        zeros = np.zeros_like(position)
+        return np.stack([position, velocity, zeros, zeros], axis=-1)
+
+    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+        """Return the estimate at a sample.
+
+        Args:
+            memory: from `initial` or `predict`.
+            position: measured [n x 2] rad.
+            velocity: measured [n x 2] rad/s; None: there is no such sensor.
+        """
+        raise NotImplementedError
+
+    def predict(self, estimate: Array, u: Array) -> Array:
+        """Return the memory for the next sample; u [n x 2] is the nominal acceleration now."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Derivative(Observer):
+    """The dirty derivative: differences of the readings behind a first-order low-pass filter.
+
+        v = s bandwidth / (s + bandwidth) q,    a = s bandwidth / (s + bandwidth) v
+
+    A measured velocity is used unchanged.
+
+    Args:
+        bandwidth: of the filter [rad/s].
+    """
+
+    bandwidth: float = number(100.0, unit="rad/s", above=0, tune=TUNE)
+
+    uses_model: ClassVar[bool] = False
+
+    def initial(self, position: Array, velocity: Array) -> Array:
+        """Return position, velocity and acceleration before the start, as of a uniform motion."""
+        memory = super().initial(position, velocity)
+        memory[..., 0] -= self.dt * velocity
+        return memory
+
+    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+        """Return the estimate at a sample."""
+        last, v, a, f = np.moveaxis(memory, -1, 0)
+        share = -math.expm1(-self.bandwidth * self.dt)
+        new = v + share * ((position - last) / self.dt - v) if velocity is None else velocity
+        return np.stack([position, new, a + share * ((new - v) / self.dt - a), f], axis=-1)
+
+    def predict(self, estimate: Array, u: Array) -> Array:
+        """Return the estimate."""
+        return estimate
+
+
+@dataclass(frozen=True)
+class Eso(Observer):
+    """The extended state observer of `observer.py`, driven by the nominal acceleration u.
+
+    The acceleration is u + f, and a constant load leaves no error of the velocity.
+
+    Args:
+        bandwidth: all three poles are minus this [rad/s].
+    """
+
+    bandwidth: float = number(80.0, unit="rad/s", above=0, tune=TUNE)
+
+    @cached_property
+    def observer(self) -> ExtendedStateObserver:
+        """The observer of both joints."""
+        return ExtendedStateObserver(self.dt, (self.bandwidth, self.bandwidth))
+
+    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+        """Return the estimate at a sample."""
+        q, v, f = np.moveaxis(self.observer.correct(memory[..., :3], position), -1, 0)
+        return np.stack([q, v, memory[..., 3] + f, f], axis=-1)
+
+    def predict(self, estimate: Array, u: Array) -> Array:
+        """Return the prediction of position, velocity and f, and u."""
+        prediction = self.observer.predict(estimate[..., [0, 1, 3]], u)
+        return np.concatenate([prediction, u[..., None]], axis=-1)
+
+
+@dataclass(frozen=True)
+class HighGain(Eso):
+    """The high-gain observer: as "eso", without the model.
+
+    Its third state is the acceleration itself.
+
+    Args:
+        bandwidth: all three poles are minus this [rad/s].
+    """
+
+    bandwidth: float = number(150.0, unit="rad/s", above=0, tune=TUNE)
+
+    uses_model: ClassVar[bool] = False
+
+    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+        """Return the estimate at a sample; f is zero."""
+        estimate = super().correct(memory, position, velocity)
+        estimate[..., 3] = 0.0
+        return estimate
+
+    def predict(self, estimate: Array, u: Array) -> Array:
+        """Return the prediction of position, velocity and acceleration."""
+        return super().predict(estimate[..., [0, 1, 3, 2]], np.zeros_like(u))
+
+
+@dataclass(frozen=True)
+class Kalman(Observer):
+    """The Kalman filter of a double integrator at steady state, driven by the nominal acceleration.
+
+    Only the ratio of the noises counts: bandwidth^2 is the noise of the acceleration over that of
+    the position, both per sample. At a fast rate the poles have this frequency,
+    and the damping 0.71. A constant load f leaves an error of the velocity.
+
+    Args:
+        bandwidth: of the filter [rad/s].
+    """
+
+    bandwidth: float = number(100.0, unit="rad/s", above=0, tune=TUNE)
+
+    @cached_property
+    def gain(self) -> Array:
+        """K at steady state [2]."""
+        f, b = np.array([[1.0, self.dt], [0.0, 1.0]]), np.array([[0.5 * self.dt**2], [self.dt]])
+        p = solve_discrete_are(f.T, np.array([[1.0], [0.0]]), self.bandwidth**4 * b @ b.T, np.eye(1))
+        return p[:, 0] / (p[0, 0] + 1.0)
+
+    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+        """Return the estimate at a sample; the acceleration is that of the estimated velocity."""
+        q, v, u, f = np.moveaxis(memory, -1, 0)
+        innovation = position - q
+        change = self.gain[1] * innovation
+        return np.stack([q + self.gain[0] * innovation, v + change, u + change / self.dt, f], axis=-1)
+
+    def predict(self, estimate: Array, u: Array) -> Array:
+        """Return the prediction of position and velocity, and u."""
+        q, v, _, f = np.moveaxis(estimate, -1, 0)
+        return np.stack([q + self.dt * v + 0.5 * self.dt**2 * u, v + self.dt * u, u, f], axis=-1)
+
+
+OBSERVERS: dict[str, type[Observer]] = {"derivative": Derivative, "kalman": Kalman, "eso": Eso, "high-gain": HighGain}
+"""The observers, by name."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The drive as its datasheet states it: a command acts after a delay, through a lag.
+
+    Delay and lag are the middle of their ranges. The age of the readings is part of the delay,
+    which therefore leads from a command to its effect on the readings. Times count from the last
+    reading. The queue [n x depth x 2] has the last commands in N m, the newest first.
+
+    Args:
+        dt: control interval [s].
+        delay: [s].
+        lag: time constant [s].
+    """
+
+    dt: float
+    delay: float
+    lag: float
+
+    @classmethod
+    def of(cls, interface: Interface) -> Drive:
+        """Return the drive of an interface."""
+        return cls(interface.control_dt, sum(interface.delay) / 2 + interface.latency, sum(interface.lag) / 2)
+
+    @property
+    def whole(self) -> int:
+        """Number of whole control intervals in the delay."""
+        return int(self.delay / self.dt + 1e-9)
+
+    @property
+    def rest(self) -> float:
+        """The delay less its whole control intervals [s]."""
+        return max(self.delay - self.whole * self.dt, 0.0)
+
+    @property
+    def depth(self) -> int:
+        """Commands in the queue."""
+        return self.whole + 1
+
+    def coming(self, queue: Array) -> list[tuple[float, Array]]:
+        """Return the torques until the next command acts, each a duration and a command [n x 2]."""
+        return [(self.rest, queue[:, -1]), *((self.dt, queue[:, k]) for k in range(self.whole - 1, -1, -1))]
+
+    def pass_interval(self, queue: Array, torque: Array, command: Array) -> tuple[Array, Array, Array]:
+        """Let a control interval pass.
+
+        Args:
+            queue: the last commands.
+            torque: on the joints at the interval's start [n x 2] N m.
+            command: the new one [n x 2] N m.
+
+        Returns:
+            The next queue, the torque at the interval's end, and the mean torque within.
+        """
+        commands = np.concatenate([command[:, None], queue], axis=1)
+        total = np.zeros_like(torque)
+        for duration, each in (
+            (self.rest, commands[:, self.whole + 1]),
+            (self.dt - self.rest, commands[:, self.whole]),
+        ):
+            keep, area = self._fade(duration)
+            total = total + duration * each + area * (torque - each)
+            torque = each + keep * (torque - each)
+        return commands[:, : self.depth], torque, total / self.dt
+
+    def predict(
+        self, arm: ArmParameters, q: Array, v: Array, f: Array, torque: Array, commands: list[tuple[float, Array]]
+    ) -> tuple[Array, Array, Array]:
+        """Integrate a model under some commands, in steps of at most a control interval.
+
+        Args:
+            arm: the model.
+            q: position at the start [n x 2] rad.
+            v: velocity at the start [n x 2] rad/s.
+            f: acceleration that is added to that of the model [n x 2] rad/s^2.
+            torque: on the joints at the start [n x 2] N m.
+            commands: each a duration [s] and a command [n x 2] N m.
+
+        Returns:
+            Position, velocity and torque at the end, [n x 2] each.
+        """
+        steps = [(h / n, x) for h, x in commands for n in [math.ceil(h / self.dt - 1e-9)] for _ in range(n)]
+        for h, command in steps:
+            first, half, end = (command + self._fade(t)[0] * (torque - command) for t in (0.0, 0.5 * h, h))
+            # The classical Runge-Kutta step.
+            a1 = forward_dynamics(arm, q, v, first) + f
+            v2 = v + 0.5 * h * a1
+            a2 = forward_dynamics(arm, q + 0.5 * h * v, v2, half) + f
+            v3 = v + 0.5 * h * a2
+            a3 = forward_dynamics(arm, q + 0.5 * h * v2, v3, half) + f
+            v4 = v + h * a3
+            a4 = forward_dynamics(arm, q + h * v3, v4, end) + f
+            q = q + h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
+            v = np.clip(v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), -FASTEST, FASTEST)
+            torque = end
+        return q, v, torque
+
+    def _fade(self, t: float) -> tuple[float, float]:
+        """Return exp(-t / lag), and its integral from 0 to t."""
+        keep = math.exp(-t / self.lag) if self.lag > 0.0 else 0.0
+        return keep, self.lag * (1.0 - keep)
+
+
+@dataclass(frozen=True)
+class Predictor(Record):
+    """The predictor: a law gets motion and reference of the time at which its torque acts.
+
+    The nominal model is integrated through the age of the readings, the delay and the lag, with the
+    torques under way. With an exact model the law acts as if there were no delay (Smith, "A
+    controller to overcome dead time", ISA J. 6(2), 1959, in the state-space form of Manitius and
+    Olbrot, IEEE TAC 24(4), 1979). The reference comes from the preview as far as it reaches; beyond
+    (or without preview), the reference's acceleration is held.
+
+    A share of the lag may be inverted in place of predicted: torque + k (wanted - torque) is
+    commanded, and the torque on the joints approaches the wanted one with the time constant
+    (1 - lead) lag. A large share amplifies the noise.
+
+    Args:
+        drive: of the interface.
+        lead: share of the lag that is inverted.
+    """
+
+    drive: Drive = dataclasses.field(repr=False)
+    lead: float = number(0.5, low=0, high=1, tune=(0.05, 1.0))
+
+    @cached_property
+    def gain(self) -> float:
+        """k, from the torque wanted less the present one to the command; 1 without lead."""
+        lag, dt, left = self.drive.lag, self.drive.dt, (1.0 - self.lead) * self.drive.lag
+        if lag == 0.0:
+            return 1.0
+        return (1.0 if left == 0.0 else -math.expm1(-dt / left)) / -math.expm1(-dt / lag)
+
+    @cached_property
+    def lateness(self) -> float:
+        """Mean time by which the torque on the joints follows the wanted one [s]."""
+        lag, dt = self.drive.lag, self.drive.dt
+        if lag == 0.0:
+            return 0.0
+        gap = -math.expm1(-dt / lag)
+        # Area between the wanted torque and a step's response in the first interval; the later
+        # ones are smaller by the same factor each.
+        area = dt - self.gain * (dt - lag * gap)
+        return area / (self.gain * gap)
