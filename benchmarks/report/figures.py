@@ -16,7 +16,6 @@ from benchmarks.analysis.board import Board
 from benchmarks.analysis.robustness import DIRECTIONS
 from benchmarks.analysis.statistics import Estimate, Radius
 from benchmarks.rl.policy import curves, shipped
-from fbl_gym import scenarios
 from fbl_gym.arm import Array
 
 Figure: TypeAlias = dict[str, Any]
@@ -81,8 +80,7 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 def degradation(board: Board) -> list[Figure]:
     """Return error against severity, a figure for each arm and family."""
     figures = []
-    for title, (severities, estimate) in board.degradation.items():
-        text = scenarios.families().get(title.partition("@")[0].rpartition("/")[2], "")
+    for title, (text, severities, estimate) in board.degradation.items():
         data, axes = _curves(board, severities, estimate), {"xaxis": {"dtick": 1}, "yaxis": LOG}
         figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
     return figures
