@@ -14,7 +14,9 @@ from rich.console import Console
 
 from benchmarks.policies import external
 from benchmarks.policies.configuration import parse_gain
+from benchmarks.run.traces import FORMATS
 from benchmarks.seeds import SPLITS
+from fbl_gym import Scenario, scenarios
 
 
 def count(text: str) -> int:
@@ -62,6 +64,11 @@ def _file(text: str, *endings: str) -> Path:
 def picture(text: str) -> Path:
     """Return a file that a plot can be written to; an argument's type."""
     return _file(text, ".png", ".svg", ".pdf")
+
+
+def trace_file(text: str) -> Path:
+    """Return a file that a trace can be written to; an argument's type."""
+    return _file(text, *FORMATS)
 
 
 def film(text: str) -> Path:
@@ -125,6 +132,14 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trust", action="store_true", help="run the code in an archive, and that of policies which a file names"
     )
+
+
+def refuse_judged(scenario: Scenario) -> None:
+    """Refuse a scenario that tuning and training may not use."""
+    if reason := scenarios.judged(scenario):
+        raise ValueError(
+            f"{scenario.name} is for judging alone: {reason}; change that, or use a scenario of the tier practice"
+        )
 
 
 def trust(arguments: argparse.Namespace, *more: str) -> None:
