@@ -209,9 +209,8 @@ class Friction(Record):
         coulomb: Coulomb friction, f_i2.
         stiction: friction f_s that fades as the joint moves.
         v_s: scale of the squared velocity at which stiction fades.
-        stribeck_velocity: in place of `v_s`, w in `f_s exp(-(|v| / w)^stribeck_exponent)`, the
-            usual form (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
-        stribeck_exponent: 1 or 2.
+        stribeck_velocity: in place of `v_s`, w in `f_s exp(-(v / w)^2)`, the usual form
+            (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
         law: "exact" holds a joint at rest under any load up to f_i2 + f_s. "literal" is the formula
             as printed, with sign(0) = 0: no joint ever sticks, and one at rest creeps under a load,
             the slower the shorter the physics step.
@@ -223,16 +222,10 @@ class Friction(Record):
     v_s: Numbers = pair(1e-3, unit="(rad/s)^2", varies=True, above=0)
     law: Literal["exact", "literal"] = choice("exact", ("exact", "literal"))
     stribeck_velocity: Numbers | None = pair(None, unit="rad/s", varies=True, above=0)
-    stribeck_exponent: int = whole(2, low=1)
 
     def validate(self) -> None:
-        """Refuse another exponent than 1 and 2, and two widths of the peak."""
-        if self.stribeck_exponent > 2:
-            raise ValueError(f"stribeck_exponent must be 1 or 2, got {self.stribeck_exponent}")
-        if self.stribeck_velocity is None:
-            if self.stribeck_exponent != 2:
-                raise ValueError("stribeck_exponent=1 needs a stribeck_velocity, got None")
-        elif self.v_s != (1e-3, 1e-3):
+        """Refuse two widths of the peak."""
+        if self.stribeck_velocity is not None and self.v_s != (1e-3, 1e-3):
             raise ValueError(
                 f"give v_s or stribeck_velocity, not both; got v_s={self.v_s} and {self.stribeck_velocity=}"
             )

@@ -114,6 +114,14 @@ def add_policy(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_scenario(parser: argparse.ArgumentParser, default: str = "nominal", use: str = "") -> None:
+    """Add one scenario, which `scenarios.get` understands."""
+    parser.add_argument(
+        "--scenario", default=default, metavar="S",
+        help=f"{use}a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME ({default})",
+    )  # fmt: skip
+
+
 def add_trust(parser: argparse.ArgumentParser) -> None:
     """Add the permission to run code that was not typed as a Python file or module."""
     parser.add_argument(

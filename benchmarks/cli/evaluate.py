@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks.cli.common import add_policy, add_trust, console, episodes, film, gain, picture, trust
+from benchmarks.cli.common import add_policy, add_scenario, add_trust, console, episodes, film, gain, picture, trust
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
 from benchmarks.report.plot import plot_trace
@@ -16,9 +16,7 @@ from fbl_gym import scenarios
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     add_policy(parser)
-    parser.add_argument(
-        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
-    )
+    add_scenario(parser)
     parser.add_argument(
         "--seeds", type=episodes, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)"
     )

@@ -110,8 +110,8 @@ def pareto(board: Board) -> list[Figure]:
 def tiers(board: Board) -> list[Figure]:
     """Return the score in each further tier against the score of the board."""
     first, figures = next(iter(board.tiers)), []
-    for tier in board.scores if board.score is not None else ():
-        if tier == first:
+    for tier in board.scores:
+        if tier == first or board.score is None:
             continue
         data = _points(board, board.score.value, board.scores[tier].value, board.ranked, [])
         text = "A policy above the others at its place keeps more of its score there."

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,11 +19,8 @@ from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, check_whole, unknown
 from fbl_gym.records import set_fields
 from fbl_gym.scenarios import as_scenario
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from fbl_gym.scenarios.files import from_table, read_toml
+from fbl_gym.scenarios.files import split as split_file
 
 
 @dataclass(frozen=True)
@@ -184,17 +180,13 @@ def load(name: str) -> Suite:
 
     Args:
         name: one of `SUITES`, or the path of a file that ends in .toml. The file has `policies` and
-            `scenarios` (names, families, or tables with the options of a scenario), and may have
-            `seeds` (64) and `control_dt` [s] for all.
+            `scenarios` (names, families, files, or tables with the options of a scenario and
+            perhaps a `base`), and may have `seeds` (64) and `control_dt` [s] for all.
     """
     path = Path(name)
     if path.suffix != ".toml":
         return named(name)
-    with path.open("rb") as file:
-        try:
-            data = tomllib.load(file)
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-            raise ValueError(f"{path} is no TOML: {problem}") from None
+    data = read_toml(path)
     for key in data:
         if key not in ("policies", "scenarios", "seeds", "control_dt"):
             raise unknown(f"entry of {path}", key, ("policies", "scenarios", "seeds", "control_dt"))
@@ -203,6 +195,12 @@ def load(name: str) -> Suite:
         raise ValueError(f"policies of {path} must be a list of names, got {policies!r}")
     if not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
         raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
+    tasks = [
+        from_table(task, scenarios.get, path) if isinstance(task, dict)
+        else str(path.parent / task) if split_file(task)[0]
+        else task
+        for task in tasks
+    ]  # fmt: skip
     suite = narrow(Suite(path.stem, tuple(policies) or names(), (), data.get("seeds", 64)), (), tasks)
     if "control_dt" in data:
         dt = check_number("control_dt", data["control_dt"], above=0)
@@ -213,7 +211,7 @@ def load(name: str) -> Suite:
 def narrow(
     suite: Suite,
     policies: Sequence[PolicySpec | str] = (),
-    scenario_names: Sequence[str | Mapping[str, Any]] = (),
+    tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
     seeds: int | None = None,
 ) -> Suite:
     """Return the suite with other policies, scenarios or seeds.
@@ -221,15 +219,15 @@ def narrow(
     Args:
         suite: to start from.
         policies: specifications, or texts that `resolve` understands; empty: the suite's.
-        scenario_names: names of scenarios, or of families, or tables of options; empty: the
-            suite's. A family such as "noise" stands for its severities 1 to 3 on both arms, and
-            "section-2-2/noise" for those on one arm.
+        tasks: all that `as_scenario` takes, or names of families; empty: the suite's. A family such
+            as "noise" stands for its severities 1 to 3 on both arms, and "section-2-2/noise" for
+            those on one arm.
         seeds: how many test seeds; None: the suite's.
     """
     specs = tuple(resolve_apart(policy) if isinstance(policy, str) else policy for policy in policies)
     chosen: list[Scenario] = []
-    for name in scenario_names:
-        if not isinstance(name, str) or name.partition("@")[0] in scenarios.names():
+    for name in tasks:
+        if not isinstance(name, str) or split_file(name)[0] or name.partition("@")[0] in scenarios.names():
             chosen.append(as_scenario(name))
             continue
         members = _family(name)

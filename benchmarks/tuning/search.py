@@ -1,10 +1,10 @@
 """Tuning of a policy's gains on the tuning seeds, with Optuna; it counts the cost.
 
 The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter), plus log(2) for each
-percent of diverged runs. The error is the geometric mean of error_pct over the runs; a diverged run
-counts as half a turn from then on. The chatter of a run is the total variation of its torque per
-second, divided by the root mean square of its torque. Because of the logarithms, a scenario counts
-by the relative change of its error.
+percent of diverged runs. The error is the geometric mean of error_pct over the runs, each at least
+the sensor's resolution; a diverged run counts as half a turn from then on. The chatter of a run is
+the total variation of its torque per second, divided by the root mean square of its torque. Because
+of the logarithms, a scenario counts by the relative change of its error.
 
 Trials use few scenarios and seeds. The best trials and the defaults are therefore judged with the
 same objective on more scenarios, and on tuning seeds that no trial used. The gains that are judged
@@ -30,7 +30,6 @@ import numpy as np
 import optuna
 import sqlalchemy
 
-from benchmarks.analysis.transfer import FLOOR_PCT
 from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
@@ -118,11 +117,12 @@ class Task:
         costs, diverged = [], []
         for scenario in self.scenarios:
             runs = measure(rollout(self.policy, scenario, self.seeds, gains))
-            error, variation, torque, lost = (
-                np.array([run[name] for run in runs]) for name in ("error_pct", "variation", "torque_rms", "diverged")
+            error, resolution, variation, torque, lost = (
+                np.array([run[name] for run in runs])
+                for name in ("error_pct", "resolution_pct", "variation", "torque_rms", "diverged")
             )
             chatter = variation / np.maximum(torque, 1e-9)
-            costs.append(np.mean(np.log(np.maximum(error, FLOOR_PCT)) + CHATTER * np.log1p(chatter)))
+            costs.append(np.mean(np.log(np.maximum(error, resolution)) + CHATTER * np.log1p(chatter)))
             diverged.append(100 * lost.mean())
         share = float(np.mean(diverged))
         return float(np.mean(costs)) + DIVERGENCE * share, share
