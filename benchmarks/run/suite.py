@@ -143,9 +143,9 @@ PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
 """The paper's controllers."""
 
 SUITES: dict[str, str] = {
-    "quick": "every policy, tuned where it can be, on every family at severity 2, Table 1's arm, 100 Hz, 32 seeds",
-    "full": "every policy on every family and severity, both arms, 100 Hz, 256 seeds",
-    "kilohertz": "every classical policy on every family at severity 2, Table 1's arm, 1 kHz, 64 seeds: what the rate buys",
+    "hardware": "every policy, tuned where it can be, on hardware at severity 2 and on surprise, 32 seeds: the board",
+    "ideal": "every policy, tuned where it can be, on the paper's assumptions at severity 2, Table 1's arm, 32 seeds",
+    "full": "the tiers hardware, surprise and ideal (Table 1's arm) at all severities, 64 seeds, without nmpc",
 }
 """The suites that have names, each with one line."""
 
@@ -160,19 +160,21 @@ def named(name: str) -> Suite:
     """Return the suite of a name, one of `SUITES`."""
     if name not in SUITES:
         raise unknown("suite", name, SUITES)
-    policies = names()
+    # A law with tuned gains appears with them; the paper's controllers appear as printed too.
+    policies = tuple(p for p in names() if f"{p}@tuned" not in controllers.tuned() or p in PAPER)
+    severities = scenarios.SEVERITIES[1:] if name == "full" else (2,)
+    tasks = [*scenarios.in_tier("hardware", severities), *scenarios.in_tier("surprise")] if name != "ideal" else []
+    if name != "hardware":
+        tasks += leaderboard_scenarios(["table-1"], severities)
+    if name == "hardware":  # an agent that needs an accelerometer was trained for the tier ideal
+        policies = tuple(p for p in policies if not (_learned(p) and "acceleration" in resolve_apart(p).needs))
     if name == "full":
-        return Suite(name, policies, tuple(map(scenarios.get, leaderboard_scenarios())), 256)
-    members = [scenarios.get(s) for s in leaderboard_scenarios(["table-1"], [2])]
-    if name == "quick":
-        # A law with tuned gains appears with them; the paper's controllers appear as printed too.
-        best = tuple(p for p in policies if f"{p}@tuned" not in policies or p in PAPER)
-        return Suite(name, best, tuple(members), 32)
-    kinds = {
-        policy: resolve_apart(policy).kind if is_plugin(policy) else controllers.kind(policy) for policy in policies
-    }
-    classical = tuple(policy for policy in policies if kinds[policy] == "classical")
-    return Suite(name, classical, tuple(at_rate(scenario, 1e-3) for scenario in members), 64)
+        policies = tuple(p for p in policies if not p.startswith("nmpc"))
+    return Suite(name, policies, tuple(map(scenarios.get, tasks)), 64 if name == "full" else 32)
+
+
+def _learned(policy: str) -> bool:
+    return (resolve_apart(policy).kind if is_plugin(policy) else controllers.kind(policy)) == "learned"
 
 
 def load(name: str) -> Suite:
@@ -243,6 +245,9 @@ def narrow(
 
 
 def _family(name: str) -> list[Scenario]:
-    """Return the scenarios of a family at severities 1 to 3, on both arms or on one."""
-    places = [(s, scenarios.member(s)) for s in leaderboard_scenarios()]
-    return [scenarios.get(s) for s, place in places if place and name in (place.family, f"{place.arm}/{place.family}")]
+    """Return a family's scenarios: "noise" (both arms), "section-2-2/noise" or "hardware-noise"."""
+    places = [(s, scenarios.member(s)) for tier in scenarios.TIERS for s in scenarios.in_tier(tier)]
+    return [
+        scenarios.get(s) for s, place in places
+        if place and name in ((place.family, f"{place.arm}/{place.family}") if place.tier == "ideal" else (s[:-2],))
+    ]  # fmt: skip

@@ -80,7 +80,7 @@ def test_the_example_of_a_command_is_right(name):
 @pytest.fixture(scope="module")
 def board():
     tasks = [s for s in leaderboard_scenarios(["table-1"], [2]) if s != "everything-2"]
-    suite = narrow(load_suite("quick"), ["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
+    suite = narrow(load_suite("ideal"), ["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
     return assemble([run_cell(cell) for cell in suite.cells])
 
 
