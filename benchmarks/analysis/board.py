@@ -85,11 +85,14 @@ class Board:
         best = np.argsort(rank.value, kind="stable")[:count]
         if count == TOP and rank.low[best].max() <= rank.high[best].min():
             sentences.append(f"This suite is too easy: the rank intervals of the best {TOP} policies overlap.")
-        reasons: dict[str, list[str]] = {}
+        reasons: dict[str, dict[str, list[str]]] = {}
         for (i, k), reason in self.failed.items():
             sensor = re.search(r"needs a sensor of \w+", reason)
-            reasons.setdefault(sensor[0] if sensor else reason, []).append(f"{self.policies[i]} in {self.scenarios[k]}")
-        sentences.extend(f"Count as an arm that stays ({why}): {', '.join(rows)}." for why, rows in reasons.items())
+            places = reasons.setdefault(sensor[0] if sensor else reason, {})
+            places.setdefault(self.policies[i], []).append(self.scenarios[k])
+        for reason, rows in reasons.items():
+            names = (f"{policy} in {_and_more(tasks)}" for policy, tasks in rows.items())
+            sentences.append(f"Count as an arm that stays ({reason}): {', '.join(names)}.")
         return sentences + self.gaps
 
     @cached_property
@@ -154,7 +157,8 @@ class Board:
             scored = [k for k in places if self.ceilings[k] >= 0]
             if scored:
                 gains = stay[scored] - errors[:, scored]
-                spans = stay[scored] - errors[self.ceilings[scored], scored]
+                # A resample may have few of the seeds on which the ceiling is clearly below staying.
+                spans = np.maximum(stay[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
                 counted = self.runs["diverged"][:, places].sum(axis=1) @ weights
                 diverged = [statistics.diverged_share(*x) for x in zip(counted, self._runs(places), strict=True)]
                 scores[tier] = statistics.score(gains.swapaxes(0, 1), spans[:, None], diverged).T
@@ -263,14 +267,11 @@ class Board:
                 severities = sorted((group.get("nominal", {}) | members).items())
                 if family != "nominal" and len(severities) > 1:
                     runs = self.errors[:, [i for _, i in severities]][:, :, None]
+                    estimate = statistics.estimate(runs, self.counts)
                     title = (family if arm == "table-1" else f"{arm}/{family}") + (f"@{suffix}" if suffix else "")
                     title = title if tier == next(iter(self.tiers)) else f"{tier} {title}"
                     text = meaning_of(self.scenarios[severities[-1][1]])
-                    curves[title] = (
-                        text,
-                        [severity for severity, _ in severities],
-                        statistics.estimate(runs, self.counts),
-                    )
+                    curves[title] = text, [severity for severity, _ in severities], estimate
         return curves
 
 
@@ -323,8 +324,7 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         if all(errors):
             incomplete[policy] = errors[0]
         elif lacking:
-            more = f" and {len(lacking) - 1} more" if lacking[1:] else ""
-            incomplete[policy] = f"no result yet for {lacking[0]}{more}"
+            incomplete[policy] = f"no result yet for {_and_more(lacking)}"
     for policy in dict.fromkeys(cell.policy.name for cell in expected):
         if policy not in specs:
             incomplete[policy] = "no result yet"
@@ -347,6 +347,10 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         tuple(specs[policy] for policy in complete), tuple(tasks), table[0][0].cell.seeds, runs, decision, incomplete, gap,
         failed,
     )  # fmt: skip
+
+
+def _and_more(names: Sequence[str]) -> str:
+    return names[0] + (f" and {len(names) - 1} more" if names[1:] else "")
 
 
 def _staying(row: dict[str, float]) -> dict[str, float]:
