@@ -157,7 +157,7 @@ class Board:
             scored = [k for k in places if self.ceilings[k] >= 0]
             if scored:
                 gains = stay[scored] - errors[:, scored]
-                # A resample may have few of the seeds on which the ceiling is clearly below staying.
+                # A resample may lack the seeds on which the ceiling is clearly below staying.
                 spans = np.maximum(stay[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
                 counted = self.runs["diverged"][:, places].sum(axis=1) @ weights
                 diverged = [statistics.diverged_share(*x) for x in zip(counted, self._runs(places), strict=True)]
