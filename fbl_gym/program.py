@@ -344,8 +344,7 @@ def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
         numbers.set("v_s", friction.v_s, "friction.v_s")
     else:
         numbers.set("v_s", friction.stribeck_velocity, "friction.stribeck_velocity")
-        settings["stribeck_linear"] = friction.stribeck_exponent == 1
-        settings["stribeck_squared"] = friction.stribeck_exponent == 2
+        settings["stribeck_squared"] = True
     if scenario.physics_dt * _fastest_decay(scenario, scenario.most_viscous) > MAX_DECAY:
         settings["euler_steps"] = 4
 

@@ -69,7 +69,7 @@ def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
 def test_the_scenarios_cover_every_family_on_both_arms():
     names = leaderboard_scenarios()
     assert len(names) == len(set(names)) == 2 * (1 + 3 * (len(scenarios.families()) - 1))
-    stiction = [scenario.name for scenario in narrow(named("quick"), ["zero"], ["stiction"]).scenarios]
+    stiction = [scenario.name for scenario in narrow(named("ideal"), ["zero"], ["stiction"]).scenarios]
     assert stiction == [f"{arm}stiction-{s}" for arm in ("", "section-2-2/") for s in (1, 2, 3)]
 
 
@@ -92,7 +92,7 @@ def test_leaderboard_command(tmp_path, capsys):
 
 
 def board(policies=("zero", "pid-flm", "cascade-flm", "oracle-flm"), seeds=8, families=("nominal", "mass-error")):
-    return assemble([run_cell(cell) for cell in narrow(named("quick"), policies, families, seeds).cells])
+    return assemble([run_cell(cell) for cell in narrow(named("ideal"), policies, families, seeds).cells])
 
 
 def test_the_board_against_its_definitions():
@@ -195,7 +195,7 @@ def test_an_arm_that_stays_scores_nothing():
 
 
 def test_a_policy_without_results_is_left_out_and_named():
-    some = [run_cell(cell) for cell in narrow(named("quick"), ["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells]
+    some = [run_cell(cell) for cell in narrow(named("ideal"), ["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells]
     found = assemble([*some[:3]])
     assert found.policies == ("zero",)
     assert found.incomplete == {"pid-flm": "no result yet for noise-1"}
