@@ -77,6 +77,11 @@ COMMANDS: dict[str, Command] = {
         "--over noise.position=1e-4:1e-2:log:5 --policies pid-flm lqg --scenario nominal --seeds 8",
         "finished cells are kept",
     ),
+    "recommend": Command(
+        "recommend",
+        "name the policies to use on an arm: a scenario and conditions around it",
+        "hardware-nominal --policies pd-gravity computed-torque --seeds 4",
+    ),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
     "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/mass-error-2"),
     "check-policy": Command("check_policy", "check that a policy keeps every promise of a policy", "my_law.py"),
