@@ -74,7 +74,7 @@ def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -
 
 
 def broken(policy: PolicySpec, scenario: Scenario) -> str:
-    """Return the first promise that a policy breaks, and the observation behind that; empty: none."""
+    """Return the first promise that a policy breaks, and how; empty: it breaks none."""
     problems = (f"breaks a promise ({c.promise}): {c.detail}" for c in check(policy, scenario) if not c.kept)
     return next(problems, "")
 
