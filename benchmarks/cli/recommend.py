@@ -108,7 +108,7 @@ def _print(result: Recommendation) -> None:
     if not result.safe:
         screen.print(f"No policy is safe on {result.scenario}. The best of those that are not:", style="bold")
     table = Table(title=f"{result.scenario}, {len(result.conditions)} conditions", title_style="bold", box=SIMPLE_HEAD)
-    for name in ("policy", "error", "worst 5 %", "diverged (bound)", "delay margin", "effort", "safe"):
+    for name in ("policy", "error", "worst 5 %", "diverged (bound)", "delay margin", "effort"):
         table.add_column(name, justify="left" if name == "policy" else "right")
     for choice in result.choices:
         margin = choice.delay_margin_s
@@ -116,10 +116,9 @@ def _print(result: Recommendation) -> None:
             choice.policy,
             f"{choice.median_pct:.3g} %",
             f"{choice.worst_pct:.3g} %",
-            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.2g} %)",
-            "-" if margin is None else f"{1e3 * margin:.0f} ms",
+            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.1f} %)",
+            "-" if margin is None else f"{1e3 * margin:.1f} ms",
             f"{choice.effort:.2f}",
-            "yes" if choice.safe else "no",
         )
     screen.print(table)
     screen.print(f"conditions: {', '.join(result.conditions)}")
