@@ -163,7 +163,7 @@ def factory(name: str) -> Callable[..., Any]:
 
 
 def tuned() -> tuple[str, ...]:
-    """Return the names of policies with tuned gains, such as "pid-flm@tuned"; composed ones last."""
+    """Return the policies with tuned gains, such as "pid-flm@tuned"; composed ones come last."""
     files = {path.stem for path in TUNED.glob("*.json")}
     return tuple(
         f"{name}@tuned" for name in (*(name for name in _REGISTRY if name in files), *sorted(files - {*_REGISTRY}))

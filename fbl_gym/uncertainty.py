@@ -238,7 +238,6 @@ class PiecewiseConstantDisturbance(Record):
     Args:
         amplitude: bound of the levels, drawn uniformly from [-amplitude, amplitude].
         period: time between two jumps, a multiple of physics_dt.
-        kind: the record's name in plain data.
     """
 
     amplitude: Numbers = pair(unit="N m", varies=True, low=0)
@@ -254,7 +253,6 @@ class SineDisturbance(Record):
         amplitude: amplitude of the torque.
         frequency: frequency of the torque, at most a quarter of 1 / physics_dt.
         phase: phase of the torque; None: drawn per episode.
-        kind: the record's name in plain data.
     """
 
     amplitude: Numbers = pair(unit="N m", varies=True, low=0)
@@ -272,7 +270,6 @@ class PulseDisturbance(Record):
         period: time from one pulse to the next.
         width: duration of a pulse, at most `period`.
         start: time of the first pulse.
-        kind: the record's name in plain data.
     """
 
     amplitude: Numbers = pair(unit="N m", varies=True)
@@ -293,7 +290,6 @@ class ArrayDisturbance(Record):
     Args:
         torque: samples of the torque.
         dt: time between two samples, a multiple of physics_dt.
-        kind: the record's name in plain data.
     """
 
     torque: tuple[Pair, ...] = table(unit="N m")

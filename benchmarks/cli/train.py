@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from benchmarks.cli.common import add_scenario, command_line, count
+from benchmarks.cli.common import add_scenario, command_line, count, refuse_judged
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
@@ -58,6 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _settings(arguments: argparse.Namespace) -> TrainingSettings:
     scenario = scenarios.get(arguments.scenario)
+    refuse_judged(scenario)
     if arguments.radius is not None:
         scenario = at_radius(scenario, arguments.radius)
     hyperparameters: dict[str, Any] = {}

@@ -19,7 +19,6 @@ import json
 import math
 import os
 import platform
-import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,6 +30,8 @@ import optuna
 import sqlalchemy
 
 from benchmarks.files import write_text
+from benchmarks.policies.configuration import gains_file
+from benchmarks.policies.external import split_gains
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
@@ -184,7 +185,7 @@ def tune(
 
 def study_path(task: Task, folder: Path) -> Path:
     """Return the file of a task's study."""
-    return folder / file_name(task.policy.name).replace(".json", f"-{task.digest}.db")
+    return folder / f"{gains_file(task.policy.code, folder).stem}-{task.digest}.db"
 
 
 def _study(name: str, path: Path, sampler: optuna.samplers.BaseSampler, attempts: int = 30) -> optuna.Study:
@@ -288,7 +289,7 @@ def write_gains(summary: dict[str, Any], folder: Path) -> Path:
 
     Args:
         summary: to be written.
-        folder: of the file. In `TUNED`, the gains are those of POLICY@tuned.
+        folder: of the file, or a .json file. In `TUNED`, the gains are those of POLICY@tuned.
     """
     verdicts = summary["judged"]["best_first"]
     (defaults,) = (verdict for verdict in verdicts if verdict["trial"] == 0)
@@ -296,11 +297,6 @@ def write_gains(summary: dict[str, Any], folder: Path) -> Path:
     del judged["best_first"]
     entries = {**summary, "judged": judged}
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
-    path = folder / file_name(summary["policy"])
+    path = gains_file(split_gains(summary["policy"])[0], folder)
     write_text(path, f"{{\n{lines}\n}}\n")
     return path
-
-
-def file_name(policy: str) -> str:
-    """Return the name of the file with the gains of a policy, such as "pid-flm.json"."""
-    return re.sub(r"[^\w.+-]+", "_", policy) + ".json"

@@ -111,7 +111,8 @@ def test_the_board_against_its_definitions():
     assert found.ranked == [0, 1, 2]
     np.testing.assert_array_equal(found.rank.value, [3, 2, 1])
     assert found.families == {"nominal": [0], "mass-error": [1, 2, 3, 4, 5, 6]}
-    severities, estimate = found.degradation["mass-error"]
+    text, severities, estimate = found.degradation["mass-error"]
+    assert text == scenarios.get("mass-error-1").description
     assert severities == [0, 1, 2, 3]
     assert estimate.value.shape == (4, 4)
     assert list(found.degradation) == ["mass-error", "section-2-2/mass-error"]
@@ -178,7 +179,7 @@ def test_a_suite_that_does_not_separate_its_best_is_too_easy():
         runs={name: np.concatenate([values[[2] * 10], values[3:]]) for name, values in found.runs.items()},
         decision_us=np.ones(11),
     )
-    sentence = "This suite is too easy: the intervals of the best 10 policies overlap."
+    sentence = "This suite is too easy: the rank intervals of the best 10 policies overlap."
     assert sentence in alike.remarks
     assert sentence in markdown.leaderboard(alike)
     better = alike.runs["error_pct"] * np.r_[0.3, np.ones(10)][:, None, None]
@@ -219,8 +220,7 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
     assert found.policies == ("zero", "cascade-flm", "oracle-flm")
     assert list(found.failed) == [(1, 1)]
     np.testing.assert_array_equal(found.errors[1, 1], found.runs["stay_pct"][0, 1])
-    (mark,) = [remark for remark in found.remarks if remark.startswith("cascade-flm counts as")]
-    assert mark.startswith("cascade-flm counts as an arm that stays in blind: ValueError: ")
+    assert "Count as an arm that stays (needs a sensor of velocity): cascade-flm in blind." in found.remarks
     assert "`cascade-flm` stays in 1 of 2 |" in markdown.leaderboard(found)
     assert found.diverged.high[1] > found.diverged.high[0]  # fewer runs
 
