@@ -100,7 +100,7 @@ def _retune(policy: str, base: Scenario, trials: int, folder: Path, command: str
     also = {gain: min(max(given[gain], low), high) for gain, (low, high) in task.ranges.items() if gain in given}
     study = tune(task, trials, folder, also)
     best = summary(task, study, judging, judge(judging, study, 3), command)
-    return f"{name}@{write_gains(best, folder / task.digest)}"
+    return f"{name}@{write_gains(best, folder / task.digest)}" if best["gains"] else name
 
 
 def _print(result: Recommendation) -> None:
@@ -109,7 +109,7 @@ def _print(result: Recommendation) -> None:
         screen.print(f"No policy is safe on {result.scenario}. The best of those that are not:", style="bold")
     table = Table(title=f"{result.scenario}, {len(result.conditions)} conditions", title_style="bold", box=SIMPLE_HEAD)
     for name in ("policy", "error", "worst 5 %", "diverged (bound)", "delay margin", "effort"):
-        table.add_column(name, justify="left" if name == "policy" else "right")
+        table.add_column(name, justify="left" if name == "policy" else "right", overflow="fold")
     for choice in result.choices:
         margin = choice.delay_margin_s
         table.add_row(

@@ -105,3 +105,17 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     assert cli.main([*arguments, "--policies", "zero"]) == 1
     assert "No policy is safe on short" in capsys.readouterr().out
     assert cli.main([*arguments, "--seeds", "1"]) == 2
+
+
+def test_retuned_gains_compete(tmp_path, capsys, monkeypatch):
+    """One trial has the default gains, the next one others."""
+    monkeypatch.setattr("benchmarks.cli.recommend.as_scenario", lambda name: BASE)
+    monkeypatch.setattr("benchmarks.cli.recommend.seeds", lambda trial, fresh: (range(2), range(2, 4)))
+    monkeypatch.setattr(recommend, "KINDS", ("delay", "saturation"))
+    arguments = ["recommend", "my_arm.toml", "--seeds", "2", "--workers", "1", "--store", str(tmp_path / "store")]
+    arguments += ["--policies", "pid-gravity", "--trials", "2", "--storage", str(tmp_path / "tuning"), "--json"]
+    assert cli.main(arguments) == 0
+    names = [choice["policy"] for choice in json.loads(capsys.readouterr().out)["choices"]]
+    retuned = [str(path) for path in (tmp_path / "tuning").glob("*/pid-gravity.json")]
+    assert set(names) <= {"pid-gravity", *(f"pid-gravity@{path}" for path in retuned)}
+    assert len(retuned) == 1
