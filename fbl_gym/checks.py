@@ -17,7 +17,7 @@ import numpy as np
 Pair = tuple[float, float]
 
 MAX_NAMES = 20
-"""An error lists at most this many names; of more, the nearest."""
+"""An error lists at most this many names; of more, the three nearest."""
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
@@ -36,12 +36,12 @@ def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
         known: the valid names.
     """
     names = sorted(known)
-    suggestion = nearest(name, names)
-    listed, rest = names, ""
-    if suggestion and len(names) > MAX_NAMES:
-        listed = difflib.get_close_matches(str(name), names, n=MAX_NAMES // 2, cutoff=0.0)
-        rest = f" and {len(names) - len(listed)} more"
-    return ValueError(f"unknown {what} {name!r}{suggestion or '.'} Known: {', '.join(listed) or 'none'}{rest}")
+    suggestion = nearest(name, names) or "."
+    if len(names) <= MAX_NAMES:
+        return ValueError(f"unknown {what} {name!r}{suggestion} Known: {', '.join(names) or 'none'}")
+    near = difflib.get_close_matches(str(name), names, n=3, cutoff=0.0)
+    others = ", ".join(other for other in near if repr(other) not in suggestion)
+    return ValueError(f"unknown {what} {name!r}{suggestion} Also near: {others or 'none'}")
 
 
 def check_choice(name: str, value: object, known: Iterable[str]) -> str:

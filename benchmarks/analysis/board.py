@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -33,7 +34,7 @@ MOST_DIVERGED = 0.1
 """Largest share of runs that diverge for which a law can be a ceiling."""
 
 TOP = 10
-"""A suite on which the intervals of the TOP best policies overlap is too easy."""
+"""A suite on which the rank intervals of the TOP best policies overlap is too easy."""
 
 BOOTSTRAP_SEED = 0
 """Seed of the bootstrap."""
@@ -80,15 +81,15 @@ class Board:
                 f"No error score, since no law with privileged access is a ceiling there: {', '.join(without)}. Runs that "
                 "diverge there cost their price."
             )
-        best = [i for i in self.order if i in self.ranked][:TOP]
-        value = self.error if self.score is None else self.score
-        if len(best) == TOP and value.low[best].max() <= value.high[best].min():
-            sentences.append(f"This suite is too easy: the intervals of the best {TOP} policies overlap.")
-        for i, policy in enumerate(self.policies):
-            places = [(self.scenarios[k], reason) for (j, k), reason in self.failed.items() if j == i]
-            if places:
-                names = ", ".join(name for name, _ in places)
-                sentences.append(f"{policy} counts as an arm that stays in {names}: {places[0][1]}")
+        rank, count = self.rank, min(TOP, len(self.ranked))
+        best = np.argsort(rank.value, kind="stable")[:count]
+        if count == TOP and rank.low[best].max() <= rank.high[best].min():
+            sentences.append(f"This suite is too easy: the rank intervals of the best {TOP} policies overlap.")
+        reasons: dict[str, list[str]] = {}
+        for (i, k), reason in self.failed.items():
+            sensor = re.search(r"needs a sensor of \w+", reason)
+            reasons.setdefault(sensor[0] if sensor else reason, []).append(f"{self.policies[i]} in {self.scenarios[k]}")
+        sentences.extend(f"Count as an arm that stays ({why}): {', '.join(rows)}." for why, rows in reasons.items())
         return sentences + self.gaps
 
     @cached_property
@@ -243,8 +244,8 @@ class Board:
             return {self.scenarios[k]: {x: np.nanmean(self.runs[x][:, k], axis=-1) for x in names} for k in places}
 
     @cached_property
-    def degradation(self) -> dict[str, tuple[list[int], Estimate]]:
-        """Severities [k] and errors [p x k] of each family with two or more, by its title."""
+    def degradation(self) -> dict[str, tuple[str, list[int], Estimate]]:
+        """Description, severities [k], errors [p x k] of each family with two or more, by title."""
         groups: dict[tuple[str, str, str], dict[str, dict[int, int]]] = {}
         for i, name in enumerate(self.scenarios):
             if member := scenarios.member(name):
@@ -252,13 +253,19 @@ class Board:
                 group = groups.setdefault((tier_of(name), member.arm, name.partition("@")[2]), {})
                 group.setdefault(member.family, {})[member.severity] = i
         curves = {}
-        for (_, arm, suffix), group in groups.items():
+        for (tier, arm, suffix), group in groups.items():
             for family, members in group.items():
                 severities = sorted((group.get("nominal", {}) | members).items())
                 if family != "nominal" and len(severities) > 1:
                     runs = self.errors[:, [i for _, i in severities]][:, :, None]
                     title = (family if arm == "table-1" else f"{arm}/{family}") + (f"@{suffix}" if suffix else "")
-                    curves[title] = [severity for severity, _ in severities], statistics.estimate(runs, self.counts)
+                    title = title if tier == next(iter(self.tiers)) else f"{tier} {title}"
+                    text = meaning_of(self.scenarios[severities[-1][1]])
+                    curves[title] = (
+                        text,
+                        [severity for severity, _ in severities],
+                        statistics.estimate(runs, self.counts),
+                    )
         return curves
 
 
@@ -269,7 +276,8 @@ def tier_of(scenario: str) -> str:
     """
     if scenario.partition("@")[2] in scenarios.WORLDS:
         return "surprise"
-    return getattr(scenarios.member(scenario), "tier", "ideal")
+    member = scenarios.member(scenario)
+    return member.tier if member else "ideal"
 
 
 def family_of(scenario: str) -> str:
@@ -279,6 +287,12 @@ def family_of(scenario: str) -> str:
     """
     member = scenarios.member(scenario)
     return scenario.partition("@")[0] if member is None else member.family
+
+
+def meaning_of(scenario: str) -> str:
+    """Return the description of a scenario's name; one that has no tier is of a suite."""
+    name = scenario.partition("@")[0]
+    return scenarios.get(name).description if scenarios.member(name) else "of this suite"
 
 
 def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:

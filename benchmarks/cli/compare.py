@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.analysis.statistics import estimate, resample, wins
-from benchmarks.cli.common import add_trust, console, episodes, film, picture, policy_name, trust
+from benchmarks.cli.common import add_scenario, add_trust, console, episodes, film, picture, policy_name, trust
 from benchmarks.policies.spec import resolve_apart
 from benchmarks.report.plot import plot_comparison
 from benchmarks.run.cell import trace_apart
@@ -22,9 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policies", nargs="+", type=policy_name, metavar="POLICY", help="two or more, as for `fbl-gym evaluate`"
     )
-    parser.add_argument(
-        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
-    )
+    add_scenario(parser)
     parser.add_argument(
         "--seeds", type=episodes, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)"
     )

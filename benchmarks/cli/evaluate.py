@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks.cli.common import add_policy, add_trust, console, episodes, film, gain, picture, trust
+from benchmarks.cli.common import (
+    add_policy,
+    add_scenario,
+    add_trust,
+    console,
+    episodes,
+    film,
+    gain,
+    picture,
+    trace_file,
+    trust,
+)
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
 from benchmarks.report.plot import plot_trace
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
+from benchmarks.run.traces import export
 from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     add_policy(parser)
-    parser.add_argument(
-        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
-    )
+    add_scenario(parser)
     parser.add_argument(
         "--seeds", type=episodes, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)"
     )
@@ -28,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--plot", type=picture, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
+    parser.add_argument(
+        "--trace", type=trace_file, metavar="FILE", help="write all signals of all seeds: .npz, .csv, .mat or .parquet"
+    )
     add_trust(parser)
 
 
@@ -43,6 +56,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         plot_trace(trace, f"{arguments.policy} on {scenario.name}", arguments.plot)
         screen.print(f"plot: {arguments.plot}", markup=False)
+    if arguments.trace is not None:
+        export(trace, arguments.trace)
+        screen.print(f"trace: {arguments.trace}", markup=False)
     if arguments.video is not None:
         from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
 

@@ -27,7 +27,9 @@ from fbl_gym import scenarios
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that choose cells."""
-    parser.add_argument("--suite", default="quick", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (quick)")
+    parser.add_argument(
+        "--suite", default="hardware", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (hardware)"
+    )
     parser.add_argument(
         "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
     )

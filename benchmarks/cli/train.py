@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from benchmarks.cli.common import command_line, count
+from benchmarks.cli.common import add_scenario, command_line, count, refuse_judged
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
@@ -27,9 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--context", action="store_true", help="let the agent observe the true parameters (privileged access)"
     )
-    parser.add_argument(
-        "--scenario", default="everything-2", metavar="S", help="scenario for training and validation (everything-2)"
-    )
+    add_scenario(parser, "everything-2", "for training and validation, ")
     parser.add_argument(
         "--radius", type=float, metavar="R", help="radius of the parameter error, instead of the scenario's"
     )
@@ -60,6 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _settings(arguments: argparse.Namespace) -> TrainingSettings:
     scenario = scenarios.get(arguments.scenario)
+    refuse_judged(scenario)
     if arguments.radius is not None:
         scenario = at_radius(scenario, arguments.radius)
     hyperparameters: dict[str, Any] = {}

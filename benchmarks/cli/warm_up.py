@@ -25,7 +25,7 @@ def run(_arguments: argparse.Namespace) -> int:
     env = TwoLinkArmVectorEnv(32, threads=2)
     observation, _ = env.reset(seed=0)
     _ = env.truth
-    for name in ("adaptive-flm", "adaptive-flm-ls"):  # together they use every compiled solver
+    for name in ("adaptive-flm", "adaptive-flm-ls", "ppo-memory"):  # together they use all compiled code
         policy, state = controllers.make(name, env), None
         for _ in range(300):  # until the arms have moved enough to be estimated
             action, state = policy.predict(observation, state)

@@ -9,10 +9,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from benchmarks.analysis.board import Board
+from benchmarks.analysis.board import Board, meaning_of
 from benchmarks.analysis.generalization import MEANING, RangeErrors
 from benchmarks.analysis.statistics import Estimate
-from fbl_gym import scenarios
 
 Value: TypeAlias = float | str | None
 
@@ -104,7 +103,6 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
 
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
-    known = scenarios.families()
     return [
         Column(
             "rank", "rank", "Median rank over the bootstrap. A policy with privileged access has no rank.",
@@ -150,9 +148,9 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
             )] if board.recovery else []
         ),
         *(
-            estimated(f"family-{family}", family, f"Error % over one family: {known.get(family, 'of this suite')}.",
-                      errors, best=-1, place="table" if set(board.families[family]) <= set(board.main) else "page")
-            for family, errors in board.family_errors.items()
+            estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[places[0]])}.",
+                      board.family_errors[family], best=-1, place="table" if places[0] in board.main else "page")
+            for family, places in board.families.items()
         ),
         *(
             estimated(

@@ -16,7 +16,6 @@ from benchmarks.analysis.board import Board
 from benchmarks.analysis.robustness import DIRECTIONS
 from benchmarks.analysis.statistics import Estimate, Radius
 from benchmarks.rl.policy import curves, shipped
-from fbl_gym import scenarios
 from fbl_gym.arm import Array
 
 Figure: TypeAlias = dict[str, Any]
@@ -81,8 +80,7 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 def degradation(board: Board) -> list[Figure]:
     """Return error against severity, a figure for each arm and family."""
     figures = []
-    for title, (severities, estimate) in board.degradation.items():
-        text = scenarios.families().get(title.partition("@")[0].rpartition("/")[2], "")
+    for title, (text, severities, estimate) in board.degradation.items():
         data, axes = _curves(board, severities, estimate), {"xaxis": {"dtick": 1}, "yaxis": LOG}
         figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
     return figures
@@ -110,8 +108,8 @@ def pareto(board: Board) -> list[Figure]:
 def tiers(board: Board) -> list[Figure]:
     """Return the score in each further tier against the score of the board."""
     first, figures = next(iter(board.tiers)), []
-    for tier in board.scores if board.score is not None else ():
-        if tier == first:
+    for tier in board.scores:
+        if tier == first or board.score is None:
             continue
         data = _points(board, board.score.value, board.scores[tier].value, board.ranked, [])
         text = "A policy above the others at its place keeps more of its score there."
@@ -174,8 +172,11 @@ def profiles(board: Board) -> list[Figure]:
     return [_figure("All scenarios", text, data, "tracking error [%]", "share of runs", xaxis=LOG)]
 
 
-def radius(board: Board, radii: Mapping[tuple[str, str], Radius]) -> list[Figure]:
-    """Return radii as bars, and the shares of seeds at the radii that were tried."""
+def radius(board: Board, radii: Mapping[tuple[str, str], Radius], arm: str) -> list[Figure]:
+    """Return radii as bars, and the shares of seeds at the radii that were tried.
+
+    `arm` names the arm and the rate.
+    """
     figures = []
     for direction in DIRECTIONS:
         bars, lines = [], []
@@ -196,7 +197,7 @@ def radius(board: Board, radii: Mapping[tuple[str, str], Radius]) -> list[Figure
             none = np.empty((1, 0))
             lines += _curve(policy, place, 1.0 + tried[:, 0], Estimate(tried[None, :, 1], none, none), 0)
         if bars:
-            title, text = f"Real parameters: {direction}", "Largest r, drawn as 1 + r."
+            title, text = f"Real parameters: {direction}", f"On {arm}. Largest r, drawn as 1 + r."
             largest = _figure(title, text, bars, "1 + r", "", xaxis={"type": "log", "range": [0, 1.25]})
             title = f"Shares of seeds: {direction}"
             text = "Share of seeds that track within the bound, at the radii that were tried."

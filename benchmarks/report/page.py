@@ -20,6 +20,7 @@ from plotly.offline import get_plotlyjs
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
+from benchmarks.analysis.robustness import task
 from benchmarks.analysis.statistics import Radius
 from benchmarks.files import write_text
 from benchmarks.report import figures
@@ -121,7 +122,7 @@ def contents(
             "tiers": figures.tiers(board),
             "recovery": figures.recovery(board),
             "degradation": figures.degradation(board),
-            "radius": figures.radius(board, radii),
+            "radius": figures.radius(board, radii, task(results[0].cell.scenario).description),
             "profiles": figures.profiles(board),
             "pairs": figures.pairs(board),
             "learning": figures.learning(board),

@@ -1,4 +1,4 @@
-"""The actor network of a stable-baselines3 model as NumPy arrays."""
+"""The actor network of a stable-baselines3 model as plain arrays."""
 
 from __future__ import annotations
 

@@ -1,20 +1,93 @@
-"""The actor network of an agent in NumPy."""
+"""The actor network of an agent, compiled: it computes the same bits on every machine.
+
+Libraries of linear algebra round a product of matrices differently. Here each sum has one order, as
+in the kernel.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from fbl_gym import fastmath
 from fbl_gym.arm import Array
 from fbl_gym.checks import check_choice
+from fbl_gym.fastmath import cached_njit, exp, fma, kernel_njit
 
-_ACTIVATIONS: dict[str, Callable[[Array], Array]] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
-_OUTPUTS: dict[str, Callable[[Array], Array]] = {"clip": lambda x: np.clip(x, -1.0, 1.0), "tanh": np.tanh}
+_FUNCTIONS = ("clip", "relu", "tanh")
 
-_BLOCK = 16
-"""Observations that are multiplied at once."""
+_WIDTH = 8
+"""Size of a vector: zeros fill up the outputs of a layer to a multiple of it."""
+
+
+@kernel_njit
+def _layer(x, weights, y):
+    """Set y = bias + weight' x; the bias is the first row of the weights [1 + inputs x outputs]."""
+    inputs, outputs = len(weights) - 1, len(y)
+    for o in range(outputs):
+        y[o] = weights[0, o]
+    # Four inputs in one pass over y. Each sum still adds one input after the other.
+    fours = inputs // 4 * 4
+    for i in range(0, fours, 4):
+        x1, x2, x3, x4 = x[i], x[i + 1], x[i + 2], x[i + 3]
+        for o in range(outputs):
+            total = fma(x2, weights[i + 2, o], fma(x1, weights[i + 1, o], y[o]))
+            y[o] = fma(x4, weights[i + 4, o], fma(x3, weights[i + 3, o], total))
+    for i in range(fours, inputs):
+        for o in range(outputs):
+            y[o] = fma(x[i], weights[i + 1, o], y[o])
+
+
+@kernel_njit
+def _apply(function, y):
+    """Apply one of `_FUNCTIONS`, by its index, to each element of y."""
+    if function == 0:
+        for o in range(len(y)):
+            y[o] = min(max(y[o], -1.0), 1.0)
+    elif function == 1:
+        for o in range(len(y)):
+            y[o] = max(y[o], 0.0)
+    else:
+        for o in range(len(y)):  # tanh, within 3e-16
+            power = exp(-2.0 * y[o])
+            y[o] = (1.0 - power) / (1.0 + power)
+
+
+def _compile(fingerprint):
+    """Return the forward pass. The fingerprint of `fastmath` is a part of its key in the cache."""
+
+    @cached_njit
+    def forward(observation, weights, sizes, functions):
+        """Return the outputs of the last layer [n x sizes[-1]].
+
+        Args:
+            observation: [n x sizes[0]].
+            weights: of each layer in turn, [inputs + 1 x outputs], the bias in the first row.
+            sizes: number of inputs, then the number of outputs of each layer.
+            functions: index in `_FUNCTIONS` of the function after each layer.
+        """
+        _ = fingerprint
+        actions = np.empty((len(observation), sizes[-1]))
+        hidden = np.empty((2, sizes.max()))
+        for lane in range(len(observation)):
+            x, place = observation[lane], 0
+            for layer in range(len(functions)):
+                rows, outputs = sizes[layer] + 1, sizes[layer + 1]
+                y = actions[lane] if layer == len(functions) - 1 else hidden[layer % 2, :outputs]
+                _layer(x, weights[place : place + rows * outputs].reshape(rows, outputs), y)
+                _apply(functions[layer], y)
+                x, place = y, place + rows * outputs
+        return actions
+
+    return forward
+
+
+_forward = _compile(hashlib.sha256(Path(fastmath.__file__).read_bytes()).hexdigest())
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,16 +105,25 @@ class Actor:
     output: str
 
     def __post_init__(self) -> None:
-        check_choice("activation", self.activation, _ACTIVATIONS)
-        check_choice("output", self.output, _OUTPUTS)
+        check_choice("activation", self.activation, ("tanh", "relu"))
+        check_choice("output", self.output, ("clip", "tanh"))
+
+    @cached_property
+    def _compiled(self) -> tuple[Array, Any, Any]:
+        """The arguments of the forward pass after the observation."""
+        sizes, parts = [self.layers[0][0].shape[1]], []
+        for weight, bias in self.layers:
+            outputs, inputs = weight.shape
+            rows = np.zeros((sizes[-1] + 1, -(-outputs // _WIDTH) * _WIDTH))
+            rows[0, :outputs], rows[1 : inputs + 1, :outputs] = bias, weight.T
+            sizes.append(rows.shape[1])
+            parts.append(rows.ravel())
+        functions = [self.activation] * (len(self.layers) - 1) + [self.output]
+        return np.concatenate(parts), np.array(sizes), np.array([_FUNCTIONS.index(name) for name in functions])
 
     def __call__(self, observation: Array) -> Array:
         """Return the action [n x 2]. A lane has the same bits alone and in a batch."""
-        # The rounding of a product depends on the size of its matrices, so all have one size.
-        count, inputs = observation.shape
-        blocks = np.zeros((-(-count // _BLOCK), _BLOCK, inputs))
-        blocks.reshape(-1, inputs)[:count] = observation
-        *hidden, (weight, bias) = self.layers
-        for w, b in hidden:
-            blocks = _ACTIVATIONS[self.activation](blocks @ w.T + b)
-        return _OUTPUTS[self.output](blocks @ weight.T + bias).reshape(-1, len(bias))[:count]
+        inputs = self.layers[0][0].shape[1]
+        if observation.shape[1] != inputs:
+            raise ValueError(f"observation must have {inputs} entries for this network, got {observation.shape[1]}")
+        return _forward(np.ascontiguousarray(observation), *self._compiled)[:, : len(self.layers[-1][1])]

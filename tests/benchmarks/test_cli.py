@@ -20,7 +20,7 @@ from benchmarks.run.suite import load as load_suite
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Known: cascade-flm, "),
+        ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Also near: "),
         ("evaluate ppo", "unknown policy 'ppo'; did you mean 'ppo-acceleration' or 'ppo-"),
         ("evaluate pid-flm@tund", "did you mean 'pid-flm@tuned'"),
         ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),
@@ -80,7 +80,7 @@ def test_the_example_of_a_command_is_right(name):
 @pytest.fixture(scope="module")
 def board():
     tasks = [s for s in leaderboard_scenarios(["table-1"], [2]) if s != "everything-2"]
-    suite = narrow(load_suite("quick"), ["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
+    suite = narrow(load_suite("ideal"), ["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
     return assemble([run_cell(cell) for cell in suite.cells])
 
 

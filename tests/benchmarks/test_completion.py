@@ -63,7 +63,7 @@ def test_names_complete_where_they_are_expected(offered):
         f"section-2-2/payload-{severity}" for severity in range(4)
     ]
     assert offered("fbl-gym leaderboard --scenarios pay")[0] == "payload"
-    assert offered("fbl-gym leaderboard --suite k") == ["kilohertz"]
+    assert offered("fbl-gym leaderboard --suite i") == ["ideal"]
     assert offered("fbl-gym list su") == ["suites"]
 
 
