@@ -7,6 +7,7 @@ import argparse
 from benchmarks.cli.common import (
     add_policy,
     add_scenario,
+    add_store,
     add_trust,
     console,
     episodes,
@@ -21,6 +22,7 @@ from benchmarks.report import terminal
 from benchmarks.report.plot import plot_trace
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
+from benchmarks.run.store import Store
 from benchmarks.run.traces import export
 from fbl_gym import scenarios
 
@@ -42,13 +44,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--trace", type=trace_file, metavar="FILE", help="write all signals of all seeds: .npz, .csv, .mat or .parquet"
     )
     add_trust(parser)
+    add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status."""
     trust(arguments)
     scenario = scenarios.get(arguments.scenario)
-    trace = rollout(resolve(arguments.policy), scenario, range(arguments.seeds), dict(arguments.gains))
+    policy, gains = resolve(arguments.policy), dict(arguments.gains)
+    trace = rollout(policy, scenario, range(arguments.seeds), gains)
+    Store(arguments.store).look(policy, scenario, gains)
     screen = console()
     title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
     terminal.evaluation(screen, title, measure(trace), 1e6 * trace.decision_time)

@@ -71,6 +71,12 @@ COMMANDS: dict[str, Command] = {
         "run policies on the package's arm and on MuJoCo's, and compare their orders",
         "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4",
     ),
+    "sweep": Command(
+        "sweep",
+        "measure policies over the values of one or two options: CSV and figure",
+        "--over noise.position=1e-4:1e-2:log:5 --policies pid-flm lqg --scenario nominal --seeds 8",
+        "finished cells are kept",
+    ),
     "recommend": Command(
         "recommend",
         "name the policies to use on an arm: a scenario and conditions around it",

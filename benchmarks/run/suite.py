@@ -19,7 +19,7 @@ from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, check_whole, unknown
 from fbl_gym.records import set_fields
 from fbl_gym.scenarios import as_scenario
-from fbl_gym.scenarios.files import from_table, read_toml
+from fbl_gym.scenarios.files import from_table, merged, read_toml
 from fbl_gym.scenarios.files import split as split_file
 
 
@@ -154,6 +154,21 @@ def at_rate(scenario: Scenario, control_dt: float) -> Scenario:
     """Return the scenario with another time between decisions [s], and the rate in its name."""
     name = scenario.name if control_dt == scenario.control_dt else f"{scenario.name}@{1.0 / control_dt:g}Hz"
     return scenario.replace(control_dt=control_dt, physics_dt=min(scenario.physics_dt, control_dt), name=name)
+
+
+def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
+    """Return the scenario with another value of an option, which becomes part of its name.
+
+    Args:
+        scenario: to start from.
+        option: its path, such as "noise.position", as `fbl-gym list options` prints it.
+        value: of the option.
+    """
+    changes: Any = value
+    for part in reversed(option.split(".")):
+        changes = {part: changes}
+    name = f"{scenario.name},{option}={value:g}"
+    return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})
 
 
 def named(name: str) -> Suite:

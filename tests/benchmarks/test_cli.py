@@ -21,7 +21,7 @@ from benchmarks.run.suite import load as load_suite
     ("line", "message"),
     [
         ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Also near: "),
-        ("evaluate ppo", "unknown policy 'ppo'; did you mean 'ppo-acceleration' or 'ppo-"),
+        ("evaluate ppo", "unknown policy 'ppo'; did you mean 'ppo-"),
         ("evaluate pid-flm@tund", "did you mean 'pid-flm@tuned'"),
         ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),
         ("evaluate zero --senario nominal", "unrecognized arguments: --senario"),

@@ -45,10 +45,10 @@ def test_an_agent_is_named_with_its_training_seed():
         f"ppo-residual@{seed}" for seed in shipped()["ppo-residual"]
     ]
     interface = TwoLinkArmEnv().interface
-    expected = configuration(saved_agent(interface, str(SHIPPED / "ppo-residual" / "3")))
-    assert configuration(resolve("ppo-residual@3").make(interface)) == expected
-    assert resolve("ppo-residual@3").kind == "learned"
-    assert resolve("ppo-residual@3").access == resolve("ppo-residual").access == "nominal"
+    expected = configuration(saved_agent(interface, str(SHIPPED / "ppo-residual" / "2")))
+    assert configuration(resolve("ppo-residual@2").make(interface)) == expected
+    assert resolve("ppo-residual@2").kind == "learned"
+    assert resolve("ppo-residual@2").access == resolve("ppo-residual").access == "nominal"
     with pytest.raises(ValueError, match="unknown training seed 9"):
         resolve("ppo-residual@9").make(interface)
     with pytest.raises(ValueError, match="unknown policy 'pid-flm@3'"):
@@ -115,7 +115,7 @@ def test_every_report_has_the_columns(tmp_path, capsys):
         assert rows["ppo-residual"][f"{name}: diverged"] == "0"
         assert 0.0 < low <= value <= high
     # A number can be checked as any row of the board.
-    assert cli.main(["verify", "ppo-residual@3/everything-2, radius 1", "--store", store]) == 0
+    assert cli.main(["verify", "ppo-residual@2/everything-2, radius 1", "--store", store]) == 0
     assert "holds, bit for bit" in capsys.readouterr().out
     # Without the option, nothing of it.
     assert cli.main(["report", *some, "--out", str(tmp_path / "plain")]) == 0
