@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbl_gym.arm import Array, forward_dynamics, inverse_dynamics, with_rotors
+from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 from fbl_gym.batch import Truth
 from fbl_gym.checks import Pair
 
@@ -86,28 +86,36 @@ class TrueArm:
     def _step(self, state: tuple[Array, ...], h: Array, command: Array) -> tuple[Array, ...]:
         """Return the state after a classical Runge-Kutta step of h [n x 1] with a command.
 
-        The dry friction is held: the torque that would stop the joint within the step, up to its
-        bound.
+        The dry friction is held over the step.
         """
         *x, torque = state
         lag = np.maximum(self.truth.lag[:, None], 1e-9)
         half, end = (command + np.exp(-t / lag) * (torque - command) for t in (0.5 * h, h))
         first = np.where(self.truth.lag[:, None] > 0.0, torque, command)
-        v = x[-1]
-        stop = -v / np.maximum(h, 1e-9)
-        load = first - self.truth.viscous * v
-        if self.elastic:
-            load = load - self.spring(x[2] - x[0], x[3] - x[1]) - np.array(self.rotor) * stop
-        else:
-            load = load - self.truth.disturbance - inverse_dynamics(self.links, x[0], v, stop)
-        bound = self.dry(v)
-        dry = np.clip(load, -bound, bound)
+        dry = self._held(x, h, first)
         k1 = self._rates(x, first, dry)
         k2 = self._rates([y + 0.5 * h * k for y, k in zip(x, k1, strict=True)], half, dry)
         k3 = self._rates([y + 0.5 * h * k for y, k in zip(x, k2, strict=True)], half, dry)
         k4 = self._rates([y + h * k for y, k in zip(x, k3, strict=True)], end, dry)
         moved = [y + h / 6.0 * (a + 2.0 * (b + c) + d) for y, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
         return *moved, np.where(h > 0.0, end, torque)
+
+    def _held(self, x: list[Array], h: Array, torque: Array) -> Array:
+        """Return the dry friction over a step: it stops a joint if its bound allows."""
+        v, h, none = x[-1], np.maximum(h, 1e-9), np.zeros_like(torque)
+        bound = self.dry(v)
+        if not bound.any():
+            return none
+        # The velocity at the end without friction, and how much friction takes away.
+        free = v + h * self._rates(x, torque, none)[-1]
+        inertia = np.diag(self.rotor) if self.elastic else inertia_matrix(self.links, x[0])
+        per_torque = h[..., None] * np.linalg.inv(inertia)
+        dry = none
+        for joint in (0, 1, 0, 1, 0, 1):  # Gauss and Seidel
+            left = free[:, joint] - np.einsum("nj,nj->n", per_torque[:, joint], dry)
+            stop = dry[:, joint] + left / per_torque[:, joint, joint]
+            dry[:, joint] = np.clip(stop, -bound[:, joint], bound[:, joint])
+        return dry
 
     def _rates(self, x: list[Array], torque: Array, dry: Array) -> tuple[Array, ...]:
         """Return the time derivative of a state without its torque."""

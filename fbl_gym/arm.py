@@ -261,7 +261,7 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
 
     The paper's C gives the right C v, but dM/dt - 2 C is not skew-symmetric. Passivity-based laws
     need the matrix of the Christoffel symbols (skew=True), for which it is (Spong, Hutchinson and
-    Vidyasagar, "Robot Modeling and Control", 2006, §7.3): [[-h v2, -h (v1 + v2)], [h v1, 0]],
+    Vidyasagar, "Robot Modeling and Control", 2006, §7.3): [[-h v2, -h (v1 + v2)], [h v1, 0]], with
     h = p3 sin q2.
     """
     _, _, p3, _, _, _, _ = _lumped(arm)

@@ -177,11 +177,7 @@ class ArrayReference(Record):
                 raise ValueError(f"{name} must have the {len(self.position)} rows of position, got {len(rows)}")
 
     def samples(self, times: np.ndarray) -> np.ndarray:
-        """Return position, velocity and acceleration, [n x 6]; at rest after the last sample.
-
-        Args:
-            times: [n] s.
-        """
+        """Return position, velocity and acceleration at times [n] s, [n x 6]; then at rest."""
         position = np.array(self.position)
         last = (len(position) - 1) * self.dt
         clipped = np.minimum(times, last)

@@ -143,11 +143,7 @@ class SensorError(Record):
         return (10.0 ** (-self.snr_db / 20.0),) * 2
 
     def std_at(self, control_dt: float) -> Any:
-        """Return the standard deviation of each joint's noise, also from a `density`.
-
-        Args:
-            control_dt: time between two samples [s].
-        """
+        """Return the standard deviation of each joint's noise, also from a `density`."""
         if self.density == (0.0, 0.0):
             return self.std
         return tuple(scaled(each, 1 / math.sqrt(2 * control_dt)) for each in self.density)  # type: ignore[union-attr]

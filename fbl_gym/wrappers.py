@@ -46,7 +46,8 @@ class ErrorScales:
         self.action_limit = np.array(interface.action_limit)
         scales = {"position": position, "velocity": velocity, "acceleration": acceleration}
         self.scales = {name: check_number(f"{name} scale", value, above=0) for name, value in scales.items()}
-        self.size = len(self(np.zeros((1, self.layout.size)))[0])
+        end = max(slot.slice.stop for slot in self.layout.slots)
+        self.size = len(self(np.zeros((1, end)))[0])
 
     def __call__(self, observations: Array) -> Array:
         """Return observations [... x layout.size] in error coordinates, [... x size]."""

@@ -2,7 +2,7 @@
 
 Policies run in the scenario and in conditions around it. In each of these, one kind of uncertainty
 is twice as large. The order is that of the mean logarithm of the errors, plus the price of diverged
-runs as in the score.
+runs as in the score. The scenario itself counts as much as all its conditions together.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from benchmarks.policies.spec import names, resolve_apart
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell, Suite
 from benchmarks.seeds import SPLITS
-from controllers.registry import TUNED
 from fbl_gym.arm import ArmParameters, gravity_torque, inverse_dynamics
 from fbl_gym.records import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario, conditions, in_world, judged
@@ -171,13 +170,11 @@ def _payload(scenario: Scenario) -> float:
 
 
 def candidates() -> list[str]:
-    """Return the policies that are tried by default: all, and composed laws with tuned gains.
+    """Return the policies that are tried by default: all of those that do not know the truth.
 
-    Policies that know the truth are left out, and `nmpc`, whose decisions take longest.
+    `nmpc` is left out, since its decisions take longest.
     """
-    composed = [f"{path.stem}@tuned" for path in sorted(TUNED.glob("*+*.json"))]
-    every = [name for name in (*names(), *composed) if not name.startswith(("nmpc", "zero"))]
-    return [name for name in every if resolve_apart(name).ranked]
+    return [name for name in names() if not name.startswith(("nmpc", "zero")) and resolve_apart(name).ranked]
 
 
 @dataclass(frozen=True)
@@ -262,7 +259,8 @@ def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run, co
     table = [[results[cell.id] for cell in cells[name]] for name in complete]
     runs = Runs.of(table)
     safe = [is_safe(row[0]) for row in table]
-    order = sorted(range(len(complete)), key=lambda i: (not safe[i], runs.levels[i].mean()))
+    levels = runs.levels[:, 0] + runs.levels[:, 1:].mean(axis=1)
+    order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
     best = order[:count]
     variation = {i: float(np.median([run["variation"] for result in table[i] for run in result.rows])) for i in best}
     choices = tuple(

@@ -100,7 +100,7 @@ def _retune(policy: str, base: Scenario, trials: int, folder: Path, command: str
     also = {gain: min(max(given[gain], low), high) for gain, (low, high) in task.ranges.items() if gain in given}
     study = tune(task, trials, folder, also)
     best = summary(task, study, judging, judge(judging, study, 3), command)
-    return f"{name}@{write_gains(best, folder / task.digest)}"
+    return f"{name}@{write_gains(best, folder / task.digest)}" if best["gains"] else name
 
 
 def _print(result: Recommendation) -> None:
@@ -108,18 +108,17 @@ def _print(result: Recommendation) -> None:
     if not result.safe:
         screen.print(f"No policy is safe on {result.scenario}. The best of those that are not:", style="bold")
     table = Table(title=f"{result.scenario}, {len(result.conditions)} conditions", title_style="bold", box=SIMPLE_HEAD)
-    for name in ("policy", "error", "worst 5 %", "diverged (bound)", "delay margin", "effort", "safe"):
-        table.add_column(name, justify="left" if name == "policy" else "right")
+    for name in ("policy", "error", "worst 5 %", "diverged (bound)", "delay margin", "effort"):
+        table.add_column(name, justify="left" if name == "policy" else "right", overflow="fold")
     for choice in result.choices:
         margin = choice.delay_margin_s
         table.add_row(
             choice.policy,
             f"{choice.median_pct:.3g} %",
             f"{choice.worst_pct:.3g} %",
-            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.2g} %)",
-            "-" if margin is None else f"{1e3 * margin:.0f} ms",
+            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.1f} %)",
+            "-" if margin is None else f"{1e3 * margin:.1f} ms",
             f"{choice.effort:.2f}",
-            "yes" if choice.safe else "no",
         )
     screen.print(table)
     screen.print(f"conditions: {', '.join(result.conditions)}")

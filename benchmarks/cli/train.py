@@ -9,12 +9,19 @@ from typing import Any
 
 import torch
 
+import controllers
 from benchmarks.cli.common import add_scenario, command_line, count, refuse_judged
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
 from benchmarks.rl.training_settings import TrainingSettings, at_radius
 from fbl_gym import scenarios
+from fbl_gym.interface import Interface
+from fbl_gym.uncertainty import SENSORS
+from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+HARDEST = (3,)
+"""Severities of a tier that is trained on, beside its nominal scenario."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,10 +31,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--history", type=int, default=0, metavar="N", help="number of earlier steps that the agent observes (0)"
     )
+    parser.add_argument("--base", metavar="LAW", help="law under a residual (computed-torque at 15 rad/s)")
+    parser.add_argument("--drive", action="store_true", help="let the agent observe the drive's stated delay and lag")
+    parser.add_argument(
+        "--sensors", nargs="+", choices=SENSORS, default=SENSORS, help="sensors that the agent observes (all)"
+    )
+    parser.add_argument(
+        "--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)"
+    )
     parser.add_argument(
         "--context", action="store_true", help="let the agent observe the true parameters (privileged access)"
     )
-    add_scenario(parser, "everything-2", "for training and validation, ")
+    add_scenario(parser, "everything-2", "or a tier (practice), for training and validation, ")
     parser.add_argument(
         "--radius", type=float, metavar="R", help="radius of the parameter error, instead of the scenario's"
     )
@@ -51,27 +66,47 @@ def run(arguments: argparse.Namespace) -> int:
     name = f"{settings.algorithm}-{settings.adapter.action}{history}{context}-{settings.seed}"
     folder = arguments.out or Path("runs") / name
     torch.set_num_threads(arguments.threads)
-    train(settings, folder, command=command_line(), wandb=arguments.wandb)
+    train(settings, folder, command_line(), 40 if len(settings.scenarios) == 1 else 15, arguments.wandb)
     print(f"agent: {folder}")
     return 0
 
 
 def _settings(arguments: argparse.Namespace) -> TrainingSettings:
-    scenario = scenarios.get(arguments.scenario)
-    refuse_judged(scenario)
+    name = arguments.scenario
+    names = scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,)
+    each = [scenarios.get(name) for name in names]
+    for scenario in each:
+        refuse_judged(scenario)
     if arguments.radius is not None:
-        scenario = at_radius(scenario, arguments.radius)
+        each = [at_radius(scenario, arguments.radius) for scenario in each]
     hyperparameters: dict[str, Any] = {}
     if arguments.hyperparameters is not None:
         hyperparameters = _hyperparameters(arguments.hyperparameters, arguments.algorithm)
     return TrainingSettings(
         algorithm=arguments.algorithm,
-        adapter=AdapterSettings(arguments.interface, history=arguments.history, context=arguments.context),
-        scenario=scenario,
+        adapter=_adapter(arguments, TwoLinkArmVectorEnv(1, each[0]).interface),
+        scenarios=tuple(each),
         seed=arguments.seed,
         steps=arguments.steps,
         minutes=arguments.minutes,
         hyperparameters=hyperparameters,
+    )
+
+
+def _adapter(arguments: argparse.Namespace, interface: Interface) -> AdapterSettings:
+    options: dict[str, Any] = {} if arguments.scales is None else {"scales": arguments.scales}
+    if arguments.base is not None:
+        law: Any = controllers.make(arguments.base, interface)
+        gains = {name: value for name, value in vars(law).items() if name in law.__dataclass_fields__}
+        del gains["interface"]
+        options |= {"base": arguments.base.removesuffix("@tuned"), "gains": gains}
+    return AdapterSettings(
+        arguments.interface,
+        history=arguments.history,
+        drive=arguments.drive,
+        context=arguments.context,
+        sensors=arguments.sensors,
+        **options,
     )
 
 

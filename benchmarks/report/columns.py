@@ -87,6 +87,11 @@ def number(x: float) -> str:
     return f"{x:.{max(0, 2 - math.floor(math.log10(abs(x))))}f}"
 
 
+def percent(x: float) -> str:
+    """Return a share in % with two significant digits, or "100"."""
+    return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
+
+
 def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
     """Return the columns of a board, from left to right, one for each generalization range."""
     count = len(board.policies)
@@ -132,7 +137,7 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
         ),
         estimated(
             "diverged", "diverged %", f"Share of runs that diverged {here}, with Clopper and Pearson's upper bound. These "
-            "runs count in every error.", board.diverged, 100.0, best=-1, form="{:.2g}".format, place="short", ends="upper",
+            "runs count in every error.", board.diverged, 100.0, best=-1, form=percent, place="short", ends="upper",
         ),
         *(
             [] if board.effort is None else [Column(

@@ -35,7 +35,7 @@ DIGITS = 5
 
 _SECTIONS = {
     "pareto": ("Error and effort", ""),
-    "tiers": ("Tiers", "Scores in the tier that ranks, and in the others, on which nothing is tuned or trained."),
+    "tiers": ("Tiers", "Scores in the tier that ranks, and in the others."),
     "recovery": ("Recovery", ""),
     "degradation": (
         "Degradation",

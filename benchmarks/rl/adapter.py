@@ -12,11 +12,12 @@ import numpy as np
 import controllers
 from controllers.feedback_linearization import linearize
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array
+from controllers.registry import is_composed
+from fbl_gym.arm import Array, inertia_matrix
 from fbl_gym.batch import Truth
 from fbl_gym.checks import check_choice, check_number
 from fbl_gym.interface import Interface, Layout
-from fbl_gym.records import Record, choice, declared, number, pair, whole
+from fbl_gym.records import Record, choice, choices, declared, number, pair, whole
 from fbl_gym.wrappers import ErrorScales
 
 ACTIONS = ("torque", "acceleration", "residual")
@@ -26,13 +27,14 @@ SENSORS = ("position", "velocity", "acceleration")
 CONTEXT = ("m1", "m2", "L1", "L2", "payload")
 """The true parameters that an agent with context observes, in this order."""
 
-_OBSERVED = (*SENSORS, *(f"reference_{name}" for name in SENSORS))
+DRIVE_SCALE = 0.05
+"""Scale of the drive's delay and lag in the agent's observation [s]."""
 
-_CASCADE_GAINS = (("kp", 10.0), ("velocity_p", (30.0, 35.0)), ("velocity_i", (13.0, 20.0)))
 
-
-def _check_base(name: str, value: object) -> str:
-    return check_choice(name, value, controllers.names())
+def _check_base(name: str, value: Any) -> str:
+    if not is_composed(value):
+        check_choice(name, value, controllers.names())
+    return str(value)
 
 
 def _check_gains(_name: str, value: Any) -> dict[str, Any]:
@@ -60,25 +62,30 @@ class AdapterSettings(Record):
         action: meaning of the action, which lies in [-1, 1] per joint.
             "torque": the torque is `torque` times the action.
             "acceleration": `acceleration` times the action goes through the nominal linearisation.
-            "residual": `residual` times `torque` times the action is added to the torque of `base`.
+            "residual": `residual` times the action, times the nominal inertia, is added to the
+            torque of `base`.
         torque: largest torque per joint.
         acceleration: largest acceleration of both joints.
-        residual: largest residual, relative to `torque`.
-        base: name of the law under the residual.
+        residual: largest residual acceleration of both joints.
+        base: name of the law under the residual, which may have parts.
         gains: of the law `base`, written out, so that an agent keeps the law of its training.
         history: number of earlier steps whose errors and actions the agent observes, latest first.
+        drive: True if the agent observes the delay and lag that the drive's datasheet states.
         context: True if the agent observes `true_parameters`. Its access is then "privileged".
+        sensors: the sensors that the agent observes, which the environment must have.
         scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
     """
 
     action: str = choice("torque", ACTIONS)
     torque: tuple[float, float] = pair((2000.0, 800.0), unit="N m", above=0)
     acceleration: float = number(100.0, unit="rad/s^2", above=0)
-    residual: float = number(0.5, above=0)
-    base: str = declared("cascade-flm", _check_base, "name of a law")
-    gains: Mapping[str, Any] = declared(_CASCADE_GAINS, _check_gains, "a dict of gains")
+    residual: float = number(20.0, unit="rad/s^2", above=0)
+    base: str = declared("computed-torque", _check_base, "name of a law")
+    gains: Mapping[str, Any] = declared((("frequency", 15.0),), _check_gains, "a dict of gains")
     history: int = whole(0)
+    drive: bool = declared(False, _check_flag, "True or False")
     context: bool = declared(False, _check_flag, "True or False")
+    sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
 
 
@@ -99,17 +106,19 @@ class AgentAdapter:
     """An adapter between one environment and an agent.
 
     Its state is a tuple of arrays with one row per lane: the history, then the state of the law
-    under the residual. `size` is that of the agent's observation. The agent observes only three
+    under the residual. `size` is that of the agent's observation. The agent observes only its
     sensors and the reference.
     """
 
     def __init__(self, settings: AdapterSettings, interface: Interface) -> None:
         self.settings, self.interface = settings, interface
-        layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in _OBSERVED))
+        observed = (*settings.sensors, *(f"reference_{name}" for name in SENSORS))
+        layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in observed))
         self._errors = ErrorScales(dataclasses.replace(interface, layout=layout), *settings.scales)
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
+        self._drive = np.array([*interface.delay, *interface.lag] if settings.drive else []) / DRIVE_SCALE
         context_size = len(CONTEXT) if settings.context else 0
-        self.size = self._errors.size + settings.history * self._step_size + context_size
+        self.size = self._errors.size + settings.history * self._step_size + len(self._drive) + context_size
         self._base: TorqueLaw | None = None
         if settings.action == "residual":
             base = controllers.make(settings.base, interface, **settings.gains)
@@ -136,7 +145,8 @@ class AgentAdapter:
 
     def observe(self, observation: Array, state: State, context: Array) -> Array:
         """Return the agent's observation [n x size] from the environment's and `context`."""
-        return np.concatenate([self._errors(observation), state[0], context], axis=-1)
+        drive = np.broadcast_to(self._drive, (len(observation), len(self._drive)))
+        return np.concatenate([self._errors(observation), state[0], drive, context], axis=-1)
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m of the agent's action [n x 2], and the next state."""
@@ -144,11 +154,13 @@ class AgentAdapter:
         history, base_state = state[0], state[1:]
         if self.settings.history:
             history = np.concatenate([self._errors(observation), action, history[:, : -self._step_size]], axis=-1)
+        nominal = self.interface.nominal
         if self.settings.action == "acceleration":
             q, v = (observation[:, self.interface.layout[name]] for name in ("position", "velocity"))
-            return linearize(self.interface.nominal, q, v, self.settings.acceleration * action), (history,)
-        limit = np.array(self.settings.torque)
+            return linearize(nominal, q, v, self.settings.acceleration * action), (history,)
         if self._base is None:
-            return limit * action, (history,)
+            return np.array(self.settings.torque) * action, (history,)
         torque, base_state = self._base.torque(observation, base_state)
-        return self.interface.saturate(torque) + self.settings.residual * limit * action, (history, *base_state)
+        inertia = inertia_matrix(nominal, observation[:, self.interface.layout["position"]])
+        residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
+        return self.interface.saturate(torque) + residual, (history, *base_state)

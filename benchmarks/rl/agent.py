@@ -45,11 +45,16 @@ class Agent(TorqueLaw):
     actor: Actor
     env: Any = None
 
-    needs: ClassVar[tuple[str, ...]] = SENSORS
+    needs: ClassVar[tuple[str, ...]] = ("position",)
 
     def validate(self) -> None:
-        """Refuse an agent with context without an environment."""
-        super().validate()
+        """Refuse an interface without the agent's sensors, and context without an environment."""
+        present = [name for name in SENSORS if name in self.interface.layout]
+        if any(name not in present for name in self.settings.sensors):
+            raise ValueError(
+                f"not applicable: the agent was trained on sensors of {', '.join(self.settings.sensors)}, "
+                f"got {', '.join(present)}"
+            )
         if self.settings.context and self.env is None:
             raise ValueError("an agent with context observes the truth, so it needs the environment, got its interface")
 

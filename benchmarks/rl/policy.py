@@ -68,10 +68,9 @@ def _factory(
 
 
 ppo_torque = _factory("ppo-torque", "PPO on torques, without memory; trained on everything-2")
-ppo_acceleration = _factory(
-    "ppo-acceleration", "PPO on accelerations through the nominal mapping; trained on everything-2"
+ppo_residual = _factory(
+    "ppo-residual", "PPO with memory on top of computed-torque; trained on the tier practice, for hardware"
 )
-ppo_residual = _factory("ppo-residual", "PPO on top of cascade-flm; trained on everything-2")
 ppo_memory = _factory("ppo-memory", "PPO on torques that observes its last steps and actions; trained on everything-2")
 ppo_context = _factory(
     "ppo-context", "PPO on torques that observes the true parameters; trained on everything-2", "privileged"

@@ -7,6 +7,7 @@ import os
 import platform
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -21,8 +22,8 @@ from benchmarks.files import replacing, write_text
 from benchmarks.rl.agent import Agent, write
 from benchmarks.rl.export import export
 from benchmarks.rl.training_settings import TrainingSettings
-from benchmarks.rl.validation import VALIDATION, tracking_error
-from fbl_gym.vector_env import TwoLinkArmVectorEnv
+from benchmarks.rl.validation import validate
+from fbl_gym import Scenario
 
 COLUMNS = ("steps", "wall_s", "validation_mrad")
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "torch", "stable-baselines3", "sb3-contrib")
@@ -71,17 +72,17 @@ class Progress(BaseCallback):
 
     def _validate(self, fraction: float) -> None:
         settings, actor = self.settings, export(self.model)
-        env = TwoLinkArmVectorEnv(len(VALIDATION), settings.scenario)
-        agent = Agent(env.interface, settings.adapter, actor, env if settings.adapter.context else None)
-        error = tracking_error(agent, env, VALIDATION).mean()
+        adapter = settings.adapter
+        make = lambda env: Agent(env.interface, adapter, actor, env if adapter.context else None)  # noqa: E731
+        error = validate(make, settings.scenarios)
         best = min((row[2] for row in self.curve), default=np.inf)
         wall = time.monotonic() - self._begin
-        self.curve.append((self.num_timesteps, round(wall, 2), round(float(error), 4)))
+        self.curve.append((self.num_timesteps, round(wall, 2), round(error, 4)))
         if error < best:
             write(self.folder, actor, self._description())
         lines = [",".join(COLUMNS), *(",".join(map(str, row)) for row in self.curve)]
         write_text(self.folder / "curve.csv", "\n".join(lines) + "\n")
-        self.logger.record("validation/rms_mrad", float(error))
+        self.logger.record("validation/rms_mrad", error)
         remaining = f", {_clock(wall * (1 - fraction) / fraction)} left" if fraction > 0 else ""
         print(
             f"{100 * fraction:3.0f} %  {self.num_timesteps:>11,} steps  validation {error:8.3f} mrad  "
@@ -101,7 +102,7 @@ class Progress(BaseCallback):
             "steps": steps,
             "wall_s": wall,
             "validation_mrad": error,
-            "scenario": settings.scenario.to_dict(),
+            **_trained_on(settings.scenarios),
             "hyperparameters": settings.hyperparameters,
             "packages": {name: version for name in PACKAGES if (version := _version(name))},
             "python": platform.python_version(),
@@ -129,6 +130,11 @@ class LinearDecay:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return float, (self.begin,)  # a checkpoint holds the number only; training replaces it
+
+
+def _trained_on(each: Sequence[Scenario]) -> dict[str, Any]:
+    """Return one scenario as plain data, several by their names."""
+    return {"scenario": each[0].to_dict()} if len(each) == 1 else {"scenarios": [scenario.name for scenario in each]}
 
 
 def _version(package: str) -> str | None:

@@ -27,7 +27,7 @@ from benchmarks.rl.progress import LinearDecay, Progress
 from benchmarks.rl.sb3 import find_class
 from benchmarks.rl.training_settings import LANES, TrainingSettings
 from benchmarks.rl.vec_env import ArmVecEnv
-from benchmarks.rl.vector_adapter import VectorAdapter
+from benchmarks.rl.vector_adapter import SideBySide, VectorAdapter
 from benchmarks.seeds import SPLITS
 from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
@@ -83,8 +83,8 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
 
     # The environment: lane i draws its episodes from the stream of seed first + i.
     first = SPLITS["training"][settings.seed * LANES]
-    arms = TwoLinkArmVectorEnv(settings.hyperparameters["lanes"], settings.scenario, autoreset_mode="SameStep")
-    env = ArmVecEnv(VectorAdapter(arms, settings.adapter))
+    arms = [TwoLinkArmVectorEnv(settings.lanes, each, autoreset_mode="SameStep") for each in settings.scenarios]
+    env = ArmVecEnv(SideBySide([VectorAdapter(each, settings.adapter) for each in arms]))
     env.seed(first)
 
     # The model: new, or from the checkpoint.
@@ -103,7 +103,7 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
             raise ValueError(
                 f"{folder} holds a run that cannot be resumed ({type(problem).__name__}: {problem}); give another --out"
             ) from None
-        for _ in range(model.num_timesteps // (env.num_envs * settings.scenario.steps)):
+        for _ in range(model.num_timesteps // (env.num_envs * settings.scenarios[0].steps)):
             env.reset()  # skip the episodes that the run has trained on
     else:
         logs = str(folder / "tensorboard") if util.find_spec("tensorboard") else None

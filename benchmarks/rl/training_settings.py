@@ -21,6 +21,9 @@ from fbl_gym.uncertainty import ParameterError
 LANES = 1000
 """Number of episode seeds that each training seed has for its lanes."""
 
+LEAST_LANES = 16
+"""Fewest lanes of each of several scenarios: with fewer, Python's share of the time grows."""
+
 
 @dataclass(frozen=True)
 class TrainingSettings(Record):
@@ -29,7 +32,7 @@ class TrainingSettings(Record):
     Args:
         algorithm: one of `benchmarks.rl.sb3.ALGORITHMS`.
         adapter: observations and actions of the agent.
-        scenario: for training, and for validation with other seeds.
+        scenarios: for training, side by side, and for validation with other seeds.
         seed: of the training.
         steps: of all lanes together; None: those of the hyperparameters, if `minutes` is None too.
         minutes: wall time; such a run does not repeat exactly. None: the run ends after `steps`.
@@ -38,7 +41,7 @@ class TrainingSettings(Record):
 
     algorithm: str = choice(dataclasses.MISSING, ALGORITHMS)
     adapter: AdapterSettings = field(default_factory=AdapterSettings)
-    scenario: Scenario = field(default_factory=lambda: scenarios.get("everything-2"))
+    scenarios: tuple[Scenario, ...] = field(default_factory=lambda: (scenarios.get("everything-2"),))
     seed: int = whole(0)
     steps: int | None = whole(None, low=1)
     minutes: float | None = number(None, unit="min", above=0)
@@ -47,12 +50,24 @@ class TrainingSettings(Record):
     def validate(self) -> None:
         """Fill in the shipped hyperparameters and the number of steps."""
         if not self.hyperparameters:
-            set_fields(self, hyperparameters=shipped_hyperparameters(self.algorithm))
+            several = len(self.scenarios) > 1
+            set_fields(self, hyperparameters=shipped_hyperparameters(self.algorithm, several))
         if self.seed > (last := len(SPLITS["training"]) // LANES - 1):
             raise ValueError(f"seed must be at most {last}, since each has {LANES} training seeds, got {self.seed}")
+        for scenario in self.scenarios:
+            if reason := scenarios.judged(scenario):
+                raise ValueError(
+                    f"scenario must be one that agents may train on, such as practice, got {scenario.name}: {reason}"
+                )
         check_hyperparameters(self.hyperparameters)
         if self.minutes is None and self.steps is None:
             set_fields(self, steps=self.hyperparameters["steps"])
+
+    @property
+    def lanes(self) -> int:
+        """Return the number of lanes of each scenario; of many scenarios each has `LEAST_LANES`."""
+        share = self.hyperparameters["lanes"] // len(self.scenarios)
+        return max(share, min(self.hyperparameters["lanes"], LEAST_LANES))
 
 
 def check_hyperparameters(given: Any) -> None:
@@ -72,9 +87,15 @@ def check_hyperparameters(given: Any) -> None:
     check_number("hyperparameters.arguments.learning_rate", arguments["learning_rate"], above=0)
 
 
-def shipped_hyperparameters(algorithm: str) -> dict[str, Any]:
-    """Return the hyperparameters of an algorithm from `hyperparameters.json`."""
-    return json.loads(Path(__file__).with_name("hyperparameters.json").read_text())[algorithm]
+def shipped_hyperparameters(algorithm: str, several: bool = False) -> dict[str, Any]:
+    """Return the hyperparameters of an algorithm from `hyperparameters.json`.
+
+    Args:
+        algorithm: its name.
+        several: True for training on several scenarios, for which an algorithm may have others.
+    """
+    shipped = json.loads(Path(__file__).with_name("hyperparameters.json").read_text())
+    return shipped.get(f"{algorithm}-several" if several else algorithm, shipped[algorithm])
 
 
 def at_radius(scenario: Scenario, radius: float) -> Scenario:

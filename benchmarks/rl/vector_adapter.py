@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -62,3 +63,45 @@ class VectorAdapter(VectorWrapper):
     def _observe(self) -> Array:
         self._context = self._adapter.context(self.env, self.num_envs)
         return self._adapter.observe(self._observation, self._state, self._context)
+
+
+class SideBySide(VectorEnv[Array, Array, Array]):
+    """Several environments of the same spaces as one, each with its lanes; all in SAME_STEP mode.
+
+    Args:
+        envs: one or more; their lanes follow one another.
+    """
+
+    def __init__(self, envs: Sequence[VectorEnv]) -> None:
+        for env in envs:
+            check_same_step(env)
+        self.envs, self.metadata = tuple(envs), envs[0].metadata
+        ends = np.cumsum([env.num_envs for env in envs])
+        self._cuts, self.num_envs = ends[:-1], int(ends[-1])
+        self.single_observation_space = envs[0].single_observation_space
+        self.single_action_space = envs[0].single_action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every lane; `seed` has one for each lane, or is None."""
+        seeds = [None] * len(self.envs) if seed is None else [part.tolist() for part in np.split(seed, self._cuts)]
+        pairs = zip(self.envs, seeds, strict=True)
+        return np.concatenate([env.reset(seed=part, options=options)[0] for env, part in pairs]), {}
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Take one step with the actions [n x 2], as Gymnasium's `VectorEnv.step`."""
+        parts = zip(self.envs, np.split(actions, self._cuts), strict=True)
+        *signals, infos = zip(*(env.step(part) for env, part in parts), strict=True)
+        observations, rewards, terminated, truncated = (np.concatenate(signal) for signal in signals)
+        done = terminated | truncated
+        if not done.any():
+            return observations, rewards, terminated, truncated, {}
+        none = [np.full(env.num_envs, None, dtype=object) for env in self.envs]
+        final = np.concatenate([info.get("final_obs", empty) for info, empty in zip(infos, none, strict=True)])
+        return observations, rewards, terminated, truncated, {"final_obs": final, "_final_obs": done}
+
+    def close(self, **kwargs: Any) -> None:
+        """Close the environments."""
+        for env in self.envs:
+            env.close(**kwargs)

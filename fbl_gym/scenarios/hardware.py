@@ -56,7 +56,7 @@ FAMILIES = {
 
 _REAL = {
     "nominal": "an arm with drives, sensors and friction as in laboratories, nothing pushed further",
-    "pelican": "the Pelican of Kelly, Santibáñez and Loría, with the tier's drives and sensors",
+    "pelican": "the Pelican of Kelly, Santibáñez and Loría, with the tier's sensors and drives of twice the torque",
     "dfki-c1": "DFKI's double pendulum, design C.1, with its friction, torque limit and encoder",
 }
 
@@ -175,6 +175,8 @@ def hardware(family: str = "nominal", severity: int = 0) -> Scenario:
         severity: 0 to 3; real arms have 0 only.
     """
     options = conditions(_ARMS.get(family, ARM), family, severity)
+    if family == "pelican":  # its fast second link needs more than the tier's rule gives
+        options["actuator"]["torque_limit"] = tuple(2.0 * x for x in options["actuator"]["torque_limit"])
     if family == "dfki-c1":  # drives and encoders as in `real.py`
         options["actuator"]["torque_limit"] = 10.0
         options["encoder"]["counts"] = 65535.0 / 25.0 * 2 * math.pi

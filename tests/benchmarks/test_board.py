@@ -136,7 +136,8 @@ def test_a_scenario_without_a_ceiling_leaves_the_rest():
     np.testing.assert_allclose(blind.score.value, alone.score.value)
     assert "No error score, since no law with privileged access is a ceiling there: noise-1." in blind.remarks[0]
     falls = changed(blind, 1, diverged=[0.0, 0.0, 1.0, 0.0])
-    assert falls.score.value[2] == pytest.approx(alone.score.value[2] - 100)
+    assert (falls.score.value[2], falls.score.value[1]) == (-100.0, blind.score.value[1])
+    assert falls.order[:3] == [1, 0, 2]
     assert list(changed(found, 1, diverged=[0.0, 0.0, 0.0, 1.0]).ceilings) == [3, -1]
 
 
@@ -212,16 +213,16 @@ def test_a_policy_without_results_is_left_out_and_named():
 
 def test_a_policy_that_cannot_run_a_scenario_stays_there():
     """It keeps its row; where it lacks a sensor, it scores 0 and is marked."""
-    blind = scenarios.get("noise-1").replace(noise=None, sensors=("position",), name="blind")
+    blind = scenarios.get("noise-1").replace(noise=None, sensors=("position", "velocity"), name="blind")
     tasks = (scenarios.get("nominal"), blind)
     found = assemble(
-        [run_cell(Cell(p, task, (0, 1, 2))) for p in ("zero", "cascade-flm", "oracle-flm") for task in tasks]
+        [run_cell(Cell(p, task, (0, 1, 2))) for p in ("zero", "ppo-torque", "oracle-flm") for task in tasks]
     )
-    assert found.policies == ("zero", "cascade-flm", "oracle-flm")
+    assert found.policies == ("zero", "ppo-torque", "oracle-flm")
     assert list(found.failed) == [(1, 1)]
     np.testing.assert_array_equal(found.errors[1, 1], found.runs["stay_pct"][0, 1])
-    assert "Count as an arm that stays (needs a sensor of velocity): cascade-flm in blind." in found.remarks
-    assert "`cascade-flm` stays in 1 of 2 |" in markdown.leaderboard(found)
+    assert "Count as an arm that stays (needs a sensor of acceleration): ppo-torque in blind." in found.remarks
+    assert "`ppo-torque` stays in 1 of 2 |" in markdown.leaderboard(found)
     assert found.diverged.high[1] > found.diverged.high[0]  # fewer runs
 
 

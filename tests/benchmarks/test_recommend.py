@@ -61,14 +61,14 @@ def result():
 
 
 def test_the_choice(result):
-    assert [choice.policy for choice in result.choices][-1] == "zero"
-    first, second, zero = result.choices
-    assert (first.safe, second.safe, zero.safe, result.safe) == (True, True, False, True)
-    assert first.median_pct < second.median_pct < first.worst_pct + second.worst_pct
+    assert result.safe
+    assert {choice.policy for choice in result.choices} == {"pd-gravity", "computed-torque"}  # zero is not safe
+    first, second = result.choices
+    assert first.median_pct < first.worst_pct
     assert first.runs == 4 * len(result.conditions) == 44
-    assert 0.0 < first.diverged_bound < zero.diverged_bound + 0.1
-    assert first.delay_margin_s > 0.0
-    assert min(choice.effort for choice in result.choices) == 1.0
+    assert 0.0 < first.diverged_bound < 0.2
+    assert min(first.effort, second.effort) == 1.0
+    assert any(choice.delay_margin_s is not None for choice in result.choices)
     assert all(policy != first.policy for policy, _, _ in result.overturned.values())
 
 
@@ -105,3 +105,17 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     assert cli.main([*arguments, "--policies", "zero"]) == 1
     assert "No policy is safe on short" in capsys.readouterr().out
     assert cli.main([*arguments, "--seeds", "1"]) == 2
+
+
+def test_retuned_gains_compete(tmp_path, capsys, monkeypatch):
+    """One trial has the default gains, the next one others."""
+    monkeypatch.setattr("benchmarks.cli.recommend.as_scenario", lambda name: BASE)
+    monkeypatch.setattr("benchmarks.cli.recommend.seeds", lambda trial, fresh: (range(2), range(2, 4)))
+    monkeypatch.setattr(recommend, "KINDS", ("delay", "saturation"))
+    arguments = ["recommend", "my_arm.toml", "--seeds", "2", "--workers", "1", "--store", str(tmp_path / "store")]
+    arguments += ["--policies", "pid-gravity", "--trials", "2", "--storage", str(tmp_path / "tuning"), "--json"]
+    assert cli.main(arguments) == 0
+    names = [choice["policy"] for choice in json.loads(capsys.readouterr().out)["choices"]]
+    retuned = [str(path) for path in (tmp_path / "tuning").glob("*/pid-gravity.json")]
+    assert set(names) <= {"pid-gravity", *(f"pid-gravity@{path}" for path in retuned)}
+    assert len(retuned) == 1

@@ -181,10 +181,11 @@ def test_a_degradation_curve_is_an_estimate_per_severity():
 def test_score():
     """Staying scores 0, the ceiling 100, half of the way in the logarithm 50."""
     gain, span = np.log([1.0, 4500.0, np.sqrt(4500.0)]), np.log(4500.0)
-    np.testing.assert_allclose(score(gain, span, 0.0), [0.0, 100.0, 50.0])
+    np.testing.assert_allclose(score(gain[None], [[span] * 3], 0.0), [0.0, 100.0, 50.0])
+    assert score(gain, [span] * 3, 0.0) == pytest.approx(50.0)
     # Each percent of diverged runs costs as much as halving the error gains.
-    assert score(gain[2], span, 0.01) == pytest.approx(score(gain[2] - np.log(2.0), span, 0.0))
-    assert (score(-50.0, span, 0.0), score(50.0, span, 0.0), score(gain[1], span, 0.5)) == (*BOUNDS, BOUNDS[0])
+    assert score(gain, [span] * 3, 0.01) == pytest.approx(score(gain - np.log(2.0), [span] * 3, 0.0))
+    assert score([-50.0, 50.0], [span] * 2, 0.0) == pytest.approx(np.mean(BOUNDS))
 
 
 def test_the_share_of_diverged_runs_that_counts():

@@ -18,7 +18,7 @@ from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.records import tuning_ranges
 from tests.controllers.closed_loop import tracking
 
-LAWS = [name for name in controllers.names() if controllers.kind(name) == "classical" and name != "oracle-flm"]
+LAWS = [name for name in controllers.names() if controllers.kind(name) == "classical" and not name.startswith("oracle")]
 
 LATE = {
     "sensors": ("position",),

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from benchmarks.rl.adapter import ACTIONS, AdapterSettings
+from benchmarks.rl.adapter import ACTIONS, AdapterSettings, AgentAdapter
 from benchmarks.rl.agent import Agent
-from benchmarks.rl.vector_adapter import VectorAdapter
+from benchmarks.rl.vector_adapter import SideBySide, VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import forward_dynamics
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
 
 
@@ -73,6 +74,7 @@ def test_every_kind_of_action_gives_the_same_torque(kind):
         ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
         ({"torque": (100.0, 0.0)}, r"torque\[1\] must be a finite number greater than 0, got 0.0"),
         ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
+        ({"base": "computed-torque+eco"}, "did you mean 'eso'"),
         ({"history": -1}, "history must be a whole number not below 0, got -1"),
         ({"context": "no"}, "context must be True or False, got 'no'"),
         ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),
@@ -86,3 +88,63 @@ def test_wrong_settings_are_refused(settings, message):
 def test_another_autoreset_mode_is_refused():
     with pytest.raises(ValueError, match="SameStep"):
         VectorAdapter(TwoLinkArmVectorEnv(2), AdapterSettings())
+
+
+def test_a_residual_is_an_acceleration_of_the_nominal_arm():
+    env = TwoLinkArmEnv("mixed-error-2")
+    observation = env.reset(seed=0)[0][None]
+    adapter = AgentAdapter(AdapterSettings("residual", residual=3.0), env.interface)
+    torques = [
+        adapter.torque(np.array([action]), observation, adapter.initial(observation))[0]
+        for action in ([0, 0], [1, -0.5])
+    ]
+    change = [
+        forward_dynamics(env.interface.nominal, observation[:, :2], np.zeros((1, 2)), torque) for torque in torques
+    ]
+    np.testing.assert_allclose(change[1] - change[0], [[3.0, -1.5]])
+
+
+def test_an_agent_observes_the_drive_and_its_own_sensors_only():
+    settings = AdapterSettings(drive=True, sensors=("position", "velocity"))
+    for options in ({"sensors": ("position", "velocity")}, {}):
+        env = TwoLinkArmEnv(actuator={"delay_samples": 2, "lag": {"uniform": (0.01, 0.03)}}, **options)
+        adapter = AgentAdapter(settings, env.interface)
+        observation = env.reset(seed=0)[0][None]
+        observed = adapter.observe(observation, adapter.initial(observation), np.empty((1, 0)))
+        assert observed.shape == (1, adapter.size) == (1, 14)
+        np.testing.assert_allclose(observed[0, -4:], [0.4, 0.4, 0.2, 0.6])
+
+
+def test_an_agent_is_not_applicable_without_its_sensors():
+    settings = AdapterSettings()
+    actor = random_actor(settings, TwoLinkArmEnv().interface)
+    with pytest.raises(
+        ValueError, match=r"not applicable: .* position, velocity, acceleration, got position, velocity"
+    ):
+        Agent(TwoLinkArmEnv("hardware-nominal").interface, settings, actor)
+
+
+def test_environments_side_by_side_are_one():
+    def adapted(scenario):
+        env = TwoLinkArmVectorEnv(2, scenario, autoreset_mode="SameStep", duration=0.05 * (1 + (scenario != "nominal")))
+        return VectorAdapter(env, AdapterSettings(history=1))
+
+    names = ("nominal", "everything-2")
+    together, apart = SideBySide([adapted(name) for name in names]), [adapted(name) for name in names]
+    first = together.reset(seed=[1, 2, 3, 4])[0]
+    np.testing.assert_array_equal(
+        first, np.concatenate([apart[0].reset(seed=[1, 2])[0], apart[1].reset(seed=[3, 4])[0]])
+    )
+    rng, ends = np.random.default_rng(0), np.zeros(4)
+    for _ in range(12):
+        actions = rng.uniform(-1, 1, (4, 2))
+        *signals, info = together.step(actions)
+        one, two = apart[0].step(actions[:2]), apart[1].step(actions[2:])
+        for signal, *parts in zip(signals, one, two, strict=False):
+            np.testing.assert_array_equal(signal, np.concatenate(parts))
+        done = signals[2] | signals[3]
+        ends += done
+        for lane in np.flatnonzero(done):
+            part = (one, two)[lane // 2][4]["final_obs"][lane % 2]
+            np.testing.assert_array_equal(info["final_obs"][lane], part)
+    assert ends.tolist() == [2, 2, 1, 1]

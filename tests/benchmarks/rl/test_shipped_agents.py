@@ -6,8 +6,8 @@ import pytest
 from benchmarks.rl import policy
 from benchmarks.rl.agent import describe
 from benchmarks.rl.policy import SHIPPED, best_seed, curves, shipped, shipped_agent
-from benchmarks.rl.validation import VALIDATION, tracking_error
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from benchmarks.rl.validation import validate
+from fbl_gym import Scenario, TwoLinkArmEnv, scenarios
 
 
 def test_every_shipped_agent_has_a_factory():
@@ -17,9 +17,8 @@ def test_every_shipped_agent_has_a_factory():
     assert set(shipped()) == factories
 
 
-def test_agents_of_the_three_interfaces_have_five_training_seeds():
-    for interface in ("torque", "acceleration", "residual"):
-        assert shipped()[f"ppo-{interface}"] == (0, 1, 2, 3, 4)
+def test_agents_have_three_training_seeds_or_more():
+    assert min(map(len, shipped().values())) >= 3
 
 
 def test_the_agents_take_less_than_10_megabytes():
@@ -37,8 +36,8 @@ def test_only_ppo_context_was_trained_with_context():
 def test_an_agent_has_the_validation_error_of_its_description(name):
     """Within 2 %: `ppo-memory` tracks so closely that last bits decide whether joints stick, in 6 of the 16 runs."""
     description = describe(SHIPPED / name / str(best_seed(name)))
-    env = TwoLinkArmVectorEnv(len(VALIDATION), Scenario.from_dict(description["scenario"]))
-    error = tracking_error(shipped_agent(name, env), env, VALIDATION).mean()
+    each = tuple(map(scenarios.get, description.get("scenarios", ()))) or (Scenario.from_dict(description["scenario"]),)
+    error = validate(lambda env: shipped_agent(name, env), each)
     assert error == pytest.approx(description["validation_mrad"], rel=0.02)
     assert description["command"].startswith("fbl-gym train")
     assert description["licence"] == "MIT"

@@ -9,12 +9,13 @@ import types
 import numpy as np
 import pytest
 
+from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.agent import describe, read, saved_agent
 from benchmarks.rl.progress import Progress
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
-from benchmarks.rl.training_settings import TrainingSettings, shipped_hyperparameters
-from benchmarks.rl.validation import VALIDATION, tracking_error
+from benchmarks.rl.training_settings import LEAST_LANES, TrainingSettings, shipped_hyperparameters
+from benchmarks.rl.validation import VALIDATION, tracking_error, validate
 from benchmarks.seeds import SPLITS
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
@@ -25,7 +26,7 @@ OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "bu
 
 def settings(algorithm="ppo", **changes):
     hyperparameters = PPO if algorithm == "ppo" else OFF_POLICY
-    options = {"algorithm": algorithm, "scenario": SCENARIO, "hyperparameters": hyperparameters, **changes}
+    options = {"algorithm": algorithm, "scenarios": (SCENARIO,), "hyperparameters": hyperparameters, **changes}
     return TrainingSettings(**options)
 
 
@@ -48,6 +49,26 @@ def test_every_algorithm_writes_the_agent_that_it_validated(algorithm, tmp_path)
     env = TwoLinkArmVectorEnv(len(VALIDATION), SCENARIO)
     error = tracking_error(saved_agent(env.interface, str(tmp_path)), env, VALIDATION).mean()
     assert error == pytest.approx(description["validation_mrad"], abs=2e-4)
+
+
+def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
+    each = tuple(scenarios.get(name).replace(duration=0.2) for name in ("practice-nominal", "practice-delay-3"))
+    adapter = AdapterSettings("residual", history=2, drive=True, sensors=("position", "velocity"))
+    train(settings(scenarios=each, adapter=adapter), tmp_path, evaluations=2)
+    assert describe(tmp_path)["scenarios"] == ["practice-nominal", "practice-delay-3"]
+    error = validate(lambda env: saved_agent(env, str(tmp_path)), each)
+    assert error == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
+
+
+def test_a_scenario_of_the_board_is_refused():
+    with pytest.raises(ValueError, match=r"scenario must be one that agents may train on.*hardware-lag-2"):
+        settings(scenarios=(scenarios.get("hardware-lag-2"),))
+
+
+def test_several_scenarios_have_enough_lanes_each():
+    each = tuple(map(scenarios.get, scenarios.in_tier("practice", (3,))))
+    assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES
+    assert TrainingSettings("ppo").lanes == 64
 
 
 def test_a_run_repeats_and_its_seed_matters(tmp_path):
