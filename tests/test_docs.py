@@ -80,12 +80,14 @@ SHORT = {
     "speed": ["--rounds", "1"],
     "evaluate": ["--seeds", "2"],
     "compare": ["--seeds", "2"],
+    "sweep": ["--seeds", "1"],
+    "tune": ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--jobs", "1"],
     "transfer": ["--seeds", "4", "--world", "mujoco-bend", "--scenario", "hardware-nominal"],
     "recommend": ["--seeds", "2", "--policies", "pd-gravity", "computed-torque"],
 }
 """Arguments that make a command short."""
 
-ELSEWHERE = ("reproduce", "train", "tune")
+ELSEWHERE = ("reproduce", "train")
 """Commands that other tests run."""
 
 
@@ -93,7 +95,8 @@ ELSEWHERE = ("reproduce", "train", "tune")
 def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
     """In the page's order and in one folder, each with arguments that make it short; long ones are only parsed."""
     monkeypatch.chdir(tmp_path)
-    Path("my_law.py").write_text(named_files()["my_law.py"])
+    for name, text in named_files().items():
+        Path(name).write_text(text)
     for command in commands(page):
         parser_of(command[0]).parse_args(command[1:])
         if command[0] not in ELSEWHERE and "--radius" not in command:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -97,10 +98,9 @@ def refuse_broken(cells: Sequence[Cell], store: Store, command: str = "") -> lis
     for cell in cells:
         policy = cell.policy
         if policy.external and not policy.problem and policy not in reasons and store.find(cell) is None:
-            try:
+            reasons[policy] = ""
+            with contextlib.suppress(Failed, ValueError):  # the run gives the reason
                 reasons[policy] = call_apart(policy.name, "benchmarks.run.contract:broken", policy, cell.scenario)
-            except (Failed, ValueError) as problem:
-                reasons[policy] = str(problem)
     outcomes = []
     for cell in cells:
         if reason := reasons.get(cell.policy):

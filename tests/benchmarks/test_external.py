@@ -191,6 +191,25 @@ def test_no_bad_policy_stops_the_board(tmp_path):
     assert "Left out: loads.py: ValueError: E: no" in table
 
 
+RANDOM = "import numpy as np\n" + LAW.format("return np.random.randn(len(observation), 2), state")
+
+
+def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path, monkeypatch, capsys):
+    """And the store counts which policies were looked at on a scenario for judging."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "shaky.py").write_text(RANDOM)
+    line = "leaderboard --policies zero shaky.py --scenarios hardware-nominal --seeds 1 --workers 1 --store store"
+    assert cli.main(line.split()) == 1
+    assert "shaky.py: breaks a promise (a lane of a batch acts as a single policy)" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert cli.main("evaluate zero --scenario hardware-nominal --seeds 1 --store store".split()) == 0
+    assert cli.main("evaluate pd-gravity@damping=2 --scenario nominal --seeds 1 --store store".split()) == 0
+    for gains in ("damping=2", "damping=3", "damping=2"):
+        assert cli.main(f"evaluate pd-gravity@{gains} --scenario hardware-nominal --seeds 1 --store store".split()) == 0
+    assert Store(tmp_path / "store").looks() == {("zero", "hardware-nominal"): 1, ("pd-gravity", "hardware-nominal"): 2}
+
+
 def test_a_policy_that_hangs_is_a_failed_cell(tmp_path, monkeypatch):
     """While it runs, and while it is loaded."""
     (tmp_path / "hangs.py").write_text(LAW.format("while True: pass"))
