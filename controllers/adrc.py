@@ -38,7 +38,7 @@ class Adrc(TorqueLaw):
     """
 
     controller_bandwidth: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 30.0))
-    observer_bandwidth: Pair | float = pair(80.0, unit="rad/s", above=0, tune=(15.0, 200.0))
+    observer_bandwidth: Pair | float = pair(40.0, unit="rad/s", above=0, tune=(15.0, 200.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 

@@ -25,8 +25,15 @@ LAWS = (
     ("sliding-mode", "sliding_mode:SuperTwisting", "super-twisting on the nominal linearisation (Levant)"),
     ("nmpc", "nmpc:Nmpc", "nonlinear predictive control with a disturbance estimate and preview (needs casadi)"),
     ("spong-robust", "spong:SpongRobust", "Spong's robust law with a bound for each parameter"),
-    ("oracle-flm", "oracle:OracleFlm", "feedback linearisation with the true arm, state and loads: score 100"),
+    ("oracle-flm", "oracle:OracleFlm", "feedback linearisation with the true arm, state and loads"),
+    ("oracle-predictive", "ceiling:OraclePredictive", "oracle-flm through delay and lag, both known"),
+    ("oracle-elastic", "ceiling:OracleElastic", "optimal regulator on the true arm, springs and drives included"),
 )
 
-ACCESS = {"zero": "none", "oracle-flm": "privileged"}
+ACCESS = {
+    "zero": "none",
+    "oracle-flm": "privileged",
+    "oracle-predictive": "privileged",
+    "oracle-elastic": "privileged",
+}
 """What a law may know; all others know the nominal model."""

@@ -29,7 +29,7 @@ class ComputedTorque(TorqueLaw):
         frequency: w [rad/s], per joint.
     """
 
-    frequency: Pair | float = pair(20.0, unit="rad/s", above=0, tune=(2.0, 150.0))
+    frequency: Pair | float = pair(15.0, unit="rad/s", above=0, tune=(2.0, 150.0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""

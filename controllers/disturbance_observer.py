@@ -10,6 +10,7 @@ from controllers.computed_torque import ComputedTorque
 from controllers.feedback_linearization import linearize
 from controllers.policy import State
 from fbl_gym.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
+from fbl_gym.checks import Pair
 from fbl_gym.records import number
 
 
@@ -31,7 +32,8 @@ class ComputedTorqueDob(ComputedTorque):
         bandwidth: of the observer [rad/s]; its time constant is 1 / bandwidth.
     """
 
-    bandwidth: float = number(30.0, unit="rad/s", above=0, tune=(2.0, 200.0))
+    frequency: Pair | float = 10.0
+    bandwidth: float = number(10.0, unit="rad/s", above=0, tune=(2.0, 200.0))
 
     def initial(self, observation: Array) -> State:
         """Return the state: d^, last p, last C'v - G, applied torque, False before a sample."""

@@ -63,9 +63,9 @@ class Lqg(TorqueLaw):
             the ratio of both sigmas matters.
     """
 
-    integral: Pair | float = pair(3000.0, unit="1/s^3", above=0, tune=(10.0, 1e4))
-    position: Pair | float = pair(200.0, unit="1/s^2", above=0, tune=(10.0, 1000.0))
-    velocity: Pair | float = pair(40.0, unit="1/s", above=0, tune=(1.0, 100.0))
+    integral: Pair | float = pair(1000.0, unit="1/s^3", above=0, tune=(10.0, 1e4))
+    position: Pair | float = pair(100.0, unit="1/s^2", above=0, tune=(10.0, 1000.0))
+    velocity: Pair | float = pair(20.0, unit="1/s", above=0, tune=(1.0, 100.0))
     acceleration_sigma: float = number(0.5, unit="rad/s^2", above=0)
     position_sigma: float = number(5e-3, unit="rad", above=0, tune=(1e-4, 0.1))
 

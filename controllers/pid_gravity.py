@@ -30,14 +30,10 @@ class PidGravity(PdGravity):
 
     Args:
         frequency: w [rad/s], per joint.
-        damping: damping ratio, per joint. The default is below 1 because an arm lighter than its
-            model multiplies the velocity gain 2 damping w, which the sampling rate of 100 Hz
-            limits.
+        damping: damping ratio, per joint.
         integral: share of the integral action, per joint.
     """
 
-    frequency: Pair | float = 20.0
-    damping: Pair | float = 0.4
     integral: Pair | float = pair(0.1, low=0, tune=(0.01, 1.0))
 
     def initial(self, observation: Array) -> State:

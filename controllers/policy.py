@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol, TypeAlias
 import numpy as np
 
 from fbl_gym.arm import Array
-from fbl_gym.interface import Interface
+from fbl_gym.interface import Interface, Layout
 from fbl_gym.records import Record
 
 State: TypeAlias = tuple[Array, ...]
@@ -25,6 +25,34 @@ ACCESS = ("none", "nominal", "privileged")
 def where_lanes(lanes: Array, new: State, old: State) -> State:
     """Return the new state in some lanes [n] and the old one in all others."""
     return tuple(np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y) for x, y in zip(new, old, strict=True))
+
+
+def reference_at(layout: Layout, dt: float, observation: Array, times: Array) -> Array:
+    """Return the reference's position, velocity and acceleration [n x k x 6] at k times.
+
+    It comes from the preview as far as that reaches, with the acceleration linear between two
+    samples. Before the first and after the last one, the acceleration is held.
+
+    Args:
+        layout: of the observation.
+        dt: control interval [s].
+        observation: [n x size].
+        times: from now on [k] or [n x k] s.
+    """
+    slots = ("reference_position", "reference_velocity", "reference_acceleration")
+    known = np.concatenate([observation[..., layout[slot]] for slot in slots], axis=-1)[:, None]
+    if "preview" in layout:
+        ahead = observation[..., layout["preview"]]
+        known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
+    times = np.broadcast_to(times, (len(known), np.shape(times)[-1]))
+    last = np.clip((times / dt + 1e-9).astype(int), 0, known.shape[1] - 1)
+    following = np.minimum(last + 1, known.shape[1] - 1)
+    r, r_dot, r_ddot = np.split(np.take_along_axis(known, last[..., None], axis=1), 3, axis=-1)
+    t = (times - last * dt)[..., None]
+    jerk = (np.take_along_axis(known[..., 4:], following[..., None], axis=1) - r_ddot) / dt
+    jerk = np.where(t > 0.0, jerk, 0.0)
+    position = r + t * r_dot + t**2 * (r_ddot / 2.0 + t * jerk / 6.0)
+    return np.concatenate([position, r_dot + t * r_ddot + 0.5 * t**2 * jerk, r_ddot + t * jerk], axis=-1)
 
 
 class Policy(Protocol):
@@ -119,25 +147,8 @@ class TorqueLaw(Record):
         return position, self.read(observation, "velocity")[0]
 
     def reference_at(self, observation: Array, times: Array) -> Array:
-        """Return the reference's position, velocity and acceleration [n x k x 6] at k times.
-
-        It comes from the preview as far as that reaches. From the last known sample on, the
-        acceleration is held.
-
-        Args:
-            observation: [n x size].
-            times: from now on [k] s.
-        """
-        now = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        known = np.concatenate(now, axis=-1)[:, None]
-        if "preview" in self.interface.layout:
-            (ahead,) = self.read(observation, "preview")
-            known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
-        dt = self.interface.control_dt
-        last = np.minimum((times / dt + 1e-9).astype(int), known.shape[1] - 1)
-        r, r_dot, r_ddot = np.split(known[:, last], 3, axis=-1)
-        t = (times - last * dt)[:, None]
-        return np.concatenate([r + t * r_dot + 0.5 * t**2 * r_ddot, r_dot + t * r_ddot, r_ddot], axis=-1)
+        """Return the reference at times from now on, see the function `reference_at`."""
+        return reference_at(self.interface.layout, self.interface.control_dt, observation, times)
 
     def predict(
         self,

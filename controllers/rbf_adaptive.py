@@ -79,7 +79,7 @@ class RbfAdaptive(TorqueLaw):
 
     error_rate: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 40.0))
     gain: Pair | float = pair(15.0, unit="1/s", above=0, tune=(3.0, 60.0))
-    rate: Pair | float = pair(150.0, unit="1/s^2", above=0, tune=(10.0, 3000.0))
+    rate: Pair | float = pair(40.0, unit="1/s^2", above=0, tune=(10.0, 3000.0))
     forget: float = number(0.03, low=0, tune=(1e-4, 1.0))
 
     def initial(self, observation: Array) -> State:

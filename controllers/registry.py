@@ -163,14 +163,17 @@ def factory(name: str) -> Callable[..., Any]:
 
 
 def tuned() -> tuple[str, ...]:
-    """Return the names of tuned policies, such as "pid-flm@tuned", without composed ones."""
-    return tuple(f"{name}@tuned" for name in _REGISTRY if (TUNED / f"{name}.json").is_file())
+    """Return the policies with tuned gains, such as "pid-flm@tuned"; composed ones come last."""
+    files = {path.stem for path in TUNED.glob("*.json")}
+    return tuple(
+        f"{name}@tuned" for name in (*(name for name in _REGISTRY if name in files), *sorted(files - {*_REGISTRY}))
+    )
 
 
 def tuned_gains(name: str) -> dict[str, float]:
     """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@tuned"."""
     path = TUNED / f"{name.removesuffix('@tuned')}.json"
-    if name not in tuned() and not is_composed(name):
+    if name not in tuned():
         raise unknown("tuned policy", name, tuned())
     gains: dict[str, float] = json.loads(path.read_text())["gains"]
     return gains

@@ -42,11 +42,12 @@ class PdGravity(TorqueLaw):
 
     Args:
         frequency: w [rad/s], per joint.
-        damping: damping ratio, per joint; 1 is critical.
+        damping: damping ratio, per joint; 1 is critical. The default is lower because a bent or
+            light arm multiplies the velocity gain 2 damping w, which a delay limits.
     """
 
     frequency: Pair | float = pair(10.0, unit="rad/s", tune=(2.0, 100.0))
-    damping: Pair | float = pair(1.0, tune=(0.3, 3.0))
+    damping: Pair | float = pair(0.4, tune=(0.3, 3.0))
 
     @cached_property
     def inertia(self) -> Array:

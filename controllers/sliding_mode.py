@@ -37,7 +37,7 @@ class SuperTwisting(TorqueLaw):
     """
 
     slope: Pair | float = pair(15.0, unit="1/s", above=0, tune=(2.0, 80.0))
-    bound: Pair | float = pair(150.0, unit="rad/s^3", above=0, tune=(5.0, 5000.0))
+    bound: Pair | float = pair(30.0, unit="rad/s^3", above=0, tune=(5.0, 5000.0))
     layer: float = number(0.1, unit="rad/s", low=0, tune=(0.005, 1.0))
 
     def initial(self, observation: Array) -> State:

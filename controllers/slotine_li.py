@@ -44,8 +44,8 @@ class SlotineLi(TorqueLaw):
     """
 
     slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
-    damping: float = number(20.0, unit="1/s", above=0, tune=(5.0, 150.0))
-    adaptation: float = number(3.0, low=0, tune=(0.1, 300.0))
+    damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
+    adaptation: float = number(1.0, low=0, tune=(0.1, 300.0))
     composite: float = number(0.0, unit="1/s", low=0)
     filtering: float = number(20.0, unit="rad/s", above=0)
     reach: float = number(16.0, above=1)

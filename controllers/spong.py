@@ -37,9 +37,9 @@ class SpongRobust(TorqueLaw):
     """
 
     slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
-    damping: float = number(20.0, unit="1/s", above=0, tune=(5.0, 150.0))
+    damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
     bound: float = number(1.0, low=0, tune=(0.1, 8.0))
-    epsilon: float = number(1.0, unit="1/s^3", above=0, tune=(0.03, 100.0))
+    epsilon: float = number(20.0, unit="1/s^3", above=0, tune=(0.03, 100.0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""

@@ -39,7 +39,7 @@ class TimeDelay(TorqueLaw):
         bandwidth: g of the filter [rad/s], per joint. Sensor noise and light arms limit it.
     """
 
-    frequency: Pair | float = pair(15.0, unit="rad/s", above=0, tune=(2.0, 40.0))
+    frequency: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 40.0))
     bandwidth: Pair | float = pair(12.0, unit="rad/s", above=0, tune=(5.0, 200.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")

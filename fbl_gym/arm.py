@@ -20,6 +20,11 @@ These are for the point masses of the paper. Other links differ in these five nu
 with the inertias r1 and r2, reflected to the joints, add r1 to M11 and r2 to M22 (each turns about
 its joint alone, as usual for a geared drive; Spong 1987). They are known, so the lumped parameters
 leave them out.
+
+The functions on arrays share these arguments, which broadcast: `arm`, an `ArmParameters`, lumped
+parameters [... x 5], or these and the inertias of two rotors [... x 7]; joint angles `q` [rad],
+velocities `v` [rad/s] and accelerations `a` [rad/s^2]; `torque`, the applied torque less friction
+and disturbance [N m]; all but the arm [... x 2].
 """
 
 from __future__ import annotations
@@ -147,7 +152,7 @@ class ArmParameters(Record):
 
 
 # The terms of the model, in plain arithmetic: the kernel compiles them for its lanes, and the
-# functions further down apply them to arrays.
+# functions further down apply them to arrays. c1 is cos q1, s2 sin q2, c12 cos(q1 + q2).
 
 
 def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
@@ -172,56 +177,25 @@ def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
 
 
 def inertia_terms(p1, p2, p3, r1, r2, c2):
-    """Return M11, M12 = M21 and M22 of equation (2), with the rotors [kg m^2].
-
-    Args:
-        p1: lumped parameter 1 [kg m^2].
-        p2: lumped parameter 2 [kg m^2].
-        p3: lumped parameter 3 [kg m^2].
-        r1: rotor inertia of joint 1 [kg m^2].
-        r2: rotor inertia of joint 2 [kg m^2].
-        c2: cos q2.
-    """
+    """Return M11, M12 = M21 and M22 of equation (2), with the rotors [kg m^2]."""
     m12 = p2 + p3 * c2
     return p1 + r1 + p3 * c2 + m12, m12, p2 + r2
 
 
 def coriolis_terms(p3, s2, v1, v2):
-    """Return the vector C(q, v) v of equation (3) [N m].
-
-    Args:
-        p3: lumped parameter 3 [kg m^2].
-        s2: sin q2.
-        v1: velocity of joint 1 [rad/s].
-        v2: velocity of joint 2 [rad/s].
-    """
+    """Return the vector C(q, v) v of equation (3) [N m]."""
     h = p3 * s2
     return -h * v2 * (2.0 * v1 + v2), h * v1 * v1
 
 
 def gravity_terms(p4, p5, c1, c12):
-    """Return the vector G(q) of equation (4) [N m].
-
-    Args:
-        p4: lumped parameter 4 [N m].
-        p5: lumped parameter 5 [N m].
-        c1: cos q1.
-        c12: cos(q1 + q2).
-    """
+    """Return the vector G(q) of equation (4) [N m]."""
     g2 = p5 * c12
     return p4 * c1 + g2, g2
 
 
 def solve_terms(m11, m12, m22, r1, r2):
-    """Return the solution a of M a = r.
-
-    Args:
-        m11: entry of the symmetric matrix M.
-        m12: entry of M, above and below the diagonal.
-        m22: entry of M.
-        r1: entry of r.
-        r2: entry of r.
-    """
+    """Return the solution a of M a = r."""
     scale = 1.0 / (m11 * m22 - m12 * m12)
     return (m22 * r1 - m12 * r2) * scale, (m11 * r2 - m12 * r1) * scale
 
@@ -234,10 +208,6 @@ SECTION_2_2 = ArmParameters(m1=0.7, m2=0.5, L1=20.0, L2=15.0)
 
 ARMS = {"table-1": TABLE_1, "section-2-2": SECTION_2_2}
 """The arms of the paper, by name."""
-
-
-# The model on arrays. q, v, a, tau: [... x 2]. The arm: an ArmParameters, or lumped parameters
-# [... x 5], or these and the inertias of two rotors [... x 7]. All arguments broadcast.
 
 
 def with_rotors(lumped: Array, rotor: Pair | float) -> Array:
@@ -279,12 +249,7 @@ def _matrix(m11: ArrayLike, m12: ArrayLike, m21: ArrayLike, m22: ArrayLike) -> A
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
-    """Return the inertia matrix M(q) of equation (2) [kg m^2], [... x 2 x 2].
-
-    Args:
-        arm: an ArmParameters or lumped parameters [... x 5], with rotors [... x 7].
-        q: joint angles [rad], [... x 2].
-    """
+    """Return the inertia matrix M(q) of equation (2) [kg m^2], [... x 2 x 2]."""
     p1, p2, p3, _, _, r1, r2 = _lumped(arm)
     _, q2 = _joints(q)
     m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
@@ -295,14 +260,9 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
     """Return the matrix C(q, v) of equation (3) [N m s], [... x 2 x 2].
 
     The paper's C gives the right C v, but dM/dt - 2 C is not skew-symmetric. Passivity-based laws
-    need the matrix of the Christoffel symbols, for which it is (Spong, Hutchinson and Vidyasagar,
-    "Robot Modeling and Control", 2006, §7.3): [[-h v2, -h (v1 + v2)], [h v1, 0]], h = p3 sin q2.
-
-    Args:
-        arm: an ArmParameters or lumped parameters [... x 5], with rotors [... x 7].
-        q: joint angles [rad], [... x 2].
-        v: joint velocities [rad/s], [... x 2].
-        skew: True gives the matrix of the Christoffel symbols, False the paper's.
+    need the matrix of the Christoffel symbols (skew=True), for which it is (Spong, Hutchinson and
+    Vidyasagar, "Robot Modeling and Control", 2006, §7.3): [[-h v2, -h (v1 + v2)], [h v1, 0]], with
+    h = p3 sin q2.
     """
     _, _, p3, _, _, _, _ = _lumped(arm)
     _, q2 = _joints(q)
@@ -313,25 +273,14 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
 
 
 def coriolis_torque(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-    """Return the Coriolis and centrifugal torque C(q, v) v of equation (3) [N m], [... x 2].
-
-    Args:
-        arm: an ArmParameters or lumped parameters [... x 5], with rotors [... x 7].
-        q: joint angles [rad], [... x 2].
-        v: joint velocities [rad/s], [... x 2].
-    """
+    """Return the Coriolis and centrifugal torque C(q, v) v of equation (3) [N m], [... x 2]."""
     _, _, p3, _, _, _, _ = _lumped(arm)
     _, q2 = _joints(q)
     return _stack(*coriolis_terms(p3, np.sin(q2), *_joints(v)))
 
 
 def gravity_torque(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
-    """Return the gravity torque G(q) of equation (4) [N m], [... x 2].
-
-    Args:
-        arm: an ArmParameters or lumped parameters [... x 5], with rotors [... x 7].
-        q: joint angles [rad], [... x 2].
-    """
+    """Return the gravity torque G(q) of equation (4) [N m], [... x 2]."""
     _, _, _, p4, p5, _, _ = _lumped(arm)
     q1, q2 = _joints(q)
     return _stack(*gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2)))
@@ -342,12 +291,6 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
     With a nominal arm and a commanded acceleration, this is the feedback linearisation mapping of
     the paper (figure 2).
-
-    Args:
-        arm: an ArmParameters or lumped parameters [... x 5], with rotors [... x 7].
-        q: joint angles [rad], [... x 2].
-        v: joint velocities [rad/s], [... x 2].
-        a: joint accelerations [rad/s^2], [... x 2].
     """
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
     q1, q2 = _joints(q)
@@ -359,14 +302,7 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
 
 def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, torque: ArrayLike) -> Array:
-    """Return the acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2].
-
-    Args:
-        arm: an ArmParameters or lumped parameters [... x 5], with rotors [... x 7].
-        q: joint angles [rad], [... x 2].
-        v: joint velocities [rad/s], [... x 2].
-        torque: applied torque less friction and disturbance [N m], [... x 2].
-    """
+    """Return the acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2]."""
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
     q1, q2 = _joints(q)
     t1, t2 = _joints(torque)
@@ -383,11 +319,6 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
 
     These are the columns of the paper's K (33) without repetition: its seven unknowns are five, and
     p4 and p5 include gravity.
-
-    Args:
-        q: joint angles [rad], [... x 2].
-        v: joint velocities [rad/s], [... x 2].
-        a: joint accelerations [rad/s^2], [... x 2].
     """
     q1, q2 = _joints(q)
     v1, v2 = _joints(v)
@@ -400,13 +331,7 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
 
 
 def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-    """Return the kinetic and potential energy [J], [...]; zero for a horizontal arm at rest.
-
-    Args:
-        arm: an ArmParameters or lumped parameters [... x 5], with rotors [... x 7].
-        q: joint angles [rad], [... x 2].
-        v: joint velocities [rad/s], [... x 2].
-    """
+    """Return the kinetic and potential energy [J], [...]; zero for a horizontal arm at rest."""
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
     q1, q2 = _joints(q)
     v1, v2 = _joints(v)
@@ -416,12 +341,7 @@ def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def joint_positions(arm: ArmParameters, q: ArrayLike) -> Array:
-    """Return the positions (x, y) of base, second joint and tip [m], [... x 3 x 2].
-
-    Args:
-        arm: only its lengths count.
-        q: joint angles [rad], [... x 2].
-    """
+    """Return the positions (x, y) of base, second joint and tip [m], [... x 3 x 2]."""
     q1, q2 = _joints(q)
     elbow = arm.L1 * np.stack([np.cos(q1), np.sin(q1)], axis=-1)
     tip = elbow + arm.L2 * np.stack([np.cos(q1 + q2), np.sin(q1 + q2)], axis=-1)

@@ -5,6 +5,7 @@ Both environments are a thin layer over this module; the single one is a batch o
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -254,34 +255,20 @@ class ArmBatch:
         return Truth(**fields, event_times=times[: self.lanes])
 
 
+_RENAMED = {"backlash": "half_backlash", "applied_torque": "torque", "reference": "reference_position"}
+"""Fields of a block that `Truth` names otherwise."""
+
+
 def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
     """Return the rows of a block that truth shows, the columns of its fields, and their number."""
-    stored = {
-        "position": rows("position"),
-        "velocity": rows("velocity"),
-        "motor_position": rows("motor_position"),
-        "motor_velocity": rows("motor_velocity"),
-        "stiffness": rows("stiffness"),
-        "damping": rows("damping"),
-        "backlash": rows("half_backlash"),
-        "lumped": rows("lumped"),
-        "masses": rows("parameters")[:2],
-        "lengths": rows("parameters")[2:],
-        "payload": rows("payload"),
-        **{
-            name: rows(name) for name in ("viscous", "coulomb", "stiction", "v_s", "gain", "delay", "lag", "rate_limit")
-        },
-        "applied_torque": rows("torque"),
-        "disturbance": rows("disturbance"),
-        "reference": rows("reference_position"),
-        "reference_velocity": rows("reference_velocity"),
-        "reference_acceleration": rows("reference_acceleration"),
-    }
-    sizes = {name: len(field) for name, field in stored.items()}
-    sizes |= {"time": 1, "acceleration": 2, "friction_torque": 2, "leakage": 2}  # as `kernel.api.inspect` appends them
+    computed = {"time": 1, "acceleration": 2, "friction_torque": 2, "leakage": 2}  # as `inspect` appends them
+    stored = {"masses": rows("parameters")[:2], "lengths": rows("parameters")[2:]}
+    for field in dataclasses.fields(Truth):
+        if field.name not in (*computed, *stored, "commands", "event_times"):
+            stored[field.name] = rows(_RENAMED.get(field.name, field.name))
     columns: dict[str, slice | int] = {}
     count = 0
-    for name, size in sizes.items():
+    for name, size in [(name, len(field)) for name, field in stored.items()] + list(computed.items()):
         columns[name] = count if size == 1 else slice(count, count + size)
         count += size
     return np.concatenate([list(field) for field in stored.values()]), columns, count

@@ -1,4 +1,9 @@
-"""Checks of single values. Every error names the argument, the value and the right form."""
+"""Checks of single values. Every error names the argument, the value and the right form.
+
+The checks share these arguments: `name`, of the argument, for the error; `value`, the value given;
+`known`, the valid names; and the bounds `low` (smallest valid number), `high` (largest) and `above`
+(every valid number is greater; None: no such bound). They return the value, converted to one type.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +17,11 @@ import numpy as np
 Pair = tuple[float, float]
 
 MAX_NAMES = 20
-"""An error lists at most this many names; of more, the nearest."""
+"""An error lists at most this many names; of more, the three nearest."""
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
-    """Return the end of an error that suggests the nearest known name, or an empty text.
-
-    Args:
-        name: the value given.
-        known: the valid names.
-    """
+    """Return the end of an error that suggests the name nearest to `name`, or an empty text."""
     names = sorted(known)
     near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5) or [n for n in names if str(name) in n][:3]
     return f"; did you mean {' or '.join(map(repr, near))}?" if near and str(name) else ""
@@ -36,22 +36,16 @@ def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
         known: the valid names.
     """
     names = sorted(known)
-    suggestion = nearest(name, names)
-    listed, rest = names, ""
-    if suggestion and len(names) > MAX_NAMES:
-        listed = difflib.get_close_matches(str(name), names, n=MAX_NAMES // 2, cutoff=0.0)
-        rest = f" and {len(names) - len(listed)} more"
-    return ValueError(f"unknown {what} {name!r}{suggestion or '.'} Known: {', '.join(listed) or 'none'}{rest}")
+    suggestion = nearest(name, names) or "."
+    if len(names) <= MAX_NAMES:
+        return ValueError(f"unknown {what} {name!r}{suggestion} Known: {', '.join(names) or 'none'}")
+    near = difflib.get_close_matches(str(name), names, n=3, cutoff=0.0)
+    others = ", ".join(other for other in near if repr(other) not in suggestion)
+    return ValueError(f"unknown {what} {name!r}{suggestion} Also near: {others or 'none'}")
 
 
 def check_choice(name: str, value: object, known: Iterable[str]) -> str:
-    """Return `value` if it is one of the known names.
-
-    Args:
-        name: of the argument, for the error.
-        value: the value given.
-        known: the valid names.
-    """
+    """Return `value` if it is one of the known names."""
     known = tuple(known)
     if not isinstance(value, str) or value not in known:
         raise unknown(name, value, known)
@@ -61,10 +55,7 @@ def check_choice(name: str, value: object, known: Iterable[str]) -> str:
 def check_choices(name: str, value: object, known: Iterable[str]) -> tuple[str, ...]:
     """Return names as a tuple in the order of the known ones; a single name stands alone.
 
-    Args:
-        name: of the argument, for the error; a plural.
-        value: the value given.
-        known: the valid names.
+    The argument's name is a plural.
     """
     known = tuple(known)
     if not isinstance(value, str | list | tuple | set | frozenset):
@@ -76,13 +67,7 @@ def check_choices(name: str, value: object, known: Iterable[str]) -> tuple[str, 
 
 
 def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | None = None) -> str:
-    """Return bounds in words, such as " greater than 0"; an empty text if there are none.
-
-    Args:
-        low: smallest valid number.
-        high: largest valid number.
-        above: every valid number is greater than this; None: no such bound.
-    """
+    """Return bounds in words, such as " greater than 0"; an empty text if there are none."""
     text = ""
     if above is not None:
         text += f" greater than {above:g}"
@@ -96,15 +81,7 @@ def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | N
 def check_number(
     name: str, value: object, *, low: float = -math.inf, high: float = math.inf, above: float | None = None
 ) -> float:
-    """Return `value` as a finite float within its bounds.
-
-    Args:
-        name: of the argument, for the error.
-        value: the value given.
-        low: smallest valid number.
-        high: largest valid number.
-        above: every valid number is greater than this; None: no such bound.
-    """
+    """Return `value` as a finite float within its bounds."""
     right = "a finite number" + bounds_text(low, high, above)
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         raise ValueError(f"{name} must be {right}, got {value!r}")
@@ -115,27 +92,14 @@ def check_number(
 
 
 def check_whole(name: str, value: object, *, low: int = 0) -> int:
-    """Return `value` as an int that is not below `low`.
-
-    Args:
-        name: of the argument, for the error.
-        value: the value given.
-        low: smallest valid number.
-    """
+    """Return `value` as an int that is not below `low`."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or value < low:
         raise ValueError(f"{name} must be a whole number not below {low}, got {value!r}")
     return int(value)
 
 
 def check_pair(name: str, value: object, check: Callable[..., Any] = check_number, **bounds: Any) -> Any:
-    """Return one number per joint; a single number stands for both joints.
-
-    Args:
-        name: of the argument, for the error.
-        value: the value given.
-        check: of each number.
-        **bounds: as in `check_number`.
-    """
+    """Return one number per joint, each checked; a single number stands for both joints."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):
@@ -150,10 +114,6 @@ def check_table(name: str, value: object) -> tuple[Pair, ...]:
     """Return rows of one number per joint, [n x 2], as nested tuples.
 
     Tuples can be hashed and compared, and survive JSON.
-
-    Args:
-        name: of the argument, for the error.
-        value: the value given.
     """
     try:
         array = np.asarray(value, dtype=float)

@@ -36,11 +36,8 @@ class Description:
 def describe(cls: type, path: str = "") -> list[Description]:
     """Return the documentation of the declared fields of a class, and of the records in them.
 
-    A record that several fields may hold is described once, at the first of them.
-
-    Args:
-        cls: a dataclass with declared fields.
-        path: text before each field's name.
+    A record that several fields may hold is described once, at the first of them. `path` is the
+    text before each field's name.
     """
     return list(_describe(cls, path, set()))
 
@@ -72,11 +69,7 @@ def _text(value: object) -> str:
 
 
 def argument_texts(cls: type) -> dict[str, str]:
-    """Return the meaning of each field from the section `Args:` of a class and its bases, by name.
-
-    Args:
-        cls: a dataclass.
-    """
+    """Return each field's meaning from the section `Args:` of a class and its bases, by name."""
     texts: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         _, _, section = (inspect.cleandoc(vars(base).get("__doc__") or "")).partition("\nArgs:\n")

@@ -10,10 +10,8 @@ from gymnasium import error
 
 from fbl_gym.arm import Array
 from fbl_gym.batch import Truth, single
-from fbl_gym.checks import check_whole, unknown
 from fbl_gym.env_common import (
     MAX_SEED,
-    MIN_RENDER_SIZE,
     TaskProperties,
     as_actions,
     check_begun,
@@ -21,7 +19,6 @@ from fbl_gym.env_common import (
     check_reset_options,
     check_seed,
     configure,
-    frame_rate,
     make_batch,
 )
 from fbl_gym.reward import Reward
@@ -147,18 +144,11 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         **options: Any,
     ) -> None:
         self.scenario, program = configure(scenario, action, reward, preview, options)
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise unknown("render_mode", render_mode, self.metadata["render_modes"])
-        self.render_mode = render_mode
-        self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
-        self.metadata = {**self.metadata, "render_fps": frame_rate(self.scenario)}
-        self.interface = program.interface
+        self._prepare(program, render_mode, render_size)
         self.observation_space = program.interface.observation_space
         self.action_space = program.interface.action_space
         self._view: View | None = None
         self._batch = make_batch(self.scenario, program, 1)
-        self._seeded = False
-        self._size = program.interface.layout.size
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode: the first of a seed, or the next one of the same seed.

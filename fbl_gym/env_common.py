@@ -11,7 +11,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.batch import ArmBatch
-from fbl_gym.checks import Pair, check_whole, unknown
+from fbl_gym.checks import Pair, check_choice, check_whole, unknown
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.memory import NO_AUTORESET
 from fbl_gym.program import Program, make_program
@@ -35,7 +35,21 @@ class TaskProperties:
 
     scenario: Scenario
     interface: Interface
+    metadata: dict[str, Any]
     _spec: EnvSpec | None = None
+
+    def _prepare(self, program: Program, render_mode: str | None, render_size: int, **metadata: Any) -> None:
+        """Set all that both environments have, before the first reset."""
+        if render_mode is not None:
+            check_choice("render_mode", render_mode, self.metadata["render_modes"])
+        self.render_mode = render_mode
+        self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
+        # A film with one frame per step then runs in real time.
+        frame_rate = max(1, round(1.0 / self.scenario.control_dt))
+        self.metadata = {**self.metadata, "render_fps": frame_rate, **metadata}
+        self.interface = program.interface
+        self._size = program.interface.layout.size
+        self._seeded = False
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -132,12 +146,7 @@ def _check_option(name: str) -> None:
 
 
 def option_paths(cls: type, name: str) -> list[str]:
-    """Return the ways to give a field of an option, such as "friction={'viscous': ...}".
-
-    Args:
-        cls: a class with declared fields.
-        name: of the field that is searched.
-    """
+    """Return the ways to give a field of an option, such as "friction={'viscous': ...}"."""
     return [f"{field}={path}" for field, d in declarations(cls).items() for path in _paths_in(d.classes, name)]
 
 
@@ -163,11 +172,9 @@ def check_seed(seed: Any) -> int:
 def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> None:
     """Refuse options of `reset` that are not known."""
     for name in options or {}:
-        if name in known:
-            continue
-        if known:
-            raise unknown("reset option", name, known)
-        raise ValueError(f"unknown reset option {name!r}; this environment has none: its options are given to gym.make")
+        if not known:
+            raise ValueError(f"unknown reset option {name!r}; this environment has none: give options to gym.make")
+        check_choice("reset option", name, known)
 
 
 def check_begun(name: str, has_begun: bool) -> None:
@@ -183,11 +190,6 @@ def check_render(render_mode: str | None, has_begun: bool) -> str | None:
     elif not has_begun:
         raise error.ResetNeeded("call reset() before the first render()")
     return render_mode
-
-
-def frame_rate(scenario: Scenario) -> int:
-    """Return the frames per second at which a film with one frame per step runs in real time."""
-    return max(1, round(1.0 / scenario.control_dt))
 
 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:

@@ -22,7 +22,6 @@ class PickUp(Record):
     Args:
         time: of the grasp.
         mass: of the payload.
-        kind: the record's name in plain data.
     """
 
     time: Number = number(unit="s", varies=True, low=0)
@@ -36,7 +35,6 @@ class Drop(Record):
 
     Args:
         time: of the release.
-        kind: the record's name in plain data.
     """
 
     time: Number = number(unit="s", varies=True, low=0)
@@ -50,7 +48,6 @@ class FrictionChange(Record):
     Args:
         time: of the change.
         factor: on the friction before.
-        kind: the record's name in plain data.
     """
 
     time: Number = number(unit="s", varies=True, low=0)
@@ -65,7 +62,6 @@ class DriveChange(Record):
     Args:
         time: of the change.
         factor: on the torque before; 0: the drive has failed.
-        kind: the record's name in plain data.
     """
 
     time: Number = number(unit="s", varies=True, low=0)
@@ -80,7 +76,6 @@ class Knock(Record):
     Args:
         time: of the blow.
         impulse: on the joints.
-        kind: the record's name in plain data.
     """
 
     time: Number = number(unit="s", varies=True, low=0)

@@ -13,13 +13,9 @@ from fbl_gym.fastmath import exp, inline_njit
 
 
 @inline_njit
-def dry_friction(v, coulomb, stiction, v_s, linear=0.0):
-    """Return the size of the friction torque without the viscous part [N m].
-
-    Stiction fades with exp(-v^2 / v_s), or with exp(-|v| / v_s) if `linear` is 1 instead of 0.
-    """
-    v = abs(v)
-    return coulomb + stiction * exp(-v * (linear + (1.0 - linear) * v) / v_s)
+def dry_friction(v, coulomb, stiction, v_s):
+    """Return the size of the friction torque without the viscous part [N m]."""
+    return coulomb + stiction * exp(-v * v / v_s)
 
 
 @inline_njit

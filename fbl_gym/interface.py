@@ -180,11 +180,7 @@ class Interface:
         return spaces.Box(low, high, dtype=np.float64)
 
     def saturate(self, torque: Array) -> Array:
-        """Return a torque within its limit.
-
-        Args:
-            torque: [... x 2] N m.
-        """
+        """Return a torque [... x 2] N m within its limit."""
         if self.torque_limit is None:
             return torque
         limit = np.array(self.torque_limit)
@@ -211,12 +207,7 @@ class Interface:
     def torque_from_action(self, action: Array, position: Array, velocity: Array) -> Array:
         """Return the torque that an action commands before delay and lag, [... x 2] N m.
 
-        The inverse of `action_from_torque`.
-
-        Args:
-            action: [... x 2] in the action's unit.
-            position: measured, [... x 2] rad.
-            velocity: measured, [... x 2] rad/s.
+        The inverse of `action_from_torque`, with its arguments.
         """
         if self.action == "normalized":
             return np.clip(action, -1.0, 1.0) * np.array(self.torque_limit)

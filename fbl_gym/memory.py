@@ -111,7 +111,6 @@ SETTINGS = np.dtype(
         ("latency", np.int64),  # of position and velocity [control steps]
         ("friction_law", np.int64),
         ("stribeck_squared", np.bool_),  # `v_s` is given as a velocity [rad/s], to be squared
-        ("stribeck_linear", np.float64),  # 1: stiction fades with exp(-|v| / v_s); else 0
         ("euler_steps", np.int64),  # implicit Euler steps in a physics step; 0: Runge and Kutta's
         ("elastic", np.bool_),
         ("motor_inertia", np.float64, 2),  # [kg m^2]

@@ -80,24 +80,13 @@ class Picture:
 
 
 def project(points: Array, lengths: Pair, size: int) -> Array:
-    """Return the pixels of points, [... x 2], from the frame's upper left corner, y downwards.
-
-    Args:
-        points: [... x 2] m.
-        lengths: of the links [m].
-        size: of the frame [pixels].
-    """
+    """Return the pixels of points [... x 2] m, from the frame's upper left corner, y downwards."""
     scale = REACH * size / sum(lengths)
     return size * np.array(CENTRE) + scale * np.asarray(points) * (1.0, -1.0)
 
 
 def joints(lengths: Pair, q: Pair) -> Array:
-    """Return the positions of base, elbow and tip [m], [3 x 2].
-
-    Args:
-        lengths: of the links [m].
-        q: joint angles [rad].
-    """
+    """Return the positions of base, elbow and tip, [3 x 2] m, from lengths [m] and angles."""
     return joint_positions(ArmParameters(L1=lengths[0], L2=lengths[1]), q)
 
 
@@ -107,10 +96,6 @@ def draw(picture: Picture, size: int = 480) -> Frame:
     It shows the arm in blue, the reference in grey, the tip's trail, the payload, and for each
     joint an arc for the torque and one for the disturbance. The arcs grow with the square root of
     their share of the full torque.
-
-    Args:
-        picture: the instant.
-        size: width and height of the frame [pixels].
     """
     canvas = Canvas(size, size)
     reach = functools.partial(project, lengths=picture.lengths, size=size)

@@ -26,7 +26,6 @@ class MuJoCo(Record):
             length, as in the pseudo-rigid-body model of a beam (Howell, "Compliant Mechanisms",
             2001, §5.1).
         bend_damping: damping ratio of that hinge.
-        kind: the record's name in plain data.
     """
 
     integrator: Literal["RK4", "implicitfast"] = choice("RK4", ("RK4", "implicitfast"))

@@ -57,16 +57,6 @@ it is stable up to 2.78."""
 
 _PAIR = 2 * LANES  # numbers of a pair of rows: both joints of a block
 
-_FIELDS = {
-    "position": "measured_position",
-    "velocity": "measured_velocity",
-    "acceleration": "measured_acceleration",
-    "reference_position": "reference_position",
-    "reference_velocity": "reference_velocity",
-    "reference_acceleration": "reference_acceleration",
-}
-"""The field of a block that each slot shows, but for the previous actions and the preview."""
-
 
 @dataclass(frozen=True)
 class Program:
@@ -156,14 +146,10 @@ class _Numbers:
         self._tables = tables
 
     def set(self, field: str, value: Any, path: str, *, scale: float = 1.0, first: int = 0) -> None:
-        """Set a field of `memory.VARIED`.
+        """Set a field of `memory.VARIED`, from its number `first` on, to `scale` times a value.
 
-        Args:
-            field: its name.
-            value: a number, a distribution, or a pair of them.
-            path: of the option; it names the random stream.
-            scale: the field holds `scale` times the value.
-            first: index of the first number in the field.
+        The value is a number, a distribution, or a pair of them. The option's path names the random
+        stream.
         """
         for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
             row, each = memory.rows(field)[first + joint], scaled(each, scale)
@@ -173,14 +159,7 @@ class _Numbers:
                 self._draw(row, joint, each, path)
 
     def draw(self, row: int, value: Any, path: str, *, scale: float = 1.0) -> None:
-        """Set rows of a block outside of `memory.VARIED`, as `set` does.
-
-        Args:
-            row: the first row.
-            value: a number, a distribution, or a pair of them.
-            path: of the option.
-            scale: the row holds `scale` times the value.
-        """
+        """Set rows of a block outside of `memory.VARIED`, as `set` does."""
         for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
             # A fixed number is the draw between itself and itself.
             each = each if isinstance(each, Distribution) else Distribution(uniform=(each, each))
@@ -344,8 +323,7 @@ def _pack_friction(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
         numbers.set("v_s", friction.v_s, "friction.v_s")
     else:
         numbers.set("v_s", friction.stribeck_velocity, "friction.stribeck_velocity")
-        settings["stribeck_linear"] = friction.stribeck_exponent == 1
-        settings["stribeck_squared"] = friction.stribeck_exponent == 2
+        settings["stribeck_squared"] = True
     if scenario.physics_dt * _fastest_decay(scenario, scenario.most_viscous) > MAX_DECAY:
         settings["euler_steps"] = 4
 
@@ -497,7 +475,7 @@ def _pack_observation(settings: Settings, interface: Interface) -> None:
         if slot.name == "preview":
             settings["preview"] = slot.size // 6
         elif slot.name != "previous_actions":
-            rows += memory.rows(_FIELDS[slot.name])
+            rows += memory.rows(f"measured_{slot.name}" if slot.name in SENSORS else slot.name)
     settings["observed"] = len(rows)
     settings["observed_row"][: len(rows)] = rows
     settings["observed_bound"][: len(rows)] = bounds[: len(rows)]

@@ -66,7 +66,11 @@ class Declaration:
 
 
 class Record:
-    """Base of frozen dataclasses with declared fields."""
+    """Base of frozen dataclasses with declared fields.
+
+    Attributes:
+        kind: the record's name in plain data, for records that take turns in one field.
+    """
 
     def __post_init__(self) -> None:
         for name, declaration in declarations(type(self)).items():  # type: ignore[arg-type]
@@ -89,17 +93,7 @@ def declared(
     optional: bool = False,
     classes: tuple[type, ...] = (),
 ) -> Any:
-    """Declare a field with its own conversion.
-
-    Args:
-        default: `dataclasses.MISSING`: the field must be given.
-        convert: a function (name, value) -> value that checks a value and converts plain data.
-        form: the valid values in words.
-        unit: of the value.
-        tune: range of a gain.
-        optional: True if None is valid, whatever the default.
-        classes: the records that the field may hold.
-    """
+    """Declare a field with its own conversion; see `Declaration`."""
     declaration = Declaration(convert, form, unit, tune, optional or default is None, classes)
     return dataclasses.field(default=default, metadata={_KEY: declaration})
 
@@ -169,22 +163,14 @@ def table(default: Any = MISSING, *, unit: str = "") -> Any:
 def record(cls: type, default: Any = MISSING, *, scalar: str | None = None) -> Any:
     """Declare a record, which may be given as a dict of its fields.
 
-    Args:
-        cls: class of the record.
-        default: None makes the field optional; left out, the field must be given.
-        scalar: name of the field that a bare value stands for; None: a bare value is refused.
+    `scalar` is the field that a bare value stands for; without it, a bare value is refused.
     """
     form = _either((_article(cls), "a dict of its fields", *([f"its {scalar}"] if scalar else [])))
     return declared(default, lambda name, value: build(name, value, cls, scalar=scalar), form, classes=(cls,))
 
 
 def one_of(classes: tuple[type, ...], default: Any = MISSING) -> Any:
-    """Declare one of several records, given as the record, a dict with its `kind`, or its kind.
-
-    Args:
-        classes: of the records; each has a field `kind`.
-        default: None makes the field optional; left out, the field must be given.
-    """
+    """Declare one of several records with a field `kind`, given as itself, a dict or its kind."""
     form = "a dict with a kind of " + _names(cls.kind for cls in classes)  # type: ignore[attr-defined]
     return declared(default, lambda name, value: build_kind(name, value, classes), form, classes=classes)
 
@@ -300,20 +286,13 @@ def declarations(cls: type) -> dict[str, Declaration]:
 
     A subclass that gives a field a plain default, such as `mass: float = 2.0`, keeps its parent's
     declaration.
-
-    Args:
-        cls: a dataclass.
     """
     fields = [field for base in reversed(cls.__mro__) for field in vars(base).get("__dataclass_fields__", {}).values()]
     return {field.name: field.metadata[_KEY] for field in fields if _KEY in field.metadata}
 
 
 def tuning_ranges(cls: type) -> dict[str, tuple[float, float]]:
-    """Return the tuning range of each gain that has one, by name.
-
-    Args:
-        cls: class of a law.
-    """
+    """Return the tuning range of each gain of a law's class that has one, by name."""
     return {name: d.tune for name, d in declarations(cls).items() if d.tune is not None}
 
 
@@ -353,13 +332,7 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
 
 
 def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
-    """Return one of several records, from itself, a mapping with its `kind`, or its kind.
-
-    Args:
-        name: of the argument, for the error.
-        value: the value given.
-        classes: of the records; each has a field `kind`.
-    """
+    """Return one of several records, from itself, a mapping with its `kind`, or its kind."""
     if isinstance(value, classes):
         return value
     by_kind = {cls.kind: cls for cls in classes}  # type: ignore[attr-defined]
@@ -374,11 +347,6 @@ def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
 
 
 def set_fields(record: object, **values: object) -> None:
-    """Set fields of a frozen record, from its `validate` or `__post_init__`.
-
-    Args:
-        record: whose fields are set.
-        **values: by name.
-    """
+    """Set fields of a frozen record, from its `validate` or `__post_init__`."""
     for name, value in values.items():
         object.__setattr__(record, name, value)

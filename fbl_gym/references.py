@@ -61,7 +61,6 @@ class MinimumJerk(_Points):
             the last.
         move_time: duration of a move.
         hold_time: rest after each move.
-        kind: the record's name in plain data.
     """
 
     move_time: float = number(1.5, unit="s", above=0)
@@ -79,7 +78,6 @@ class Steps(_Points):
         points: fixed levels in place of drawn ones; the arm starts on the first, and the first jump
             is at t = 0.
         period: time between two jumps.
-        kind: the record's name in plain data.
     """
 
     period: float = number(2.0, unit="s", above=0)
@@ -96,7 +94,6 @@ class FilteredSteps(_Points):
         points: fixed levels in place of drawn ones, as in `Steps`.
         period: time between two jumps.
         bandwidth: bandwidth w of the filter.
-        kind: the record's name in plain data.
     """
 
     period: float = number(2.0, unit="s", above=0)
@@ -113,7 +110,6 @@ class SineReference(Record):
         amplitude: amplitude of the motion.
         frequency: frequency of the motion, the same for both joints.
         phase: phase of the motion; None: drawn per episode.
-        kind: the record's name in plain data.
     """
 
     centre: Pair | float = pair((-math.pi / 2, 0.0), unit="rad")
@@ -137,7 +133,6 @@ class FourierReference(Record):
         amplitude: bound of `|q - centre|`, the sum of the harmonics' amplitudes.
         frequency: frequency of the first harmonic.
         harmonics: number of harmonics.
-        kind: the record's name in plain data.
     """
 
     centre: Pair | float = pair((-math.pi / 2, 0.0), unit="rad")
@@ -161,7 +156,6 @@ class ArrayReference(Record):
         dt: time between two samples.
         velocity: samples of the velocity; None: from a cubic spline through the positions.
         acceleration: samples of the acceleration; None: from the same spline.
-        kind: the record's name in plain data.
     """
 
     position: tuple[Pair, ...] = table(unit="rad")
@@ -183,11 +177,7 @@ class ArrayReference(Record):
                 raise ValueError(f"{name} must have the {len(self.position)} rows of position, got {len(rows)}")
 
     def samples(self, times: np.ndarray) -> np.ndarray:
-        """Return position, velocity and acceleration, [n x 6]; at rest after the last sample.
-
-        Args:
-            times: [n] s.
-        """
+        """Return position, velocity and acceleration at times [n] s, [n x 6]; then at rest."""
         position = np.array(self.position)
         last = (len(position) - 1) * self.dt
         clipped = np.minimum(times, last)

@@ -27,9 +27,6 @@ def full_torque(scenario: Scenario) -> Pair:
 
     This is the torque limit. Without a limit, it is ten times the torque that holds the nominal arm
     stretched out on Earth.
-
-    Args:
-        scenario: of the arm.
     """
     if scenario.actuator.torque_limit is not None:
         return scenario.actuator.torque_limit  # type: ignore[return-value]
@@ -44,12 +41,7 @@ class Trail:
         self._points: list[tuple[float, float, float]] = []
 
     def extended(self, now: float, tip: Array) -> Array:
-        """Add a position and return the trail, [k x 3] as (time [s], x, y [m]).
-
-        Args:
-            now: time of the position [s].
-            tip: the position, [2] m.
-        """
+        """Add the position [2] m at a time [s]; return the trail, [k x 3] as (time, x, y)."""
         points = [p for p in self._points if now - TRAIL_SPAN <= p[0] < now]
         if len(points) > 1 and points[-1][0] - points[-2][0] < 0.99 * TRAIL_STEP:
             points.pop()

@@ -143,11 +143,7 @@ class SensorError(Record):
         return (10.0 ** (-self.snr_db / 20.0),) * 2
 
     def std_at(self, control_dt: float) -> Any:
-        """Return the standard deviation of each joint's noise, also from a `density`.
-
-        Args:
-            control_dt: time between two samples [s].
-        """
+        """Return the standard deviation of each joint's noise, also from a `density`."""
         if self.density == (0.0, 0.0):
             return self.std
         return tuple(scaled(each, 1 / math.sqrt(2 * control_dt)) for each in self.density)  # type: ignore[union-attr]
@@ -209,9 +205,8 @@ class Friction(Record):
         coulomb: Coulomb friction, f_i2.
         stiction: friction f_s that fades as the joint moves.
         v_s: scale of the squared velocity at which stiction fades.
-        stribeck_velocity: in place of `v_s`, w in `f_s exp(-(|v| / w)^stribeck_exponent)`, the
-            usual form (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
-        stribeck_exponent: 1 or 2.
+        stribeck_velocity: in place of `v_s`, w in `f_s exp(-(v / w)^2)`, the usual form
+            (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
         law: "exact" holds a joint at rest under any load up to f_i2 + f_s. "literal" is the formula
             as printed, with sign(0) = 0: no joint ever sticks, and one at rest creeps under a load,
             the slower the shorter the physics step.
@@ -223,16 +218,10 @@ class Friction(Record):
     v_s: Numbers = pair(1e-3, unit="(rad/s)^2", varies=True, above=0)
     law: Literal["exact", "literal"] = choice("exact", ("exact", "literal"))
     stribeck_velocity: Numbers | None = pair(None, unit="rad/s", varies=True, above=0)
-    stribeck_exponent: int = whole(2, low=1)
 
     def validate(self) -> None:
-        """Refuse another exponent than 1 and 2, and two widths of the peak."""
-        if self.stribeck_exponent > 2:
-            raise ValueError(f"stribeck_exponent must be 1 or 2, got {self.stribeck_exponent}")
-        if self.stribeck_velocity is None:
-            if self.stribeck_exponent != 2:
-                raise ValueError("stribeck_exponent=1 needs a stribeck_velocity, got None")
-        elif self.v_s != (1e-3, 1e-3):
+        """Refuse two widths of the peak."""
+        if self.stribeck_velocity is not None and self.v_s != (1e-3, 1e-3):
             raise ValueError(
                 f"give v_s or stribeck_velocity, not both; got v_s={self.v_s} and {self.stribeck_velocity=}"
             )
@@ -245,7 +234,6 @@ class PiecewiseConstantDisturbance(Record):
     Args:
         amplitude: bound of the levels, drawn uniformly from [-amplitude, amplitude].
         period: time between two jumps, a multiple of physics_dt.
-        kind: the record's name in plain data.
     """
 
     amplitude: Numbers = pair(unit="N m", varies=True, low=0)
@@ -261,7 +249,6 @@ class SineDisturbance(Record):
         amplitude: amplitude of the torque.
         frequency: frequency of the torque, at most a quarter of 1 / physics_dt.
         phase: phase of the torque; None: drawn per episode.
-        kind: the record's name in plain data.
     """
 
     amplitude: Numbers = pair(unit="N m", varies=True, low=0)
@@ -279,7 +266,6 @@ class PulseDisturbance(Record):
         period: time from one pulse to the next.
         width: duration of a pulse, at most `period`.
         start: time of the first pulse.
-        kind: the record's name in plain data.
     """
 
     amplitude: Numbers = pair(unit="N m", varies=True)
@@ -300,7 +286,6 @@ class ArrayDisturbance(Record):
     Args:
         torque: samples of the torque.
         dt: time between two samples, a multiple of physics_dt.
-        kind: the record's name in plain data.
     """
 
     torque: tuple[Pair, ...] = table(unit="N m")

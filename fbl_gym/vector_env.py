@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from fbl_gym.arm import Array
 from fbl_gym.batch import Flags, Truth
-from fbl_gym.checks import check_choice, check_whole, unknown
+from fbl_gym.checks import check_whole, unknown
 from fbl_gym.env_common import (
     MAX_SEED,
-    MIN_RENDER_SIZE,
     TaskProperties,
     as_actions,
     check_begun,
@@ -24,7 +23,6 @@ from fbl_gym.env_common import (
     check_reset_options,
     check_seed,
     configure,
-    frame_rate,
     make_batch,
 )
 from fbl_gym.memory import LANES, NEXT_STEP, NO_AUTORESET, SAME_STEP
@@ -49,10 +47,10 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     environment with seed s bit for bit, for any `num_envs`. As in Gymnasium's vector environments,
     `reset(seed=s)` gives lane i the seed s + i.
 
+    The other arguments are those of `TwoLinkArmEnv`.
+
     Args:
         num_envs: number of lanes, one or more.
-        scenario, action, reward, preview: as for `TwoLinkArmEnv`.
-        **options: as for `TwoLinkArmEnv`.
         autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as
             `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after this number of steps, if the scenario's duration is
@@ -82,30 +80,19 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     ) -> None:
         self.num_envs = check_whole("num_envs", num_envs, low=1)
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
-        if render_mode is not None:
-            check_choice("render_mode", render_mode, self.metadata["render_modes"])
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, low=1)
         check_whole("threads", threads, low=1)
         autoreset = _AUTORESET[self.autoreset_mode]
         self.scenario, program = configure(scenario, action, reward, preview, options, max_episode_steps, autoreset)
         _check_memory(self.num_envs, program)
-        self.render_mode = render_mode
-        self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
-        self.metadata = {
-            **self.metadata,
-            "render_fps": frame_rate(self.scenario),
-            "autoreset_mode": self.autoreset_mode,
-        }
-        self.interface = program.interface
+        self._prepare(program, render_mode, render_size, autoreset_mode=self.autoreset_mode)
         self.single_observation_space = program.interface.observation_space
         self.single_action_space = program.interface.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._views: list[View] = []
         self._batch = make_batch(self.scenario, program, self.num_envs, threads)
-        self._seeded = False
-        self._size = program.interface.layout.size
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

@@ -50,11 +50,7 @@ class ErrorScales:
         self.size = len(self(np.zeros((1, end)))[0])
 
     def __call__(self, observations: Array) -> Array:
-        """Return observations in error coordinates, [... x size].
-
-        Args:
-            observations: [... x layout.size].
-        """
+        """Return observations [... x layout.size] in error coordinates, [... x size]."""
         layout = self.layout
         parts = [
             (observations[..., layout[f"reference_{name}"]] - observations[..., layout[name]]) / scale
@@ -101,11 +97,7 @@ class ErrorCoordinates(gym.ObservationWrapper[Any, Any, Any], RecordConstructorA
         self.observation_space = self._errors.space
 
     def observation(self, observation: Array) -> Array:
-        """Return an observation in error coordinates.
-
-        Args:
-            observation: of the environment, [layout.size].
-        """
+        """Return an observation [layout.size] in error coordinates."""
         return self._errors(observation)
 
 
@@ -126,21 +118,12 @@ class VectorErrorCoordinates(VectorWrapper):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Reset the environment and return observations in error coordinates.
-
-        Args:
-            seed: as for the environment.
-            options: as for the environment.
-        """
+        """Reset the environment and return observations in error coordinates."""
         observations, infos = self.env.reset(seed=seed, options=options)
         return self._errors(observations), infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """Make a step and return observations in error coordinates.
-
-        Args:
-            actions: [num_envs x 2].
-        """
+        """Make a step and return observations in error coordinates."""
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         if "final_obs" in infos:
             final = infos["final_obs"]
@@ -155,14 +138,7 @@ class BasePolicy(Protocol):
     def predict(
         self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[Array, Any]:
-        """Return the action for an observation, and the next state.
-
-        Args:
-            observation: [size], or [n x size] of a batch.
-            state: returned by the last call; None: the first call.
-            episode_start: [n], True for lanes that begin an episode; None: no lane does.
-            deterministic: True; a residual adds to the policy's mean action.
-        """
+        """Return the action for an observation, and the next state; see `controllers.policy`."""
         ...
 
 
@@ -208,23 +184,14 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.action_space = spaces.Box(-1.0, 1.0, box.shape, dtype=np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Reset the environment and the policy.
-
-        Args:
-            seed: as for the environment.
-            options: as for the environment.
-        """
+        """Reset the environment and the policy."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._base.state = None
         self._base.begin(observation, None)
         return observation, info
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, dict[str, Any]]:
-        """Make a step under the sum of both actions.
-
-        Args:
-            action: the residual, [2] within [-1, 1].
-        """
+        """Make a step under the sum of the policy's action and a residual, [2] within [-1, 1]."""
         _check_residual(action, (2,))
         result = self.env.step(self._base.act(action))
         self._base.begin(result[0], None)
@@ -249,12 +216,7 @@ class VectorResidual(VectorWrapper):
         self._done = np.zeros(self.num_envs, dtype=bool)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Reset the environment, and the policy in the lanes that begin an episode.
-
-        Args:
-            seed: as for the environment.
-            options: as for the environment.
-        """
+        """Reset the environment, and the policy in the lanes that begin an episode."""
         mask = (options or {}).get("reset_mask")
         observations, infos = self.env.reset(seed=seed, options=options)
         starts = np.ones(self.num_envs, dtype=bool) if mask is None else mask.copy()
@@ -263,11 +225,7 @@ class VectorResidual(VectorWrapper):
         return observations, infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """Make a step under the sum of both actions.
-
-        Args:
-            actions: the residuals, [num_envs x 2] within [-1, 1].
-        """
+        """Make a step with residuals, [num_envs x 2] within [-1, 1]; see `Residual.step`."""
         _check_residual(actions, (self.num_envs, 2))
         result = self.env.step(self._base.act(actions))
         observations, done = result[0], result[2] | result[3]

@@ -80,7 +80,8 @@ SHORT = {
     "speed": ["--rounds", "1"],
     "evaluate": ["--seeds", "2"],
     "compare": ["--seeds", "2"],
-    "transfer": ["--seeds", "2", "--world", "mujoco-bend"],
+    "transfer": ["--seeds", "4", "--world", "mujoco-bend", "--scenario", "hardware-nominal"],
+    "recommend": ["--seeds", "2", "--policies", "pd-gravity", "computed-torque"],
 }
 """Arguments that make a command short."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -33,7 +34,7 @@ MOST_DIVERGED = 0.1
 """Largest share of runs that diverge for which a law can be a ceiling."""
 
 TOP = 10
-"""A suite on which the intervals of the TOP best policies overlap is too easy."""
+"""A suite on which the rank intervals of the TOP best policies overlap is too easy."""
 
 BOOTSTRAP_SEED = 0
 """Seed of the bootstrap."""
@@ -77,18 +78,21 @@ class Board:
             sentences.append(UNSCORED)
         elif without := [self.scenarios[i] for i in np.flatnonzero(self.ceilings < 0)]:
             sentences.append(
-                f"No error score, since no law with privileged access is a ceiling there: {', '.join(without)}. Runs that "
-                "diverge there cost their price."
+                f"No error score, since no law with privileged access is a ceiling there: {', '.join(without)}. Diverged "
+                "runs count there too."
             )
-        best = [i for i in self.order if i in self.ranked][:TOP]
-        value = self.error if self.score is None else self.score
-        if len(best) == TOP and value.low[best].max() <= value.high[best].min():
-            sentences.append(f"This suite is too easy: the intervals of the best {TOP} policies overlap.")
-        for i, policy in enumerate(self.policies):
-            places = [(self.scenarios[k], reason) for (j, k), reason in self.failed.items() if j == i]
-            if places:
-                names = ", ".join(name for name, _ in places)
-                sentences.append(f"{policy} counts as an arm that stays in {names}: {places[0][1]}")
+        rank, count = self.rank, min(TOP, len(self.ranked))
+        best = np.argsort(rank.value, kind="stable")[:count]
+        if count == TOP and rank.low[best].max() <= rank.high[best].min():
+            sentences.append(f"This suite is too easy: the rank intervals of the best {TOP} policies overlap.")
+        reasons: dict[str, dict[str, list[str]]] = {}
+        for (i, k), reason in self.failed.items():
+            sensor = re.search(r"needs a sensor of \w+", reason)
+            places = reasons.setdefault(sensor[0] if sensor else reason, {})
+            places.setdefault(self.policies[i], []).append(self.scenarios[k])
+        for reason, rows in reasons.items():
+            names = (f"{policy} in {_and_more(tasks)}" for policy, tasks in rows.items())
+            sentences.append(f"Count as an arm that stays ({reason}): {', '.join(names)}.")
         return sentences + self.gaps
 
     @cached_property
@@ -144,24 +148,26 @@ class Board:
     def _scores(self, counts: Array) -> dict[str, Array]:
         """Return the score of each policy in each tier with a ceiling [b x p].
 
-        The counts are [b x 1 x n].
+        It has no lower bound. The counts are [b x 1 x n].
         """
-        n, has = len(self.seeds), self.ceilings >= 0
-        weights = counts[:, 0].T / n
-        errors, stay = np.log(self.errors), np.log(self.runs["stay_pct"][0]) @ weights
-        spans = stay - errors[self.ceilings, np.arange(len(has))] @ weights
-        tiers = {tier: places for tier, places in self.tiers.items() if has[places].any()}
-        scores: dict[str, list[Array]] = {tier: [] for tier in tiers}
-        for i in range(len(self.specs)):
-            gains = stay - errors[i] @ weights
-            diverged = statistics.diverged_share(n * self.runs["diverged"][i] @ weights, n)
-            for tier, places in tiers.items():
-                scored, rest = ([k for k in places if has[k] == here] for here in (True, False))
-                score = statistics.score(gains[scored], spans[scored], diverged[scored]).sum(axis=0)
-                # Where there is no ceiling, a diverged run costs as much as elsewhere on average.
-                price = statistics.score(0.0, spans[scored].mean(axis=0), diverged[rest]).sum(axis=0)
-                scores[tier].append((score + price) / len(scored))
-        return {tier: np.stack(rows, axis=-1) for tier, rows in scores.items()}
+        weights = counts[:, 0].T
+        errors, stay = (np.log(x) @ weights / len(self.seeds) for x in (self.errors, self.runs["stay_pct"][0]))
+        scores = {}
+        for tier, places in self.tiers.items():
+            scored = [k for k in places if self.ceilings[k] >= 0]
+            if scored:
+                gains = stay[scored] - errors[:, scored]
+                # A resample may lack the seeds on which the ceiling is clearly below staying.
+                spans = np.maximum(stay[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
+                counted = self.runs["diverged"][:, places].sum(axis=1) @ weights
+                diverged = [statistics.diverged_share(*x) for x in zip(counted, self._runs(places), strict=True)]
+                scores[tier] = statistics.score(gains.swapaxes(0, 1), spans[:, None], diverged).T
+        return scores
+
+    def _runs(self, places: Sequence[int]) -> NDArray[np.int64]:
+        """Return the number of runs of each policy in the scenarios where it did not fail [p]."""
+        failed = [sum(j == i and k in places for j, k in self.failed) for i in range(len(self.specs))]
+        return np.maximum((len(places) - np.array(failed)) * len(self.seeds), 1)
 
     @cached_property
     def _draws(self) -> dict[str, Array]:
@@ -171,7 +177,12 @@ class Board:
     def scores(self) -> dict[str, Estimate]:
         """Score of each policy [p] in each tier that has a ceiling: the mean over its scenarios."""
         values = self._scores(np.ones((1, 1, len(self.seeds))))
-        return {tier: statistics.interval(values[tier][0], draws) for tier, draws in self._draws.items()}
+        bounds = {tier: statistics.interval(values[tier][0], draws) for tier, draws in self._draws.items()}
+        least = statistics.BOUNDS[0]
+        return {
+            tier: Estimate(np.maximum(e.value, least), np.maximum(e.low, least), np.maximum(e.high, least))
+            for tier, e in bounds.items()
+        }
 
     @property
     def score(self) -> Estimate | None:
@@ -191,9 +202,7 @@ class Board:
     @cached_property
     def diverged(self) -> Estimate:
         """Share of each policy's runs that diverged in the tier that ranks [p]."""
-        failed = [sum(j == i and k in self.main for j, k in self.failed) for i in range(len(self.specs))]
-        runs = (len(self.main) - np.array(failed)) * len(self.seeds)
-        return statistics.proportion(self.runs["diverged"][:, self.main].sum(axis=(1, 2)), np.maximum(runs, 1))
+        return statistics.proportion(self.runs["diverged"][:, self.main].sum(axis=(1, 2)), self._runs(self.main))
 
     @cached_property
     def effort(self) -> Array | None:
@@ -215,7 +224,8 @@ class Board:
     @cached_property
     def order(self) -> list[int]:
         """Indices of the policies, the best first; unranked ones stand at the end."""
-        value = self.error.value if self.score is None else -self.score.value
+        values = self._scores(np.ones((1, 1, len(self.seeds)))).get(next(iter(self.tiers)))
+        value = self.error.value if values is None else -values[0]
         return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, value[i]))
 
     @cached_property
@@ -243,8 +253,8 @@ class Board:
             return {self.scenarios[k]: {x: np.nanmean(self.runs[x][:, k], axis=-1) for x in names} for k in places}
 
     @cached_property
-    def degradation(self) -> dict[str, tuple[list[int], Estimate]]:
-        """Severities [k] and errors [p x k] of each family with two or more, by its title."""
+    def degradation(self) -> dict[str, tuple[str, list[int], Estimate]]:
+        """Description, severities [k], errors [p x k] of each family with two or more, by title."""
         groups: dict[tuple[str, str, str], dict[str, dict[int, int]]] = {}
         for i, name in enumerate(self.scenarios):
             if member := scenarios.member(name):
@@ -252,13 +262,16 @@ class Board:
                 group = groups.setdefault((tier_of(name), member.arm, name.partition("@")[2]), {})
                 group.setdefault(member.family, {})[member.severity] = i
         curves = {}
-        for (_, arm, suffix), group in groups.items():
+        for (tier, arm, suffix), group in groups.items():
             for family, members in group.items():
                 severities = sorted((group.get("nominal", {}) | members).items())
                 if family != "nominal" and len(severities) > 1:
                     runs = self.errors[:, [i for _, i in severities]][:, :, None]
+                    estimate = statistics.estimate(runs, self.counts)
                     title = (family if arm == "table-1" else f"{arm}/{family}") + (f"@{suffix}" if suffix else "")
-                    curves[title] = [severity for severity, _ in severities], statistics.estimate(runs, self.counts)
+                    title = title if tier == next(iter(self.tiers)) else f"{tier} {title}"
+                    text = meaning_of(self.scenarios[severities[-1][1]])
+                    curves[title] = text, [severity for severity, _ in severities], estimate
         return curves
 
 
@@ -269,7 +282,8 @@ def tier_of(scenario: str) -> str:
     """
     if scenario.partition("@")[2] in scenarios.WORLDS:
         return "surprise"
-    return getattr(scenarios.member(scenario), "tier", "ideal")
+    member = scenarios.member(scenario)
+    return member.tier if member else "ideal"
 
 
 def family_of(scenario: str) -> str:
@@ -279,6 +293,12 @@ def family_of(scenario: str) -> str:
     """
     member = scenarios.member(scenario)
     return scenario.partition("@")[0] if member is None else member.family
+
+
+def meaning_of(scenario: str) -> str:
+    """Return the description of a scenario's name; one that has no tier is of a suite."""
+    name = scenario.partition("@")[0]
+    return scenarios.get(name).description if scenarios.member(name) else "of this suite"
 
 
 def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
@@ -304,8 +324,7 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         if all(errors):
             incomplete[policy] = errors[0]
         elif lacking:
-            more = f" and {len(lacking) - 1} more" if lacking[1:] else ""
-            incomplete[policy] = f"no result yet for {lacking[0]}{more}"
+            incomplete[policy] = f"no result yet for {_and_more(lacking)}"
     for policy in dict.fromkeys(cell.policy.name for cell in expected):
         if policy not in specs:
             incomplete[policy] = "no result yet"
@@ -328,6 +347,10 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         tuple(specs[policy] for policy in complete), tuple(tasks), table[0][0].cell.seeds, runs, decision, incomplete, gap,
         failed,
     )  # fmt: skip
+
+
+def _and_more(names: Sequence[str]) -> str:
+    return names[0] + (f" and {len(names) - 1} more" if names[1:] else "")
 
 
 def _staying(row: dict[str, float]) -> dict[str, float]:

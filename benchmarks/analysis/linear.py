@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env
-from fbl_gym.arm import Array, forward_dynamics, inertia_matrix
+from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 from fbl_gym.batch import Truth
 from fbl_gym.checks import Pair, check_number, check_pair
 from fbl_gym.interface import Interface
@@ -319,10 +319,10 @@ def _loop(
     scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any
 ) -> LinearLoop:
     """Linearise at a true state, and at an observation [size] with the policy's state."""
-    viscous = truth.viscous
+    viscous, arm = truth.viscous, with_rotors(truth.lumped, scenario.rotor)
 
     def acceleration(x: Array) -> Array:
-        return forward_dynamics(truth.lumped, x[:, :2], x[:, 2:], truth.applied_torque - viscous * x[:, 2:])
+        return forward_dynamics(arm, x[:, :2], x[:, 2:], truth.applied_torque - viscous * x[:, 2:])
 
     layout, drive = interface.layout, scenario.actuator
     entries = np.concatenate([np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout])
@@ -335,7 +335,7 @@ def _loop(
         delay=middle(drive.delay) + middle(drive.delay_samples) * scenario.control_dt,
         lag=middle(drive.lag),
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
-        inverse_inertia=np.linalg.inv(inertia_matrix(truth.lumped, truth.position)[0]) * truth.gain[0],
+        inverse_inertia=np.linalg.inv(inertia_matrix(arm, truth.position)[0]) * truth.gain[0],
         matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
         readings=tuple(layout.names[i] for i in entries),
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),

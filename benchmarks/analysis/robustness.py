@@ -13,7 +13,8 @@ from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
-from fbl_gym.arm import Array
+from fbl_gym.arm import ARMS, Array
+from fbl_gym.real_arms import REAL_ARMS
 
 BOUND, SHARE, LARGEST = 5.0, 0.95, 10.0
 """A seed tracks if its mean error is at most BOUND [%]. At the radius, the share SHARE of them
@@ -35,9 +36,16 @@ def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
     return scenario.replace(parameter_error={"ratio": ratio, "radius": middle - 1.0})
 
 
-def task() -> Scenario:
-    """Return the nominal scenario without torque limits, which would otherwise set the radius."""
-    return scenarios.get("nominal").replace(actuator=None)
+def task(like: Scenario) -> Scenario:
+    """Return the scenario of a radius: the nominal one, on the arm and at the rate of another.
+
+    It has no torque limits, which would otherwise set the radius.
+    """
+    arm = next((name for name, arm in (ARMS | REAL_ARMS).items() if arm == like.arm), "the suite's arm")
+    return scenarios.get("nominal").replace(
+        arm=like.arm, control_dt=like.control_dt, physics_dt=like.physics_dt, actuator=None,
+        description=f"{arm} at {1 / like.control_dt:g} Hz",
+    )  # fmt: skip
 
 
 def search(errors: Callable[[float], Array], *, scan: int = 6, tolerance: float = 0.05) -> Radius:
@@ -53,13 +61,16 @@ def search(errors: Callable[[float], Array], *, scan: int = 6, tolerance: float 
 
 
 def stored_radius(
-    policy: PolicySpec | str, direction: str, store: Store, seeds: int = 64, tolerance: float = 0.05
+    policy: PolicySpec | str, direction: str, like: Scenario, store: Store, seeds: int = 64, tolerance: float = 0.05
 ) -> Radius:
-    """Return a policy's radius in a direction; every radius tried is a cell of the store."""
+    """Return a policy's radius in a direction; every radius tried is a cell of the store.
+
+    The arm and the rate are those of the scenario `like`.
+    """
     spec = resolve(policy)
 
     def errors(r: float) -> Array:
-        scenario = with_radius(task(), r, direction).replace(name=f"radius-{direction}-{r:.4g}")
+        scenario = with_radius(task(like), r, direction).replace(name=f"radius-{direction}-{r:.4g}")
         cell = Cell(spec, scenario, tuple(SPLITS["test"][:seeds]))
         outcome = compute(cell, store, "fbl-gym report --radius")
         result = store.find(cell)
@@ -71,12 +82,12 @@ def stored_radius(
 
 
 def stored_radii(
-    policies: Sequence[PolicySpec], store: Store, workers: int, seeds: int = 64
+    policies: Sequence[PolicySpec], like: Scenario, store: Store, workers: int, seeds: int = 64
 ) -> dict[tuple[str, str], Radius]:
     """Return the radius of each policy, by name, in each direction."""
     from joblib import Parallel, delayed, parallel_config
 
     searches = [(spec, direction) for spec in policies for direction in DIRECTIONS]
     with parallel_config(backend="loky", n_jobs=workers, inner_max_num_threads=1):
-        radii = Parallel()(delayed(stored_radius)(spec, direction, store, seeds) for spec, direction in searches)
+        radii = Parallel()(delayed(stored_radius)(spec, direction, like, store, seeds) for spec, direction in searches)
     return {(spec.name, direction): value for (spec, direction), value in zip(searches, radii, strict=True)}

@@ -39,7 +39,7 @@ RESAMPLES = 2000
 """Default number of bootstrap resamples."""
 
 BOUNDS = -100.0, 120.0
-"""Least and largest score of a scenario."""
+"""Least and largest score."""
 
 DIVERGENCE_PRICE = 100 * np.log(2.0)
 """Price of a share of diverged runs in the logarithm of the error: each percent costs as much as
@@ -189,23 +189,28 @@ def ranks(draws: Array) -> Estimate:
     return Estimate(median, low, high)
 
 
-def score(gain: ArrayLike, span: ArrayLike, diverged: ArrayLike) -> Array:
-    """Return the score of scenarios, 100 (gain - DIVERGENCE_PRICE diverged) / span, within BOUNDS.
+def score(gains: ArrayLike, spans: ArrayLike, diverged: ArrayLike) -> Array:
+    """Return the score over s scenarios [...], without the lower bound of BOUNDS.
+
+    This is the mean over the scenarios of 100 gain / span, each within BOUNDS, less the price of
+    the diverged runs.
 
     Args:
-        gain: ln(E_stay / E). E is the geometric mean error of the runs, E_stay that of an arm that
-            stays at its start.
-        span: ln(E_stay / E_ceiling) for the best law that knows the truth.
-        diverged: share of the runs that diverged, see `diverged_share`.
+        gains: ln(E_stay / E) [s x ...]. E is the geometric mean error of the runs, E_stay that of
+            an arm that stays at its start.
+        spans: ln(E_stay / E_ceiling) [s x ...] for the best law that knows the truth.
+        diverged: share of the runs that diverged [...], see `diverged_share`.
     """
-    return np.clip(100 * (np.asarray(gain) - DIVERGENCE_PRICE * np.asarray(diverged)) / np.asarray(span), *BOUNDS)
+    spans = np.asarray(spans)
+    errors = np.clip(100 * np.asarray(gains) / spans, *BOUNDS).mean(axis=0)
+    return np.asarray(errors - 100 * DIVERGENCE_PRICE * np.asarray(diverged) / spans.mean(axis=0))
 
 
 def diverged_share(diverged: ArrayLike, runs: int) -> Array:
-    """Return the share of diverged runs that a score counts, of their number.
+    """Return the share of diverged runs that a score counts, of their number [...].
 
-    It is Clopper and Pearson's upper bound, less the upper bound where none diverged. The bound
-    alone would charge all policies for few runs: with none of 32 diverged it is 11 %.
+    It is Clopper and Pearson's upper bound, less the upper bound where none diverged: the bound
+    alone would charge all policies for few runs.
     """
     bounds = proportion(np.arange(runs + 1), runs).high
     return np.asarray((bounds - bounds[0])[np.rint(diverged).astype(int)])

@@ -1,18 +1,68 @@
-"""Agreement between the orders of policies in two worlds."""
+"""Agreement between the orders of policies in two worlds, and the best of one in the other."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
+from benchmarks.analysis.statistics import DIVERGENCE_PRICE, TAIL, diverged_share
+from benchmarks.run.store import Result
 from fbl_gym.arm import Array
 
 FLOOR_PCT = 1e-3
 """A smaller error counts as this one [%]."""
 
-SEPARATED = 2.0
-"""Two policies are separated by this many standard errors of their mean difference."""
+
+@dataclass(frozen=True)
+class Runs:
+    """The runs of policies in one world; numbers are [policies x scenarios x runs].
+
+    Args:
+        error: in %, at least the encoder's resolution.
+        diverged: 1 where a run diverged, else 0.
+    """
+
+    error: Array
+    diverged: Array
+
+    @classmethod
+    def of(cls, results: Sequence[Sequence[Result]]) -> Runs:
+        """Return the runs of results [policies x scenarios]."""
+        columns = ("error_pct", "resolution_pct", "diverged")
+        error, resolution, diverged = (
+            np.array([[[run[name] for run in result.rows] for result in row] for row in results]) for name in columns
+        )
+        return cls(np.maximum(error, resolution), diverged)
+
+    @property
+    def logs(self) -> Array:
+        """Logarithms of the errors."""
+        return np.log(np.maximum(self.error, FLOOR_PCT))
+
+    @property
+    def levels(self) -> Array:
+        """Mean logarithm of the errors, and the price of diverged runs, [policies x scenarios]."""
+        share = diverged_share(self.diverged.sum(axis=-1), self.diverged.shape[-1])
+        return self.logs.mean(axis=-1) + DIVERGENCE_PRICE * share
+
+    @property
+    def intervals(self) -> tuple[Array, Array]:
+        """Both ends of a 95 % interval of each policy's mean logarithm, [policies] each.
+
+        Scenarios share their seeds, so each seed gives one mean over the scenarios.
+        """
+        means = self.logs.mean(axis=1)
+        runs = means.shape[-1]
+        half = stats.t.ppf(1 - TAIL, runs - 1) * means.std(axis=-1, ddof=1) / np.sqrt(runs)
+        return means.mean(axis=-1) - half, means.mean(axis=-1) + half
+
+    def only(self, policies: NDArray[np.bool_] | slice = slice(None), runs: slice = slice(None)) -> Runs:
+        """Return some of the policies and runs."""
+        return Runs(self.error[policies][..., runs], self.diverged[policies][..., runs])
 
 
 @dataclass(frozen=True)
@@ -21,31 +71,71 @@ class Agreement:
 
     Attributes:
         tau: share of pairs in the same order less share of pairs in the other order; NaN: no pairs.
-        pairs: number of pairs that both worlds separate.
+        pairs: number of pairs that both sides separate.
     """
 
     tau: float
     pairs: int
 
 
-def compare_orders(first: Array, second: Array) -> Agreement:
-    """Return the agreement between the orders of policies in two worlds.
+def compare_orders(first: Runs, second: Runs) -> Agreement:
+    """Return the agreement between two orders of policies, by their errors.
 
-    A pair of policies counts if the runs of both worlds separate it.
-
-    Args:
-        first: errors in one world [policies x runs], in %.
-        second: errors of the same policies in the other world, likewise.
+    A pair of policies counts if its intervals are disjoint on both sides. A policy whose runs all
+    diverge on both sides has no place in an order.
     """
-    ways = [_ways(np.log(np.maximum(errors, FLOOR_PCT))) for errors in (first, second)]
-    products = (ways[0] * ways[1])[np.triu_indices(len(first), 1)]
+    ordered = ~((first.diverged == 1).all(axis=(1, 2)) & (second.diverged == 1).all(axis=(1, 2)))
+    signs = []
+    for runs in (first.only(ordered), second.only(ordered)):
+        low, high = runs.intervals
+        signs.append((low[:, None] > high[None, :]).astype(int) - (high[:, None] < low[None, :]))
+    products = (signs[0] * signs[1])[np.triu_indices(int(ordered.sum()), 1)]
     pairs = int(np.count_nonzero(products))
     return Agreement(float(products.sum() / pairs) if pairs else float("nan"), pairs)
 
 
-def _ways(logs: Array) -> Array:
-    """Return for each pair which policy errs less: -1 the first, 1 the second, 0 not separated."""
-    differences = logs[:, None] - logs[None, :]
-    error = differences.std(axis=-1) / np.sqrt(logs.shape[1])
-    mean = differences.mean(axis=-1)
-    return np.sign(mean) * (np.abs(mean) > SEPARATED * error)
+def compare_halves(runs: Runs) -> Agreement:
+    """Return the agreement between the orders of two halves of the seeds, a ceiling for worlds."""
+    return compare_orders(runs.only(runs=slice(0, None, 2)), runs.only(runs=slice(1, None, 2)))
+
+
+@dataclass(frozen=True)
+class Transferred:
+    """One of the best policies on the package's arm, in another world.
+
+    Attributes:
+        policy: its index.
+        error: geometric mean there [%].
+        diverged: number of diverged runs there.
+        ratio: error relative to that of the best policy there.
+        worst: largest ratio of a scenario to the best policy of that scenario, and
+        scenario: its index.
+    """
+
+    policy: int
+    error: float
+    diverged: int
+    ratio: float
+    worst: float
+    scenario: int
+
+
+def transfer_best(package: Runs, world: Runs, ranked: NDArray[np.bool_], count: int) -> list[Transferred]:
+    """Return the best policies on the package's arm over all scenarios, in another world.
+
+    Args:
+        package: runs on the package's arm.
+        world: runs of the same policies on the same scenarios in the other world.
+        ranked: policies that may be among the best, [policies].
+        count: number of the best.
+    """
+    places = np.where(ranked, package.levels.mean(axis=1), np.inf)
+    logs = world.logs.mean(axis=-1)
+    best = np.argmin(np.where(ranked, world.levels.mean(axis=1), np.inf))
+    ratios = np.exp(logs - logs[ranked].min(axis=0))
+    rows = []
+    for i in np.argsort(places)[: min(count, int(ranked.sum()))]:
+        ratio = float(np.exp(logs[i].mean() - logs[best].mean()))
+        worst, lost = int(np.argmax(ratios[i])), int(world.diverged[i].sum())
+        rows.append(Transferred(int(i), float(np.exp(logs[i].mean())), lost, ratio, float(ratios[i, worst]), worst))
+    return rows

@@ -10,11 +10,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 
 from benchmarks.policies import external
+from benchmarks.policies.configuration import parse_gain
+from benchmarks.run.traces import FORMATS
 from benchmarks.seeds import SPLITS
+from fbl_gym import Scenario, scenarios
 
 
 def count(text: str) -> int:
@@ -35,10 +37,11 @@ def episodes(text: str) -> int:
 
 def policy_name(text: str) -> str:
     """Return the text that names a policy; an argument's type. A path must exist."""
-    if ("/" in text or os.sep in text) and external.form_of(text) != "file":
-        if not Path(text).exists():
+    code = external.split_gains(text)[0]
+    if ("/" in code or os.sep in code) and external.form_of(text) != "file":
+        if not Path(code).exists():
             raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
-        if Path(text).is_dir() and not (Path(text) / "agent.json").is_file():
+        if Path(code).is_dir() and not (Path(code) / "agent.json").is_file():
             raise argparse.ArgumentTypeError(f"must be a folder with an agent.json, got {text!r}")
     return text
 
@@ -63,6 +66,11 @@ def picture(text: str) -> Path:
     return _file(text, ".png", ".svg", ".pdf")
 
 
+def trace_file(text: str) -> Path:
+    """Return a file that a trace can be written to; an argument's type."""
+    return _file(text, *FORMATS)
+
+
 def film(text: str) -> Path:
     """Return a file that a film can be written to; an argument's type."""
     path = _file(text, ".mp4", ".gif")
@@ -72,14 +80,10 @@ def film(text: str) -> Path:
 
 def gain(text: str) -> tuple[str, Any]:
     """Return a gain and its value, one number or one for each joint; an argument's type."""
-    name, _, value = text.partition("=")
     try:
-        numbers = tuple(float(part) for part in value.split(","))
-    except ValueError:
-        numbers = ()
-    if not name or len(numbers) not in (1, 2):
-        raise argparse.ArgumentTypeError(f"must be such as kp=25, or kp=25,30 for the two joints, got {text!r}")
-    return name, numbers[0] if len(numbers) == 1 else np.array(numbers)
+        return parse_gain(text)
+    except ValueError as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
 
 
 def console() -> Console:
@@ -110,7 +114,16 @@ def add_policy(parser: argparse.ArgumentParser) -> None:
     """Add one policy."""
     parser.add_argument(
         "policy", type=policy_name, metavar="POLICY",
-        help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip",
+        help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
+        "a law may end in gains, @kp=25 or @gains.json",
+    )  # fmt: skip
+
+
+def add_scenario(parser: argparse.ArgumentParser, default: str = "nominal", use: str = "") -> None:
+    """Add one scenario, which `scenarios.get` understands."""
+    parser.add_argument(
+        "--scenario", default=default, metavar="S",
+        help=f"{use}a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME ({default})",
     )  # fmt: skip
 
 
@@ -119,6 +132,14 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trust", action="store_true", help="run the code in an archive, and that of policies which a file names"
     )
+
+
+def refuse_judged(scenario: Scenario) -> None:
+    """Refuse a scenario that tuning and training may not use."""
+    if reason := scenarios.judged(scenario):
+        raise ValueError(
+            f"{scenario.name} is for judging alone: {reason}; change that, or use a scenario of the tier practice"
+        )
 
 
 def trust(arguments: argparse.Namespace, *more: str) -> None:

@@ -9,11 +9,22 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.analysis.statistics import estimate, resample, wins
-from benchmarks.cli.common import add_trust, console, episodes, film, picture, policy_name, trust
+from benchmarks.cli.common import (
+    add_scenario,
+    add_store,
+    add_trust,
+    console,
+    episodes,
+    film,
+    picture,
+    policy_name,
+    trust,
+)
 from benchmarks.policies.spec import resolve_apart
 from benchmarks.report.plot import plot_comparison
 from benchmarks.run.cell import trace_apart
 from benchmarks.run.metrics import measure
+from benchmarks.run.store import Store
 from fbl_gym import scenarios
 
 
@@ -22,9 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policies", nargs="+", type=policy_name, metavar="POLICY", help="two or more, as for `fbl-gym evaluate`"
     )
-    parser.add_argument(
-        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
-    )
+    add_scenario(parser)
     parser.add_argument(
         "--seeds", type=episodes, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)"
     )
@@ -33,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed side by side: .mp4 or .gif")
     add_trust(parser)
+    add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -43,6 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = scenarios.get(arguments.scenario)
     specs = {policy: resolve_apart(policy) for policy in arguments.policies}
     traces = {name: trace_apart(spec, scenario, range(arguments.seeds)) for name, spec in specs.items()}
+    for spec in specs.values():
+        Store(arguments.store).look(spec, scenario)
     rows = {policy: measure(trace) for policy, trace in traces.items()}
     errors = {policy: [[max(row["error_pct"], row["resolution_pct"]) for row in runs]] for policy, runs in rows.items()}
     first, counts = arguments.policies[0], resample(arguments.seeds, 0)

@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks.cli.common import add_policy, add_trust, console, episodes, film, gain, picture, trust
+from benchmarks.cli.common import (
+    add_policy,
+    add_scenario,
+    add_store,
+    add_trust,
+    console,
+    episodes,
+    film,
+    gain,
+    picture,
+    trace_file,
+    trust,
+)
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
 from benchmarks.report.plot import plot_trace
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
+from benchmarks.run.store import Store
+from benchmarks.run.traces import export
 from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     add_policy(parser)
-    parser.add_argument(
-        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
-    )
+    add_scenario(parser)
     parser.add_argument(
         "--seeds", type=episodes, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)"
     )
@@ -28,14 +40,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--plot", type=picture, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
+    parser.add_argument(
+        "--trace", type=trace_file, metavar="FILE", help="write all signals of all seeds: .npz, .csv, .mat or .parquet"
+    )
     add_trust(parser)
+    add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status."""
     trust(arguments)
     scenario = scenarios.get(arguments.scenario)
-    trace = rollout(resolve(arguments.policy), scenario, range(arguments.seeds), dict(arguments.gains))
+    policy, gains = resolve(arguments.policy), dict(arguments.gains)
+    trace = rollout(policy, scenario, range(arguments.seeds), gains)
+    Store(arguments.store).look(policy, scenario, gains)
     screen = console()
     title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
     terminal.evaluation(screen, title, measure(trace), 1e6 * trace.decision_time)
@@ -43,6 +61,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         plot_trace(trace, f"{arguments.policy} on {scenario.name}", arguments.plot)
         screen.print(f"plot: {arguments.plot}", markup=False)
+    if arguments.trace is not None:
+        export(trace, arguments.trace)
+        screen.print(f"trace: {arguments.trace}", markup=False)
     if arguments.video is not None:
         from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
 

@@ -17,7 +17,7 @@ from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.apart import Limits, limit
 from benchmarks.report import terminal
-from benchmarks.run.cell import Outcome
+from benchmarks.run.cell import Outcome, refuse_broken
 from benchmarks.run.runner import BACKENDS
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
@@ -27,7 +27,9 @@ from fbl_gym import scenarios
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that choose cells."""
-    parser.add_argument("--suite", default="quick", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (quick)")
+    parser.add_argument(
+        "--suite", default="hardware", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (hardware)"
+    )
     parser.add_argument(
         "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
     )
@@ -93,17 +95,19 @@ def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
     limit(Limits(arguments.cell_timeout, arguments.cell_memory))
     cells, store = suite_of(arguments).cells, Store(arguments.store)
-    outcomes: list[Outcome] = []
+    outcomes = refuse_broken(cells, store, command_line())
+    refused = {outcome.id for outcome in outcomes}
     stopped: KeyboardInterrupt | None = None
     columns = (
         TextColumn("{task.description:<44}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
         TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[rate]} [red]{task.fields[failures]}"),
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task("starting", total=len(cells), rate="", failures="")
+        task = progress.add_task("starting", total=len(cells), completed=len(refused), rate="", failures="")
         try:
+            left = [cell for cell in cells if cell.id not in refused]
             for outcome in run_cells(
-                cells, store, workers=arguments.workers, backend=arguments.backend, address=arguments.address,
+                left, store, workers=arguments.workers, backend=arguments.backend, address=arguments.address,
                 command=command_line(),
             ):  # fmt: skip
                 outcomes.append(outcome)

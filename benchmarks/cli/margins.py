@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.analysis.linear import POINT, LinearLoop, NotLinear, linearize
-from benchmarks.cli.common import console, picture, policy_name
+from benchmarks.cli.common import add_scenario, console, picture, policy_name
 from benchmarks.report.plot import plot_loops
 from fbl_gym import scenarios
 
@@ -19,9 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policies", nargs="+", type=policy_name, metavar="POLICY", help="one or more, as for `fbl-gym evaluate`"
     )
-    parser.add_argument(
-        "--scenario", default="nominal", metavar="S", help="a name from `fbl-gym list scenarios` (nominal)"
-    )
+    add_scenario(parser)
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the real arm, where it is drawn (0)")
     parser.add_argument(
         "--at", nargs=2, type=float, default=POINT, metavar=("Q1", "Q2"), help="where the arm rests, in rad (-1 0.5)"

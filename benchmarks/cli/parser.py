@@ -71,6 +71,17 @@ COMMANDS: dict[str, Command] = {
         "run policies on the package's arm and on MuJoCo's, and compare their orders",
         "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4",
     ),
+    "sweep": Command(
+        "sweep",
+        "measure policies over the values of one or two options: CSV and figure",
+        "--over noise.position=1e-4:1e-2:log:5 --policies pid-flm lqg --scenario nominal --seeds 8",
+        "finished cells are kept",
+    ),
+    "recommend": Command(
+        "recommend",
+        "name the policies to use on an arm: a scenario and conditions around it",
+        "hardware-nominal --policies pd-gravity computed-torque --seeds 4",
+    ),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
     "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/mass-error-2"),
     "check-policy": Command("check_policy", "check that a policy keeps every promise of a policy", "my_law.py"),

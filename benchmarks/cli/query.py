@@ -14,7 +14,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "sql", metavar="SQL",
         help="a question about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
-        "or, with --files, \"COPY results TO 'board.parquet'\"; the table `all_results` has results of older code too",
+        "or, with --files, \"COPY results TO 'board.parquet'\"; the table `all_results` has results of older code too, "
+        "and `looks` counts the configurations that were tried on scenarios for judging",
     )  # fmt: skip
     parser.add_argument("--files", action="store_true", help="let the question read and write files, as COPY does")
     add_store(parser)
@@ -22,7 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status."""
-    answer = query(Store(arguments.store).results(), arguments.sql, arguments.files)
+    store = Store(arguments.store)
+    answer = query(store.results(), arguments.sql, arguments.files, store.looks())
     if answer is not None:
         print(answer)
     return 0

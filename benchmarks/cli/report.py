@@ -72,7 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
             f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments first"
         )
     board = assemble(results, cells)
-    radii = stored_radii(board.specs, store, arguments.workers) if arguments.radius else {}
+    like = results[0].cell.scenario
+    radii = stored_radii(board.specs, like, store, arguments.workers) if arguments.radius else {}
     ranges = measure_ranges(board, store, arguments.workers) if arguments.generalization else {}
     terminal.leaderboard(console(), board)
     table = markdown.leaderboard(board, ranges)

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 import controllers
-from benchmarks.cli.common import command_line, count
+from benchmarks.cli.common import add_scenario, command_line, count, refuse_judged
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
@@ -42,12 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--context", action="store_true", help="let the agent observe the true parameters (privileged access)"
     )
-    parser.add_argument(
-        "--scenario",
-        default="everything-2",
-        metavar="S",
-        help="scenario for training and validation (everything-2), or a tier (practice)",
-    )
+    add_scenario(parser, "everything-2", "or a tier (practice), for training and validation, ")
     parser.add_argument(
         "--radius", type=float, metavar="R", help="radius of the parameter error, instead of the scenario's"
     )
@@ -80,6 +75,8 @@ def _settings(arguments: argparse.Namespace) -> TrainingSettings:
     name = arguments.scenario
     names = scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,)
     each = [scenarios.get(name) for name in names]
+    for scenario in each:
+        refuse_judged(scenario)
     if arguments.radius is not None:
         each = [at_radius(scenario, arguments.radius) for scenario in each]
     hyperparameters: dict[str, Any] = {}

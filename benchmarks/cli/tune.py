@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.cli.common import add_policies, command_line, count
+from benchmarks.cli.common import add_policies, command_line, count, refuse_judged
+from benchmarks.policies.apart import end_with_parent
 from benchmarks.policies.spec import resolve
+from benchmarks.run.suite import Suite, load, narrow
 from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, summary, tune, write_gains
 from controllers.registry import TUNED
-from fbl_gym.scenarios import as_scenario
+from fbl_gym import Scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,10 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fresh-seeds", type=count, default=128, metavar="N", help="tuning seeds to judge on, of each scenario (128)"
     )
-    parser.add_argument(
+    tasks = parser.add_mutually_exclusive_group()
+    tasks.add_argument(
         "--scenario", nargs="+", action="extend", metavar="S",
-        help=f"scenarios of trials and judging ({len(SCENARIOS)}, then {len(JUDGED)}, that fbl-gym comes with)",
+        help="scenarios of trials and judging: names, families, .toml files "
+        f"({len(SCENARIOS)} of the tier practice for trials, {len(JUDGED)} for judging)",
     )  # fmt: skip
+    tasks.add_argument("--suite", metavar="FILE", help="TOML file of a suite, whose scenarios are used instead")
     parser.add_argument(
         "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",
         help="folder of the studies; several processes may share it, and a stopped study goes on (results/tuning)",
@@ -59,8 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.ship and (policy.external or "@" in policy.name):
             raise ValueError(f"--ship is for the laws that fbl-gym comes with, got {policy.name!r}: give --out instead")
         task, judging = (
-            Task(policy, tuple(map(as_scenario, arguments.scenario or names)), numbers)
-            for names, numbers in ((SCENARIOS, tried), (JUDGED, fresh))
+            Task(policy, _scenarios(arguments, usual), numbers)
+            for usual, numbers in ((SCENARIOS, tried), (JUDGED, fresh))
         )
         task.check(dict(arguments.also))
         pairs.append((task, judging))
@@ -72,8 +78,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _scenarios(arguments: argparse.Namespace, usual: Sequence[str]) -> tuple[Scenario, ...]:
+    """Return the scenarios that the arguments name, or the usual ones."""
+    suite = (
+        load(arguments.suite) if arguments.suite else narrow(Suite("tune", (), (), 1), (), arguments.scenario or usual)
+    )
+    for scenario in suite.scenarios:
+        refuse_judged(scenario)
+    return suite.scenarios
+
+
 def _tune(task: Task, judging: Task, arguments: argparse.Namespace, command: str) -> str:
     """Tune one policy, write its gains, and return the verdict in words."""
+    end_with_parent()
     name = task.policy.name
     study = tune(task, arguments.trials, arguments.storage, dict(arguments.also))
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)

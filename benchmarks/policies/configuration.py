@@ -1,11 +1,14 @@
-"""The gains of a policy as exact plain data for a cell's key, equal only for equal policies."""
+"""The gains of a policy: those that its text gives, and all of them as exact data for a key."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
 import math
+import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +19,59 @@ _NUMERIC = "biufcSUmM"
 
 class Inexact(ValueError):
     """A value that has no exact plain form, so that no key can tell it from others."""
+
+
+def parse_gain(text: str) -> tuple[str, Any]:
+    """Return a gain and its value, one number or one for each joint.
+
+    Args:
+        text: such as "kp=25" or "kp=25,30".
+    """
+    name, _, value = text.partition("=")
+    try:
+        numbers = tuple(float(part) for part in value.split(","))
+    except ValueError:
+        numbers = ()
+    if not name or len(numbers) not in (1, 2):
+        raise ValueError(f"must be such as kp=25, or kp=25,30 for the two joints, got {text!r}")
+    return name, numbers[0] if len(numbers) == 1 else np.array(numbers)
+
+
+def gains_file(law: str, place: str | Path) -> Path:
+    """Return the file with the gains of a law: the place itself, or LAW.json in a folder.
+
+    Args:
+        law: the text that names the law, without gains.
+        place: a .json file or a folder.
+    """
+    name = re.sub(r"[^\w.+-]+", "_", Path(law).name) + ".json"
+    return Path(place) if str(place).endswith(".json") else Path(place) / name
+
+
+def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
+    """Return the gains at the end of a policy's text; the last of two values counts.
+
+    Args:
+        law: the text without gains.
+        given: NAME=VALUE, a file, or a folder each.
+    """
+    gains: dict[str, Any] = {}
+    for text in given:
+        if "=" in text:
+            gains.update([parse_gain(text)])
+            continue
+        path = gains_file(law, text)
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            values = data.get("gains", data)
+            gains |= {
+                name: np.array(value) if isinstance(value, list) else float(value) for name, value in values.items()
+            }
+        except FileNotFoundError:
+            raise ValueError(f"gains of {law}: there is no file {path}; `fbl-gym tune` writes one") from None
+        except (ValueError, TypeError, AttributeError) as problem:
+            raise ValueError(f'{path} must be JSON with numbers, such as {{"kp": 25}}: {problem}') from None
+    return gains
 
 
 def configuration(policy: Any) -> dict[str, Any]:

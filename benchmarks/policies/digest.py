@@ -25,8 +25,7 @@ SKIPPED = (
     "controllers.registry",
     "fbl_gym.picture",
     "fbl_gym.render",
-    "fbl_gym.scenarios.families",
-    "fbl_gym.scenarios.paper",
+    *(f"fbl_gym.scenarios.{name}" for name in ("files", "hardware", "ideal", "paper", "real", "worlds")),
 )
 """Modules that choose a policy, draw pictures, or hold scenarios.
 

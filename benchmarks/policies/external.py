@@ -44,8 +44,23 @@ class NotFound(ValueError):
 # The text that names a policy.
 
 
+def split_gains(text: str) -> tuple[str, tuple[str, ...]]:
+    """Return a text without the gains at its end, and these: NAME=VALUE, a file, or a folder each.
+
+    Only a registered name, a file and a module have gains: "my_law.py@kp=25" does, and
+    "runs@home/model.zip" does not. "@tuned" and a training seed, "@3", belong to the name.
+    """
+    code, _, last = text.rpartition("@")
+    if not code or last == "tuned" or last.isdigit() or last.endswith((".py", ".zip")):
+        return text, ()
+    inner, gains = split_gains(code)
+    registered = inner.partition("@")[0].partition("+")[0] in registry.names()
+    return (inner, (*gains, last)) if registered or form_of(inner) in ("file", "module") else (text, ())
+
+
 def form_of(text: str) -> str:
     """Return the form of a text: "archive", "file", "module", "agent" (a folder), or "name"."""
+    text = split_gains(text)[0]
     if text.endswith(".zip"):
         return "archive"
     if split(text)[0].endswith(".py"):
@@ -60,6 +75,7 @@ def split(text: str) -> tuple[str, str]:
 
     A path may contain colons, as on Windows.
     """
+    text = split_gains(text)[0]
     source, _, name = text.rpartition(":")
     return (source, name) if source and name.isidentifier() else (text, "")
 
@@ -85,7 +101,7 @@ def expect_trust(text: str, origin: str) -> None:
 
 
 def _place(text: str) -> str:
-    return str(Path(text).resolve()) if form_of(text) == "archive" else text
+    return str(Path(text).resolve()) if form_of(text) == "archive" else split_gains(text)[0]
 
 
 def check(text: str) -> None:

@@ -6,6 +6,8 @@ The text is one of:
   package;
 - "cascade-flm@tuned", with its tuned gains;
 - "cascade-flm+kalman+predictor", a law composed with parts, also with "@tuned";
+- a law with gains at the end, "cascade-flm@K=30" or "my_law.py@K=30,20@F=10", or with those of a
+  file: "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
 - "ppo-memory@3", a shipped agent of one training seed;
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
@@ -33,7 +35,7 @@ from typing import Any
 import controllers
 from benchmarks.policies import external
 from benchmarks.policies.apart import Failed, call_apart
-from benchmarks.policies.configuration import Inexact, configuration
+from benchmarks.policies.configuration import Inexact, configuration, gains_file, read_gains
 from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.rl.agent import access_of, saved_agent
 from benchmarks.rl.policy import shipped
@@ -68,7 +70,7 @@ class PolicySpec:
         access: what the policy may know: "none", "nominal" or "privileged".
         needs: the sensors that it cannot do without.
         preview: how far ahead it sees the reference [s].
-        tuning: "default gains", "tuned" or "trained".
+        tuning: "default gains", "given gains", "tuned" or "trained".
         external: True if it is not part of fbl-gym.
         summary: one line.
         digest: hash of the code that its results depend on, and of its weights.
@@ -93,6 +95,16 @@ class PolicySpec:
     trusted: bool = False
 
     @property
+    def code(self) -> str:
+        """The name without the gains at its end."""
+        return external.split_gains(self.name)[0]
+
+    @property
+    def gains(self) -> dict[str, Any]:
+        """The gains at the end of the name, by name; files are read."""
+        return read_gains(*external.split_gains(self.name))
+
+    @property
     def ranked(self) -> bool:
         """True if the board ranks the policy: it does not know the truth."""
         return self.access != "privileged"
@@ -107,7 +119,7 @@ class PolicySpec:
         """All that distinguishes this policy from others, but not the place of an external one."""
         attribute = external.split(self.name)[1]
         return {
-            "policy": self.name if _form(self.name) == "name" else f"external:{attribute}",
+            "policy": self.code if _form(self.name) == "name" else f"external:{attribute}",
             "access": self.access,
             "code": self.digest,
             "data": sorted(self.data.values()),
@@ -123,7 +135,7 @@ class PolicySpec:
         self.check()
         if gains:
             self.factory()  # refuses them, if there are none
-        return _make(self.name, env, gains)
+        return _make(self.code, env, {**self.gains, **gains})
 
     def check(self, reads: Iterable[Path] = ()) -> None:
         """Raise `Changed` unless this process has the same code, gains and data.
@@ -151,7 +163,7 @@ class PolicySpec:
         """Return the class or function that makes the policy from the interface and gains."""
         if external.weights(self.name):
             raise ValueError(f"gains must be those of a law, got {self.name}, which was trained and has none")
-        return _factory(self.name)
+        return _factory(self.code)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the specification as plain data."""
@@ -189,15 +201,31 @@ def resolve(policy: str | PolicySpec) -> PolicySpec:
     _check(policy)
     state = _state(policy)
     if policy not in _RESOLVED or _RESOLVED[policy][1] != state:
-        spec = _trained(policy) if external.weights(policy) else _coded(policy)
+        make = _with_gains if external.split_gains(policy)[1] else _trained if external.weights(policy) else _coded
+        spec = make(policy)
         _RESOLVED[policy] = spec, _state(policy, spec)
     return _RESOLVED[policy][0]
+
+
+def _with_gains(text: str) -> PolicySpec:
+    """Return the specification of a law with the gains at the end of its text."""
+    code, given = external.split_gains(text)
+    spec = resolve(code)
+    paths = [gains_file(code, each).resolve() for each in given if "=" not in each]
+    data = {**spec.data, **{str(path): external.file_digest(path) for path in paths}}
+    spec = dataclasses.replace(spec, name=text, tuning="given gains", data=data)
+    if spec.problem:
+        return spec
+    spec.factory()  # refuses gains, if the policy has none
+    return dataclasses.replace(spec, configuration=configuration(_make(spec.code, _example(spec), spec.gains)))
 
 
 def resolve_apart(text: str) -> PolicySpec:
     """Return the specification of a policy; code of an external one runs in its own process."""
     _check(text)
-    runs_code = external.entry_module(text) if _form(text) == "name" else not external.weights(text)
+    runs_code = (
+        external.entry_module(external.split_gains(text)[0]) if _form(text) == "name" else not external.weights(text)
+    )
     if not runs_code:
         return resolve(text)
     try:
@@ -224,6 +252,7 @@ def is_unchanged(spec: PolicySpec) -> bool:
 
 def _form(text: str) -> str:
     """Return "name" for a registered policy and for unknown text, else `external.form_of`."""
+    text = external.split_gains(text)[0]
     return "name" if _with_seed(text)[0] in names() or is_composed(text) else external.form_of(text)
 
 
@@ -234,6 +263,11 @@ def _with_seed(text: str) -> tuple[str, dict[str, int]]:
 
 
 def _check(text: str) -> None:
+    code, gains = external.split_gains(text)
+    for folder in gains if _form(code) == "name" else ():
+        if folder.isidentifier() and not Path(folder).is_dir():  # a misspelt "tuned", rather
+            raise unknown("policy", text, names())
+    text = code
     if _form(text) != "name":
         external.check(text)
     elif is_composed(text):
@@ -246,10 +280,12 @@ def _check(text: str) -> None:
 
 def _state(text: str, spec: PolicySpec | None = None) -> str:
     """Return a hash of the files of an external policy that may change while a process runs."""
-    if _form(text) not in ("file", "archive", "agent"):
+    if _form(text) not in ("file", "archive", "agent") and not external.split_gains(text)[1]:
         return ""
     spec = spec or _RESOLVED.get(text, (None, ""))[0]
-    files = {*external.sources(text).values(), *external.weights(text), *map(Path, spec.data if spec else ())}
+    files = {*map(Path, spec.data if spec else ())}
+    if _form(text) != "name":
+        files |= {*external.sources(text).values(), *external.weights(text)}
     digests = [str(Path.cwd()), *(external.file_digest(path) for path in sorted(files))]
     return hashlib.sha256("".join(digests).encode(errors="surrogateescape")).hexdigest()
 

@@ -9,10 +9,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from benchmarks.analysis.board import Board
+from benchmarks.analysis.board import Board, meaning_of
 from benchmarks.analysis.generalization import MEANING, RangeErrors
 from benchmarks.analysis.statistics import Estimate
-from fbl_gym import scenarios
 
 Value: TypeAlias = float | str | None
 
@@ -88,6 +87,11 @@ def number(x: float) -> str:
     return f"{x:.{max(0, 2 - math.floor(math.log10(abs(x))))}f}"
 
 
+def percent(x: float) -> str:
+    """Return a share in % with two significant digits, or "100"."""
+    return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
+
+
 def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
     """Return the columns of a board, from left to right, one for each generalization range."""
     count = len(board.policies)
@@ -104,7 +108,6 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
 
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
-    known = scenarios.families()
     return [
         Column(
             "rank", "rank", "Median rank over the bootstrap. A policy with privileged access has no rank.",
@@ -134,7 +137,7 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
         ),
         estimated(
             "diverged", "diverged %", f"Share of runs that diverged {here}, with Clopper and Pearson's upper bound. These "
-            "runs count in every error.", board.diverged, 100.0, best=-1, form="{:.2g}".format, place="short", ends="upper",
+            "runs count in every error.", board.diverged, 100.0, best=-1, form=percent, place="short", ends="upper",
         ),
         *(
             [] if board.effort is None else [Column(
@@ -150,9 +153,9 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
             )] if board.recovery else []
         ),
         *(
-            estimated(f"family-{family}", family, f"Error % over one family: {known.get(family, 'of this suite')}.",
-                      errors, best=-1, place="table" if set(board.families[family]) <= set(board.main) else "page")
-            for family, errors in board.family_errors.items()
+            estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[places[0]])}.",
+                      board.family_errors[family], best=-1, place="table" if places[0] in board.main else "page")
+            for family, places in board.families.items()
         ),
         *(
             estimated(

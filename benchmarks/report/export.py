@@ -58,14 +58,17 @@ def write_generalization(path: Path, board: Board, ranges: Mapping[str, RangeErr
     write_text(path, text.getvalue())
 
 
-def query(results: Iterable[Result], sql: str, files: bool = False) -> str | None:
+def query(
+    results: Iterable[Result], sql: str, files: bool = False, looks: Mapping[tuple[str, str], int] | None = None
+) -> str | None:
     """Return DuckDB's answer to a question about stored results; None for a command.
 
     The table `results` has each run of the current results once, with the columns of the CSV. The
     table `all_results` has every stored run, those of older code and other sets of seeds among
     them, and the columns `APART` too. A question is "SELECT policy, avg(error_pct) FROM results
     GROUP BY policy", a command "COPY results TO 'board.parquet'". With `files`, it may read and
-    write files, and load extensions.
+    write files, and load extensions. The table `looks` counts the configurations of each policy
+    that were run on each scenario for judging.
     """
     import duckdb
     import pandas as pd
@@ -81,6 +84,8 @@ def query(results: Iterable[Result], sql: str, files: bool = False) -> str | Non
     connection = duckdb.connect()
     connection.register("results", pd.DataFrame.from_records(current, columns=list(COLUMNS)))
     connection.register("all_results", pd.DataFrame.from_records(every, columns=[*COLUMNS, *APART]))
+    counts = [(*names, number) for names, number in (looks or {}).items()]
+    connection.register("looks", pd.DataFrame.from_records(counts, columns=["policy", "scenario", "looks"]))
     try:
         if not files:
             connection.execute("SET enable_external_access = false")

@@ -12,11 +12,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from benchmarks.analysis import statistics
-from benchmarks.analysis.board import Board
+from benchmarks.analysis.board import MOST_DIVERGED, Board
 from benchmarks.analysis.robustness import DIRECTIONS
 from benchmarks.analysis.statistics import Estimate, Radius
 from benchmarks.rl.policy import curves, shipped
-from fbl_gym import scenarios
 from fbl_gym.arm import Array
 
 Figure: TypeAlias = dict[str, Any]
@@ -81,8 +80,7 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 def degradation(board: Board) -> list[Figure]:
     """Return error against severity, a figure for each arm and family."""
     figures = []
-    for title, (severities, estimate) in board.degradation.items():
-        text = scenarios.families().get(title.partition("@")[0].rpartition("/")[2], "")
+    for title, (text, severities, estimate) in board.degradation.items():
         data, axes = _curves(board, severities, estimate), {"xaxis": {"dtick": 1}, "yaxis": LOG}
         figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
     return figures
@@ -93,7 +91,7 @@ def pareto(board: Board) -> list[Figure]:
     if board.effort is None:
         return []
     effort = board.effort
-    ranked = [i for i in board.ranked if effort[i] > 0]
+    ranked = [i for i in board.ranked if effort[i] > 0 and board.diverged.value[i] <= MOST_DIVERGED]
     points = sorted((board.error.value[i], effort[i], i) for i in ranked)
     front = [point for k, point in enumerate(points) if all(point[1] < other[1] for other in points[:k])]
     line = {
@@ -101,8 +99,11 @@ def pareto(board: Board) -> list[Figure]:
         "line": {"color": COLORS[-1], "width": 1.5, "dash": "dot", "shape": "hv"}, "hoverinfo": "skip",
     }  # fmt: skip
     data = [line, *_points(board, board.error.value, effort, ranked, [i for _, _, i in front])]
-    text = "Left is a smaller error, down is less strain on the drives. No policy is better in both than those on the line."
-    log = {"type": "log"}
+    text = (
+        "Left is a smaller error, down is less strain on the drives. No policy is better in both than those on the line. "
+        f"Policies are left out if more than {100 * MOST_DIVERGED:g} % of their runs diverged."
+    )
+    log = {"type": "log", "dtick": "D2"}
     figure = _figure("Error against effort", text, data, "error [%]", "effort [of the ceiling's]", xaxis=log, yaxis=log)
     return [{**figure, "height": 520, "points": True}]
 
@@ -110,8 +111,8 @@ def pareto(board: Board) -> list[Figure]:
 def tiers(board: Board) -> list[Figure]:
     """Return the score in each further tier against the score of the board."""
     first, figures = next(iter(board.tiers)), []
-    for tier in board.scores if board.score is not None else ():
-        if tier == first:
+    for tier in board.scores:
+        if tier == first or board.score is None:
             continue
         data = _points(board, board.score.value, board.scores[tier].value, board.ranked, [])
         text = "A policy above the others at its place keeps more of its score there."
@@ -126,7 +127,8 @@ def _points(board: Board, x: Array, y: Array, chosen: Sequence[int], named: Sequ
     return [
         {
             "type": "scatter", "name": board.policies[i], "legendgroup": board.policies[i], "x": [x[i]], "y": [y[i]],
-            "mode": "markers+text" if i in named else "markers", "text": [board.policies[i]], "textposition": "top center",
+            "mode": "markers+text" if i in named else "markers", "text": [board.policies[i]],
+            "textposition": "bottom center" if i in named[1::2] else "top center",
             "marker": {"color": style(place[i])[0], "symbol": style(place[i])[1], "size": 9}, "cliponaxis": False,
             "hovertemplate": f"{board.policies[i]}: %{{x:.3g}}, %{{y:.3g}}<extra></extra>",
         }
@@ -158,10 +160,9 @@ def recovery(board: Board) -> list[Figure]:
         "counts with the time until the next one or the end. Runs that diverged are left out; the pointer shows their share, "
         "and the area of the error above its level before."
     )
-    figure = _figure(
-        "Time back after an event", description, [heatmap], "", "", yaxis={"autorange": "reversed", "dtick": 1},
-        xaxis={"side": "top", "tickangle": -90, "dtick": 1},
-    )  # fmt: skip
+    x = {"side": "top", "tickangle": -90, "dtick": 1, "showgrid": False}
+    y = {"autorange": "reversed", "dtick": 1, "showgrid": False}
+    figure = _figure("Time back after an event", description, [heatmap], "", "", xaxis=x, yaxis=y)
     return [{**figure, "height": 240 + 18 * len(names)}]
 
 
@@ -174,8 +175,11 @@ def profiles(board: Board) -> list[Figure]:
     return [_figure("All scenarios", text, data, "tracking error [%]", "share of runs", xaxis=LOG)]
 
 
-def radius(board: Board, radii: Mapping[tuple[str, str], Radius]) -> list[Figure]:
-    """Return radii as bars, and the shares of seeds at the radii that were tried."""
+def radius(board: Board, radii: Mapping[tuple[str, str], Radius], arm: str) -> list[Figure]:
+    """Return radii as bars, and the shares of seeds at the radii that were tried.
+
+    `arm` names the arm and the rate.
+    """
     figures = []
     for direction in DIRECTIONS:
         bars, lines = [], []
@@ -196,7 +200,7 @@ def radius(board: Board, radii: Mapping[tuple[str, str], Radius]) -> list[Figure
             none = np.empty((1, 0))
             lines += _curve(policy, place, 1.0 + tried[:, 0], Estimate(tried[None, :, 1], none, none), 0)
         if bars:
-            title, text = f"Real parameters: {direction}", "Largest r, drawn as 1 + r."
+            title, text = f"Real parameters: {direction}", f"On {arm}. Largest r, drawn as 1 + r."
             largest = _figure(title, text, bars, "1 + r", "", xaxis={"type": "log", "range": [0, 1.25]})
             title = f"Shares of seeds: {direction}"
             text = "Share of seeds that track within the bound, at the radii that were tried."

@@ -20,6 +20,7 @@ from plotly.offline import get_plotlyjs
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.generalization import RangeErrors
+from benchmarks.analysis.robustness import task
 from benchmarks.analysis.statistics import Radius
 from benchmarks.files import write_text
 from benchmarks.report import figures
@@ -34,7 +35,7 @@ DIGITS = 5
 
 _SECTIONS = {
     "pareto": ("Error and effort", ""),
-    "tiers": ("Tiers", "Scores in the tier that ranks, and in the others, on which nothing is tuned or trained."),
+    "tiers": ("Tiers", "Scores in the tier that ranks, and in the others."),
     "recovery": ("Recovery", ""),
     "degradation": (
         "Degradation",
@@ -121,7 +122,7 @@ def contents(
             "tiers": figures.tiers(board),
             "recovery": figures.recovery(board),
             "degradation": figures.degradation(board),
-            "radius": figures.radius(board, radii),
+            "radius": figures.radius(board, radii, task(results[0].cell.scenario).description),
             "profiles": figures.profiles(board),
             "pairs": figures.pairs(board),
             "learning": figures.learning(board),

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from benchmarks.analysis.linear import LinearLoop
@@ -80,6 +81,38 @@ def plot_lines(title: str, panels: Sequence[Panel], path: Path) -> None:
     if shared:
         handles, labels = grid[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
+    _save(figure, title, path)
+
+
+def plot_maps(
+    title: str,
+    names: Sequence[str],
+    values: Sequence[Sequence[float]],
+    maps: Mapping[str, Array],
+    path: Path,
+) -> None:
+    """Draw numbers over two options as maps with one colour scale, two in a row.
+
+    Args:
+        title: of the figure.
+        names: of the options, on the x and the y axis.
+        values: of each option.
+        maps: the numbers [number of x values, number of y values], by the title of each map.
+        path: of the figure.
+    """
+    rows, columns = -(-len(maps) // 2), min(len(maps), 2)
+    figure = Figure(figsize=(5.0 * columns + 1, 3.8 * rows + 0.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    norm = LogNorm(*np.nanquantile(np.array(list(maps.values())), (0.0, 1.0)))
+    for axes, (label, numbers) in zip(grid.ravel(), maps.items(), strict=False):
+        image = axes.imshow(numbers.T, origin="lower", norm=norm, cmap="cividis", aspect="auto")
+        axes.set(title=label, xlabel=names[0], ylabel=names[1])
+        axes.set_xticks(range(len(values[0])), [f"{value:g}" for value in values[0]], rotation=45)
+        axes.set_yticks(range(len(values[1])), [f"{value:g}" for value in values[1]])
+    for axes in grid.ravel()[len(maps) :]:
+        axes.set_visible(False)
+    figure.colorbar(image, ax=grid, label="error [%]")
     _save(figure, title, path)
 
 

@@ -108,6 +108,9 @@ def evaluation(console: Console, title: str, rows: list[dict[str, float]], decis
     table = Table(title=escape(title), title_style="bold")
     for name, justify in (("metric", "left"), ("mean", "right"), ("largest", "right"), ("meaning", "left")):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    errors = [max(row["error_pct"], row["resolution_pct"]) for row in rows]
+    error, largest = f"{np.exp(np.log(errors).mean()):.4g}", f"{max(errors):.4g}"
+    table.add_row("error", error, largest, escape("the board's error: geometric mean over the seeds [%]"))
     for name, value, meaning in describe(summarize(rows)):
         known = [row[name] for row in rows if not np.isnan(row[name])]
         table.add_row(name, value, f"{max(known):.4g}" if known else "-", escape(meaning))

@@ -12,6 +12,7 @@ import numpy as np
 from benchmarks.rl.agent import Agent, describe, saved_agent
 from fbl_gym.arm import Array
 from fbl_gym.checks import unknown
+from fbl_gym.uncertainty import SENSORS
 
 SHIPPED = Path(__file__).parent / "agents"
 """Folder of the shipped agents: agents/NAME/TRAINING_SEED."""
@@ -53,13 +54,15 @@ def _check_name(name: str) -> None:
         raise unknown("agent", name, shipped())
 
 
-def _factory(name: str, summary: str, access: str = "nominal") -> Callable[..., Agent]:
+def _factory(
+    name: str, summary: str, access: str = "nominal", needs: tuple[str, ...] = SENSORS
+) -> Callable[..., Agent]:
     """Return the factory of an agent; a privileged one receives the environment."""
 
     def factory(env: Any, seed: int | None = None) -> Agent:
         return shipped_agent(name, env, seed)
 
-    vars(factory).update(kind="learned", access=access)
+    vars(factory).update(kind="learned", access=access, needs=needs)
     factory.__doc__ = summary
     return factory
 

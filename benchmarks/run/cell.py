@@ -83,6 +83,32 @@ def run_apart(cell: Cell, command: str = "") -> Result:
     return result
 
 
+def refuse_broken(cells: Sequence[Cell], store: Store, command: str = "") -> list[Outcome]:
+    """Store a failure for each cell whose external policy breaks a promise; return their outcomes.
+
+    A policy is checked on its first scenario, unless the store has the results of all its cells.
+
+    Args:
+        cells: of any policies.
+        store: of the results.
+        command: the command that was typed, for the record.
+    """
+    reasons: dict[PolicySpec, str] = {}
+    for cell in cells:
+        policy = cell.policy
+        if policy.external and not policy.problem and policy not in reasons and store.find(cell) is None:
+            try:
+                reasons[policy] = call_apart(policy.name, "benchmarks.run.contract:broken", policy, cell.scenario)
+            except (Failed, ValueError) as problem:
+                reasons[policy] = str(problem)
+    outcomes = []
+    for cell in cells:
+        if reason := reasons.get(cell.policy):
+            store.save(Result(cell, (), float("nan"), 0.0, reason, provenance(command)))
+            outcomes.append(Outcome(cell.id, "failed", error=reason))
+    return outcomes
+
+
 def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> Trace:
     """Return the trace of `rollout`.
 

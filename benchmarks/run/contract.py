@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 import traceback
@@ -14,9 +15,10 @@ import numpy as np
 from benchmarks.policies import external
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import rollout
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+from benchmarks.run.rollout import action_of, rollout
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import Array
+from fbl_gym.scenarios import as_scenario
 
 LANES, STEPS = 5, 30
 
@@ -44,14 +46,15 @@ class Broken(AssertionError):
     """A promise is broken."""
 
 
-def check(policy: PolicySpec | str) -> Iterator[Check]:
+def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -> Iterator[Check]:
     """Check each promise of a policy in turn.
 
     Args:
         policy: its specification, or the text that names it.
+        scenario: the task that the policy is checked on.
     """
-    spec = resolve(policy)
-    promises: tuple[tuple[str, Callable[[PolicySpec], str]], ...] = (
+    spec, task = resolve(policy), as_scenario(scenario)
+    promises: tuple[tuple[str, Callable[[PolicySpec, Scenario], str]], ...] = (
         ("is made from the interface alone", _made_from_the_interface),
         ("actions have the observations' shape, are finite and lie in the box", _shapes),
         ("a lane of a batch acts as a single policy", _lanes),
@@ -63,11 +66,17 @@ def check(policy: PolicySpec | str) -> Iterator[Check]:
     )
     for promise, test in promises:
         try:
-            yield Check(promise, True, test(spec))
+            yield Check(promise, True, test(spec, task))
         except Broken as broken:
             yield Check(promise, False, str(broken))
         except (Exception, SystemExit) as problem:  # an external policy may raise anything
             yield Check(promise, False, f"{type(problem).__name__}: {problem}{_place(spec, problem)}")
+
+
+def broken(policy: PolicySpec, scenario: Scenario) -> str:
+    """Return the first promise that a policy breaks, and how; empty: it breaks none."""
+    problems = (f"breaks a promise ({c.promise}): {c.detail}" for c in check(policy, scenario) if not c.kept)
+    return next(problems, "")
 
 
 def _place(policy: PolicySpec, problem: BaseException) -> str:
@@ -82,6 +91,13 @@ def _expect(kept: bool, otherwise: str) -> None:
         raise Broken(otherwise)
 
 
+def _env(policy: PolicySpec, scenario: Scenario, lanes: int | None, action: str | None = None) -> Any:
+    """Return the environment of an evaluation, with lanes or of one arm (None)."""
+    preview = math.ceil(policy.preview / scenario.control_dt - 1e-9)
+    options: dict[str, Any] = {"action": action or action_of(scenario), "preview": preview}
+    return TwoLinkArmEnv(scenario, **options) if lanes is None else TwoLinkArmVectorEnv(lanes, scenario, **options)
+
+
 def _loop(policy: Any, env: Any, steps: int = STEPS, seed: int = 0) -> list[tuple[Array, Array, Any]]:
     """Return observations, actions and states of a closed loop."""
     observation, _ = env.reset(seed=seed)
@@ -93,18 +109,19 @@ def _loop(policy: Any, env: Any, steps: int = STEPS, seed: int = 0) -> list[tupl
     return log
 
 
-def _made_from_the_interface(policy: PolicySpec) -> str:
+def _made_from_the_interface(policy: PolicySpec, scenario: Scenario) -> str:
     if policy.problem:
         raise Broken(policy.problem)
     if not policy.ranked:
         return "no: it knows the truth, so the board shows it without a rank"
-    return f"{type(policy.make(TwoLinkArmEnv().interface)).__name__}, access: {policy.access}"
+    return f"{type(policy.make(_env(policy, scenario, 1).interface)).__name__}, access: {policy.access}"
 
 
-def _shapes(policy: PolicySpec) -> str:
-    kinds = ("normalized", "torque", "acceleration") if policy.any_action else ("normalized",)
+def _shapes(policy: PolicySpec, scenario: Scenario) -> str:
+    usual = action_of(scenario)
+    kinds = dict.fromkeys((usual, "torque", "acceleration")) if policy.any_action else (usual,)
     for action in kinds:
-        env = TwoLinkArmVectorEnv(LANES, "everything-2", action=action)
+        env = _env(policy, scenario, LANES, action)
         box = env.interface.action_space
         for _, actions, _ in _loop(policy.make(env), env):
             _expect(
@@ -114,20 +131,20 @@ def _shapes(policy: PolicySpec) -> str:
             _expect(
                 bool(np.all((actions >= box.low) & (actions <= box.high))), f"got {actions}, outside the box ({action})"
             )
-        single = TwoLinkArmEnv("everything-2", action=action)
+        single = _env(policy, scenario, None, action)
         for _, one, _ in _loop(policy.make(single), single, 3):
             _expect(np.shape(one) == (2,), f"got shape {np.shape(one)} for one observation ({action})")
     return f"{', '.join(kinds)}, single and batched"
 
 
-def _lanes(policy: PolicySpec) -> str:
-    batch = TwoLinkArmVectorEnv(LANES, "everything-2")
+def _lanes(policy: PolicySpec, scenario: Scenario) -> str:
+    batch = _env(policy, scenario, LANES)
     log = _loop(policy.make(batch), batch, seed=10)
     worst = 0.0
     for lane in range(LANES):
         # The single arm repeats the lane's actions and the policy gets the lane's readings: a
         # closed loop would amplify the last bits, in which a batch may differ.
-        env = TwoLinkArmEnv("everything-2")
+        env = _env(policy, scenario, None)
         env.reset(seed=10 + lane)
         alone, state = policy.make(env), None
         for observations, actions, _ in log:
@@ -139,10 +156,10 @@ def _lanes(policy: PolicySpec) -> str:
     return f"actions differ by at most {worst:.1e}"
 
 
-def _resets(policy: PolicySpec) -> str:
+def _resets(policy: PolicySpec, scenario: Scenario) -> str:
     if not policy.ranked:
         return "not checked: it reads the environment"
-    env = TwoLinkArmVectorEnv(3, "everything-2")
+    env = _env(policy, scenario, 3)
     actor = policy.make(env)
     _, _, old = _loop(actor, env)[-1]
     observation, _ = env.reset(seed=5)
@@ -155,8 +172,8 @@ def _resets(policy: PolicySpec) -> str:
     return "as promised"
 
 
-def _pure(policy: PolicySpec) -> str:
-    env = TwoLinkArmVectorEnv(2, "everything-2")
+def _pure(policy: PolicySpec, scenario: Scenario) -> str:
+    env = _env(policy, scenario, 2)
     actor = policy.make(env)
     observation, _, state = _loop(actor, env)[-1]
     before = observation.copy(), _copies(state)
@@ -173,11 +190,11 @@ def _copies(state: Any) -> list[Array]:
     return [np.array(x, copy=True) for x in state] if isinstance(state, tuple | list) else []
 
 
-def _blind(policy: PolicySpec) -> str:
+def _blind(policy: PolicySpec, scenario: Scenario) -> str:
     if not policy.ranked:
         return "no: it knows the truth"
-    actors = [policy.make(TwoLinkArmEnv(parameter_error=ratio)) for ratio in (0.5, 2.0)]
-    env = TwoLinkArmEnv()
+    env, *others = (_env(policy, scenario.replace(parameter_error=ratio), 1) for ratio in (1.0, 0.9, 1.1))
+    actors = [policy.make(other) for other in others]
     log = _loop(actors[0], env)
     state = None
     for observation, action, _ in log:
@@ -188,15 +205,15 @@ def _blind(policy: PolicySpec) -> str:
     return "the same readings gave the same actions"
 
 
-def _episode(policy: PolicySpec) -> str:
-    (row,) = measure(rollout(policy, scenarios.get("nominal"), [0]))
-    return f"nominal, seed 0: error {row['error_pct']:.3g} %" + (", diverged" if row["diverged"] else "")
+def _episode(policy: PolicySpec, scenario: Scenario) -> str:
+    (row,) = measure(rollout(policy, scenario, [0]))
+    return f"{scenario.name}, seed 0: error {row['error_pct']:.3g} %" + (", diverged" if row["diverged"] else "")
 
 
-def _speed(policy: PolicySpec) -> str:
+def _speed(policy: PolicySpec, scenario: Scenario) -> str:
     times = []
     for lanes in (1, 256):
-        env = TwoLinkArmVectorEnv(lanes, "nominal")
+        env = _env(policy, scenario, lanes)
         actor = policy.make(env)
         observation, _, state = _loop(actor, env, 5)[-1]
         waits = []

@@ -146,6 +146,7 @@ def _reference(scenario: Scenario, seeds: Sequence[int]) -> Array:
         parameter_error=None,
         friction=None,
         disturbance=None,
+        events=(),
         actuator=None,
         initial_error=0.0,
         limits={"position": 1e9, "velocity": 1e9},

@@ -16,7 +16,8 @@ import os
 import platform
 import re
 import warnings
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
@@ -27,13 +28,18 @@ from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell
 from controllers.policy import ACCESS
+from fbl_gym import Scenario
 from fbl_gym.checks import check_choice
+from fbl_gym.scenarios import judged
 
 FORMAT = 3
 """Layout of a result's file.
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.
 """
+
+LOOKS = "looks"
+"""The folder in a store that has one empty file for each look at a scenario for judging."""
 
 DAMAGED = "damaged"
 """The folder in a store to which damaged files are moved."""
@@ -93,7 +99,7 @@ class Store:
 
     def path(self, cell: Cell) -> Path:
         """Return the place of a cell's result."""
-        name = re.sub(r"[^\w@.-]+", "_", f"{cell.policy.name}--{cell.scenario.name}")[-120:]
+        name = _file_part(f"{cell.policy.name}--{cell.scenario.name}")[-120:]
         # File systems count the bytes of a name, 255 at most.
         name = name.encode(errors="replace")[-180:].decode(errors="ignore")
         return self.folder / f"{name}--{cell.key}.json"
@@ -102,10 +108,37 @@ class Store:
         """Write a result into its place. A failed one does not count as finished."""
         path = self.path(result.cell)
         failed = path.with_suffix(".error")
+        if not result.error:
+            self.look(result.cell.policy, result.cell.scenario)
         _write(failed if result.error else path, _document(result))
         if not result.error:
             failed.unlink(missing_ok=True)
         return path
+
+    def look(self, policy: PolicySpec, scenario: Scenario, gains: Mapping[str, Any] | None = None) -> None:
+        """Record that a policy was run on a scenario for judging; once for each configuration.
+
+        Args:
+            policy: that was run.
+            scenario: the task. One that may be used for tuning is not recorded.
+            gains: of the policy, if they are not its own.
+        """
+        if not judged(scenario):
+            return
+        parts = ("configuration", "data", "code") if policy.external else ("configuration", "data")
+        content = [{part: policy.identity[part] for part in parts}, repr(dict(gains or {}))]
+        law = _file_part(policy.code.partition("@")[0])
+        path = self.folder / LOOKS / f"{law}--{_file_part(scenario.name)}--{_digest(content)[:12]}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+
+    def looks(self) -> dict[tuple[str, str], int]:
+        """Return the number of configurations of each law on each scenario for judging.
+
+        The keys are the names of law and scenario as in the files' names, without gains.
+        """
+        names = [tuple(path.name.split("--")[:2]) for path in sorted((self.folder / LOOKS).glob("*--*--*"))]
+        return dict(Counter(names))  # type: ignore[arg-type]
 
     def find(self, cell: Cell) -> Result | None:
         """Return the result of a cell, or None.
@@ -204,6 +237,10 @@ class Store:
         warnings.warn(f"{problem}; moved to {target}; `fbl-gym leaderboard` computes its cell again", stacklevel=3)
 
 
+def _file_part(text: str) -> str:
+    return re.sub(r"[^\w@.-]+", "_", text)
+
+
 def _document(result: Result) -> dict[str, Any]:
     cell = result.cell
     document = {
@@ -226,7 +263,7 @@ def _json(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
-def _digest(document: dict[str, Any]) -> str:
+def _digest(document: Any) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,11 +19,8 @@ from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, check_whole, unknown
 from fbl_gym.records import set_fields
 from fbl_gym.scenarios import as_scenario
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from fbl_gym.scenarios.files import from_table, merged, read_toml
+from fbl_gym.scenarios.files import split as split_file
 
 
 @dataclass(frozen=True)
@@ -147,9 +143,9 @@ PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
 """The paper's controllers."""
 
 SUITES: dict[str, str] = {
-    "quick": "every policy, tuned where it can be, on every family at severity 2, Table 1's arm, 100 Hz, 32 seeds",
-    "full": "every policy on every family and severity, both arms, 100 Hz, 256 seeds",
-    "kilohertz": "every classical policy on every family at severity 2, Table 1's arm, 1 kHz, 64 seeds: what the rate buys",
+    "hardware": "every policy, tuned where it can be, on hardware at severity 2 and on surprise, 32 seeds: the board",
+    "ideal": "every policy, tuned where it can be, on the paper's assumptions at severity 2, Table 1's arm, 32 seeds",
+    "full": "the tiers hardware, surprise and ideal (Table 1's arm) at all severities, 64 seeds, without nmpc",
 }
 """The suites that have names, each with one line."""
 
@@ -160,23 +156,40 @@ def at_rate(scenario: Scenario, control_dt: float) -> Scenario:
     return scenario.replace(control_dt=control_dt, physics_dt=min(scenario.physics_dt, control_dt), name=name)
 
 
+def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
+    """Return the scenario with another value of an option, which becomes part of its name.
+
+    Args:
+        scenario: to start from.
+        option: its path, such as "noise.position", as `fbl-gym list options` prints it.
+        value: of the option.
+    """
+    changes: Any = value
+    for part in reversed(option.split(".")):
+        changes = {part: changes}
+    name = f"{scenario.name},{option}={value:g}"
+    return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})
+
+
 def named(name: str) -> Suite:
     """Return the suite of a name, one of `SUITES`."""
     if name not in SUITES:
         raise unknown("suite", name, SUITES)
-    policies = names()
+    # A law with tuned gains appears with them; the paper's controllers appear as printed too.
+    policies = tuple(p for p in names() if f"{p}@tuned" not in controllers.tuned() or p in PAPER)
+    severities = scenarios.SEVERITIES[1:] if name == "full" else (2,)
+    tasks = [*scenarios.in_tier("hardware", severities), *scenarios.in_tier("surprise")] if name != "ideal" else []
+    if name != "hardware":
+        tasks += leaderboard_scenarios(["table-1"], severities)
+    if name == "hardware":  # an agent that needs an accelerometer was trained for the tier ideal
+        policies = tuple(p for p in policies if not (_learned(p) and "acceleration" in resolve_apart(p).needs))
     if name == "full":
-        return Suite(name, policies, tuple(map(scenarios.get, leaderboard_scenarios())), 256)
-    members = [scenarios.get(s) for s in leaderboard_scenarios(["table-1"], [2])]
-    if name == "quick":
-        # A law with tuned gains appears with them; the paper's controllers appear as printed too.
-        best = tuple(p for p in policies if f"{p}@tuned" not in policies or p in PAPER)
-        return Suite(name, best, tuple(members), 32)
-    kinds = {
-        policy: resolve_apart(policy).kind if is_plugin(policy) else controllers.kind(policy) for policy in policies
-    }
-    classical = tuple(policy for policy in policies if kinds[policy] == "classical")
-    return Suite(name, classical, tuple(at_rate(scenario, 1e-3) for scenario in members), 64)
+        policies = tuple(p for p in policies if not p.startswith("nmpc"))
+    return Suite(name, policies, tuple(map(scenarios.get, tasks)), 64 if name == "full" else 32)
+
+
+def _learned(policy: str) -> bool:
+    return (resolve_apart(policy).kind if is_plugin(policy) else controllers.kind(policy)) == "learned"
 
 
 def load(name: str) -> Suite:
@@ -184,17 +197,13 @@ def load(name: str) -> Suite:
 
     Args:
         name: one of `SUITES`, or the path of a file that ends in .toml. The file has `policies` and
-            `scenarios` (names, families, or tables with the options of a scenario), and may have
-            `seeds` (64) and `control_dt` [s] for all.
+            `scenarios` (names, families, files, or tables with the options of a scenario and
+            perhaps a `base`), and may have `seeds` (64) and `control_dt` [s] for all.
     """
     path = Path(name)
     if path.suffix != ".toml":
         return named(name)
-    with path.open("rb") as file:
-        try:
-            data = tomllib.load(file)
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-            raise ValueError(f"{path} is no TOML: {problem}") from None
+    data = read_toml(path)
     for key in data:
         if key not in ("policies", "scenarios", "seeds", "control_dt"):
             raise unknown(f"entry of {path}", key, ("policies", "scenarios", "seeds", "control_dt"))
@@ -203,6 +212,12 @@ def load(name: str) -> Suite:
         raise ValueError(f"policies of {path} must be a list of names, got {policies!r}")
     if not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
         raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
+    tasks = [
+        from_table(task, scenarios.get, path) if isinstance(task, dict)
+        else str(path.parent / task) if split_file(task)[0]
+        else task
+        for task in tasks
+    ]  # fmt: skip
     suite = narrow(Suite(path.stem, tuple(policies) or names(), (), data.get("seeds", 64)), (), tasks)
     if "control_dt" in data:
         dt = check_number("control_dt", data["control_dt"], above=0)
@@ -213,7 +228,7 @@ def load(name: str) -> Suite:
 def narrow(
     suite: Suite,
     policies: Sequence[PolicySpec | str] = (),
-    scenario_names: Sequence[str | Mapping[str, Any]] = (),
+    tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
     seeds: int | None = None,
 ) -> Suite:
     """Return the suite with other policies, scenarios or seeds.
@@ -221,15 +236,15 @@ def narrow(
     Args:
         suite: to start from.
         policies: specifications, or texts that `resolve` understands; empty: the suite's.
-        scenario_names: names of scenarios, or of families, or tables of options; empty: the
-            suite's. A family such as "noise" stands for its severities 1 to 3 on both arms, and
-            "section-2-2/noise" for those on one arm.
+        tasks: all that `as_scenario` takes, or names of families; empty: the suite's. A family such
+            as "noise" stands for its severities 1 to 3 on both arms, and "section-2-2/noise" for
+            those on one arm.
         seeds: how many test seeds; None: the suite's.
     """
     specs = tuple(resolve_apart(policy) if isinstance(policy, str) else policy for policy in policies)
     chosen: list[Scenario] = []
-    for name in scenario_names:
-        if not isinstance(name, str) or name.partition("@")[0] in scenarios.names():
+    for name in tasks:
+        if not isinstance(name, str) or split_file(name)[0] or name.partition("@")[0] in scenarios.names():
             chosen.append(as_scenario(name))
             continue
         members = _family(name)
@@ -245,6 +260,9 @@ def narrow(
 
 
 def _family(name: str) -> list[Scenario]:
-    """Return the scenarios of a family at severities 1 to 3, on both arms or on one."""
-    places = [(s, scenarios.member(s)) for s in leaderboard_scenarios()]
-    return [scenarios.get(s) for s, place in places if place and name in (place.family, f"{place.arm}/{place.family}")]
+    """Return a family's scenarios: "noise" (both arms), "section-2-2/noise" or "hardware-noise"."""
+    places = [(s, scenarios.member(s)) for tier in scenarios.TIERS for s in scenarios.in_tier(tier)]
+    return [
+        scenarios.get(s) for s, place in places
+        if place and name in ((place.family, f"{place.arm}/{place.family}") if place.tier == "ideal" else (s[:-2],))
+    ]  # fmt: skip

@@ -1,6 +1,5 @@
 """Speed of environment, policies and training, measured beside other environments.
 
-Machines drift, so contestants take turns in the rounds of one run, and results are ratios of
-medians
-over the rounds.
+Machines drift, so contestants take turns in the rounds of one run, and results are ratios
+of medians over the rounds.
 """

@@ -74,12 +74,7 @@ class Reference:
         self.torque = _aligned(2 * lanes).reshape(lanes // LANES, 2, LANES)
 
     def step(self, substeps: int = 10, physics_dt: float = 1e-3) -> None:
-        """Advance every arm under its torque.
-
-        Args:
-            substeps: number of physics steps.
-            physics_dt: length of a physics step [s].
-        """
+        """Advance every arm under its torque by some physics steps of a length [s]."""
         pointer = ctypes.POINTER(ctypes.c_double)
         self._advance(
             self._arm, self.state.ctypes.data_as(pointer), self.torque.ctypes.data_as(pointer),
@@ -90,10 +85,7 @@ class Reference:
 def stepper(arm: ArmParameters, lanes: int, *, elastic: bool = False) -> Callable[[], int] | None:
     """Return a function that advances a batch by one control step; None without a C compiler.
 
-    Args:
-        arm: the parameters.
-        lanes: number of arms, a multiple of eight.
-        elastic: whether the joints are elastic (2,000 N m/rad, 5 N m s/rad, 0.5 kg m^2).
+    Elastic joints have 2,000 N m/rad, 5 N m s/rad and rotors of 0.5 kg m^2.
     """
     if load() is None:
         return None

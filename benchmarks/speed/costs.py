@@ -21,11 +21,7 @@ SETTLED = 60
 
 
 def measure_growth(rounds: int = 3) -> tuple[dict[int, float], dict[int, float]]:
-    """Return the time of a lane's step [ns] by batch size, and by physics steps for 256 lanes.
-
-    Args:
-        rounds: turns of each size.
-    """
+    """Return the time of a lane's step [ns] by batch size, and by physics steps for 256 lanes."""
 
     def contestant(lanes: int, **options: Any) -> Contestant:
         return batch(TwoLinkArmVectorEnv(lanes, **options), np.zeros((lanes, 2)))
@@ -37,12 +33,7 @@ def measure_growth(rounds: int = 3) -> tuple[dict[int, float], dict[int, float]]
 
 
 def measure_policies(rounds: int = 3, lanes: int = 4096) -> dict[str, float]:
-    """Return the time of a batched decision of each policy, in environment steps.
-
-    Args:
-        rounds: turns of each policy.
-        lanes: size of the batch.
-    """
+    """Return the time of a batched decision of each policy, in environment steps."""
     env = TwoLinkArmVectorEnv(lanes, scenarios.get("everything-2"))
     contestants = {
         name: _decision(controllers.make(name, env), env)
@@ -68,12 +59,7 @@ def _decision(policy: Any, env: TwoLinkArmVectorEnv) -> Contestant:
 
 
 def measure_evaluation(policy: str = "robust-flm", episodes: int = 4096) -> float:
-    """Return the steps per second of an evaluation: decisions, steps, trace and metrics.
-
-    Args:
-        policy: name of the policy.
-        episodes: number of seeds.
-    """
+    """Return the steps per second of an evaluation: decisions, steps, trace and metrics."""
     scenario = scenarios.get("everything-2")
     measure(rollout(policy, scenario, range(8)))
     begin = time.perf_counter()

@@ -91,9 +91,6 @@ def measure_environments(rounds: int = 7) -> list[Speed]:
     """Return the speed of every contestant.
 
     "busy" has stick-slip friction, noise on every sensor and a disturbance.
-
-    Args:
-        rounds: turns of each contestant.
     """
     contestants = _contestants()
     rates = measure_rates({name: step for name, (step, _) in contestants.items()}, rounds)
@@ -111,12 +108,9 @@ def to_plain(rows: list[Speed]) -> list[dict[str, Any]]:
 
 
 def compare(rows: list[Speed], baseline: list[dict[str, Any]]) -> dict[str, float]:
-    """Return each contestant's ratio to its peer, divided by the same ratio in a baseline.
+    """Return each contestant's ratio to its peer, divided by the same ratio in earlier rows.
 
-    Args:
-        rows: as returned by `measure_environments`.
-        baseline: earlier rows as plain data; contestants that it lacks, or compares with another
-            peer, are left out.
+    Contestants that the baseline lacks, or compares with another peer, are left out.
     """
     before = {(row["name"], row["peer"]): row["ratio"] for row in baseline if row["peer"]}
     return {row.name: row.ratio / before[row.name, row.peer] for row in rows if (row.name, row.peer) in before}

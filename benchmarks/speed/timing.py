@@ -41,12 +41,7 @@ def batch(env: gym.vector.VectorEnv, actions: np.ndarray) -> Contestant:
 
 
 def measure_rates(contestants: Mapping[str, Contestant], rounds: int) -> dict[str, list[float]]:
-    """Return the steps per second of each contestant in each round.
-
-    Args:
-        contestants: by name; each takes a turn in every round, after one step to warm up.
-        rounds: number of rounds.
-    """
+    """Return the steps per second of each contestant in each round, after one step to warm up."""
     for step in contestants.values():
         step()
     rates: dict[str, list[float]] = {name: [] for name in contestants}

@@ -21,10 +21,8 @@ from fbl_gym.wrappers import ErrorCoordinates, VectorErrorCoordinates
 def measure_training(rounds: int = 3) -> tuple[float, float]:
     """Return the steps per CPU second of the batch and of the single environment, as medians.
 
-    Both learn with the shipped hyperparameters, and take equally many steps between two updates.
-
-    Args:
-        rounds: measured turns of each; one more warms up.
+    Both learn with the shipped hyperparameters, and take equally many steps between two updates. A
+    round more than those measured warms up.
     """
     hyperparameters = shipped_hyperparameters("ppo")
     lanes, arguments = hyperparameters["lanes"], hyperparameters["arguments"]

@@ -1,10 +1,10 @@
 """Tuning of a policy's gains on the tuning seeds, with Optuna; it counts the cost.
 
 The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter), plus log(2) for each
-percent of diverged runs. The error is the geometric mean of error_pct over the runs; a diverged run
-counts as half a turn from then on. The chatter of a run is the total variation of its torque per
-second, divided by the root mean square of its torque. Because of the logarithms, a scenario counts
-by the relative change of its error.
+percent of diverged runs. The error is the geometric mean of error_pct over the runs, each at least
+the sensor's resolution; a diverged run counts as half a turn from then on. The chatter of a run is
+the total variation of its torque per second, divided by the root mean square of its torque. Because
+of the logarithms, a scenario counts by the relative change of its error.
 
 Trials use few scenarios and seeds. The best trials and the defaults are therefore judged with the
 same objective on more scenarios, and on tuning seeds that no trial used. The gains that are judged
@@ -19,7 +19,6 @@ import json
 import math
 import os
 import platform
-import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,8 +29,9 @@ import numpy as np
 import optuna
 import sqlalchemy
 
-from benchmarks.analysis.transfer import FLOOR_PCT
 from benchmarks.files import write_text
+from benchmarks.policies.configuration import gains_file
+from benchmarks.policies.external import split_gains
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
@@ -118,11 +118,12 @@ class Task:
         costs, diverged = [], []
         for scenario in self.scenarios:
             runs = measure(rollout(self.policy, scenario, self.seeds, gains))
-            error, variation, torque, lost = (
-                np.array([run[name] for run in runs]) for name in ("error_pct", "variation", "torque_rms", "diverged")
+            error, resolution, variation, torque, lost = (
+                np.array([run[name] for run in runs])
+                for name in ("error_pct", "resolution_pct", "variation", "torque_rms", "diverged")
             )
             chatter = variation / np.maximum(torque, 1e-9)
-            costs.append(np.mean(np.log(np.maximum(error, FLOOR_PCT)) + CHATTER * np.log1p(chatter)))
+            costs.append(np.mean(np.log(np.maximum(error, resolution)) + CHATTER * np.log1p(chatter)))
             diverged.append(100 * lost.mean())
         share = float(np.mean(diverged))
         return float(np.mean(costs)) + DIVERGENCE * share, share
@@ -184,7 +185,7 @@ def tune(
 
 def study_path(task: Task, folder: Path) -> Path:
     """Return the file of a task's study."""
-    return folder / file_name(task.policy.name).replace(".json", f"-{task.digest}.db")
+    return folder / f"{gains_file(task.policy.code, folder).stem}-{task.digest}.db"
 
 
 def _study(name: str, path: Path, sampler: optuna.samplers.BaseSampler, attempts: int = 30) -> optuna.Study:
@@ -288,7 +289,7 @@ def write_gains(summary: dict[str, Any], folder: Path) -> Path:
 
     Args:
         summary: to be written.
-        folder: of the file. In `TUNED`, the gains are those of POLICY@tuned.
+        folder: of the file, or a .json file. In `TUNED`, the gains are those of POLICY@tuned.
     """
     verdicts = summary["judged"]["best_first"]
     (defaults,) = (verdict for verdict in verdicts if verdict["trial"] == 0)
@@ -296,11 +297,6 @@ def write_gains(summary: dict[str, Any], folder: Path) -> Path:
     del judged["best_first"]
     entries = {**summary, "judged": judged}
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
-    path = folder / file_name(summary["policy"])
+    path = gains_file(split_gains(summary["policy"])[0], folder)
     write_text(path, f"{{\n{lines}\n}}\n")
     return path
-
-
-def file_name(policy: str) -> str:
-    """Return the name of the file with the gains of a policy, such as "pid-flm.json"."""
-    return re.sub(r"[^\w.+-]+", "_", policy) + ".json"

@@ -235,8 +235,8 @@ def _compile(fingerprint):
                 out[i, k] = rows[shown[k], lane]
             for k in range(column + 7, out.shape[1]):
                 out[i, k] = rows[ROWS + k - column - 7, lane]
-            law, linear = settings.friction_law, settings.stribeck_linear
-            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law, linear)
+            law = settings.friction_law
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
             if settings.elastic:
                 a1, a2 = block.acceleration[0, lane], block.acceleration[1, lane]
                 friction1, friction2 = block.motor_friction[0, lane], block.motor_friction[1, lane]

@@ -13,7 +13,7 @@ def _spring(stiffness, damping, gap, stretch, rate):
 
 
 @inline_njit
-def _stage(lumped, joint, friction, held, tau, load, x, law, linear):
+def _stage(lumped, joint, friction, held, tau, load, x, law):
     """Return the accelerations of links and motors at one stage of a physics step.
 
     Args:
@@ -25,7 +25,6 @@ def _stage(lumped, joint, friction, held, tau, load, x, law, linear):
         load: torques on the links.
         x: positions of links and motors, then velocities.
         law: of the friction.
-        linear: as in `dry_friction`.
     """
     p1, p2, p3, p4, p5 = lumped
     k1, k2, d1, d2, gap1, gap2, b1, b2 = joint
@@ -41,8 +40,8 @@ def _stage(lumped, joint, friction, held, tau, load, x, law, linear):
     left1 = tau[0] - spring1 - viscous1 * w1 - dry1
     left2 = tau[1] - spring2 - viscous2 * w2 - dry2
     if law == LITERAL_FRICTION:
-        left1 -= dry_friction(w1, coulomb1, stiction1, v_s1, linear) * sign(w1)
-        left2 -= dry_friction(w2, coulomb2, stiction2, v_s2, linear) * sign(w2)
+        left1 -= dry_friction(w1, coulomb1, stiction1, v_s1) * sign(w1)
+        left2 -= dry_friction(w2, coulomb2, stiction2, v_s2) * sign(w2)
     return a1, a2, free1 * left1 / b1, free2 * left2 / b2
 
 
@@ -103,7 +102,7 @@ def _stick(h, w, load, bound, inertia):
 
 
 @inline_njit
-def _runge_kutta(block, settings, lane, h, law, linear):
+def _runge_kutta(block, settings, lane, h, law):
     """Advance one lane by one physics step h, as `physics.py` does for rigid joints."""
     joint, friction = _joint(block, settings, lane), _friction(block, lane)
     lumped, x = _lumped(block, lane), _state(block, lane)
@@ -120,18 +119,18 @@ def _runge_kutta(block, settings, lane, h, law, linear):
         w1, w2 = x[6], x[7]
         left1 = tau_start[0] - _spring(k1, d1, gap1, x[2] - x[0], w1 - x[4]) - viscous1 * w1
         left2 = tau_start[1] - _spring(k2, d2, gap2, x[3] - x[1], w2 - x[5]) - viscous2 * w2
-        dry1, rest1, free1 = _stick(h, w1, left1, dry_friction(w1, coulomb1, stiction1, v_s1, linear), b1)
-        dry2, rest2, free2 = _stick(h, w2, left2, dry_friction(w2, coulomb2, stiction2, v_s2, linear), b2)
+        dry1, rest1, free1 = _stick(h, w1, left1, dry_friction(w1, coulomb1, stiction1, v_s1), b1)
+        dry2, rest2, free2 = _stick(h, w2, left2, dry_friction(w2, coulomb2, stiction2, v_s2), b2)
         held = (dry1, dry2, free1, free2)
 
     half, sixth = 0.5 * h, h / 6.0
-    a_1 = _stage(lumped, joint, friction, held, tau_start, load_start, x, law, linear)
+    a_1 = _stage(lumped, joint, friction, held, tau_start, load_start, x, law)
     x_2 = _moved(x, half, x, a_1)
-    a_2 = _stage(lumped, joint, friction, held, tau_half, load_half, x_2, law, linear)
+    a_2 = _stage(lumped, joint, friction, held, tau_half, load_half, x_2, law)
     x_3 = _moved(x, half, x_2, a_2)
-    a_3 = _stage(lumped, joint, friction, held, tau_half, load_half, x_3, law, linear)
+    a_3 = _stage(lumped, joint, friction, held, tau_half, load_half, x_3, law)
     x_4 = _moved(x, h, x_3, a_3)
-    a_4 = _stage(lumped, joint, friction, held, tau_end, load_end, x_4, law, linear)
+    a_4 = _stage(lumped, joint, friction, held, tau_end, load_end, x_4, law)
     block.position[0, lane] = x[0] + sixth * (x[4] + 2.0 * (x_2[4] + x_3[4]) + x_4[4])
     block.position[1, lane] = x[1] + sixth * (x[5] + 2.0 * (x_2[5] + x_3[5]) + x_4[5])
     block.motor_position[0, lane] = x[2] + sixth * (x[6] + 2.0 * (x_2[6] + x_3[6]) + x_4[6])
@@ -147,25 +146,25 @@ def _runge_kutta(block, settings, lane, h, law, linear):
 @kernel_njit
 def advance_elastic(block, settings, width):
     """Advance the first `width` lanes of a block with elastic joints by one physics step."""
-    h, linear = settings.physics_dt, settings.stribeck_linear
+    h = settings.physics_dt
     if settings.friction_law == LITERAL_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, settings, lane, h, LITERAL_FRICTION, linear)
+            _runge_kutta(block, settings, lane, h, LITERAL_FRICTION)
     else:
         for lane in range(width):
-            _runge_kutta(block, settings, lane, h, EXACT_FRICTION, linear)
+            _runge_kutta(block, settings, lane, h, EXACT_FRICTION)
 
 
 @kernel_njit
 def feel_joints(block, settings, width):
     """Compute the links' acceleration and the motors' friction torque at this instant."""
-    literal, linear = settings.friction_law == LITERAL_FRICTION, settings.stribeck_linear
+    literal = settings.friction_law == LITERAL_FRICTION
     held = (0.0, 0.0, 1.0, 1.0)
     for lane in range(width):
         joint, friction, x = _joint(block, settings, lane), _friction(block, lane), _state(block, lane)
         tau = (block.torque[0, lane], block.torque[1, lane])
         load = (-block.disturbance[0, lane], -block.disturbance[1, lane])
-        a1, a2, _, _ = _stage(_lumped(block, lane), joint, friction, held, tau, load, x, EXACT_FRICTION, linear)
+        a1, a2, _, _ = _stage(_lumped(block, lane), joint, friction, held, tau, load, x, EXACT_FRICTION)
         block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     for i in range(2):
         for lane in range(width):
@@ -173,7 +172,7 @@ def feel_joints(block, settings, width):
             w = block.motor_velocity[i, lane]
             stretch = block.motor_position[i, lane] - block.position[i, lane]
             spring = _spring(stiffness, damping, gap, stretch, w - block.velocity[i, lane])
-            bound = dry_friction(w, block.coulomb[i, lane], block.stiction[i, lane], block.v_s[i, lane], linear)
+            bound = dry_friction(w, block.coulomb[i, lane], block.stiction[i, lane], block.v_s[i, lane])
             hold = max(min(block.torque[i, lane] - spring, bound), -bound)
             hold = 0.0 if literal else hold
             block.motor_friction[i, lane] = block.viscous[i, lane] * w + (bound * sign(w) if w != 0.0 else hold)

@@ -24,15 +24,15 @@ def load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2):
 
 
 @inline_njit
-def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law, linear):
+def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
     """Return the acceleration at one stage of a physics step."""
     p1, p2, p3, p4, p5, r1, r2 = lumped
     viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
     dry1, dry2, free1, free2 = held
     tau1, tau2 = tau1 - viscous1 * v1 - dry1, tau2 - viscous2 * v2 - dry2
     if law == LITERAL_FRICTION:
-        tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1, linear) * sign(v1)
-        tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2, linear) * sign(v2)
+        tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1) * sign(v1)
+        tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2) * sign(v2)
     m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
     if law == EXACT_FRICTION:
         # A stuck joint carries any reaction: the other moves as if alone.
@@ -41,7 +41,7 @@ def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law, linear):
 
 
 @inline_njit
-def _runge_kutta(block, lane, h, rotor, law, linear):
+def _runge_kutta(block, lane, h, rotor, law):
     """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
 
     Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
@@ -72,8 +72,8 @@ def _runge_kutta(block, lane, h, rotor, law, linear):
         m11, m12, m22, load1, load2 = load_on_joints(
             p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
         )
-        bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1, linear)
-        bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2, linear)
+        bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
+        bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
         momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
         next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
         dry1, dry2 = dry1 / h, dry2 / h
@@ -86,17 +86,17 @@ def _runge_kutta(block, lane, h, rotor, law, linear):
     lumped = (p1, p2, p3, p4, p5, r1, r2)
     held = (dry1, dry2, free1, free2)
     tau_half1, tau_half2 = block.tau_half[0, lane], block.tau_half[1, lane]
-    a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law, linear)
+    a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law)
     v1_2, v2_2 = v1 + half * a1_1, v2 + half * a2_1
     q1_2, q2_2 = q1 + half * v1, q2 + half * v2
-    a1_2, a2_2 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_2, q2_2, v1_2, v2_2, law, linear)
+    a1_2, a2_2 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_2, q2_2, v1_2, v2_2, law)
     v1_3, v2_3 = v1 + half * a1_2, v2 + half * a2_2
     q1_3, q2_3 = q1 + half * v1_2, q2 + half * v2_2
-    a1_3, a2_3 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_3, q2_3, v1_3, v2_3, law, linear)
+    a1_3, a2_3 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_3, q2_3, v1_3, v2_3, law)
     v1_4, v2_4 = v1 + h * a1_3, v2 + h * a2_3
     q1_4, q2_4 = q1 + h * v1_3, q2 + h * v2_3
     tau_end1, tau_end2 = block.tau_end[0, lane], block.tau_end[1, lane]
-    a1_4, a2_4 = _stage(tau_end1, tau_end2, lumped, friction, held, q1_4, q2_4, v1_4, v2_4, law, linear)
+    a1_4, a2_4 = _stage(tau_end1, tau_end2, lumped, friction, held, q1_4, q2_4, v1_4, v2_4, law)
     block.position[0, lane] = q1 + sixth * (v1 + 2.0 * (v1_2 + v1_3) + v1_4)
     block.position[1, lane] = q2 + sixth * (v2 + 2.0 * (v2_2 + v2_3) + v2_4)
     v1 += sixth * (a1_1 + 2.0 * (a1_2 + a1_3) + a1_4)
@@ -112,7 +112,7 @@ def advance_implicitly(block, settings, width):
     Each of the step's parts h solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
     q+ = q + h v+. It is stable for any B, and of first order.
     """
-    law, linear = settings.friction_law, settings.stribeck_linear
+    law = settings.friction_law
     h = settings.physics_dt / settings.euler_steps
     for lane in range(width):
         # The mean torque has the impulse of the whole step.
@@ -125,8 +125,8 @@ def advance_implicitly(block, settings, width):
                 block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
                 block.lumped[4, lane], settings.rotor[0], settings.rotor[1], q1, q2, v1, v2, tau1, tau2,
             )  # fmt: skip
-            bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane], linear)
-            bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane], linear)
+            bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
+            bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
             if law == LITERAL_FRICTION:
                 load1, load2 = load1 - bound1 * sign(v1), load2 - bound2 * sign(v2)
             if law != EXACT_FRICTION:
@@ -142,22 +142,22 @@ def advance_implicitly(block, settings, width):
 @kernel_njit
 def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
-    h, law, linear = settings.physics_dt, settings.friction_law, settings.stribeck_linear
+    h, law = settings.physics_dt, settings.friction_law
     rotor = (settings.rotor[0], settings.rotor[1])
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, NO_FRICTION, linear)
+            _runge_kutta(block, lane, h, rotor, NO_FRICTION)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, EXACT_FRICTION, linear)
+            _runge_kutta(block, lane, h, rotor, EXACT_FRICTION)
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, LITERAL_FRICTION, linear)
+            _runge_kutta(block, lane, h, rotor, LITERAL_FRICTION)
 
 
 @inline_njit
-def acceleration_and_friction(block, settings, lane, law, linear):
+def acceleration_and_friction(block, settings, lane, law):
     """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     m11, m12, m22, load1, load2 = load_on_joints(
@@ -168,8 +168,8 @@ def acceleration_and_friction(block, settings, lane, law, linear):
     )  # fmt: skip
     bound1, bound2 = 0.0, 0.0
     if law != NO_FRICTION:
-        bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane], linear)
-        bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane], linear)
+        bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
+        bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
     # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
     friction1 = block.viscous[0, lane] * v1 + bound1 * sign(v1)
     friction2 = block.viscous[1, lane] * v2 + bound2 * sign(v2)

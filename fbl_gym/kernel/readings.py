@@ -62,18 +62,18 @@ def limit_readings(block, settings, width):
 @kernel_njit
 def _accelerate(block, settings, width):
     """Compute the acceleration of a block's lanes."""
-    law, linear = settings.friction_law, settings.stribeck_linear
+    law = settings.friction_law
     if law == NO_FRICTION:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION, linear)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION, linear)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
     else:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION, linear)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
 
 

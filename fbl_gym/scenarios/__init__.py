@@ -2,18 +2,20 @@
 
 `get(name)` returns a scenario of the paper (`paper-3a` to `paper-10`), of a laboratory's arm
 (`dfki-c1`, `dfki-a0`, `cicese`) or of a tier (`nominal`, `everything-3`, `hardware-delay-2`,
-`surprise-knock`, `practice-friction-1`). `Scenario` describes any other task.
+`surprise-knock`, `practice-friction-1`). `Scenario` describes any other task, which may stand in a
+TOML file (`files.py`): `get("my_arm.toml")`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any
 
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.plants import WORLDS
 from fbl_gym.records import build
-from fbl_gym.scenarios import hardware, ideal
+from fbl_gym.scenarios import files, hardware, ideal
 from fbl_gym.scenarios.hardware import conditions, judged
 from fbl_gym.scenarios.ideal import SEVERITIES, Member, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
@@ -81,11 +83,16 @@ def member(name: str) -> Member | None:
 
 
 def get(name: str) -> Scenario:
-    """Return the scenario of a name.
+    """Return the scenario of a name or a file.
 
     Args:
-        name: one of `names()`, and optionally "@" and one of `WORLDS`: "everything-2@mujoco-bend".
+        name: one of `names()`; the TOML file of a scenario; or "FILE:NAME", a scenario of a suite's
+            file. Each may end in "@" and one of `WORLDS`: "everything-2@mujoco-bend".
     """
+    path, entry, world = files.split(name)
+    if path:
+        scenario = files.load(Path(path), entry, get)
+        return in_world(scenario, world) if world else scenario
     name, _, world = name.partition("@")
     if world:
         return in_world(get(name), world)
@@ -102,13 +109,15 @@ def get(name: str) -> Scenario:
 
 
 def as_scenario(value: Any) -> Scenario:
-    """Return a scenario from itself, its name or its plain data; None: the nominal one.
+    """Return a scenario from itself, its name, its file or its plain data; None: the nominal one.
 
     Args:
-        value: the value given.
+        value: the value given. Plain data may have a `base`, as `files.from_table` describes.
     """
     if value is None:
         return Scenario()
-    if isinstance(value, str):
-        return get(value)
+    if isinstance(value, str | Path):
+        return get(str(value))
+    if isinstance(value, Mapping) and "base" in value:
+        return files.from_table(value, get)
     return build("scenario", value, Scenario)

@@ -31,6 +31,9 @@ from fbl_gym.scenarios.scenario import Scenario
 
 _BOX = (-math.pi, -2.2), (0.0, 2.2)
 
+ARM = dataclasses.replace(TABLE_1, rotor=(9.0, 1.1))
+"""Table 1's links with the rotors of geared drives, 30 % of each link's inertia."""
+
 MOVES = MinimumJerk(*_BOX, move_time=1.2, hold_time=0.3)
 """The board's motion: moves over the whole workspace, each with a rest at which stiction acts."""
 
@@ -53,7 +56,7 @@ FAMILIES = {
 
 _REAL = {
     "nominal": "an arm with drives, sensors and friction as in laboratories, nothing pushed further",
-    "pelican": "the Pelican of Kelly, Santibáñez and Loría, with the tier's drives and sensors",
+    "pelican": "the Pelican of Kelly, Santibáñez and Loría, with the tier's sensors and drives of twice the torque",
     "dfki-c1": "DFKI's double pendulum, design C.1, with its friction, torque limit and encoder",
 }
 
@@ -84,13 +87,13 @@ def _friction(weight: np.ndarray, factor: float) -> dict[str, Any]:
     return {"viscous": _times(weight, 0.005 * factor, 0.015 * factor), "coulomb": dry, "stiction": dry}
 
 
-def _spring(inertia: np.ndarray, frequency: float, backlash: float = 0.0) -> dict[str, Any]:
-    """Return joints whose links vibrate at some natural frequency [Hz] where the motor is held."""
+def _spring(inertia: np.ndarray, rotor: np.ndarray, frequency: float, backlash: float = 0.0) -> dict[str, Any]:
+    """Return joints whose links vibrate at a natural frequency [Hz] while the motors are held."""
     stiffness = inertia * (2 * math.pi * frequency) ** 2
     return {
         "stiffness": _times(stiffness, 0.7, 1.3),
         "damping": tuple(0.04 * np.sqrt(stiffness * inertia)),  # 2 % of the critical one
-        "rotor_inertia": tuple(0.3 * inertia),
+        "rotor_inertia": None if rotor.min() > 0 else tuple(0.3 * inertia),
         "backlash": backlash,
         "encoder": "link",
     }
@@ -106,8 +109,9 @@ def conditions(arm: ArmParameters, family: str = "nominal", severity: int = 0) -
     """
     p1, p2, p3, p4, p5 = arm.lumped
     weight = np.array([abs(p4) + abs(p5), abs(p5)]) if p5 else 10.0 * np.array([p1 + p2 + 2 * p3, p2])
-    inertia = np.array([p1 + p2 + 2 * p3, p2]) + np.array(arm.rotor)
-    reach = np.array([inertia[0], p3 + inertia[1]])
+    inertia = np.array([p1 + p2 + 2 * p3, p2])  # of the links, stretched
+    rotor = np.array(arm.rotor)
+    reach = np.array([inertia[0], p2 + p3]) + rotor
     s, size = severity, 0.5 if family == "everything" else 1.0
 
     def pushed(name: str) -> bool:
@@ -121,7 +125,7 @@ def conditions(arm: ArmParameters, family: str = "nominal", severity: int = 0) -
             "drop": _uniform(6.0, 8.0),
         }
     actuator: dict[str, Any] = {
-        "torque_limit": tuple(weight + 20.0 * reach),
+        "torque_limit": tuple(weight + 16.0 * reach),
         "delay_samples": 1,
         "lag": Distribution(log_uniform=(0.005, 0.015)),
     }
@@ -152,9 +156,9 @@ def conditions(arm: ArmParameters, family: str = "nominal", severity: int = 0) -
             "amplitude": tuple(size * (0.1, 0.3, 0.6)[s - 1] * weight),
         }
     if pushed("elastic"):
-        options["joint"] = _spring(inertia, (12.0, 7.0, 4.0)[s - 1] / size)
+        options["joint"] = _spring(inertia, rotor, (12.0, 7.0, 4.0)[s - 1] / size)
     elif family == "backlash" and severity > 0:
-        options["joint"] = _spring(inertia, 12.0, backlash=(1e-3, 5e-3, 20e-3)[s - 1])
+        options["joint"] = _spring(inertia, rotor, 12.0, backlash=(1e-3, 5e-3, 20e-3)[s - 1])
     if family == "saturation" and severity > 0:
         options["reference"] = dataclasses.replace(MOVES, move_time=0.7, hold_time=0.6)
         actuator["torque_limit"] = tuple(1.1 * weight + (8.0, 5.0, 3.0)[s - 1] * reach)
@@ -170,7 +174,9 @@ def hardware(family: str = "nominal", severity: int = 0) -> Scenario:
         family: one of `FAMILIES`, "nominal", or a real arm: "pelican" or "dfki-c1".
         severity: 0 to 3; real arms have 0 only.
     """
-    options = conditions(_ARMS.get(family, TABLE_1), family, severity)
+    options = conditions(_ARMS.get(family, ARM), family, severity)
+    if family == "pelican":  # its fast second link needs more than the tier's rule gives
+        options["actuator"]["torque_limit"] = tuple(2.0 * x for x in options["actuator"]["torque_limit"])
     if family == "dfki-c1":  # drives and encoders as in `real.py`
         options["actuator"]["torque_limit"] = 10.0
         options["encoder"]["counts"] = 65535.0 / 25.0 * 2 * math.pi
@@ -193,7 +199,7 @@ def practice(family: str = "nominal", severity: int = 0) -> Scenario:
 
 def surprise(family: str) -> Scenario:
     """Return a scenario that changes during the episode, or has another arm; one of `SURPRISES`."""
-    arm = _ARMS.get(family, TABLE_1)
+    arm = _ARMS.get(family, ARM)
     p1, p2, p3, _, _ = arm.lumped
     changes: dict[str, Event] = {
         "payload": PickUp(time=_uniform(3.0, 5.0), mass=0.5 * arm.m2),
@@ -241,7 +247,7 @@ def judged(scenario: Scenario) -> str:
     reference = scenario.reference
     if isinstance(reference, MinimumJerk) and reference.points is None and (reference.low, reference.high) == _BOX:
         return f"its motion is the board's: minimum-jerk moves between {reference.low} and {reference.high} rad"
-    if scenario.arm not in (TABLE_1, *_ARMS.values()):
+    if scenario.arm not in (ARM, *_ARMS.values()):
         return ""
     if scenario.events:
         return "it has events, as the tier `surprise`"

@@ -8,19 +8,21 @@ import sys
 import numpy as np
 import pytest
 from rich.console import Console
-from scipy.stats import trim_mean
 
 import controllers
 from benchmarks import cli
-from benchmarks.analysis.board import UNSCORED, assemble, family_of
+from benchmarks.analysis import board as analysis_board
+from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
+from benchmarks.analysis.statistics import diverged_share
 from benchmarks.policies.spec import resolve
-from benchmarks.report import markdown, terminal
+from benchmarks.report import figures, markdown, terminal
+from benchmarks.report.columns import columns
 from benchmarks.run.cell import run_cell
 from benchmarks.run.contract import check
 from benchmarks.run.metrics import METRICS, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import Store
-from benchmarks.run.suite import leaderboard_scenarios, named, narrow
+from benchmarks.run.suite import Cell, leaderboard_scenarios, named, narrow
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 
@@ -67,7 +69,7 @@ def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
 def test_the_scenarios_cover_every_family_on_both_arms():
     names = leaderboard_scenarios()
     assert len(names) == len(set(names)) == 2 * (1 + 3 * (len(scenarios.families()) - 1))
-    stiction = [scenario.name for scenario in narrow(named("quick"), ["zero"], ["stiction"]).scenarios]
+    stiction = [scenario.name for scenario in narrow(named("ideal"), ["zero"], ["stiction"]).scenarios]
     assert stiction == [f"{arm}stiction-{s}" for arm in ("", "section-2-2/") for s in (1, 2, 3)]
 
 
@@ -90,23 +92,99 @@ def test_leaderboard_command(tmp_path, capsys):
 
 
 def board(policies=("zero", "pid-flm", "cascade-flm", "oracle-flm"), seeds=8, families=("nominal", "mass-error")):
-    return assemble([run_cell(cell) for cell in narrow(named("quick"), policies, families, seeds).cells])
+    return assemble([run_cell(cell) for cell in narrow(named("ideal"), policies, families, seeds).cells])
 
 
 def test_the_board_against_its_definitions():
     found = board()
     assert found.errors.shape == (4, 7, 8)
-    stay, oracle = found.runs["stay_pct"][0], found.errors[3]
-    np.testing.assert_allclose(found.scores[2], 100 * (stay - found.errors[2]) / (stay - oracle))
-    np.testing.assert_allclose(found.score.value[3], 100.0)
-    np.testing.assert_allclose(found.error.value, [trim_mean(found.errors[i].ravel(), 0.25) for i in range(4)])
+    errors, stay = (np.exp(np.log(x).mean(axis=-1)) for x in (found.errors, found.runs["stay_pct"][0]))
+    np.testing.assert_array_equal(found.ceilings, 3)
+    expected = (100 * np.log(stay / errors[2]) / np.log(stay / errors[3])).mean()
+    assert found.score.value[2] == pytest.approx(expected)
+    assert found.score.low[2] < expected < found.score.high[2]
+    assert found.score.value[3] == pytest.approx(100.0)
+    np.testing.assert_allclose(found.error.value, np.exp(np.log(found.errors).mean(axis=(1, 2))))
+    np.testing.assert_allclose(found.worst, np.sort(found.errors.reshape(4, -1))[:, -3:].mean(axis=1))
+    assert found.effort[3] == 1.0
     assert [found.policies[i] for i in found.order] == ["cascade-flm", "pid-flm", "zero", "oracle-flm"]
     assert found.ranked == [0, 1, 2]
     np.testing.assert_array_equal(found.rank.value, [3, 2, 1])
     assert found.families == {"nominal": [0], "mass-error": [1, 2, 3, 4, 5, 6]}
-    severities, estimate = found.degradation("mass-error", "table-1")
+    text, severities, estimate = found.degradation["mass-error"]
+    assert text == scenarios.get("mass-error-1").description
     assert severities == [0, 1, 2, 3]
     assert estimate.value.shape == (4, 4)
+    assert list(found.degradation) == ["mass-error", "section-2-2/mass-error"]
+
+
+def changed(found, scenario, **metrics):
+    """A board with other metrics in one scenario, each a number for each policy."""
+    runs = {name: values.copy() for name, values in found.runs.items()}
+    for name, values in metrics.items():
+        runs[name][:, scenario] = np.reshape(values, (-1, 1))
+    return dataclasses.replace(found, runs=runs)
+
+
+def test_a_scenario_without_a_ceiling_leaves_the_rest():
+    """The oracle is no better than staying in one scenario: it is named, and only its diverged runs count."""
+    found = board(families=("nominal", "noise-1"))
+    stay = found.runs["stay_pct"][0, 1].min()
+    blind = changed(found, 1, error_pct=[1.0, 1.0, 1.0, stay])
+    assert list(blind.ceilings) == [3, -1]
+    alone = board(families=("nominal",))
+    np.testing.assert_allclose(blind.score.value, alone.score.value)
+    assert "No error score, since no law with privileged access is a ceiling there: noise-1." in blind.remarks[0]
+    falls = changed(blind, 1, diverged=[0.0, 0.0, 1.0, 0.0])
+    assert (falls.score.value[2], falls.score.value[1]) == (-100.0, blind.score.value[1])
+    assert falls.order[:3] == [1, 0, 2]
+    assert list(changed(found, 1, diverged=[0.0, 0.0, 0.0, 1.0]).ceilings) == [3, -1]
+
+
+def test_diverged_runs_cost_their_price():
+    found = board(families=("nominal",))
+    runs = {**found.runs, "diverged": found.runs["diverged"].copy()}
+    runs["diverged"][2, 0, 0] = 1.0
+    span = np.log(found.runs["stay_pct"][0, 0]).mean() - np.log(found.errors[3, 0]).mean()
+    price = 100 * np.log(2) * 100 * diverged_share(1, 8) / span
+    once = dataclasses.replace(found, runs=runs)
+    assert once.score.value[2] == pytest.approx(max(found.score.value[2] - price, -100.0))
+    assert once.diverged.value[2] == 1 / 8
+
+
+def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
+    monkeypatch.setattr(analysis_board, "tier_of", lambda name: "surprise" if name == "noise-1" else "hardware")
+    found = board(families=("noise-1", "nominal"), seeds=3)
+    assert found.tiers == {"hardware": [1], "surprise": [0]}
+    alone = board(families=("nominal",), seeds=3)
+    for name in ("error", "diverged", "rank"):
+        np.testing.assert_array_equal(getattr(found, name).value, getattr(alone, name).value)
+    np.testing.assert_allclose(found.scores["hardware"].value, alone.scores["hardware"].value)
+    titles = [column.title for column in columns(found, {}) if column.place != "page"]
+    assert titles[2:4] == ["score", "surprise score"]
+    assert "nominal" in titles
+    assert "surprise noise" not in titles
+    assert figures.tiers(found)[0]["title"] == "surprise against hardware"
+
+
+def test_tier_of():
+    assert [tier_of(name) for name in ("noise-1", "mine")] == ["ideal", "ideal"]
+    assert tier_of("everything-2@mujoco-bend") == "surprise"
+
+
+def test_a_suite_that_does_not_separate_its_best_is_too_easy():
+    found = board(families=("nominal",), seeds=4)
+    alike = dataclasses.replace(
+        found,
+        specs=tuple(dataclasses.replace(found.specs[2], name=f"twin-{i}") for i in range(10)) + found.specs[3:],
+        runs={name: np.concatenate([values[[2] * 10], values[3:]]) for name, values in found.runs.items()},
+        decision_us=np.ones(11),
+    )
+    sentence = "This suite is too easy: the rank intervals of the best 10 policies overlap."
+    assert sentence in alike.remarks
+    assert sentence in markdown.leaderboard(alike)
+    better = alike.runs["error_pct"] * np.r_[0.3, np.ones(10)][:, None, None]
+    assert dataclasses.replace(alike, runs={**alike.runs, "error_pct": better}).remarks == []
 
 
 def test_an_arm_that_stays_scores_nothing():
@@ -117,17 +195,35 @@ def test_an_arm_that_stays_scores_nothing():
 
 
 def test_a_policy_without_results_is_left_out_and_named():
-    some = [run_cell(cell) for cell in narrow(named("quick"), ["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells]
-    found = assemble([*some[:3], dataclasses.replace(some[3], rows=(), error="RuntimeError: no")])
+    some = [run_cell(cell) for cell in narrow(named("ideal"), ["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells]
+    found = assemble([*some[:3]])
     assert found.policies == ("zero",)
-    assert found.incomplete == {"pid-flm": "RuntimeError: no"}
+    assert found.incomplete == {"pid-flm": "no result yet for noise-1"}
     assert found.score is None
     assert UNSCORED in markdown.leaderboard(found)
     file = io.StringIO()
     terminal.leaderboard(Console(file=file, width=400), found)
     assert UNSCORED in file.getvalue()
+    no = [dataclasses.replace(result, rows=(), error="RuntimeError: no") for result in some]
+    found = assemble([some[0], no[1], some[2], no[3]])
+    assert found.incomplete == {"pid-flm": "RuntimeError: no"}
     with pytest.raises(ValueError, match="no policy with a result for every scenario"):
-        assemble([])
+        assemble(no)
+
+
+def test_a_policy_that_cannot_run_a_scenario_stays_there():
+    """It keeps its row; where it lacks a sensor, it scores 0 and is marked."""
+    blind = scenarios.get("noise-1").replace(noise=None, sensors=("position", "velocity"), name="blind")
+    tasks = (scenarios.get("nominal"), blind)
+    found = assemble(
+        [run_cell(Cell(p, task, (0, 1, 2))) for p in ("zero", "ppo-torque", "oracle-flm") for task in tasks]
+    )
+    assert found.policies == ("zero", "ppo-torque", "oracle-flm")
+    assert list(found.failed) == [(1, 1)]
+    np.testing.assert_array_equal(found.errors[1, 1], found.runs["stay_pct"][0, 1])
+    assert "Count as an arm that stays (needs a sensor of acceleration): ppo-torque in blind." in found.remarks
+    assert "`ppo-torque` stays in 1 of 2 |" in markdown.leaderboard(found)
+    assert found.diverged.high[1] > found.diverged.high[0]  # fewer runs
 
 
 def test_family_of():
@@ -147,16 +243,14 @@ def test_report_and_query_commands(tmp_path, capsys):
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
     assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
     table = (out / "board.md").read_text()
-    assert table.startswith("| policy | access | rank | score |")
+    assert table.startswith("| rank | policy | score | error % | worst 5 % | diverged % | effort | nominal | access |")
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
-    assert short.splitlines()[0] == "| policy | rank | error % | diverged % | torque variation kN m/s |"
+    assert short.splitlines()[0] == "| rank | policy | score | error % | worst 5 % | diverged % | effort |"
     assert table in (tmp_path / "docs" / "board.md").read_text()
     for line, whole in zip(short.splitlines()[2:], table.splitlines()[2:], strict=True):
-        policy, rank, *numbers = (cell.strip() for cell in line.strip("|").split("|"))
-        cells = [cell.strip() for cell in whole.strip("|").split("|")]
-        assert [cells[0], cells[2], *cells[4:7]] == [policy, rank, *numbers]
+        assert whole.startswith(line.rstrip("|"))
     page = (out / "board.html").read_text()
     assert "cascade-flm" in page
     assert "src=" not in page.partition("<body")[0].replace("data:", "")

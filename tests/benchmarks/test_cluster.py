@@ -29,7 +29,7 @@ make_policy = Deadly
 
 
 def cells():
-    some = narrow(named("quick"), ["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells
+    some = narrow(named("ideal"), ["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells
     return [Cell(c.policy, c.scenario.replace(duration=0.5), c.seeds) for c in some]
 
 

@@ -58,12 +58,12 @@ def test_names_complete_where_they_are_expected(offered):
     assert offered("fbl-gym evaluate cascade-f") == ["cascade-flm", "cascade-flm@tuned"]
     assert offered("fbl-gym evaluate cascade-flm@") == ["cascade-flm@tuned"]
     assert offered("fbl-gym compare pid-flm ppo-mem") == ["ppo-memory"]
-    assert offered("fbl-gym leaderboard --policies zero orac") == ["oracle-flm"]
+    assert offered("fbl-gym leaderboard --policies zero oracle-f") == ["oracle-flm"]
     assert offered("fbl-gym evaluate pid-flm --scenario section-2-2/payload-") == [
         f"section-2-2/payload-{severity}" for severity in range(4)
     ]
     assert offered("fbl-gym leaderboard --scenarios pay")[0] == "payload"
-    assert offered("fbl-gym leaderboard --suite k") == ["kilohertz"]
+    assert offered("fbl-gym leaderboard --suite i") == ["ideal"]
     assert offered("fbl-gym list su") == ["suites"]
 
 

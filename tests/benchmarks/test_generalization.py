@@ -8,7 +8,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.analysis.generalization import RADII, measure_ranges, range_cells
-from benchmarks.analysis.statistics import iqm
+from benchmarks.analysis.statistics import geometric_mean
 from benchmarks.policies.configuration import configuration
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown
@@ -65,12 +65,12 @@ def test_columns_against_their_definition_and_kept_in_the_store(tmp_path, monkey
     task = range_cells("cascade-flm", "extrapolation", SEEDS)[0].scenario
     runs = [[row["error_pct"] for row in measure(rollout("cascade-flm", task, SEEDS))]]
     once = np.ones((1, 1, 1))
-    assert found["extrapolation"].error.value[0] == iqm(runs, once)[0]
+    assert found["extrapolation"].error.value[0] == geometric_mean(runs, once)[0]
     runs = [
         [row["error_pct"] for row in measure(rollout("ppo-residual", task, SEEDS, {"seed": seed}))] for seed in training
     ]
     assert found["extrapolation"].error.value[1] == pytest.approx(
-        iqm([[run] for run in runs], once[None])[0], rel=1e-12
+        geometric_mean([[run] for run in runs], once[None])[0], rel=1e-12
     )
     for measured in found.values():
         assert measured.error.value.shape == measured.diverged.shape == (len(POLICIES),)
@@ -102,7 +102,7 @@ def test_every_report_has_the_columns(tmp_path, capsys):
     assert cli.main(["report", *some, "--out", str(out), "--generalization"]) == 0
     shown = capsys.readouterr().out
     header = (out / "board.md").read_text().splitlines()[0]
-    assert header.endswith("| nominal | interpolation | in distribution | extrapolation | far extrapolation |")
+    assert "| nominal | interpolation | in distribution | extrapolation | far extrapolation |" in header
     with (out / "generalization.csv").open() as file:
         rows = {row["policy"]: row for row in csv.DictReader(file)}
     assert set(rows) == set(POLICIES)

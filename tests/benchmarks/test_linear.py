@@ -77,7 +77,7 @@ def test_a_delay_of_the_drive_is_taken_off_the_delay_margin():
 def test_the_real_arm_and_the_drive_s_lag_are_those_of_the_environment():
     """Without gravity, so that a wrong model rests where a right one does."""
     step, error = 2.5e-4, {"ratio": {"m1": 1.3, "m2": 0.7}, "payload": 5.0}
-    options = {"arm": {"gravity": 0.0}, "parameter_error": error, "friction": {"viscous": 20.0}}
+    options = {"arm": {"gravity": 0.0, "rotor": (4.0, 1.0)}, "parameter_error": error, "friction": {"viscous": 20.0}}
     lag = 0.01
     delay = linearize("adrc", Scenario(actuator={"lag": lag}, **options))[0].margins().delay
     assert delay < linearize("adrc")[0].margins().delay - 0.005

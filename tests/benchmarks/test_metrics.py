@@ -1,10 +1,12 @@
 """Each metric against a number worked out by hand."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from benchmarks.run.metrics import METRICS, WORST_ERROR, amplitude, errors, measure, summarize
-from benchmarks.run.rollout import Trace
+from benchmarks.run.rollout import Trace, rollout
 from fbl_gym import Actuator, MinimumJerk, Scenario, Steps
 
 
@@ -37,7 +39,8 @@ def test_tracking_error():
     position[0] = 0.0
     (row,) = measure(trace(position, reference))
     assert row["error_mrad"] == pytest.approx(1e3 * 100 / 101 * 0.04)
-    assert row["error_pct"] == pytest.approx(100 * 100 / 101 * 0.04 / 2.0)
+    assert row["error_pct"] == pytest.approx(100 * 100 / 101 * 0.04 / 1.0)  # half of the range is 1 rad
+    assert row["resolution_pct"] == pytest.approx(100 * 2 * np.pi / 2**20)
     assert row["rms_mrad"] == pytest.approx(1e3 * np.sqrt(100 / 101 * (0.02**2 + 0.06**2) / 2))
     assert row["max_mrad"] == pytest.approx(60.0)
     assert row["diverged"] == 0.0
@@ -48,9 +51,55 @@ def test_perfect_tracking_is_zero():
     assert row["error_pct"] == row["rms_mrad"] == row["max_mrad"] == row["torque_rms"] == row["variation"] == 0.0
 
 
-def test_a_joint_that_stands_still_is_measured_against_one_radian():
-    reference = np.zeros((10, 2))
-    assert amplitude(trace(reference, reference)) == pytest.approx(1.0)
+def test_errors_are_shares_of_half_the_range_of_the_reference():
+    """The start does not matter; a joint that shall stand still is measured against one radian."""
+    reference = np.c_[np.full(10, 0.3), np.linspace(-1.0, 2.0, 10)]
+    (row,) = measure(found := trace(reference + 1e-3, reference))
+    np.testing.assert_allclose(amplitude(found), [[1.0, 1.5]])
+    assert row["error_pct"] == pytest.approx(100 * (1e-3 / 1.0 + 1e-3 / 1.5) / 2)
+    scenario = Scenario(duration=0.09, encoder={"counts": (1000, 2000)})
+    (row,) = measure(trace(reference, reference, scenario=scenario))
+    assert row["resolution_pct"] == pytest.approx(100 * (2 * np.pi / 1000 + 2 * np.pi / 2000 / 1.5) / 2)
+
+
+def test_integral_criteria():
+    """An error of 0.2 and 0.4 rad over 1 s."""
+    reference = ramp(101)
+    (row,) = measure(trace(reference - [0.2, 0.4], reference))
+    assert row["iae"] == pytest.approx(0.3)
+    assert row["itae"] == pytest.approx(0.3 * 0.505)
+    assert row["ise"] == pytest.approx((0.04 + 0.16) / 2)
+
+
+def test_recovery():
+    """Two events: an error of 10 mrad before, a pulse of 0.1 rad for 0.3 s, and one without return."""
+    t = 0.01 * np.arange(601)
+    error = np.where((t > 2.0) & (t < 2.3 - 1e-9), 0.11, 0.01) + np.where(t > 4.0, 0.05, 0.0)
+    scenario = Scenario(duration=6.0, reference=MinimumJerk())
+    found = trace(-np.c_[error, error], np.zeros((601, 2)), scenario=scenario)
+    (row,) = measure(dataclasses.replace(found, event_times=np.array([[2.0, 4.0]])))
+    assert row["recovery_rad_s"] == pytest.approx((0.1 * 0.29 + 0.05 * 2.0) / 2)
+    assert row["recovery_s"] == pytest.approx((0.29 + 2.0) / 2)
+    assert row["unrecovered_pct"] == 50.0
+    # An event without effect has no area, although the error of a moving arm swings.
+    swing = 0.01 + 0.005 * np.sin(20 * t)
+    found = trace(np.c_[swing, swing], np.zeros((601, 2)), scenario=scenario)
+    (row,) = measure(dataclasses.replace(found, event_times=np.array([[3.0]])))
+    assert row["recovery_rad_s"] == pytest.approx(0.0, abs=1e-5)
+    assert (row["recovery_s"], row["unrecovered_pct"]) == (0.0, 0.0)
+    dead = dataclasses.replace(found, event_times=np.array([[3.0]]), alive=(t < 4.0)[:, None])
+    for other in (found, dead):  # no event, or the run diverged
+        (row,) = measure(other)
+        assert all(np.isnan(row[name]) for name in ("recovery_rad_s", "recovery_s", "unrecovered_pct"))
+
+
+def test_event_times_are_those_of_each_lane():
+    events = [{"kind": "knock", "time": {"uniform": [0.2, 0.8]}, "impulse": 30.0}, {"kind": "drop", "time": 0.9}]
+    found = rollout("pd-gravity", Scenario(duration=1.0, events=events), range(20))
+    assert found.event_times.shape == (20, 2)
+    np.testing.assert_allclose(found.event_times[:, 1], 0.9)
+    jumps = np.abs(np.diff(found.velocity, axis=0)).sum(axis=-1).argmax(axis=0)
+    np.testing.assert_array_equal(jumps, np.floor(found.event_times[:, 0] / 0.01 + 1e-9))
 
 
 def test_a_diverged_run_counts_with_the_worst_error():
@@ -78,7 +127,7 @@ def test_steady_state_is_measured_in_the_last_quarter_of_a_rest():
     position = reference - error
     position[0] = 0.0
     (row,) = measure(trace(position, reference))
-    assert row["steady_1_pct"] == pytest.approx(100 * (4 * 0.1 + 6 * 0.01) / 10 / 2.0)
+    assert row["steady_1_pct"] == pytest.approx(100 * (4 * 0.1 + 6 * 0.01) / 10)  # half of the range is 1 rad
     assert row["steady_2_pct"] == pytest.approx(2 * row["steady_1_pct"])
     (moving,) = measure(trace(ramp(101), ramp(101)))
     assert np.isnan(moving["steady_1_pct"])

@@ -27,12 +27,16 @@ from benchmarks.run.traces import trace_of
 from fbl_gym import scenarios
 
 POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm-ls", "oracle-flm")
-SCENARIOS = ("nominal", *(f"{family}-{severity}" for family in ("mass-error", "disturbance") for severity in (1, 2, 3)))
+SCENARIOS = (
+    "nominal", *(f"{family}-{severity}" for family in ("mass-error", "disturbance") for severity in (1, 2, 3)), "knock",
+)  # fmt: skip
 SEEDS = tuple(range(8))
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
 
 
 def short(scenario):
+    if scenario == "knock":
+        return short("nominal").replace(name="knock", events=[{"kind": "knock", "time": 0.5, "impulse": [9.0, 3.0]}])
     return scenarios.get(scenario).replace(duration=1.5)
 
 
@@ -256,6 +260,23 @@ def test_figures_are_drawn_and_follow_the_chips_and_filters(page, data):
     bars = "return document.querySelector('#radius .plot').data?.map(bar => bar.text[0])"
     page.execute_script("document.querySelector('#radius').scrollIntoView()")
     WebDriverWait(page, 5).until(lambda _: page.execute_script(bars))
+
+
+def test_the_pareto_front_and_the_recovery_are_drawn(page, data):
+    draw = "document.querySelector(arguments[0]).scrollIntoView(); return document.querySelector(arguments[0] + ' .plot').data"
+    for section in ("#pareto", "#recovery"):
+        WebDriverWait(page, 5).until(lambda _, section=section: page.execute_script(draw, section))
+    front, *points = page.execute_script(draw, "#pareto")
+    assert {point["name"] for point in points} == set(data["ranked"])
+    assert front["x"] == sorted(front["x"])
+    assert front["y"] == sorted(front["y"], reverse=True)
+    (heatmap,) = page.execute_script(draw, "#recovery")
+    assert (heatmap["x"], heatmap["y"]) == (["knock"], data["order"])
+    press(page, "[data-chip=zero]")
+    (heatmap,) = page.execute_script(draw, "#recovery")
+    assert heatmap["x"] == ["knock"]
+    assert "zero" not in heatmap["y"]
+    assert not page.find_elements("css selector", "#pareto details")
 
 
 def test_the_arm_moves_when_played(page, data):

@@ -5,15 +5,16 @@ import pytest
 from scipy import stats
 
 from benchmarks.analysis.statistics import (
+    BOUNDS,
     ENOUGH_EPISODES,
-    WORST_SCORE,
     components,
     difference,
+    diverged_share,
     enough,
     estimate,
+    geometric_mean,
     improvement,
     interval,
-    iqm,
     mean,
     over_training,
     profile,
@@ -22,12 +23,10 @@ from benchmarks.analysis.statistics import (
     ranks,
     resample,
     score,
+    tail_mean,
     trained,
     wins,
 )
-from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import rollout
-from fbl_gym import scenarios
 
 ONCE = np.ones((1, 1, 1))
 
@@ -44,15 +43,15 @@ def redrawn(x, counts):
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 10, 64])
 @pytest.mark.parametrize("strata", [1, 3])
-def test_iqm_and_mean_are_those_of_the_runs_drawn_again(n, strata):
+def test_means_are_those_of_the_runs_drawn_again(n, strata):
     x = runs(2, 3, n)
     x[0, 0] = x[0, 1]  # ties
     counts = resample(n, 1, strata=strata, resamples=40)
     drawn = [[redrawn(one, c) for one in x] for c in counts]
-    expected = [[stats.trim_mean(one, 0.25, axis=None) for one in pair] for pair in drawn]
-    np.testing.assert_allclose(iqm(x, counts), expected, rtol=1e-12)
+    expected = [[stats.gmean(one, axis=None) for one in pair] for pair in drawn]
+    np.testing.assert_allclose(geometric_mean(x, counts), expected, rtol=1e-12)
     np.testing.assert_allclose(mean(x, counts), np.mean(drawn, axis=(2, 3)), rtol=1e-12)
-    np.testing.assert_allclose(iqm(x, ONCE)[0], [stats.trim_mean(one, 0.25, axis=None) for one in x], rtol=1e-12)
+    np.testing.assert_allclose(geometric_mean(x, ONCE)[0], [stats.gmean(one, axis=None) for one in x], rtol=1e-12)
 
 
 def test_resamples_draw_n_of_n_and_repeat_with_their_seed():
@@ -66,7 +65,7 @@ def test_resamples_draw_n_of_n_and_repeat_with_their_seed():
 
 
 @pytest.mark.parametrize(
-    ("statistic", "of_runs"), [(iqm, lambda x: stats.trim_mean(x, 0.25, axis=None)), (mean, np.mean)]
+    ("statistic", "of_runs"), [(geometric_mean, lambda x: stats.gmean(x, axis=None)), (mean, np.mean)]
 )
 def test_intervals_agree_with_scipy(statistic, of_runs):
     """Whole seeds are one paired sample of scipy.stats.bootstrap, with a scenario in each of its variables."""
@@ -99,7 +98,7 @@ def test_whole_seeds_cover_where_scenarios_share_them_and_strata_do_not():
     def benchmark(n):
         return np.exp(0.5 * rng.standard_normal(n) + 0.3 * rng.standard_normal((4, n)))
 
-    truth = iqm(benchmark(200_000), ONCE)[0]
+    truth = geometric_mean(benchmark(200_000), ONCE)[0]
     covered = {1: 0, 4: 0}
     for k in range(200):
         x = benchmark(60)
@@ -153,7 +152,7 @@ def test_wins_are_counted_on_the_same_seed():
 
 def test_ranks():
     x = np.stack([runs(2, 50), runs(2, 50) + 5.0, 1.001 * runs(2, 50, seed=1), runs(2, 50)])
-    draws = iqm(x, resample(50, 0))
+    draws = geometric_mean(x, resample(50, 0))
     found = ranks(draws)
     assert (found.low[1], found.value[1], found.high[1]) == (4.0, 4.0, 4.0)
     assert (found.low[2], found.high[2]) == (1.0, 3.0)
@@ -180,24 +179,29 @@ def test_a_degradation_curve_is_an_estimate_per_severity():
 
 
 def test_score():
-    stay, oracle = np.array([50.0, 40.0, 60.0, 50.0]), np.array([1.0, 2.0, 0.0, 1.0])
-    none = np.zeros(4)
-    np.testing.assert_allclose(score(stay, stay, oracle, none), 0.0)
-    np.testing.assert_allclose(score(oracle, stay, oracle, none), 100.0)
-    assert score([21.0], [40.0], [2.0], [0]) == pytest.approx(50.0)
-    assert score([0.0], [40.0], [2.0], [0]) > 100
-    np.testing.assert_array_equal(score([1.0, 1e9], [50.0, 50.0], [1.0, 1.0], [1, 0]), WORST_SCORE)
-    with pytest.raises(ValueError, match=r"oracle must err less .* at \(1,\)"):
-        score([1.0, 1.0], [50.0, 2.0], [1.0, 2.0], [0, 0])
+    """Staying scores 0, the ceiling 100, half of the way in the logarithm 50."""
+    gain, span = np.log([1.0, 4500.0, np.sqrt(4500.0)]), np.log(4500.0)
+    np.testing.assert_allclose(score(gain[None], [[span] * 3], 0.0), [0.0, 100.0, 50.0])
+    assert score(gain, [span] * 3, 0.0) == pytest.approx(50.0)
+    # Each percent of diverged runs costs as much as halving the error gains.
+    assert score(gain, [span] * 3, 0.01) == pytest.approx(score(gain - np.log(2.0), [span] * 3, 0.0))
+    assert score([-50.0, 50.0], [span] * 2, 0.0) == pytest.approx(np.mean(BOUNDS))
 
 
-def test_score_of_real_runs():
-    """The cascade lies between an arm that stays and the oracle."""
-    scenario = scenarios.get("mass-error-2").replace(duration=2.0)
-    cascade, oracle = (measure(rollout(name, scenario, range(4))) for name in ("cascade-flm", "oracle-flm"))
-    error, ceiling = ([row["error_pct"] for row in rows] for rows in (cascade, oracle))
-    found = score(error, [row["stay_pct"] for row in cascade], ceiling, [row["diverged"] for row in cascade])
-    assert np.all((found > 50) & (found < 100))
+def test_the_share_of_diverged_runs_that_counts():
+    for n in (8, 32, 256):
+        shares = diverged_share(np.arange(n + 1), n)
+        assert shares[0] == 0.0
+        assert np.all(np.diff(shares) > 0)
+        # Few runs make it cautious: the first one that diverges counts for more than its share.
+        assert 1 / n < shares[1] < 2 / n
+    assert diverged_share(5.0 + 1e-9, 32) == diverged_share(5, 32)
+
+
+def test_tail_mean():
+    x = np.random.default_rng(0).permutation(200.0 * np.arange(1, 101)).reshape(1, 100)
+    assert tail_mean(x) == pytest.approx(200 * 98)
+    assert tail_mean([3.0, 1.0]) == 3.0
 
 
 def test_shares_agree_with_scipy_and_cover():
@@ -279,15 +283,15 @@ def test_training_seeds_widen_an_interval_and_few_are_labelled():
     expected = components(x.mean(axis=1)).standard_error * np.sqrt(11 / 12)
     assert drawn.std() == pytest.approx(expected, rel=0.08)
     assert found.label == ""
-    assert trained(x[:9], counts, 1).label == "optimistic"
+    assert trained(x[:9], counts, 1, mean).label == "optimistic"
 
 
 def test_a_resample_of_training_seeds_is_the_runs_drawn_again():
     x = runs(3, 2, 5)
     counts = over_training(resample(5, 0, resamples=20), 3, 1)
-    for w, found in zip(counts, iqm(x, counts), strict=True):
+    for w, found in zip(counts, geometric_mean(x, counts), strict=True):
         drawn = np.repeat(x.ravel(), np.broadcast_to(w, x.shape).astype(int).ravel())
-        assert found == pytest.approx(stats.trim_mean(drawn, 0.25))
+        assert found == pytest.approx(stats.gmean(drawn))
 
 
 def test_few_training_seeds_cover_too_rarely():
@@ -304,6 +308,6 @@ def test_few_training_seeds_cover_too_rarely():
 def test_missing_runs_and_wrong_shapes_are_refused():
     counts = resample(4, 0, resamples=5)
     with pytest.raises(ValueError, match="every run must have a number, the worst where it diverged; got 1 NaN"):
-        iqm([[1.0, 2.0, np.nan, 4.0]], counts)
+        geometric_mean([[1.0, 2.0, np.nan, 4.0]], counts)
     with pytest.raises(ValueError, match=r"counts must be \[b x s x n\]"):
         mean(np.ones((2, 5)), counts)

@@ -23,7 +23,7 @@ SHORT = {"duration": 0.5}
 
 
 def cells(policies=("zero", "pid-flm", "cascade-flm"), seeds=3, families=("nominal", "mass-error-1", "noise-1")):
-    suite = narrow(named("quick"), policies, families, seeds)
+    suite = narrow(named("ideal"), policies, families, seeds)
     return [Cell(c.policy, c.scenario.replace(**SHORT), c.seeds) for c in suite.cells]
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.cli.common import gain
+from benchmarks.policies.spec import resolve
 from benchmarks.seeds import SPLITS
 from benchmarks.tuning.search import Task, judge, seeds, study_path, summary, tune
 from fbl_gym import Scenario, scenarios
@@ -132,6 +133,7 @@ def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(tmp_path, capsys, mo
         first, _, last = capsys.readouterr().out.splitlines()
         assert first.startswith(f"{policy}: frequency=")
         assert last.endswith(f"use them as {policy}@results/gains")
+        assert resolve(f"{policy}@results/gains").configuration["frequency"] == float(first.split("=")[1])
     assert len(list((tmp_path / "results/tuning").iterdir())) == 2
     # Changed code is another law, of which nothing was tried.
     (tmp_path / "law.py").write_text(f"{LAW}changed = True\n")

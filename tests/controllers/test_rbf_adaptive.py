@@ -17,7 +17,7 @@ def test_the_lyapunov_function_decreases_by_its_derivative():
     env = TwoLinkArmEnv(
         actuator=None, action="torque", reference=STILL, initial_error=(-0.2, 0.3), control_dt=dt, physics_dt=dt
     )
-    policy = controllers.make("rbf-adaptive", env, forget=0.0)
+    policy = controllers.make("rbf-adaptive", env, rate=150.0, forget=0.0)
     observation, _ = env.reset(seed=0)
     weights = np.random.default_rng(0).normal(size=(1, 2, FEATURES))
     state, d = (weights,), inertia_matrix(TABLE_1, (0.0, np.pi / 2))
@@ -53,7 +53,7 @@ def test_the_network_learns_the_gravity_of_a_load():
     """Among drawn way-points, with a load at the tip: what the network says of an arm at rest becomes the gravity missed."""
     steps = 18_000
     env = TwoLinkArmEnv(actuator=None, action="torque", parameter_error={"payload": 7.5}, duration=0.01 * steps)
-    policy = controllers.make("rbf-adaptive", env, forget=0.0)
+    policy = controllers.make("rbf-adaptive", env, rate=150.0, forget=0.0)
     observation, _ = env.reset(seed=0)
     state, poses = None, []
     for k in range(steps):
@@ -76,7 +76,7 @@ def test_learning_reduces_the_error():
         errors, _ = tracking(controllers.make("rbf-adaptive", env, **gains), env, 900)
         return np.abs(errors[1:]).mean()
 
-    assert error() < error(rate=1e-9) / 8
+    assert error(rate=150.0) < error(rate=1e-9) / 8
 
 
 def test_the_basis_is_normalised_and_periodic():

@@ -11,7 +11,7 @@ def test_spongs_lyapunov_function_decreases_outside_the_layer():
     epsilon."""
     left = {}
     for epsilon in (0.1, 10.0):
-        policy, p, (_, s, q, _) = closed_loop("spong-robust", wrong(0.25), bound=1.0, epsilon=epsilon)
+        policy, p, (_, s, q, _) = closed_loop("spong-robust", wrong(0.25), damping=20.0, bound=1.0, epsilon=epsilon)
         nominal = policy.interface.nominal.lumped
         assert np.all(np.abs(p / nominal - 1) < policy.bound)
         v = 0.5 * np.einsum("tni,tnij,tnj->tn", s, inertia_matrix(p, q), s)

@@ -7,7 +7,7 @@ import pytest
 
 from fbl_gym import Scenario, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.arm import TABLE_1, inverse_dynamics
-from fbl_gym.scenarios.hardware import FAMILIES, MOVES
+from fbl_gym.scenarios.hardware import ARM, FAMILIES, MOVES
 
 BOARD = (*scenarios.in_tier("hardware"), *scenarios.in_tier("surprise"))
 
@@ -56,13 +56,13 @@ def test_the_board_is_recognised_by_its_content():
         assert scenarios.judged(scenarios.get(name).replace(name="mine"))
     for name in (*scenarios.in_tier("practice"), "nominal", "everything-2", "dfki-c1"):
         assert scenarios.judged(scenarios.get(name)) == ""
-    assert "events" in scenarios.judged(Scenario(events=[{"kind": "drop", "time": 3.0}]))
+    assert "events" in scenarios.judged(Scenario(arm=ARM, events=[{"kind": "drop", "time": 3.0}]))
     own = dataclasses.replace(TABLE_1, m1=3.0)
     assert scenarios.judged(Scenario(arm=own, events=[{"kind": "drop", "time": 3.0}])) == ""
     assert "motion" in scenarios.judged(Scenario(arm=own, reference=MOVES))
 
 
-@pytest.mark.parametrize("arm", [TABLE_1, dataclasses.replace(TABLE_1, gravity=0.0), {"m2": 10, "L1": 0.4}])
+@pytest.mark.parametrize("arm", [ARM, TABLE_1, dataclasses.replace(TABLE_1, gravity=0.0), {"m2": 10, "L1": 0.4}])
 def test_the_conditions_fit_any_arm(arm):
     arm = Scenario(arm=arm).arm
     for family in FAMILIES:

@@ -1,0 +1,385 @@
+"""The policies to use on an arm that is described by a scenario.
+
+Policies run in the scenario and in conditions around it. In each of these, one kind of uncertainty
+is twice as large. The order is that of the mean logarithm of the errors, plus the price of diverged
+runs as in the score. The scenario itself counts as much as all its conditions together.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.analysis.linear import NotLinear, linearize
+from benchmarks.analysis.statistics import proportion, tail_mean
+from benchmarks.analysis.transfer import Runs
+from benchmarks.policies.spec import names, resolve_apart
+from benchmarks.run.store import Result
+from benchmarks.run.suite import Cell, Suite
+from benchmarks.seeds import SPLITS
+from fbl_gym.arm import ArmParameters, gravity_torque, inverse_dynamics
+from fbl_gym.records import Distribution, ends, scaled
+from fbl_gym.scenarios import Scenario, conditions, in_world, judged
+from fbl_gym.scenarios.hardware import FAMILIES, PRACTICE_MOTION
+from fbl_gym.uncertainty import SensorError
+from fbl_gym.vector_env import TwoLinkArmVectorEnv
+
+Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
+"""Runs cells and returns their results by id. A failed one has an error."""
+
+SCREENED = 8
+"""Policies that go on from the scenario alone to its conditions."""
+
+MOST_DIVERGED = 0.01
+"""A policy is not safe if the lower bound of its share of diverged runs is above this one."""
+
+WORST_ERROR = 0.5
+"""A policy is not safe if it errs more than this share of an arm that stays at its start."""
+
+RULE = (
+    f"safe: in the scenario itself, at most {100 * MOST_DIVERGED:g} % of the runs diverge (lower bound of Clopper and "
+    f"Pearson's 95 % interval), and the error is below {WORST_ERROR:g} of an arm's that stays at its start"
+)
+
+KINDS = (
+    "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "saturation"
+)  # fmt: skip
+"""What a condition pushes; "everything" pushes all but the saturation, half as far."""
+
+
+def around(base: Scenario) -> dict[str, Scenario]:
+    """Return the conditions around a scenario, by name; the first one is the scenario itself.
+
+    What a scenario does not have, such as noise, comes in the size of the tier `hardware`. Rigid
+    joints stay rigid: no stiffness can be guessed.
+    """
+    every = {"as described": base}
+    for kind in KINDS:
+        if (changed := push(base, kind, 2.0)) != base:
+            every[kind] = changed.replace(name=f"{base.name}+{kind.replace(' ', '-')}")
+    everything = base
+    for kind in KINDS[:-1]:
+        everything = push(everything, kind, 1.5)
+    return every | {"everything": everything.replace(name=f"{base.name}+everything")}
+
+
+def push(base: Scenario, kind: str, factor: float) -> Scenario:
+    """Return a scenario in which one kind of uncertainty is larger.
+
+    Args:
+        base: the scenario.
+        kind: one of `KINDS`.
+        factor: of its size, above 1.
+    """
+    more, actuator, error = factor - 1.0, base.actuator, base.parameter_error
+    match kind:
+        case "parameters":
+            radius = factor * error.radius if error is not None and error.radius > 0 else 0.2 * more
+            changes: dict[str, Any] = {"parameter_error": _replaced(error, radius=radius)}
+        case "payload":
+            mass = max(0.5 * more * base.arm.m2, factor * _payload(base))
+            times = {"pick_up": _uniform(0.1, 0.3, base.duration), "drop": _uniform(0.6, 0.8, base.duration)}
+            changes = {"parameter_error": _replaced(error, payload={"mass": _uniform(0.0, mass), **times})}
+        case "delay":
+            late = ends(actuator.delay)[1], ends(actuator.delay_samples)[1] * base.control_dt
+            delay = factor * late[0] + more * late[1] if any(late) else more * base.control_dt
+            changes = {"actuator": _replaced(actuator, delay=round(delay / base.physics_dt) * base.physics_dt)}
+        case "lag":
+            changes = {"actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or 0.01 * more)}
+        case "friction":
+            if base.friction is None:
+                given = conditions(base.arm)["friction"]
+                changes = {"friction": {name: _times(value, more) for name, value in given.items()}}
+            else:
+                levels = ("viscous", "coulomb", "stiction")
+                larger = {name: _times(getattr(base.friction, name), factor) for name in levels}
+                changes = {"friction": _replaced(base.friction, **larger)}
+        case "disturbance":
+            if base.disturbance is None:
+                given = conditions(base.arm, "disturbance", 2)["disturbance"]
+                changes = {"disturbance": given | {"amplitude": _times(given["amplitude"], more)}}
+            elif hasattr(base.disturbance, "amplitude"):
+                amplitude = _times(base.disturbance.amplitude, factor)
+                changes = {"disturbance": _replaced(base.disturbance, amplitude=amplitude)}
+            else:
+                changes = {}
+        case "noise":
+            noise = getattr(base.noise, "position", None) or SensorError()
+            sigma = _times(noise.sigma, factor) if ends(noise.sigma)[1] > 0 else 3e-4 * more
+            changes = {"noise": _replaced(base.noise, position=_replaced(noise, sigma=sigma))}
+        case "elastic":
+            if base.joint is None:
+                return base
+            changes = {"joint": _replaced(base.joint, stiffness=_times(base.joint.stiffness, 1 / factor))}
+        case "torque constant":
+            low, high = ends(actuator.gain)
+            changes = {"actuator": _replaced(actuator, gain=_uniform(low - 0.2 * more, high + 0.2 * more))}
+        case _:
+            changes = {"actuator": _replaced(actuator, torque_limit=_scarce_torque(base))}
+    return base.replace(**changes)
+
+
+def _scarce_torque(base: Scenario, episodes: int = 8) -> tuple[float, float]:
+    """Return torque limits that the nominal motion exceeds in about a tenth of the samples [N m].
+
+    They exceed the arm's weight by a tenth, and no limit is above the given one.
+    """
+    still = {
+        "initial_error": 0.0,
+        "initial_velocity": 0.0,
+        "actuator": None,
+        "limits": {"position": 1e9, "velocity": 1e9},
+    }
+    bare = dict.fromkeys(("parameter_error", "noise", "friction", "disturbance", "plant", "joint"))
+    env = TwoLinkArmVectorEnv(episodes, base.replace(**bare, events=(), **still), action="torque")
+    env.reset(seed=list(SPLITS["test"][:episodes]))
+    torques = []
+    for _ in range(base.steps):
+        truth = env.truth
+        motion = truth.reference, truth.reference_velocity, truth.reference_acceleration
+        torques.append(np.abs(inverse_dynamics(base.arm, *motion)))
+        env.step(np.zeros((episodes, 2)))
+    weight = 1.1 * np.abs(gravity_torque(base.arm, (0.0, 0.0)))
+    limit = np.maximum(np.quantile(torques, 0.9, axis=(0, 1)), weight)
+    given = base.actuator.torque_limit
+    return tuple(limit if given is None else np.minimum(limit, given))
+
+
+def _replaced(record: Any, **changes: Any) -> Any:
+    """Return a record with other fields, or their plain data where there is no record."""
+    return changes if record is None else dataclasses.replace(record, **changes)
+
+
+def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
+    return Distribution(uniform=(low * scale, high * scale))
+
+
+def _times(value: Any, factor: float) -> Any:
+    """Return a number or a distribution, or one for each joint, times a factor."""
+    return tuple(scaled(each, factor) for each in value) if isinstance(value, tuple) else scaled(value, factor)
+
+
+def _payload(scenario: Scenario) -> float:
+    """Return the largest payload of a scenario [kg]."""
+    payload = None if scenario.parameter_error is None else scenario.parameter_error.payload
+    return ends(getattr(payload, "mass", payload or 0.0))[1]
+
+
+def candidates() -> list[str]:
+    """Return the policies that are tried by default: all of those that do not know the truth.
+
+    `nmpc` is left out, since its decisions take longest.
+    """
+    return [name for name in names() if not name.startswith(("nmpc", "zero")) and resolve_apart(name).ranked]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A policy in the scenario and its conditions.
+
+    Attributes:
+        policy: its name.
+        safe: True if it is, by `RULE`.
+        median_pct: median error of all runs [%].
+        worst_pct: mean of the largest 5 % of the errors [%].
+        diverged: number of diverged runs.
+        runs: number of runs.
+        diverged_bound: upper bound of the share of diverged runs.
+        delay_margin_s: further delay at which the linearised loop is unstable [s]; None: it has no
+            linearisation.
+        effort: variation of the torque, relative to that of the calmest policy that is recommended.
+    """
+
+    policy: str
+    safe: bool
+    median_pct: float
+    worst_pct: float
+    diverged: int
+    runs: int
+    diverged_bound: float
+    delay_margin_s: float | None
+    effort: float
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """The policies to use, the best first.
+
+    Attributes:
+        scenario: its name.
+        choices: up to three safe policies; if there is none, the best ones that are not safe.
+        conditions: names of the conditions.
+        overturned: conditions in which another policy errs less than the first choice, by disjoint
+            intervals, each with that policy and both errors [%].
+        failed: policies that failed, each with the error.
+    """
+
+    scenario: str
+    choices: tuple[Choice, ...]
+    conditions: tuple[str, ...]
+    overturned: dict[str, tuple[str, float, float]]
+    failed: dict[str, str]
+
+    @property
+    def safe(self) -> bool:
+        """True if there is a policy to use."""
+        return any(choice.safe for choice in self.choices)
+
+
+def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run, count: int = 3) -> Recommendation:
+    """Return the policies to use on the arm of a scenario.
+
+    Args:
+        base: the scenario.
+        policies: to choose from.
+        number: of test seeds.
+        run: runs cells.
+        count: how many policies are returned.
+
+    Raises:
+        ValueError: every policy failed.
+    """
+    suite = Suite("recommend", tuple(policies), (base,), number)
+    (base,), first = suite.scenarios, suite.cells
+    every = around(base)
+    results = dict(run(first))
+    working = [cell.policy for cell in first if not results[cell.id].error]
+    if not working:
+        raise ValueError(f"every policy failed, the first one with: {results[first[0].id].error}")
+    levels = Runs.of([[results[f"{spec.name}/{base.name}"]] for spec in working]).levels[:, 0]
+    screened = [working[i] for i in np.argsort(levels)[:SCREENED]]
+    cells = {spec.name: [Cell(spec, scenario, first[0].seeds) for scenario in every.values()] for spec in screened}
+    results |= run([cell for row in cells.values() for cell in row])
+    failed = {result.cell.policy.name: result.error for result in results.values() if result.error}
+    complete = [name for name in cells if name not in failed]
+    table = [[results[cell.id] for cell in cells[name]] for name in complete]
+    runs = Runs.of(table)
+    safe = [is_safe(row[0]) for row in table]
+    levels = runs.levels[:, 0] + runs.levels[:, 1:].mean(axis=1)
+    order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
+    best = order[:count]
+    variation = {i: float(np.median([run["variation"] for result in table[i] for run in result.rows])) for i in best}
+    choices = tuple(
+        Choice(
+            complete[i], safe[i], float(np.median(runs.error[i])), float(tail_mean(runs.error[i].ravel())),
+            int(runs.diverged[i].sum()), runs.diverged[i].size,
+            float(proportion(runs.diverged[i].sum(), runs.diverged[i].size).high),
+            delay_margin(complete[i], base), variation[i] / min(variation.values()),
+        )
+        for i in best
+    )  # fmt: skip
+    overturned = _overturned(runs, complete, best[0], tuple(every))
+    return Recommendation(base.name, choices, tuple(every), overturned, failed)
+
+
+def is_safe(result: Result) -> bool:
+    """Return True if a policy is safe by `RULE`, from its result in the scenario itself."""
+    diverged, error, stay = (np.array([run[n] for run in result.rows]) for n in ("diverged", "error_pct", "stay_pct"))
+    share = proportion(diverged.sum(), len(diverged)).low
+    return bool(share <= MOST_DIVERGED and np.log(error / stay).mean() < np.log(WORST_ERROR))
+
+
+def _overturned(
+    runs: Runs, policies: list[str], first: int, names: Sequence[str]
+) -> dict[str, tuple[str, float, float]]:
+    """Return the conditions in which another policy is better than the first choice."""
+    overturned = {}
+    for k, name in enumerate(names):
+        some = Runs(runs.error[:, [k]], runs.diverged[:, [k]])
+        low, high = some.intervals
+        best = int(np.argmin(some.levels[:, 0]))
+        if high[best] < low[first]:
+            errors = np.exp(some.logs.mean(axis=(1, 2)))
+            overturned[name] = policies[best], float(errors[best]), float(errors[first])
+    return overturned
+
+
+def delay_margin(policy: str, scenario: Scenario) -> float | None:
+    """Return the delay margin of a policy's linearised loop with exact sensors [s], or None."""
+    try:
+        (loop,) = linearize(policy, scenario.replace(encoder=None, noise=None, joint=None))
+        return loop.margins().delay
+    except (NotLinear, ValueError):
+        return None
+
+
+def practice(base: Scenario) -> Scenario:
+    """Return a scenario for tuning: the same arm with a motion that the board does not have."""
+    steps = round(8.0 / base.control_dt)
+    scenario = base.replace(
+        name=f"{base.name}+practice", reference=PRACTICE_MOTION, events=(), plant=None, duration=steps * base.control_dt
+    )
+    if reason := judged(scenario):
+        raise ValueError(f"{base.name!r} cannot be practised: {reason}")
+    return scenario
+
+
+@dataclass(frozen=True)
+class Check:
+    """A recommendation on a drawn arm, checked in another world.
+
+    Attributes:
+        scenario: its name.
+        choice: the first choice; empty: none is safe.
+        best: the best policy in the other world.
+        ratio: error of the first choice there, relative to that of the best policy there.
+        diverged: number of diverged runs of the first choice there.
+    """
+
+    scenario: str
+    choice: str
+    best: str
+    ratio: float
+    diverged: int
+
+
+WITHIN = 1.5
+"""A first choice is good if it errs at most WITHIN times as much as the best policy."""
+
+
+def check(number: int, policies: Sequence[str], runs: int, run: Run, world: str = "mujoco-lab") -> Iterator[Check]:
+    """Yield a check of the first choice on each of some drawn arms and conditions.
+
+    Args:
+        number: of arms.
+        policies: to choose from.
+        runs: number of test seeds.
+        run: runs cells.
+        world: in which the choice is checked.
+    """
+    for i in range(number):
+        base = draw(i)
+        result = recommend(base, policies, runs, run, count=1)
+        cells = Suite("check", tuple(policies), (in_world(base, world),), runs).cells
+        results = [result for result in run(cells).values() if not result.error]
+        names = [result.cell.policy.name for result in results]
+        there = Runs.of([[result] for result in results])
+        best = int(np.argmin(there.levels[:, 0]))
+        if not result.safe:
+            yield Check(base.name, "", names[best], float("nan"), 0)
+            continue
+        first = names.index(result.choices[0].policy)
+        logs = there.logs.mean(axis=(1, 2))
+        ratio = float(np.exp(logs[first] - logs[best]))
+        yield Check(base.name, names[first], names[best], ratio, int(there.diverged[first].sum()))
+
+
+def draw(number: int) -> Scenario:
+    """Return a scenario with a drawn arm and drawn conditions of the tier `hardware`.
+
+    Links have 1 to 30 kg and 0.2 to 1 m, from a rod's mass distribution to a point mass's.
+
+    Args:
+        number: of the draw.
+    """
+    rng = np.random.default_rng(number)
+    mass, length = np.exp(rng.uniform(np.log(1.0), np.log(30.0), 2)), rng.uniform(0.2, 1.0, 2)
+    point = rng.uniform(0.0, 1.0, 2)
+    shape = {"centre": tuple(0.5 + 0.5 * point), "inertia": tuple((1.0 - point) / 12.0)}
+    arm = ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
+    family, severity = str(rng.choice([*FAMILIES])), int(rng.integers(1, 3))
+    return Scenario(name=f"drawn-{number}-{family}-{severity}", **conditions(arm, family, severity))

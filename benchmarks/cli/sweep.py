@@ -1,0 +1,126 @@
+"""The command `fbl-gym sweep`: the error over the values of one or two options."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import itertools
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.cli.common import (
+    add_scenario,
+    add_store,
+    add_trust,
+    command_line,
+    count,
+    episodes,
+    picture,
+    policy_name,
+    trust,
+)
+from benchmarks.files import write_text
+from benchmarks.report.plot import Line, Panel, plot_lines, plot_maps
+from benchmarks.run.metrics import METRICS
+from benchmarks.run.runner import run as run_cells
+from benchmarks.run.store import Store
+from benchmarks.run.suite import Suite, with_option
+from fbl_gym import scenarios
+
+Over = tuple[str, str, list[float]]
+"""The path of an option, the scale of its axis, and its values."""
+
+QUANTILES = (0.1, 0.5, 0.9)
+"""The edges and the middle of a band over the seeds."""
+
+
+def over(text: str) -> Over:
+    """Return an option and its values; an argument's type."""
+    path, _, values = text.partition("=")
+    try:
+        if ":" not in values:
+            return path, "linear", [float(value) for value in values.split(",")]
+        low, high, scale, number = values.split(":")
+        ends = float(low), float(high), count(number)
+        points = {"log": lambda: np.geomspace(*ends), "lin": lambda: np.linspace(*ends)}[scale]()
+        return path, scale.replace("lin", "linear"), [float(f"{value:.6g}") for value in points]
+    except (ValueError, KeyError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(
+            f"must be such as noise.position=1e-4:1e-2:log:9, actuator.delay=0:0.03:lin:4 or arm.m2=2,4,6, got {text!r}"
+        ) from None
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument(
+        "--over", type=over, action="append", required=True, metavar="OPTION=VALUES",
+        help="an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
+        "given twice, every pair of values",
+    )  # fmt: skip
+    parser.add_argument("--policies", nargs="+", type=policy_name, required=True, metavar="P", help="to be measured")
+    add_scenario(parser)
+    parser.add_argument("--seeds", type=episodes, default=32, metavar="N", help="test seeds 0 to N-1 (32)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/sweep.csv"), metavar="FILE", help="all runs (results/sweep.csv)"
+    )
+    parser.add_argument("--plot", type=picture, metavar="FILE", help="figure: .png, .svg or .pdf (beside --out)")
+    parser.add_argument(
+        "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
+    )
+    add_trust(parser)
+    add_store(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure each policy at each value, and write all runs and a figure."""
+    trust(arguments)
+    names, scales, values = zip(*arguments.over, strict=True)
+    if len(names) > 2:
+        raise ValueError(f"--over may be given once or twice, got {' '.join(names)}")
+    points = list(itertools.product(*values))
+    tasks = []
+    for point in points:
+        task = scenarios.get(arguments.scenario)
+        for name, value in zip(names, point, strict=True):
+            task = with_option(task, name, value)
+        tasks.append(task)
+    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds)
+    store, cells = Store(arguments.store), suite.cells
+    outcomes = run_cells(cells, store, workers=arguments.workers, command=command_line())
+    failed = 0
+    for outcome in track(outcomes, "cells", len(cells), console=Console(stderr=True)):
+        if outcome.error:
+            failed += 1
+            print(f"fbl-gym: {outcome.id} failed: {outcome.error}", file=sys.stderr)
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["policy", *names, "seed", *METRICS])
+    curves: dict[str, list[np.ndarray]] = {}
+    for i, cell in enumerate(cells):
+        result, point = store.find(cell), points[i // (len(cells) // len(points))]
+        runs = result.rows if result else ()
+        for seed, metrics in zip(cell.seeds, runs, strict=False):
+            rows.writerow([cell.policy.name, *point, seed, *map("{:.7g}".format, metrics.values())])
+        band = np.quantile([metrics["error_pct"] for metrics in runs], QUANTILES) if runs else np.full(3, np.nan)
+        curves.setdefault(cell.policy.name, []).append(band)
+    write_text(arguments.out, text.getvalue())
+    path = arguments.plot or arguments.out.with_suffix(".png")
+    title = f"{arguments.scenario}, {arguments.seeds} seeds"
+    bands = {policy: np.array(bands) for policy, bands in curves.items()}
+    if len(names) == 1:
+        (x,) = map(np.array, values)
+        lines = tuple(Line(x, band[:, 1], policy, low=band[:, 0], high=band[:, 2]) for policy, band in bands.items())
+        label = "error [%], median and 10 to 90 % of the seeds"
+        plot_lines("", [Panel(title, names[0], label, lines, (scales[0], "log"))], path)
+    else:
+        shape = tuple(map(len, values))
+        maps = {policy: band[:, 1].reshape(shape) for policy, band in bands.items()}
+        plot_maps(f"median error [%] on {title}", names, values, maps, path)
+    print(f"runs: {arguments.out}\nfigure: {path}")
+    return 1 if failed else 0

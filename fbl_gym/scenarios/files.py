@@ -1,0 +1,126 @@
+"""Scenarios from TOML files and tables, which may change a base.
+
+A table has the fields of `Scenario`. Its entry `base` names another scenario or file, with which
+the table is merged, record by record. `false` switches an option off.
+
+    base = "hardware-everything-2"
+    noise.position = 1e-4
+    friction = false
+
+    [arm]
+    m1 = 12.0
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fbl_gym.checks import unknown
+from fbl_gym.records import build
+from fbl_gym.scenarios.scenario import Scenario
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Named = Callable[[str], Scenario]
+"""The function `scenarios.get`."""
+
+_FILE = re.compile(r"(?P<path>.+\.toml)(:(?P<entry>[^:@]+))?(@(?P<world>.+))?$")
+_DISTRIBUTIONS = ({"uniform"}, {"log_uniform"}, {"choice"})
+
+
+def split(text: str) -> tuple[str, str, str]:
+    """Return the file, the entry and the world that a text names; three empty texts: no file."""
+    match = _FILE.match(text)
+    return ("", "", "") if match is None else (match["path"], match["entry"] or "", match["world"] or "")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the content of a TOML file.
+
+    Args:
+        path: of the file.
+    """
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        raise ValueError(f"{path} is no TOML: {problem}") from None
+
+
+def load(path: Path, entry: str, named: Named, above: tuple[str, ...] = ()) -> Scenario:
+    """Return the scenario of a file. Without a name in it, the file's name is the scenario's.
+
+    Args:
+        path: of a TOML file.
+        entry: name of one of the file's `scenarios`, if it is a suite; empty: the whole file.
+        named: returns a scenario by name.
+        above: the files whose base this one is.
+    """
+    place = f"{path.resolve()}:{entry}"
+    if place in above:
+        raise ValueError(f"{path}: base must be another scenario, but leads back to this file")
+    table = read_toml(path)
+    if entry:
+        names = [each if isinstance(each, str) else each.get("name") for each in table.get("scenarios", ())]
+        if entry not in names:
+            raise unknown(f"scenario of {path}", entry, filter(None, names))
+        table = table["scenarios"][names.index(entry)]
+        if isinstance(table, str):
+            return named(table)
+    elif "scenarios" in table:
+        raise ValueError(f"{path} is a suite: give it to --suite, or name one of its scenarios, {path}:NAME")
+    return from_table({"name": path.stem, **table}, named, path, (*above, place))
+
+
+def from_table(
+    table: Mapping[str, Any], named: Named, path: Path | None = None, above: tuple[str, ...] = ()
+) -> Scenario:
+    """Return the scenario of a table.
+
+    Args:
+        table: fields of `Scenario`, and optionally `base`.
+        named: returns a scenario by name.
+        path: of the table's file, for errors and for relative paths; None: it has none.
+        above: the files whose base this table is.
+    """
+    folder = path.parent if path else Path()
+    fields = {name: value for name, value in table.items() if name != "base"}
+    base = table.get("base", "")
+    file, entry, world = split(str(base))
+    parent = load(folder / file, entry, named, above) if file else Scenario()
+    if str(arm := fields.get("arm")).endswith(".urdf"):
+        fields["arm"] = str(folder / str(arm))
+    try:
+        if not isinstance(base, str) or (file and world):
+            raise ValueError(f"base must be a name, or a .toml file without a world, got {base!r}")
+        if base and not file:
+            parent = named(base)
+        fields.setdefault("description", f"{parent.name} with other options")
+        return build("scenario", merged(parent.to_dict(), fields), Scenario)
+    except ValueError as problem:
+        raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
+
+
+def merged(base: Any, changes: Any) -> Any:
+    """Return plain data with changes, table by table.
+
+    A table of another `kind` and a distribution replace the base's value. `False` becomes None.
+
+    Args:
+        base: to be changed; it stays as it is.
+        changes: whose values replace those of the base.
+    """
+    if changes is False:
+        return None
+    if not isinstance(base, Mapping) or not isinstance(changes, Mapping) or set(changes) in _DISTRIBUTIONS:
+        return changes
+    if changes.get("kind", base.get("kind")) != base.get("kind"):
+        return changes
+    return {**base, **{name: merged(base.get(name), value) for name, value in changes.items()}}

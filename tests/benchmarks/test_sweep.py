@@ -1,0 +1,107 @@
+"""A sweep measures policies over the values of options, goes on in the store, and writes all runs."""
+
+import csv
+import shlex
+
+import pytest
+
+from benchmarks import cli
+from benchmarks.run.suite import with_option
+from benchmarks.run.traces import FORMATS
+from fbl_gym import scenarios
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text('base = "noise-1"\nduration = 0.5')
+    return tmp_path
+
+
+def rows(path):
+    with open(path) as file:
+        return list(csv.DictReader(file))
+
+
+def test_an_option_changes_where_its_path_leads():
+    base = scenarios.get("noise-1")
+    scenario = with_option(base, "noise.position", 0.01)
+    assert scenario.name == "noise-1,noise.position=0.01"
+    assert scenario.noise.velocity == base.noise.velocity
+    assert scenario.noise.position == base.replace(noise={"position": 0.01}).noise.position
+    assert with_option(base, "arm.m1", 7.0).arm.m1 == 7.0
+
+
+def test_one_option(folder):
+    line = "sweep --over noise.position=1e-4:1e-2:log:3 --policies pd-gravity zero --scenario arm.toml --seeds 2 --workers 1"
+    assert cli.main(shlex.split(line)) == 0
+    runs = rows("results/sweep.csv")
+    assert len(runs) == 3 * 2 * 2
+    assert [run["noise.position"] for run in runs[::4]] == ["0.0001", "0.001", "0.01"]
+    assert (folder / "results/sweep.png").stat().st_size > 1000
+    stored = {path: path.stat().st_mtime_ns for path in (folder / "results/board").iterdir()}
+    assert cli.main(shlex.split(line)) == 0
+    assert stored == {path: path.stat().st_mtime_ns for path in (folder / "results/board").iterdir()}
+
+
+def test_two_options_give_a_map(folder):
+    line = (
+        "sweep --over arm.m2=2,4 --over noise.position=0:1e-2:lin:2 --policies pd-gravity --scenario arm.toml --seeds 1"
+    )
+    assert cli.main(shlex.split(f"{line} --workers 1 --out two.csv --plot two.pdf")) == 0
+    assert [(run["arm.m2"], run["noise.position"]) for run in rows("two.csv")] == [
+        ("2.0", "0.0"), ("2.0", "0.01"), ("4.0", "0.0"), ("4.0", "0.01"),
+    ]  # fmt: skip
+    assert (folder / "two.pdf").exists()
+
+
+@pytest.mark.parametrize(
+    ("over", "message"),
+    [
+        ("--over noise.position=1:2:log", "must be such as noise.position=1e-4:1e-2:log:9"),
+        ("--over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
+        (
+            "--over arm.m1=1 --over arm.m2=1 --over arm.L1=1",
+            "--over may be given once or twice, got arm.m1 arm.m2 arm.L1",
+        ),
+    ],
+)
+def test_a_wrong_sweep_is_refused(over, message, capsys):
+    try:
+        status = cli.main(shlex.split(f"sweep {over} --policies zero"))
+    except SystemExit as end:
+        status = end.code
+    assert status == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_trace_has_names_with_units(ending):
+    assert cli.main(shlex.split(f"evaluate pd-gravity --scenario arm.toml --seeds 2 --trace trace{ending}")) == 0
+    if ending in (".npz", ".mat"):
+        import numpy as np
+        from scipy.io import loadmat
+
+        signals = (np.load if ending == ".npz" else loadmat)(f"trace{ending}")
+        assert signals["position_rad"].shape == (51, 2, 2)
+        assert set(signals) >= {"time_s", "seed", "alive", "velocity_rad_s", "torque_Nm", "payload_kg"}
+    else:
+        import duckdb
+
+        question = f"SELECT count(position_2_rad), max(time_s) FROM 'trace{ending}' WHERE seed = 1"
+        ((count, last),) = duckdb.sql(question).fetchall()
+        assert (count, last) == (51, 0.5)
+
+
+def test_a_trace_of_another_format_is_refused_before_the_run(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(shlex.split("evaluate pd-gravity --trace trace.txt"))
+    assert "must end in .npz, .csv, .mat or .parquet, got 'trace.txt'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["tune pid-flm", "train ppo --steps 10"])
+def test_a_judged_scenario_is_neither_tuned_nor_trained_on(command, capsys):
+    if command.startswith("train"):
+        pytest.importorskip("torch")
+    assert cli.main([*command.split(), "--scenario", "hardware-noise-2"]) == 2
+    assert "hardware-noise-2 is for judging alone: its motion is the board's" in capsys.readouterr().err

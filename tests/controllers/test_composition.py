@@ -1,0 +1,182 @@
+"""Laws composed with observers and a predictor."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import controllers
+from benchmarks.policies.spec import resolve
+from benchmarks.run.contract import check
+from controllers import registry
+from controllers.composition import Composed, compose
+from controllers.oracle import OracleFlm
+from controllers.parts import OBSERVERS
+from controllers.policy import TorqueLaw
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.records import tuning_ranges
+from tests.controllers.closed_loop import tracking
+
+LAWS = [name for name in controllers.names() if controllers.kind(name) == "classical" and not name.startswith("oracle")]
+
+LATE = {
+    "sensors": ("position",),
+    "actuator": {"delay_samples": 1, "delay": 0.013, "lag": 0.01},
+    "encoder": {"latency": 1},
+}
+"""A position sensor that is late, on a drive that is late too."""
+
+
+def error(name, steps=300, lanes=4, **options):
+    """Mean true error of a law after its first 50 samples [rad]."""
+    env = TwoLinkArmVectorEnv(lanes, **options)
+    return np.abs(tracking(controllers.make(name, env), env, steps)[0][50:]).mean()
+
+
+@pytest.mark.parametrize("action", ["normalized", "acceleration"])
+@pytest.mark.parametrize(
+    ("delay", "lag", "latency"), [(1, 0.0, 0), (3, 0.0, 1), (2, 0.01, 2), (0, 0.02, 0), (0, 0.0, 1)]
+)
+def test_with_an_exact_model_the_prediction_is_the_true_motion(action, delay, lag, latency):
+    """Position, velocity and torque at the time when the next command acts."""
+    env = TwoLinkArmEnv(actuator={"delay_samples": delay, "lag": lag}, encoder={"latency": latency}, action=action)
+    law = controllers.make("computed-torque+predictor", env)
+    observation, _ = env.reset(seed=1)
+    state, predicted, true = law.initial(observation[None]), [], []
+    for _ in range(60):
+        queue, present, *_ = state
+        q, v = law.read(observation[None], "position", "velocity")
+        predicted.append(law.drive.predict(env.nominal, q, v, 0.0 * q, present, law.drive.coming(queue)))
+        true.append((env.truth.position, env.truth.velocity, env.truth.applied_torque))
+        decision, state = law.predict(observation, state)
+        observation = env.step(decision)[0]
+    predicted, true = np.array(predicted)[10 : 60 - delay, :, 0], np.array(true)[10 + delay :]
+    np.testing.assert_allclose(predicted[:, :2], true[:, :2], atol=2e-5)
+    np.testing.assert_allclose(predicted[:, 2], true[:, 2], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "actuator", [{"delay_samples": 1}, {"delay": 0.013}, {"delay_samples": 3}, {"delay_samples": 2, "lag": 0.01}]
+)
+def test_a_predictor_undoes_the_delay(actuator):
+    """With an exact model and a preview, the error is near that without delay."""
+    ideal = error("computed-torque", preview=5)
+    late = error("computed-torque+predictor", preview=5, actuator=actuator)
+    assert late < 1.1 * ideal + (1e-4 if "lag" in actuator else 2e-5)
+    assert error("computed-torque", actuator=actuator) > 2.5 * ideal
+
+
+@pytest.mark.parametrize("name", OBSERVERS)
+@pytest.mark.parametrize("wrong_model", [False, True])
+def test_an_observer_estimates_the_motion(name, wrong_model):
+    """With an exact model, those that use it are exact; a wrong model disturbs "kalman" most."""
+    ratio = 0.75 if wrong_model else 1.0
+    env = TwoLinkArmEnv(sensors=("position",), actuator={"delay": 0.005, "lag": 0.01}, parameter_error=ratio)
+    gains = {f"{name.replace('-', '_')}_bandwidth": 150.0}
+    law = controllers.make(f"computed-torque+{name}", env, frequency=5.0, **gains)
+    observation, _ = env.reset(seed=0)
+    state, errors = law.initial(observation[None]), []
+    for _ in range(300):
+        estimate, truth = law.look(observation[None], state)[1][0], env.truth
+        errors.append(estimate[:, :3].T - [truth.position, truth.velocity, truth.acceleration])
+        decision, state = law.predict(observation, state)
+        observation = env.step(decision)[0]
+    position, velocity, acceleration = np.abs(errors[50:]).mean(axis=(0, 2))
+    largest = {"derivative": 0.01, "kalman": 0.05 if wrong_model else 1e-3, "eso": 1e-3, "high-gain": 1e-3}
+    assert position < 2e-4
+    assert velocity < largest[name]
+    assert acceleration < 0.1
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_runs_on_a_late_position_sensor_alone(name):
+    """A lane of a batch acts as one arm, also after a restart of some lanes, and stays finite."""
+    env = TwoLinkArmVectorEnv(3, "everything-2", noise=None, **LATE)
+    law = controllers.make(f"{name}+kalman+predictor" if name != "zero" else name, env)
+    plain = controllers.make(name, env)
+    observation, _ = env.reset(seed=3)
+    states, lanes = [None, None], [None] * 3
+    for step in range(25):
+        starts = np.full(3, step == 0)
+        starts[1] |= step == 12
+        for i, policy in enumerate((law, plain)):
+            action, states[i] = policy.predict(observation, states[i], starts)
+            assert np.isfinite(action).all()
+            if i == 0:
+                for lane in range(3):
+                    single, lanes[lane] = law.predict(observation[lane], lanes[lane], starts[lane])
+                    np.testing.assert_allclose(single, action[lane], atol=1e-9)
+        observation = env.step(action)[0]
+
+
+@pytest.mark.parametrize("name", ["pid-flm+derivative", "adaptive-robust-flm+eso+predictor"])
+def test_a_composition_keeps_every_promise(name):
+    assert [f"{result.promise}: {result.detail}" for result in check(name) if not result.kept] == []
+
+
+def test_a_missing_sensor_is_estimated():
+    """With all sensors the law itself is made."""
+    env = TwoLinkArmEnv(sensors=("position",))
+    law = controllers.make("computed-torque", env, frequency=9.0)
+    assert isinstance(law, Composed)
+    assert law.frequency == (9.0, 9.0)
+    assert error("computed-torque", sensors=("position",)) < 1.2 * error("computed-torque")
+    assert not isinstance(controllers.make("computed-torque", TwoLinkArmEnv()), Composed)
+    assert not isinstance(controllers.make("adrc", env), Composed)
+
+
+def test_a_composition_has_the_gains_of_law_and_parts():
+    spec = resolve("pid-flm+high-gain+predictor")
+    assert (spec.access, spec.needs, spec.tuning, spec.problem) == ("nominal", ("position",), "default gains", "")
+    assert spec.summary.endswith("; with high-gain and predictor")
+    assert spec.configuration["high_gain_bandwidth"] == 150.0
+    assert {"kp", "high_gain_bandwidth", "predictor_lead"} <= set(tuning_ranges(spec.factory()))
+    law = spec.make(TwoLinkArmEnv(actuator={"lag": 0.01}), kp=30.0, high_gain_bandwidth=70.0, predictor_lead=1.0)
+    assert (law.inside.kp, law.observer.bandwidth, law.predictor.lead) == ((30.0, 30.0), 70.0, 1.0)
+
+
+def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
+    monkeypatch.setattr(registry, "TUNED", tmp_path)
+    name = "computed-torque+kalman@tuned"
+    with pytest.raises(ValueError, match="unknown tuned policy"):
+        registry.tuned_gains(name)
+    gains = {"frequency": 8.0, "kalman_bandwidth": 60.0}
+    (tmp_path / "computed-torque+kalman.json").write_text(json.dumps({"gains": gains}))
+    assert registry.tuned_gains(name) == gains
+    assert resolve(name).tuning == "tuned"
+    assert controllers.make(name, TwoLinkArmEnv()).observer.bandwidth == 60.0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("pid-flm+kalmn", "unknown part 'kalmn'; did you mean 'kalman'"),
+        ("pid-fml+kalman", "unknown policy 'pid-fml.*did you mean 'pid-flm'"),
+        ("pid-flm+kalman+eso", "give one observer, got kalman and eso"),
+        ("pid-flm+eso+eso", "parts must differ, got eso, eso"),
+        ("oracle-flm+kalman", "parts go with a subclass of TorqueLaw, got 'OracleFlm'"),
+        ("pid-flm+kalman@tuned", "unknown policy 'pid-flm.kalman@tuned'"),
+    ],
+)
+def test_a_wrong_composition_is_named(name, message):
+    with pytest.raises(ValueError, match=message):
+        resolve(name)
+
+
+def test_a_law_of_a_user_is_composed():
+    @dataclasses.dataclass(frozen=True)
+    class Mine(TorqueLaw):
+        gains: tuple = (4.0,)
+
+        def torque(self, observation, state):
+            q, v = self.read(observation, "position", "velocity")
+            return -self.gains[0] * (q + v), state
+
+    env = TwoLinkArmEnv(sensors=("position",))
+    observation, _ = env.reset(seed=0)
+    for factory in (Mine, compose(Mine, "derivative", "predictor")):
+        assert np.isfinite(controllers.make(factory, env, gains=(2.0,)).predict(observation)[0]).all()
+    assert compose(Mine, "predictor", "derivative") is not None
+    with pytest.raises(ValueError, match="subclass of TorqueLaw"):
+        compose(OracleFlm, "kalman")
