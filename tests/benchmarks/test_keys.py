@@ -94,7 +94,7 @@ def test_a_law_depends_on_its_modules_the_kernel_and_the_metrics_but_on_no_other
     modules = closure(roots)
     assert {"fbl_gym.kernel.physics", "fbl_gym.arm", "controllers.estimator", "controllers.policy"} <= set(modules)
     assert not {"controllers.adrc", "fbl_gym.render", "benchmarks.policies.spec", "benchmarks.cli.tune"} & set(modules)
-    assert "controllers.cascade" in closure({"benchmarks.rl.policy": file_of("benchmarks.rl.policy")})
+    assert "controllers.computed_torque" in closure({"benchmarks.rl.policy": file_of("benchmarks.rl.policy")})
 
 
 @pytest.mark.parametrize("module", ["controllers.pid", "fbl_gym.kernel.physics", "benchmarks.run.metrics"])
