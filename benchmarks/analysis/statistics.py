@@ -133,40 +133,10 @@ def estimate(x: ArrayLike, counts: Array, statistic: Statistic = geometric_mean)
     return interval(statistic(np.asarray(x), once)[0], statistic(np.asarray(x), counts))
 
 
-def difference(a: ArrayLike, b: ArrayLike, counts: Array, statistic: Statistic = geometric_mean) -> Estimate:
-    """Return the statistic of runs a minus that of runs b on the same resampled seeds.
-
-    Below 0, a errs less.
-    """
-    runs = np.stack([np.asarray(a), np.asarray(b)])
-    return estimate(runs, counts, lambda x, counts: statistic(x[0], counts) - statistic(x[1], counts))
-
-
 def wins(a: ArrayLike, b: ArrayLike, counts: Array) -> Estimate:
     """Return the share of the runs in which a errs less than b on the same seed; ties are half."""
-    return estimate(_beats(np.asarray(a), np.asarray(b)), counts, mean)
-
-
-def improvement(a: ArrayLike, b: ArrayLike, counts: Array) -> Estimate:
-    """Return the probability that a run of a errs less than a run of b on another seed.
-
-    a and b are [s x n]; the probability is averaged over scenarios. Both policies met the same
-    seeds, so these are resampled jointly.
-    """
-    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    n = a.shape[-1]
-    # U / n^2 = sum_ij [a_i < b_j] / n^2, ties half: Mann and Whitney (1947), averaged over
-    # scenarios.
-    u = _beats(a[:, :, None], b[:, None, :])
-    c = counts.swapaxes(0, 1)
-    if len(c) == 1:
-        u = u.mean(axis=0, keepdims=True)
-    draws = ((c @ u) * c).sum(axis=-1).mean(axis=0) / n**2
-    return interval(u.mean(), draws)
-
-
-def _beats(a: Array, b: Array) -> Array:
-    return (a < b) + 0.5 * (a == b)
+    a, b = np.asarray(a), np.asarray(b)
+    return estimate((a < b) + 0.5 * (a == b), counts, mean)
 
 
 def profile(x: ArrayLike, tau: ArrayLike, counts: Array) -> Estimate:

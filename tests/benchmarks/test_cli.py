@@ -37,7 +37,7 @@ from benchmarks.run.suite import load as load_suite
         ("evaluate runs/lost", "must be a name, or a file or folder that exists, got 'runs/lost'"),
         ("leaderboard --policies zero ./", "must be a folder with an agent.json, got './'"),
         ("compare zero", "two policies or more can be compared, got zero"),
-        ("leaderboard --suite quik", "unknown suite 'quik'; did you mean 'quick'"),
+        ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
         ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
         ("leaderboard --arm tabel-1", "did you mean 'table-1'"),

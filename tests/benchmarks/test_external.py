@@ -1,7 +1,6 @@
 """External policies in a run: they reach no other row and stop no other cell."""
 
 import os
-import shlex
 import subprocess
 import sys
 
@@ -204,8 +203,10 @@ def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path, monkeypatch, c
     assert "shaky.py: breaks a promise (a lane of a batch acts as a single policy)" in " ".join(
         capsys.readouterr().out.split()
     )
-    assert cli.main(shlex.split("evaluate zero --scenario hardware-nominal --seeds 1 --store store")) == 0
-    assert cli.main(shlex.split("evaluate pd-gravity@damping=2 --scenario nominal --seeds 1 --store store")) == 0
+    assert cli.main(["evaluate", "zero", "--scenario", "hardware-nominal", "--seeds", "1", "--store", "store"]) == 0
+    assert (
+        cli.main(["evaluate", "pd-gravity@damping=2", "--scenario", "nominal", "--seeds", "1", "--store", "store"]) == 0
+    )
     for gains in ("damping=2", "damping=3", "damping=2"):
         assert cli.main(f"evaluate pd-gravity@{gains} --scenario hardware-nominal --seeds 1 --store store".split()) == 0
     assert Store(tmp_path / "store").looks() == {("zero", "hardware-nominal"): 1, ("pd-gravity", "hardware-nominal"): 2}
