@@ -14,6 +14,7 @@ best are written to a file.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import math
@@ -86,6 +87,13 @@ class Task:
                 f"{self.policy.name} has nothing to tune: none of its gains is declared with a range `tune`"
             )
         return ranges
+
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """Default value of each gain, for a file that stays the same when the defaults change."""
+        law: Any = self.policy.factory()
+        values = {field.name: field.default for field in dataclasses.fields(law)}
+        return {name: values[name] for name in self.ranges}
 
     def check(self, gains: Mapping[str, float]) -> None:
         """Refuse gains that are unknown or outside of their ranges."""
@@ -264,7 +272,7 @@ def summary(
     columns = ("trial", "objective", "diverged_pct")
     return {
         "policy": task.policy.name,
-        "gains": verdicts[0]["gains"],
+        "gains": verdicts[0]["gains"] or task.defaults,
         "trials": {
             "count": len(done),
             "environment_steps": task.steps * len(done),

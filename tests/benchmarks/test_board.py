@@ -213,16 +213,17 @@ def test_a_policy_without_results_is_left_out_and_named():
 
 def test_a_policy_that_cannot_run_a_scenario_stays_there():
     """It keeps its row; where it lacks a sensor, it scores 0 and is marked."""
-    blind = scenarios.get("noise-1").replace(noise=None, sensors=("position", "velocity"), name="blind")
-    tasks = (scenarios.get("nominal"), blind)
-    found = assemble(
-        [run_cell(Cell(p, task, (0, 1, 2))) for p in ("zero", "ppo-torque", "oracle-flm") for task in tasks]
-    )
-    assert found.policies == ("zero", "ppo-torque", "oracle-flm")
+    results = [
+        run_cell(Cell(p, task, (0, 1, 2))) for p in ("zero", "pid-flm", "oracle-flm") for task in ("nominal", "noise-1")
+    ]
+    error = "ValueError: PidFlm needs a sensor of velocity, but the observation only has position"
+    results[3] = dataclasses.replace(results[3], rows=(), error=error)
+    found = assemble(results)
+    assert found.policies == ("zero", "pid-flm", "oracle-flm")
     assert list(found.failed) == [(1, 1)]
     np.testing.assert_array_equal(found.errors[1, 1], found.runs["stay_pct"][0, 1])
-    assert "Count as an arm that stays (needs a sensor of acceleration): ppo-torque in blind." in found.remarks
-    assert "`ppo-torque` stays in 1 of 2 |" in markdown.leaderboard(found)
+    assert "Count as an arm that stays (needs a sensor of velocity): pid-flm in noise-1." in found.remarks
+    assert "`pid-flm` stays in 1 of 2 |" in markdown.leaderboard(found)
     assert found.diverged.high[1] > found.diverged.high[0]  # fewer runs
 
 
