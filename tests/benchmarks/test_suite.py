@@ -22,6 +22,7 @@ def test_suites(tmp_path):
     board = {scenario.name for scenario in named("hardware").scenarios}
     assert board == {*scenarios.in_tier("hardware", [2]), *scenarios.in_tier("surprise")}
     assert "ppo-torque" not in named("hardware").policies
+    assert "ppo-residual" in named("hardware").policies
     assert len(named("full").scenarios) >= 70
     file = tmp_path / "mine.toml"
     file.write_text('policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n')
