@@ -55,7 +55,7 @@ def test_commands_and_options_complete(offered):
 
 
 def test_names_complete_where_they_are_expected(offered):
-    assert offered("fbl-gym evaluate cascade-f") == ["cascade-flm", "cascade-flm@tuned"]
+    assert offered("fbl-gym evaluate cascade-f") == ["cascade-flm", "cascade-flm@tuned", "cascade-flm+predictor@tuned"]
     assert offered("fbl-gym evaluate cascade-flm@") == ["cascade-flm@tuned"]
     assert offered("fbl-gym compare pid-flm ppo-mem") == ["ppo-memory"]
     assert offered("fbl-gym leaderboard --policies zero oracle-f") == ["oracle-flm"]

@@ -29,12 +29,12 @@ def folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "frequency", "damping"),
     [
-        ("pd-gravity@frequency=8", (8.0, 8.0), 1.0),
+        ("pd-gravity@frequency=8", (8.0, 8.0), 0.4),
         ("pd-gravity@frequency=8@damping=0.7", (8.0, 8.0), 0.7),
-        ("pd-gravity@my_arm", (8.0, 8.0), 1.0),
+        ("pd-gravity@my_arm", (8.0, 8.0), 0.4),
         ("pd-gravity@my_arm/pd-gravity.json@damping=0.7", (8.0, 8.0), 0.7),
-        ("law.py@gains.json", (8.0, 9.0), 1.0),
-        ("law.py:PdGravity@frequency=8,9", (8.0, 9.0), 1.0),
+        ("law.py@gains.json", (8.0, 9.0), 0.4),
+        ("law.py:PdGravity@frequency=8,9", (8.0, 9.0), 0.4),
     ],
 )
 def test_gains_of_a_text_reach_the_law(text, frequency, damping):
