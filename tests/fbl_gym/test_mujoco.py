@@ -60,10 +60,10 @@ SMOOTH = {
 """Options under which a torque varies within a physics step."""
 
 
-def run(options, lanes=4, policy="computed-torque", seconds=10.0):
+def run(options, lanes=4, policy="computed-torque", seconds=10.0, **gains):
     """Return the truth of every step in closed loop, and all observations and rewards."""
     env = TwoLinkArmVectorEnv(lanes, duration=seconds, **options)
-    law = controllers.make(policy, env)
+    law = controllers.make(policy, env, **gains)
     observation, _ = env.reset(seed=0)
     truth, numbers, state, starts = [env.truth], [observation], None, np.ones(lanes, dtype=bool)
     for _ in range(env.scenario.steps):
@@ -138,7 +138,8 @@ def test_backlash_converges():
 
     def follow(plant):
         joint = {**ELASTIC["joint"], "damping": 0.0, "backlash": 0.01}
-        return run({**ELASTIC, "joint": joint, "plant": plant}, policy="pd-gravity", seconds=1.0, lanes=1)
+        options = {**ELASTIC, "joint": joint, "plant": plant}
+        return run(options, policy="pd-gravity", seconds=1.0, lanes=1, damping=1.0)
 
     exact = follow(None)
     coarse, fine = (distance(exact, follow({"kind": "mujoco", "substeps": n}), "position") for n in (1, 10))
