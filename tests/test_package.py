@@ -55,8 +55,8 @@ def test_a_built_package_works_outside_the_checkout(tmp_path):
     assert "ppo-residual" in run("fbl-gym", "leaderboard", *few, "--workers", "1")
     run("fbl-gym", "report", *few)
     assert (tmp_path / "results" / "report" / "board.html").stat().st_size > 1e6
-    few = ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--scenarios", "nominal"]
-    assert "best: " in run("fbl-gym", "tune", "pd-gravity", *few)
+    few = ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--scenario", "nominal"]
+    assert "use them as pd-gravity@" in run("fbl-gym", "tune", "pd-gravity", *few)
     assert (site / "fbl_gym" / "py.typed").exists()
     assert not (site / "tests").exists()
     subprocess.run([*pip, "uninstall", "--quiet", "--yes", "fbl-gym"], check=True)

@@ -17,7 +17,7 @@ from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.apart import Limits, limit
 from benchmarks.report import terminal
-from benchmarks.run.cell import Outcome, refuse_broken
+from benchmarks.run.cell import Outcome
 from benchmarks.run.runner import BACKENDS
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
@@ -95,19 +95,17 @@ def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
     limit(Limits(arguments.cell_timeout, arguments.cell_memory))
     cells, store = suite_of(arguments).cells, Store(arguments.store)
-    outcomes = refuse_broken(cells, store, command_line())
-    refused = {outcome.id for outcome in outcomes}
+    outcomes: list[Outcome] = []
     stopped: KeyboardInterrupt | None = None
     columns = (
         TextColumn("{task.description:<44}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
         TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[rate]} [red]{task.fields[failures]}"),
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task("starting", total=len(cells), completed=len(refused), rate="", failures="")
+        task = progress.add_task("starting", total=len(cells), rate="", failures="")
         try:
-            left = [cell for cell in cells if cell.id not in refused]
             for outcome in run_cells(
-                left, store, workers=arguments.workers, backend=arguments.backend, address=arguments.address,
+                cells, store, workers=arguments.workers, backend=arguments.backend, address=arguments.address,
                 command=command_line(),
             ):  # fmt: skip
                 outcomes.append(outcome)

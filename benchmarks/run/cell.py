@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from benchmarks.policies import external
 from benchmarks.policies.apart import Failed, Limits, call_apart, end_with_parent, limit, limits, reason_of
 from benchmarks.policies.spec import PolicySpec
+from benchmarks.run.contract import broken
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, rollout
 from benchmarks.run.store import Result, Store, provenance
@@ -78,35 +78,11 @@ def run_apart(cell: Cell, command: str = "") -> Result:
     begin = time.perf_counter()
     owner = cell.policy.name if cell.policy.external else ""
     try:
-        result: Result = call_apart(owner, "benchmarks.run.cell:run_on_one_thread", cell, command)
+        function = "run_checked" if owner else "run_on_one_thread"
+        result: Result = call_apart(owner, f"benchmarks.run.cell:{function}", cell, command)
     except (Failed, ValueError) as problem:
         return Result(cell, (), float("nan"), time.perf_counter() - begin, str(problem), provenance(command))
     return result
-
-
-def refuse_broken(cells: Sequence[Cell], store: Store, command: str = "") -> list[Outcome]:
-    """Store a failure for each cell whose external policy breaks a promise; return their outcomes.
-
-    A policy is checked on its first scenario, unless the store has the results of all its cells.
-
-    Args:
-        cells: of any policies.
-        store: of the results.
-        command: the command that was typed, for the record.
-    """
-    reasons: dict[PolicySpec, str] = {}
-    for cell in cells:
-        policy = cell.policy
-        if policy.external and not policy.problem and policy not in reasons and store.find(cell) is None:
-            reasons[policy] = ""
-            with contextlib.suppress(Failed, ValueError):  # the run gives the reason
-                reasons[policy] = call_apart(policy.name, "benchmarks.run.contract:broken", policy, cell.scenario)
-    outcomes = []
-    for cell in cells:
-        if reason := reasons.get(cell.policy):
-            store.save(Result(cell, (), float("nan"), 0.0, reason, provenance(command)))
-            outcomes.append(Outcome(cell.id, "failed", error=reason))
-    return outcomes
 
 
 def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> Trace:
@@ -128,3 +104,16 @@ def run_on_one_thread(cell: Cell, command: str) -> Result:
 
     with threadpool_limits(1):
         return run_cell(cell, command)
+
+
+def run_checked(cell: Cell, command: str) -> Result:
+    """Run a cell of an external policy, unless the policy breaks a promise."""
+    if cell.policy not in _BROKEN:
+        _BROKEN[cell.policy] = "" if cell.policy.problem else broken(cell.policy, cell.scenario)
+    if reason := _BROKEN[cell.policy]:
+        return Result(cell, (), float("nan"), 0.0, reason, provenance(command))
+    return run_on_one_thread(cell, command)
+
+
+_BROKEN: dict[PolicySpec, str] = {}
+"""The first broken promise of each policy that this process has checked; empty: none."""
