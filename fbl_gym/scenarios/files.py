@@ -1,7 +1,8 @@
 """Scenarios from TOML files and tables, which may change a base.
 
 A table has the fields of `Scenario`. Its entry `base` names another scenario or file, with which
-the table is merged, record by record. `false` switches an option off.
+the table is merged, record by record. `false` switches an option off. Where the base is of the
+tiers hardware, practice or surprise and the arm is another one, torques and payloads follow it.
 
     base = "hardware-everything-2"
     noise.position = 1e-4
@@ -21,6 +22,7 @@ from typing import Any
 
 from fbl_gym.checks import unknown
 from fbl_gym.records import build
+from fbl_gym.scenarios import hardware
 from fbl_gym.scenarios.scenario import Scenario
 
 if sys.version_info >= (3, 11):
@@ -102,6 +104,9 @@ def from_table(
             raise ValueError(f"base must be a name, or a .toml file without a world, got {base!r}")
         if base and not file:
             parent = named(base)
+        if base in hardware.MEMBERS and "arm" in fields:
+            arm = merged(parent.to_dict()["arm"], fields["arm"])
+            parent = hardware.get(base, build("scenario", {"arm": arm}, Scenario).arm)
         fields.setdefault("description", f"{parent.name} with other options")
         return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:

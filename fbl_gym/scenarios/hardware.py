@@ -167,39 +167,48 @@ def conditions(arm: ArmParameters, family: str = "nominal", severity: int = 0) -
     return {**options, "actuator": actuator}
 
 
-def hardware(family: str = "nominal", severity: int = 0) -> Scenario:
+def hardware(family: str = "nominal", severity: int = 0, arm: ArmParameters | None = None) -> Scenario:
     """Return a scenario of the board.
 
     Args:
         family: one of `FAMILIES`, "nominal", or a real arm: "pelican" or "dfki-c1".
         severity: 0 to 3; real arms have 0 only.
+        arm: the nominal model; None: the tier's.
     """
-    options = conditions(_ARMS.get(family, ARM), family, severity)
-    if family == "pelican":  # its fast second link needs more than the tier's rule gives
+    options = conditions(arm or _ARMS.get(family, ARM), family, severity)
+    if family == "pelican" and arm is None:  # its fast second link needs more than the tier's rule gives
         options["actuator"]["torque_limit"] = tuple(2.0 * x for x in options["actuator"]["torque_limit"])
-    if family == "dfki-c1":  # drives and encoders as in `real.py`
+    if family == "dfki-c1" and arm is None:  # drives and encoders as in `real.py`
         options["actuator"]["torque_limit"] = 10.0
         options["encoder"]["counts"] = 65535.0 / 25.0 * 2 * math.pi
         options["friction"] = {"viscous": 0.001, "coulomb": (0.16 * math.pi / 2, 0.12 * math.pi / 2)}
     return Scenario(name=_name("hardware", family, severity), description=(_REAL | FAMILIES)[family], **options)
 
 
-def practice(family: str = "nominal", severity: int = 0) -> Scenario:
+def practice(family: str = "nominal", severity: int = 0, arm: ArmParameters | None = None) -> Scenario:
     """Return a scenario for tuning and training: a family of the board with another motion.
 
     Args:
         family: one of `FAMILIES`, or "nominal".
         severity: 1 or 3; the board of `make leaderboard` has 2.
+        arm: the nominal model; None: the tier's.
     """
     motion = PRACTICE_MOTION
     if family == "saturation":
         motion = dataclasses.replace(motion, frequency=0.4)
-    return hardware(family, severity).replace(name=_name("practice", family, severity), reference=motion, duration=8.0)
+    return hardware(family, severity, arm).replace(
+        name=_name("practice", family, severity), reference=motion, duration=8.0
+    )
 
 
-def surprise(family: str) -> Scenario:
-    """Return a scenario that changes during the episode, or has another arm; one of `SURPRISES`."""
-    arm = _ARMS.get(family, ARM)
+def surprise(family: str, arm: ArmParameters | None = None) -> Scenario:
+    """Return a scenario that changes during the episode, or has another arm.
+
+    Args:
+        family: one of `SURPRISES`.
+        arm: the nominal model; None: the tier's.
+    """
+    arm = arm or _ARMS.get(family, ARM)
     p1, p2, p3, _, _ = arm.lumped
     changes: dict[str, Event] = {
         "payload": PickUp(time=_uniform(3.0, 5.0), mass=0.5 * arm.m2),
@@ -215,7 +224,7 @@ def _name(tier: str, family: str, severity: int) -> str:
     return f"{tier}-{family}" if severity == 0 else f"{tier}-{family}-{severity}"
 
 
-_TIERS = {"hardware": hardware, "practice": practice, "surprise": lambda family, _: surprise(family)}
+_TIERS = {"hardware": hardware, "practice": practice, "surprise": lambda family, _, arm: surprise(family, arm)}
 
 MEMBERS = {
     _name(tier, family, severity): Member(family, severity, family if family in _ARMS else "table-1", tier)
@@ -232,10 +241,15 @@ MEMBERS = {
 """Family, severity, arm and tier of each named scenario."""
 
 
-def get(name: str) -> Scenario:
-    """Return the scenario of a name, one of `MEMBERS`."""
+def get(name: str, arm: ArmParameters | None = None) -> Scenario:
+    """Return the scenario of a name.
+
+    Args:
+        name: one of `MEMBERS`.
+        arm: the nominal model; None: the scenario's. Loads and torque limits follow from it.
+    """
     member = MEMBERS[name]
-    return _TIERS[member.tier](member.family, member.severity)
+    return _TIERS[member.tier](member.family, member.severity, arm)
 
 
 def judged(scenario: Scenario) -> str:

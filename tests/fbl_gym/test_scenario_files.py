@@ -36,7 +36,7 @@ def test_a_file_changes_its_base_table_by_table(folder):
     assert scenario.parameter_error.radius == 0.1
     assert scenario.parameter_error.payload == base.parameter_error.payload
     assert scenario.reference.kind == "sine"
-    assert scenario.actuator == base.actuator
+    assert scenario.actuator.lag == base.actuator.lag
     second = scenarios.get(str(folder / "arm.toml"))
     assert second.name == "second"
     assert second == scenario.replace(name="second", duration=4.0, description=second.description)
@@ -94,3 +94,13 @@ def test_an_error_names_the_file_and_the_key_once(text, message, tmp_path, monke
     for name in ("bad.toml", "child.toml"):
         with pytest.raises(ValueError, match=message):
             scenarios.get(name)
+
+
+def test_the_torques_of_a_tier_follow_the_arm(tmp_path):
+    (tmp_path / "mine.toml").write_text('base = "hardware-friction-2"\narm = "pelican"\ncontrol_dt = 0.005\n')
+    scenario = scenarios.get(str(tmp_path / "mine.toml"))
+    expected = scenarios.Scenario(**scenarios.conditions(scenarios.get("hardware-pelican").arm, "friction", 2))
+    assert scenario.friction == expected.friction
+    assert scenario.actuator == expected.actuator
+    assert scenario.parameter_error == expected.parameter_error
+    assert scenario.control_dt == 0.005
