@@ -186,6 +186,10 @@ def tune(
             if also and study.trials:
                 study.enqueue_trial(dict(also), skip_if_exists=True)
             study.optimize(objective, n_trials=1)
+    except Exception as problem:
+        if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial
+            raise problem.__context__ from None
+        raise
     finally:
         _close_stale(study, including=_process())
     return study
