@@ -66,6 +66,14 @@ def picture(text: str) -> Path:
     return _file(text, ".png", ".svg", ".pdf")
 
 
+def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
+    """Add a figure of some subject and its width."""
+    parser.add_argument("--plot", type=picture, metavar="FILE", help=f"draw {subject}: .png, .svg or .pdf")
+    parser.add_argument(
+        "--columns", type=int, choices=(1, 2), default=2, help="width of the figure in columns of a journal (2)"
+    )
+
+
 def trace_file(text: str) -> Path:
     """Return a file that a trace can be written to; an argument's type."""
     return _file(text, *FORMATS)

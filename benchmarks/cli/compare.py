@@ -10,18 +10,18 @@ from rich.table import Table
 
 from benchmarks.analysis.statistics import estimate, resample, wins
 from benchmarks.cli.common import (
+    add_plot,
     add_scenario,
     add_store,
     add_trust,
     console,
     episodes,
     film,
-    picture,
     policy_name,
     trust,
 )
 from benchmarks.policies.spec import resolve_apart
-from benchmarks.report.plot import plot_comparison
+from benchmarks.report.plot import caption, plot_comparison
 from benchmarks.run.cell import trace_apart
 from benchmarks.run.metrics import measure
 from benchmarks.run.store import Store
@@ -37,9 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=episodes, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)"
     )
-    parser.add_argument(
-        "--plot", type=picture, metavar="FILE", help="draw their errors on the first seed: .png, .svg or .pdf"
-    )
+    add_plot(parser, "their errors over the seeds")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed side by side: .mp4 or .gif")
     add_trust(parser)
     add_store(parser)
@@ -81,8 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
     screen = console()
     screen.print(table)
     if arguments.plot is not None:
-        plot_comparison(traces, f"Tracking errors on {scenario.name}", arguments.plot)
-        screen.print(f"plot: {arguments.plot}", markup=False)
+        plot_comparison(traces, f"Tracking errors on {scenario.name}", arguments.plot, arguments.columns)
+        screen.print(f"plot: {arguments.plot}, {caption(arguments.seeds)}", markup=False)
     if arguments.video is not None:
         from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
 

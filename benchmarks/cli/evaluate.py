@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from benchmarks.cli.common import (
+    add_plot,
     add_policy,
     add_scenario,
     add_store,
@@ -13,13 +14,12 @@ from benchmarks.cli.common import (
     episodes,
     film,
     gain,
-    picture,
     trace_file,
     trust,
 )
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
-from benchmarks.report.plot import plot_trace
+from benchmarks.report.plot import caption, plot_trace
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import Store
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--gains", nargs="+", type=gain, default=(), metavar="GAIN=VALUE",
         help="gains in place of the policy's defaults, such as kp=25, or kp=25,30 for the two joints",
     )  # fmt: skip
-    parser.add_argument("--plot", type=picture, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
+    add_plot(parser, "the signals over the seeds")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
     parser.add_argument(
         "--trace", type=trace_file, metavar="FILE", help="write all signals of all seeds: .npz, .csv, .mat or .parquet"
@@ -59,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     terminal.evaluation(screen, title, measure(trace), 1e6 * trace.decision_time)
     screen.print(scenario.description, markup=False)
     if arguments.plot is not None:
-        plot_trace(trace, f"{arguments.policy} on {scenario.name}", arguments.plot)
-        screen.print(f"plot: {arguments.plot}", markup=False)
+        plot_trace(trace, title, arguments.plot, arguments.columns)
+        screen.print(f"plot: {arguments.plot}, {caption(arguments.seeds)}", markup=False)
     if arguments.trace is not None:
         export(trace, arguments.trace)
         screen.print(f"trace: {arguments.trace}", markup=False)

@@ -15,18 +15,18 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.cli.common import (
+    add_plot,
     add_scenario,
     add_store,
     add_trust,
     command_line,
     count,
     episodes,
-    picture,
     policy_name,
     trust,
 )
 from benchmarks.files import write_text
-from benchmarks.report.plot import Line, Panel, plot_lines, plot_maps
+from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines, plot_maps
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
@@ -35,9 +35,6 @@ from fbl_gym import scenarios
 
 Over = tuple[str, str, list[float]]
 """The path of an option, the scale of its axis, and its values."""
-
-QUANTILES = (0.1, 0.5, 0.9)
-"""The edges and the middle of a band over the seeds."""
 
 
 def over(text: str) -> Over:
@@ -69,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("results/sweep.csv"), metavar="FILE", help="all runs (results/sweep.csv)"
     )
-    parser.add_argument("--plot", type=picture, metavar="FILE", help="figure: .png, .svg or .pdf (beside --out)")
+    add_plot(parser, "the errors (a .png beside --out)")
     parser.add_argument(
         "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
     )
@@ -111,16 +108,16 @@ def run(arguments: argparse.Namespace) -> int:
         curves.setdefault(cell.policy.name, []).append(band)
     write_text(arguments.out, text.getvalue())
     path = arguments.plot or arguments.out.with_suffix(".png")
-    title = f"{arguments.scenario}, {arguments.seeds} seeds"
+    title = f"Error on {arguments.scenario}, {arguments.seeds} seeds"
     bands = {policy: np.array(bands) for policy, bands in curves.items()}
     if len(names) == 1:
         (x,) = map(np.array, values)
         lines = tuple(Line(x, band[:, 1], policy, low=band[:, 0], high=band[:, 2]) for policy, band in bands.items())
-        label = "error [%], median and 10 to 90 % of the seeds"
-        plot_lines("", [Panel(title, names[0], label, lines, (scales[0], "log"))], path)
+        panel = Panel("", names[0], "error [%]", lines, (scales[0], "log"))
+        plot_lines(title, [panel], path, arguments.columns)
     else:
         shape = tuple(map(len, values))
         maps = {policy: band[:, 1].reshape(shape) for policy, band in bands.items()}
-        plot_maps(f"median error [%] on {title}", names, values, maps, path)
-    print(f"runs: {arguments.out}\nfigure: {path}")
+        plot_maps(title, names, values, maps, path, arguments.columns)
+    print(f"runs: {arguments.out}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0
