@@ -77,12 +77,25 @@ def amplitude(trace: Trace) -> Array:
     return np.where(size > 1e-9, size, 1.0)
 
 
-def measure(trace: Trace) -> list[dict[str, float]]:
+def departure(trace: Trace) -> Array:
+    """Return the reference's largest distance from the arm's start [n x 2] rad: the size of a step.
+
+    It is 1 for a joint that shall stand still. The paper's errors are shares of it.
+    """
+    size = np.abs(trace.reference - trace.position[0]).max(axis=0)
+    return np.where(size > 1e-9, size, 1.0)
+
+
+def measure(trace: Trace, size: Array | None = None) -> list[dict[str, float]]:
     """Return the metrics of each seed, in the seeds' order.
 
     A metric that does not apply to the trace is NaN.
+
+    Args:
+        trace: of a rollout.
+        size: 100 % of an error [n x 2] rad; left out: the `amplitude`.
     """
-    error, size = errors(trace), amplitude(trace)
+    error, size = errors(trace), amplitude(trace) if size is None else size
     alive = trace.alive[..., None]
     dt, mean_error = trace.scenario.control_dt, error.mean(axis=-1)
     count = np.maximum(trace.alive.sum(axis=0), 1)
