@@ -1,7 +1,7 @@
 """Statistics of the leaderboard: pure functions on arrays.
 
 Runs lie in arrays [... x s x n] of s scenarios and n seeds. Axes before these (policies,
-severities, training seeds) stay. A bootstrap resample is an array of counts, the weight of each
+severities) stay. A bootstrap resample is an array of counts, the weight of each
 run, and `resample` draws all counts of a bootstrap at once. Statistics with the same counts use the
 same resampled seeds, so policies are compared in pairs.
 
@@ -18,8 +18,7 @@ NaN is refused.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from math import expm1, inf, log1p, nan
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -27,7 +26,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from fbl_gym.arm import Array
-from fbl_gym.checks import check_number, check_whole
+from fbl_gym.checks import check_whole
 
 LEVEL = 0.95
 """Confidence of every interval."""
@@ -51,10 +50,6 @@ ENOUGH_EPISODES = 256
 If none of them diverges, they bound the share by 1.4 % (`proportion`).
 """
 
-ENOUGH_TRAINING_SEEDS = 10
-"""An interval over fewer training seeds is labelled optimistic: it covers less often than its
-confidence."""
-
 Rng: TypeAlias = np.random.Generator | int
 """A generator, or the seed of one."""
 
@@ -71,13 +66,11 @@ class Estimate:
         value: of the data.
         low: lower end of the interval, in the shape of `value`.
         high: upper end of the interval.
-        label: "optimistic" where the interval is known to be too narrow; else empty.
     """
 
     value: Array
     low: Array
     high: Array
-    label: str = ""
 
 
 def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -> Array:
@@ -210,123 +203,3 @@ def proportion(count: ArrayLike, runs: ArrayLike) -> Estimate:
 def enough(episodes: int) -> bool:
     """Return True if a claim about the share of diverged runs has enough independent episodes."""
     return check_whole("episodes", episodes) >= ENOUGH_EPISODES
-
-
-@dataclass(frozen=True)
-class Radius:
-    """The largest radius up to which a policy tracks.
-
-    Args:
-        value: largest radius below the first failure; NaN where the bracket's lower end failed.
-        fails: smallest radius that failed; infinite where none did, up to the bracket's upper end.
-        tried: each radius with its share of successful seeds, in the order of the radii.
-    """
-
-    value: float
-    fails: float
-    tried: tuple[tuple[float, float], ...]
-
-    @property
-    def monotone(self) -> bool:
-        """True if the share of successes never rises with the radius."""
-        return all(after[1] <= before[1] for before, after in zip(self.tried, self.tried[1:], strict=False))
-
-    def __str__(self) -> str:
-        if np.isnan(self.value):
-            return f"< {self.fails:.3g}"
-        return f"≥ {self.value:.3g}" if self.fails == inf else f"{self.value:.3g}"
-
-
-def radius(
-    success_share: Callable[[float], float],
-    *,
-    bracket: tuple[float, float] = (0.0, 10.0),
-    share: float = 0.95,
-    scan: int = 6,
-    tolerance: float = 0.01,
-) -> Radius:
-    """Return the largest radius up to which a policy tracks, by scan and bisection in log(1 + r).
-
-    `success_share` returns the share of seeds that track within the bound at a radius; `share` of
-    them must. Success need not fall with the radius, so the first failure is sought: `scan` radii
-    are tried from below, evenly in log(1 + r), up to the first that fails, and the step before it
-    is bisected to `tolerance` in log(1 + r). A gap of failures narrower than a step of the scan can
-    be missed. Call this once for each direction of error (real parameters larger, or smaller, than
-    nominal).
-    """
-    low, high = check_number("bracket[0]", bracket[0], low=0), check_number("bracket[1]", bracket[1], above=bracket[0])
-    steps, tolerance = check_whole("scan", scan, low=1), check_number("tolerance", tolerance, above=0)
-    tried: dict[float, float] = {}
-
-    def works(z: float) -> bool:
-        r = expm1(z)
-        tried[r] = float(success_share(r))
-        return tried[r] >= share
-
-    def result(works_at: float, fails_at: float) -> Radius:
-        return Radius(expm1(works_at), expm1(fails_at), tuple(sorted(tried.items())))
-
-    grid = [float(z) for z in np.linspace(log1p(low), log1p(high), steps + 1)]
-    first = next((i for i, z in enumerate(grid) if not works(z)), None)
-    if first is None:
-        return result(grid[-1], inf)
-    if first == 0:
-        return result(nan, grid[0])
-    good, bad = grid[first - 1], grid[first]
-    while bad - good > tolerance:
-        middle = (good + bad) / 2
-        good, bad = (middle, bad) if works(middle) else (good, middle)
-    return result(good, bad)
-
-
-@dataclass(frozen=True)
-class Components:
-    """The spread of a learned policy's runs as variances.
-
-    Args:
-        training: between training seeds.
-        world: between test seeds, the same for every training seed.
-        rest: of the remainder, since some training seeds do better in some worlds.
-        standard_error: of the mean over both.
-    """
-
-    training: float
-    world: float
-    rest: float
-    standard_error: float
-
-
-def components(x: ArrayLike) -> Components:
-    """Return the variance components of runs [t x n] of t training seeds on the same n test seeds.
-
-    Every training seed meets the same worlds, so the two are crossed, not nested: y_tn = mu + a_t +
-    w_n + e_tn. From mean squares, negative estimates set to 0: Searle, Casella and McCulloch,
-    "Variance Components" (1992), chapter 4.
-    """
-    x = np.asarray(x, dtype=float)
-    if x.ndim != 2 or min(x.shape) < 2:
-        raise ValueError(f"x must be [training seeds x test seeds] with at least two of each, got shape {x.shape}")
-    t, n = x.shape
-    rows, columns = x.mean(axis=1), x.mean(axis=0)
-    ms_training, ms_world = n * rows.var(ddof=1), t * columns.var(ddof=1)
-    ms_rest = float(((x - rows[:, None] - columns + x.mean()) ** 2).sum() / ((t - 1) * (n - 1)))
-    training, world = max((ms_training - ms_rest) / n, 0.0), max((ms_world - ms_rest) / t, 0.0)
-    return Components(training, world, ms_rest, float(np.sqrt(training / t + world / n + ms_rest / (t * n))))
-
-
-def over_training(counts: Array, training_seeds: int, rng: Rng) -> Array:
-    """Return counts [b x t x s x n] that resample training seeds too, from counts [b x s x n].
-
-    This is the bootstrap of crossed data (Owen, "The pigeonhole bootstrap", Annals of Applied
-    Statistics 1, 2007): training seeds are drawn, and independently the test seeds that all of them
-    meet. Test seeds keep their counts, so that learned policies are compared in pairs too.
-    """
-    drawn = resample(training_seeds, rng, resamples=len(counts))[:, 0]
-    return drawn[:, :, None, None] * counts[:, None]
-
-
-def trained(x: ArrayLike, counts: Array, rng: Rng, statistic: Statistic = geometric_mean) -> Estimate:
-    """Return a statistic of a learned policy's runs [t x s x n] over training and test seeds."""
-    t = np.asarray(x).shape[0]
-    result = estimate(x, over_training(counts, t, rng), statistic)
-    return replace(result, label="optimistic" if t < ENOUGH_TRAINING_SEEDS else "")

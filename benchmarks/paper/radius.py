@@ -6,14 +6,31 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks.analysis.robustness import DIRECTIONS, SHARE, with_radius
 from benchmarks.paper.claim import ARMS, Case, Effort, Measured, judged, run, seed_range, share
 from benchmarks.report.plot import Line, Panel, plot_lines
 from fbl_gym import Scenario, scenarios
 from fbl_gym.arm import Array
 
+SHARE = 0.95
+"""At the radius, this share of the seeds must track."""
+
+DIRECTIONS = ("larger", "smaller", "both")
+
 BOUNDS = (1.0, 2.0, 5.0, 10.0)
 """Mean errors [%] up to which an arm counts as tracking: the paper says "satisfactory"."""
+
+
+def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
+    """Return the scenario with real parameters within a radius, each by its own factor.
+
+    "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1], "both" from [1 /
+    (1 + r), 1 + r]; all log-uniformly.
+    """
+    if direction == "both":
+        return scenario.replace(parameter_error={"radius": r})
+    middle = np.sqrt(1.0 + r)
+    ratio = middle if direction == "larger" else 1.0 / middle
+    return scenario.replace(parameter_error={"ratio": ratio, "radius": middle - 1.0})
 
 
 def task(arm: str) -> Scenario:

@@ -7,22 +7,18 @@ from scipy import stats
 from benchmarks.analysis.statistics import (
     BOUNDS,
     ENOUGH_EPISODES,
-    components,
     diverged_share,
     enough,
     estimate,
     geometric_mean,
     interval,
     mean,
-    over_training,
     profile,
     proportion,
-    radius,
     ranks,
     resample,
     score,
     tail_mean,
-    trained,
     wins,
 )
 
@@ -184,91 +180,6 @@ def test_shares_agree_with_scipy_and_cover():
     assert proportion(0, ENOUGH_EPISODES).high < 0.015
     with pytest.raises(ValueError, match="count must lie between 0 and runs"):
         proportion(3, 2)
-
-
-@pytest.mark.parametrize("edge", [0.03, 0.5, 2.0, 9.5])
-def test_radius_finds_the_edge(edge):
-    found = radius(lambda r: 1.0 if r <= edge else 0.5)
-    assert found.value <= edge < found.fails
-    assert np.log1p(found.fails) - np.log1p(found.value) <= 0.01 + 1e-12
-    assert len(found.tried) <= 7 + 7
-    assert found.monotone
-    assert str(found) == f"{found.value:.3g}"
-
-
-def test_a_radius_beyond_the_bracket_is_said():
-    assert str(radius(lambda r: 1.0)) == "≥ 10"
-    assert str(radius(lambda r: 0.0, bracket=(0.1, 2.0))) == "< 0.1"
-    assert [r for r, _ in radius(lambda r: 1.0, scan=1).tried] == pytest.approx([0.0, 10.0])
-
-
-def test_the_radius_of_a_policy_that_fails_in_between_ends_there():
-    found = radius(lambda r: 0.5 if 1.0 < r < 2.0 else 1.0)
-    assert found.value <= 1.0 < found.fails
-    falls_and_rises = radius(lambda r: 0.96 if 0.2 < r < 1.0 else 1.0 if r < 3.0 else 0.0)
-    assert falls_and_rises.value == pytest.approx(3.0, abs=0.04)
-    assert not falls_and_rises.monotone
-
-
-def test_radius_of_a_share_of_seeds():
-    """Each seed has its own edge; the radius is where 95 % of them still track: the edges' 5 % quantile."""
-    edges = np.random.default_rng(0).uniform(0.5, 3.0, size=256)
-    found = radius(lambda r: np.mean(edges >= r), tolerance=1e-4)
-    assert found.value == pytest.approx(np.sort(edges)[int(0.05 * 256)], rel=1e-3)
-
-
-def test_components_are_those_of_the_simulation():
-    rng = np.random.default_rng(0)
-    found = []
-    for _ in range(200):
-        x = 2.0 * rng.standard_normal((6, 1)) + 1.5 * rng.standard_normal((1, 40)) + rng.standard_normal((6, 40))
-        found.append([components(x).training, components(x).world, components(x).rest])
-    np.testing.assert_allclose(np.mean(found, axis=0), [4.0, 2.25, 1.0], rtol=0.1)
-
-
-def test_components_by_hand():
-    """Two by two: rows differ by 4, columns by 2, and the rest is 1 in each corner."""
-    found = components([[0.0 + 1, 2.0 - 1], [4.0 - 1, 6.0 + 1]])
-    # Mean squares: training 2 * var(1, 5) = 16, world 2 * var(2, 4) = 4, rest 4 * 1 / 1 = 4.
-    assert (found.training, found.world, found.rest) == pytest.approx((6.0, 0.0, 4.0))
-    assert found.standard_error == pytest.approx(np.sqrt(6 / 2 + 4 / 4))
-    with pytest.raises(ValueError, match=r"got shape \(1, 5\)"):
-        components(np.ones((1, 5)))
-
-
-def test_training_seeds_widen_an_interval_and_few_are_labelled():
-    rng = np.random.default_rng(0)
-    x = 2.0 * rng.standard_normal((12, 1, 1)) + rng.standard_normal((3, 40)) + 0.5 * rng.standard_normal((12, 3, 40))
-    counts = resample(40, 0)
-    found = trained(x, counts, 1, mean)
-    alone = estimate(x, counts[:, None], mean)
-    assert found.value == pytest.approx(x.mean())
-    assert found.high - found.low > 2 * (alone.high - alone.low)
-    drawn = mean(x, over_training(counts, 12, 1))
-    # Twelve: the bootstrap divides by t, not t - 1, hence the factor.
-    expected = components(x.mean(axis=1)).standard_error * np.sqrt(11 / 12)
-    assert drawn.std() == pytest.approx(expected, rel=0.08)
-    assert found.label == ""
-    assert trained(x[:9], counts, 1, mean).label == "optimistic"
-
-
-def test_a_resample_of_training_seeds_is_the_runs_drawn_again():
-    x = runs(3, 2, 5)
-    counts = over_training(resample(5, 0, resamples=20), 3, 1)
-    for w, found in zip(counts, geometric_mean(x, counts), strict=True):
-        drawn = np.repeat(x.ravel(), np.broadcast_to(w, x.shape).astype(int).ravel())
-        assert found == pytest.approx(stats.gmean(drawn))
-
-
-def test_few_training_seeds_cover_too_rarely():
-    """What the label says: 300 trainings of 5 seeds each, the interval says 95 %."""
-    rng = np.random.default_rng(1)
-    counts, covered = resample(30, 0, resamples=400), 0
-    for k in range(300):
-        x = rng.standard_normal((5, 1, 1)) + 0.5 * rng.standard_normal((5, 1, 30))
-        found = trained(x, counts, k, mean)
-        covered += found.low <= 0 <= found.high
-    assert 0.75 < covered / 300 < 0.92
 
 
 def test_missing_runs_and_wrong_shapes_are_refused():
