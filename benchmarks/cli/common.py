@@ -14,6 +14,8 @@ from rich.console import Console
 
 from benchmarks.policies import external
 from benchmarks.policies.configuration import parse_gain
+from benchmarks.run.metrics import Metric, find_metrics, measure
+from benchmarks.run.rollout import rollout
 from benchmarks.run.traces import FORMATS
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
@@ -71,6 +73,23 @@ def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
     parser.add_argument("--plot", type=picture, metavar="FILE", help=f"draw {subject}: .png, .svg or .pdf")
     parser.add_argument(
         "--columns", type=int, choices=(1, 2), default=2, help="width of the figure in columns of a journal (2)"
+    )
+
+
+def metrics(text: str) -> tuple[Metric, ...]:
+    """Return external metrics that work on a trace."""
+    try:
+        found = find_metrics(text)
+        measure(rollout("zero", scenarios.get("nominal"), range(3)), more=found)
+        return found
+    except ValueError as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+
+
+def add_metrics(parser: argparse.ArgumentParser) -> None:
+    """Add external metrics."""
+    parser.add_argument(
+        "--metrics", type=metrics, default=(), metavar="FILE", help="measure the functions of a Python file, too"
     )
 
 

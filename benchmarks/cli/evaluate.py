@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from benchmarks.cli.common import (
+    add_metrics,
     add_plot,
     add_policy,
     add_scenario,
@@ -43,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trace", type=trace_file, metavar="FILE", help="write all signals of all seeds: .npz, .csv, .mat or .parquet"
     )
+    add_metrics(parser)
     add_trust(parser)
     add_store(parser)
 
@@ -56,7 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
     Store(arguments.store).look(policy, scenario, gains)
     screen = console()
     title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
-    terminal.evaluation(screen, title, measure(trace), 1e6 * trace.decision_time)
+    terminal.evaluation(
+        screen, title, measure(trace, more=arguments.metrics), 1e6 * trace.decision_time, arguments.metrics
+    )
     screen.print(scenario.description, markup=False)
     if arguments.plot is not None:
         plot_trace(trace, title, arguments.plot, arguments.columns)

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from benchmarks.analysis.board import assemble
-from benchmarks.cli.common import add_store, add_trust, command_line, console, count, policy_name, trust
+from benchmarks.cli.common import add_metrics, add_store, add_trust, command_line, console, count, policy_name, trust
 from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.apart import Limits, limit
@@ -47,6 +47,7 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--arm", choices=scenarios.arms(), help="only scenarios of this arm")
     parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
+    add_metrics(parser)
     add_store(parser)
 
 
@@ -71,6 +72,7 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
         trust(arguments, str(policy))
         external.expect_trust(str(policy), arguments.suite)
     suite = narrow(suite, arguments.policies, arguments.scenarios, arguments.seeds)
+    suite = dataclasses.replace(suite, metrics=arguments.metrics)
     if arguments.policy:
         suite = narrow(suite, (*suite.policies, *arguments.policy))
     if arguments.arm is None:

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.cli.common import (
+    add_metrics,
     add_plot,
     add_scenario,
     add_store,
@@ -27,7 +28,7 @@ from benchmarks.cli.common import (
 )
 from benchmarks.files import write_text
 from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines, plot_maps
-from benchmarks.run.metrics import METRICS
+from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Suite, with_option
@@ -70,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
     )
+    add_metrics(parser)
     add_trust(parser)
     add_store(parser)
 
@@ -87,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         for name, value in zip(names, point, strict=True):
             task = with_option(task, name, value)
         tasks.append(task)
-    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds)
+    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds, arguments.metrics)
     store, cells = Store(arguments.store), suite.cells
     outcomes = run_cells(cells, store, workers=arguments.workers, command=command_line())
     failed = 0
@@ -97,14 +99,14 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"fbl-gym: {outcome.id} failed: {outcome.error}", file=sys.stderr)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["policy", *names, "seed", *METRICS])
+    rows.writerow(["policy", *names, "seed", *cells[0].columns])
     curves: dict[str, list[np.ndarray]] = {}
     for i, cell in enumerate(cells):
         result, point = store.find(cell), points[i // (len(cells) // len(points))]
         runs = result.rows if result else ()
         for seed, metrics in zip(cell.seeds, runs, strict=False):
             rows.writerow([cell.policy.name, *point, seed, *map("{:.7g}".format, metrics.values())])
-        band = np.quantile([metrics["error_pct"] for metrics in runs], QUANTILES) if runs else np.full(3, np.nan)
+        band = np.quantile(counted_errors(runs), QUANTILES) if runs else np.full(3, np.nan)
         curves.setdefault(cell.policy.name, []).append(band)
     write_text(arguments.out, text.getvalue())
     path = arguments.plot or arguments.out.with_suffix(".png")
