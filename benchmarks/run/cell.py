@@ -48,10 +48,10 @@ def run_cell(cell: Cell, command: str = "") -> Result:
         with external.watch() as reads:
             trace = rollout(cell.policy, cell.scenario, cell.seeds)
         cell.policy.check(reads)
-        rows, decision, error = tuple(measure(trace)), 1e6 * trace.decision_time, ""
+        rows, decision = tuple(measure(trace)), 1e6 * trace.decision_time
     except (Exception, SystemExit) as problem:  # an external policy may raise anything, and other cells must not suffer
-        rows, decision, error = (), float("nan"), reason_of(problem)
-    return Result(cell, rows, decision, time.perf_counter() - begin, error, provenance(command))
+        return Result.failure(cell, reason_of(problem), time.perf_counter() - begin, command)
+    return Result(cell, rows, decision, time.perf_counter() - begin, provenance=provenance(command))
 
 
 def compute(cell: Cell, store: Store, command: str, limited: Limits | None = None) -> Outcome:
@@ -81,7 +81,7 @@ def run_apart(cell: Cell, command: str = "") -> Result:
         function = "run_checked" if owner else "run_on_one_thread"
         result: Result = call_apart(owner, f"benchmarks.run.cell:{function}", cell, command)
     except (Failed, ValueError) as problem:
-        return Result(cell, (), float("nan"), time.perf_counter() - begin, str(problem), provenance(command))
+        return Result.failure(cell, str(problem), time.perf_counter() - begin, command)
     return result
 
 
@@ -111,7 +111,7 @@ def run_checked(cell: Cell, command: str) -> Result:
     if cell.policy not in _BROKEN:
         _BROKEN[cell.policy] = "" if cell.policy.problem else broken(cell.policy, cell.scenario)
     if reason := _BROKEN[cell.policy]:
-        return Result(cell, (), float("nan"), 0.0, reason, provenance(command))
+        return Result.failure(cell, reason, command=command)
     return run_on_one_thread(cell, command)
 
 

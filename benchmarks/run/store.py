@@ -75,6 +75,11 @@ class Result:
     error: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
 
+    @classmethod
+    def failure(cls, cell: Cell, error: str, wall_s: float = 0.0, command: str = "") -> Result:
+        """Return the result of a cell that failed."""
+        return cls(cell, (), math.nan, wall_s, error, provenance(command))
+
 
 def provenance(command: str) -> dict[str, Any]:
     """Return packages, Python, machine, time and the command that was typed."""

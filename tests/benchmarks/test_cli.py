@@ -40,7 +40,6 @@ from benchmarks.run.suite import load as load_suite
         ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
         ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
-        ("leaderboard --arm tabel-1", "did you mean 'table-1'"),
         ("leaderboard --workers 0", "must be a whole number, 1 or more, got '0'"),
         ("list policy", "did you mean 'policies'"),
         ("query 'SELECT polcy FROM results'", "The table results has the columns policy, scenario, control_dt, seed"),
