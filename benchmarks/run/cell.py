@@ -41,11 +41,13 @@ def run_cell(cell: Cell, command: str = "") -> Result:
         cell: to run.
         command: the command that was typed, for the record.
     """
+    from threadpoolctl import threadpool_limits
+
     begin = time.perf_counter()
     try:
         if cell.policy.problem:
             raise ValueError(cell.policy.problem)
-        with external.watch() as reads:
+        with external.watch() as reads, threadpool_limits(1):
             trace = rollout(cell.policy, cell.scenario, cell.seeds)
         cell.policy.check(reads)
         rows, decision = tuple(measure(trace)), 1e6 * trace.decision_time
@@ -57,18 +59,14 @@ def run_cell(cell: Cell, command: str = "") -> Result:
 def compute(cell: Cell, store: Store, command: str, limited: Limits | None = None) -> Outcome:
     """Run a cell and write its result into the store, unless it is there.
 
-    Args:
-        cell: to run.
-        store: for the result.
-        command: the command that was typed, for the record.
-        limited: limits of the cell; None: those of this process.
+    `limited` are the limits of the cell; None: those of this process.
     """
     end_with_parent()
     limit(limited or limits())
     if store.find(cell) is not None:
         return Outcome(cell.id, "found")
     apart = cell.policy.external or external.has_loaded() or limits() != Limits()
-    result = run_apart(cell, command) if apart else run_on_one_thread(cell, command)
+    result = run_apart(cell, command) if apart else run_cell(cell, command)
     store.save(result)
     return Outcome(cell.id, "failed" if result.error else "computed", result.wall_s, result.error)
 
@@ -78,7 +76,7 @@ def run_apart(cell: Cell, command: str = "") -> Result:
     begin = time.perf_counter()
     owner = cell.policy.name if cell.policy.external else ""
     try:
-        function = "run_checked" if owner else "run_on_one_thread"
+        function = "run_checked" if owner else "run_cell"
         result: Result = call_apart(owner, f"benchmarks.run.cell:{function}", cell, command)
     except (Failed, ValueError) as problem:
         return Result.failure(cell, str(problem), time.perf_counter() - begin, command)
@@ -86,24 +84,12 @@ def run_apart(cell: Cell, command: str = "") -> Result:
 
 
 def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> Trace:
-    """Return the trace of `rollout`.
-
-    The code of an external policy runs in a process that only this policy uses, so that it cannot
-    change the trace of another one.
-    """
+    """Return the trace of `rollout`; that of an external policy from a process of its own."""
     if not (policy.external or external.has_loaded()):
         return rollout(policy, scenario, seeds)
     owner = policy.name if policy.external else ""
     trace: Trace = call_apart(owner, "benchmarks.run.rollout:rollout", policy, scenario, tuple(seeds))
     return trace
-
-
-def run_on_one_thread(cell: Cell, command: str) -> Result:
-    """Run a cell as `run_cell` does, with linear algebra on one thread."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):
-        return run_cell(cell, command)
 
 
 def run_checked(cell: Cell, command: str) -> Result:
@@ -112,7 +98,7 @@ def run_checked(cell: Cell, command: str) -> Result:
         _BROKEN[cell.policy] = "" if cell.policy.problem else broken(cell.policy, cell.scenario)
     if reason := _BROKEN[cell.policy]:
         return Result.failure(cell, reason, command=command)
-    return run_on_one_thread(cell, command)
+    return run_cell(cell, command)
 
 
 _BROKEN: dict[PolicySpec, str] = {}
