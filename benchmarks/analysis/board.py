@@ -150,9 +150,9 @@ class Board:
     def _scores(self, counts: Array) -> dict[str, Array]:
         """Return the score of each policy in each tier with a ceiling [b x p].
 
-        It has no lower bound. The counts are [b x 1 x n].
+        It has no lower bound. The counts are [b x n].
         """
-        weights = counts[:, 0].T
+        weights = counts.T
         errors, stay = (np.log(x) @ weights / len(self.seeds) for x in (self.errors, self.runs["stay_pct"][0]))
         scores = {}
         for tier, places in self.tiers.items():
@@ -178,7 +178,7 @@ class Board:
     @cached_property
     def scores(self) -> dict[str, Estimate]:
         """Score of each policy [p] in each tier that has a ceiling: the mean over its scenarios."""
-        values = self._scores(np.ones((1, 1, len(self.seeds))))
+        values = self._scores(np.ones((1, len(self.seeds))))
         bounds = {tier: statistics.interval(values[tier][0], draws) for tier, draws in self._draws.items()}
         least = statistics.BOUNDS[0]
         return {
@@ -226,7 +226,7 @@ class Board:
     @cached_property
     def order(self) -> list[int]:
         """Indices of the policies, the best first; unranked ones stand at the end."""
-        values = self._scores(np.ones((1, 1, len(self.seeds)))).get(next(iter(self.tiers)))
+        values = self._scores(np.ones((1, len(self.seeds)))).get(next(iter(self.tiers)))
         value = self.error.value if values is None else -values[0]
         return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, value[i]))
 

@@ -1,15 +1,14 @@
 """Statistics of the leaderboard: pure functions on arrays.
 
-Runs lie in arrays [... x s x n] of s scenarios and n seeds. Axes before these (policies,
-severities) stay. A bootstrap resample is an array of counts, the weight of each
-run, and `resample` draws all counts of a bootstrap at once. Statistics with the same counts use the
-same resampled seeds, so policies are compared in pairs.
+Runs lie in arrays [... x s x n] of s scenarios and n seeds; axes before these stay. A bootstrap
+resample is a row of counts, the weight of each seed, and `resample` draws all of a bootstrap at
+once. Statistics with the same counts use the same resampled seeds, so policies are compared in
+pairs.
 
 Scenarios share seeds: seed 7 has the same motion everywhere, so a policy's errors in two scenarios
-are correlated. An interval of an aggregate must therefore resample whole seeds (`resample(n)`).
-Resampling the seeds of each scenario separately (`resample(n, strata=s)`; Agarwal et al., "Deep
-Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021) is right where
-scenarios have different seeds, and too narrow here.
+are correlated. All scenarios therefore share the resampled seeds. Resampling the seeds of each
+scenario separately (Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
+Precipice", NeurIPS 2021) would give intervals that are too narrow here.
 
 Smaller errors are better. A run that diverged counts with its worst error and is never left out:
 NaN is refused.
@@ -19,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,13 +48,6 @@ ENOUGH_EPISODES = 256
 If none of them diverges, they bound the share by 1.4 % (`proportion`).
 """
 
-Rng: TypeAlias = np.random.Generator | int
-"""A generator, or the seed of one."""
-
-Statistic: TypeAlias = Callable[[Array, Array], Array]
-"""Runs [... x s x n] and counts [b x s x n] to one number per resample [b x ...]:
-`geometric_mean` or `mean`."""
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -64,8 +55,7 @@ class Estimate:
 
     Args:
         value: of the data.
-        low: lower end of the interval, in the shape of `value`.
-        high: upper end of the interval.
+        low, high: ends of the interval, in the shape of `value`.
     """
 
     value: Array
@@ -73,45 +63,25 @@ class Estimate:
     high: Array
 
 
-def resample(n: int, rng: Rng, *, strata: int = 1, resamples: int = RESAMPLES) -> Array:
-    """Return the weight of each seed in each resample, [b x strata x n]; each row of n sums to n.
-
-    With 1 stratum, all scenarios share the resampled seeds. With one for each scenario, each
-    resamples separately.
-    """
-    n, strata, b = (check_whole(*x, low=1) for x in (("n", n), ("strata", strata), ("resamples", resamples)))
-    return np.random.default_rng(rng).multinomial(n, np.full(n, 1 / n), size=(b, strata)).astype(float)
+def resample(n: int, seed: int, resamples: int = RESAMPLES) -> Array:
+    """Return the weight of each of n seeds in each of b resamples, [b x n]; each row sums to n."""
+    n, resamples = check_whole("n", n, low=1), check_whole("resamples", resamples, low=1)
+    return np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples).astype(float)
 
 
 def mean(runs: ArrayLike, counts: Array) -> Array:
-    """Return the mean of the runs [... x s x n] of each resample, [b x ...].
-
-    The counts are [b x s x n] or broadcast to it.
-    """
-    x, axes = _runs(runs, counts), list(range(1 - counts.ndim, 0))
-    # Along an axis that shares its counts, resampling changes nothing: average it first.
-    x = x.mean(axis=tuple(axis for axis in axes if counts.shape[axis] == 1), keepdims=True)
-    total = counts.reshape(len(counts), -1).sum(axis=1)
-    sums = np.tensordot(counts, x, axes=(axes, axes))
-    return sums / total.reshape(-1, *[1] * (sums.ndim - 1))
+    """Return the mean of the runs [... x s x n] for each row of the counts [b x n], [b x ...]."""
+    x = np.asarray(runs, dtype=float)
+    if x.ndim < 2 or counts.shape[1:] != x.shape[-1:]:
+        raise ValueError(f"counts must be [b x n] for runs [... x s x n], got {counts.shape} for {x.shape}")
+    if np.isnan(x).any():
+        raise ValueError(f"every run must have a number, the worst where it diverged; got {np.isnan(x).sum()} NaN")
+    return np.moveaxis(x.mean(axis=-2) @ counts.T, -1, 0) / counts.shape[1]
 
 
 def geometric_mean(runs: ArrayLike, counts: Array) -> Array:
-    """Return the geometric mean of the runs [... x s x n] of each resample, [b x ...].
-
-    The runs are above 0. The counts are as for `mean`.
-    """
+    """Return the geometric mean of the runs, which are above 0; otherwise as `mean`."""
     return np.exp(mean(np.log(runs), counts))
-
-
-def _runs(runs: ArrayLike, counts: Array) -> Array:
-    x = np.asarray(runs, dtype=float)
-    shape = x.shape[1 - counts.ndim :]
-    if len(shape) != counts.ndim - 1 or any(k not in (1, m) for k, m in zip(counts.shape[1:], shape, strict=True)):
-        raise ValueError(f"counts must be [b x s x n] for runs [... x s x n], got {counts.shape} for {x.shape}")
-    if np.isnan(x).any():
-        raise ValueError(f"every run must have a number, the worst where it diverged; got {np.isnan(x).sum()} NaN")
-    return x
 
 
 def interval(value: ArrayLike, draws: Array) -> Estimate:
@@ -120,10 +90,11 @@ def interval(value: ArrayLike, draws: Array) -> Estimate:
     return Estimate(np.asarray(value)[()], low, high)
 
 
-def estimate(x: ArrayLike, counts: Array, statistic: Statistic = geometric_mean) -> Estimate:
+def estimate(
+    runs: ArrayLike, counts: Array, statistic: Callable[[ArrayLike, Array], Array] = geometric_mean
+) -> Estimate:
     """Return a statistic of the runs [... x s x n] with its interval, each [...]."""
-    once = np.ones((1,) * counts.ndim)  # counts each run once
-    return interval(statistic(np.asarray(x), once)[0], statistic(np.asarray(x), counts))
+    return interval(statistic(runs, np.ones((1, counts.shape[1])))[0], statistic(runs, counts))
 
 
 def wins(a: ArrayLike, b: ArrayLike, counts: Array) -> Estimate:

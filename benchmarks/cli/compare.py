@@ -30,7 +30,6 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     parser.add_argument(
         "policies", nargs="+", type=policy_name, metavar="POLICY", help="two or more, as for `fbl-gym evaluate`"
     )
@@ -46,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     trust(arguments)
     if len(set(arguments.policies)) < 2:
         raise ValueError(f"two policies or more can be compared, got {' '.join(arguments.policies)}")

@@ -29,7 +29,6 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     add_policy(parser)
     add_scenario(parser)
     parser.add_argument(
@@ -50,7 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     trust(arguments)
     scenario = scenarios.get(arguments.scenario)
     policy, gains = resolve(arguments.policy), dict(arguments.gains)

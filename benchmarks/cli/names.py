@@ -18,7 +18,6 @@ from fbl_gym.descriptions import Description, describe
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
     parser.add_argument(
         "what", nargs="?", choices=tuple(LISTS),
         help="the list to print (all); a terminal gets one line for each name, a file or a pipe the whole text",

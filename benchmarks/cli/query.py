@@ -10,7 +10,6 @@ from benchmarks.run.store import Store
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     parser.add_argument(
         "sql", metavar="SQL",
         help="a question about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
@@ -22,7 +21,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     store = Store(arguments.store)
     answer = query(store.results(), arguments.sql, arguments.files, store.looks())
     if answer is not None:

@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 
 from benchmarks.analysis.board import assemble
-from benchmarks.cli.common import command_line, console, trust
-from benchmarks.cli.leaderboard import add_limits, add_suite, counts, results_of, suite_of
+from benchmarks.cli.common import add_folder, add_store, add_trust, command_line, console
+from benchmarks.cli.leaderboard import add_suite, counts, results_of, suite_of
 from benchmarks.files import write_text
-from benchmarks.policies.apart import Limits, limit
 from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv
 from benchmarks.report.page import contents, write_page
@@ -21,27 +20,20 @@ from benchmarks.run.traces import trace_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     add_suite(parser)
-    add_limits(parser)
+    add_trust(parser)
+    add_store(parser)
+    add_folder(parser, "--out", "results/report", "the report")
     parser.add_argument(
-        "--out", type=Path, default=Path("results/report"), metavar="DIR", help="folder of the report (results/report)"
-    )
-    parser.add_argument(
-        "--readme",
-        type=Path,
-        metavar="FILE",
+        "--readme", type=Path, metavar="FILE",
         help="put the first ten rows between the markers `<!-- leaderboard -->` of this file, "
         "and all rows into docs/board.md beside it",
-    )
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
-    trust(arguments)
-    limit(Limits(arguments.cell_timeout, arguments.cell_memory))
-    store = Store(arguments.store)
-    cells = suite_of(arguments).cells
+    """Write the report; return 1 if results are missing."""
+    cells, store = suite_of(arguments).cells, Store(arguments.store)
     results = results_of(cells, store)
     if not results:
         raise ValueError(

@@ -6,7 +6,6 @@ import argparse
 import csv
 import io
 import itertools
-import os
 import sys
 from pathlib import Path
 
@@ -14,18 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.cli.common import (
-    add_metrics,
-    add_plot,
-    add_scenario,
-    add_store,
-    add_trust,
-    command_line,
-    count,
-    episodes,
-    policy_name,
-    trust,
-)
+from benchmarks.cli.common import add_metrics, add_plot, add_run, add_scenario, command_line, count, policy_name, trust
 from benchmarks.files import write_text
 from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines, plot_maps
 from benchmarks.run.metrics import counted_errors
@@ -55,7 +43,6 @@ def over(text: str) -> Over:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     parser.add_argument(
         "--over", type=over, action="append", required=True, metavar="OPTION=VALUES",
         help="an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
@@ -63,17 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--policies", nargs="+", type=policy_name, required=True, metavar="P", help="to be measured")
     add_scenario(parser)
-    parser.add_argument("--seeds", type=episodes, default=32, metavar="N", help="test seeds 0 to N-1 (32)")
     parser.add_argument(
         "--out", type=Path, default=Path("results/sweep.csv"), metavar="FILE", help="all runs (results/sweep.csv)"
     )
     add_plot(parser, "the errors (a .png beside --out)")
-    parser.add_argument(
-        "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
-    )
     add_metrics(parser)
-    add_trust(parser)
-    add_store(parser)
+    add_run(parser, seeds=32)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,14 +9,13 @@ from pathlib import Path
 from benchmarks.cli.common import add_policies, command_line, count, refuse_judged
 from benchmarks.policies.apart import end_with_parent
 from benchmarks.policies.spec import resolve
-from benchmarks.run.suite import Suite, load, narrow
+from benchmarks.run.suite import Suite, narrow
 from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, summary, tune, write_gains
 from controllers.registry import TUNED
 from fbl_gym import Scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     add_policies(parser)
     parser.add_argument(
         "--trials", type=count, default=40, metavar="N", help="number of trials, those of earlier runs counted (40)"
@@ -31,13 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fresh-seeds", type=count, default=128, metavar="N", help="tuning seeds to judge on, of each scenario (128)"
     )
-    tasks = parser.add_mutually_exclusive_group()
-    tasks.add_argument(
+    parser.add_argument(
         "--scenario", nargs="+", action="extend", metavar="S",
         help="scenarios of trials and judging: names, families, .toml files "
         f"({len(SCENARIOS)} of the tier practice for trials, {len(JUDGED)} for judging)",
     )  # fmt: skip
-    tasks.add_argument("--suite", metavar="FILE", help="TOML file of a suite, whose scenarios are used instead")
     parser.add_argument(
         "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",
         help="folder of the studies; several processes may share it, and a stopped study goes on (results/tuning)",
@@ -56,7 +53,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     from joblib import Parallel, delayed
 
     tried, fresh = seeds(arguments.seeds, arguments.fresh_seeds)
@@ -80,12 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _scenarios(arguments: argparse.Namespace, usual: Sequence[str]) -> tuple[Scenario, ...]:
     """Return the scenarios that the arguments name, or the usual ones."""
-    suite = (
-        load(arguments.suite) if arguments.suite else narrow(Suite("tune", (), (), 1), (), arguments.scenario or usual)
-    )
-    for scenario in suite.scenarios:
-        refuse_judged(scenario)
-    return suite.scenarios
+    tasks = narrow(Suite("tune", (), (), 1), (), arguments.scenario or usual).scenarios
+    for task in tasks:
+        refuse_judged(task)
+    return tasks
 
 
 def _tune(task: Task, judging: Task, arguments: argparse.Namespace, command: str) -> str:

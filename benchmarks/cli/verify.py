@@ -18,14 +18,12 @@ from fbl_gym.checks import unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     parser.add_argument("rows", nargs="+", metavar="ROW", help="a policy/scenario of the store, or a file of a result")
     add_trust(parser)
     add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     store = Store(arguments.store)
     differs = 0
     for row in arguments.rows:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -21,6 +21,16 @@ MEANING = (
     "absolute tracking error in % of the reference's amplitude. diverged: share of runs, with its upper bound. effort: torque "
     "variation relative to that law's. rank: 95 % interval. In brackets: privileged access, not ranked."
 )
+
+
+def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """Return a table whose first column is text and whose others are numbers; no text is cut."""
+    drawn = Table(title=escape(title), title_style="bold", box=SIMPLE_HEAD)
+    for i, name in enumerate(header):
+        drawn.add_column(escape(name), justify="right" if i else "left", overflow="fold")
+    for row in rows:
+        drawn.add_row(*map(escape, row))
+    return drawn
 
 
 def leaderboard(console: Console, board: Board) -> None:

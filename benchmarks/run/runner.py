@@ -43,7 +43,7 @@ def run(
     Args:
         cells: all cells that the store shall have.
         store: for the results; on a cluster, a folder that all its machines see.
-        workers: processes; -1: one per core.
+        workers: number of processes.
         backend: "loky" for processes on this machine, "ray" or "dask" for a cluster.
         address: of the cluster's scheduler; None: a new cluster on this machine.
         command: the command that was typed, for the record.
