@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from benchmarks.cli.common import add_store
 from benchmarks.report.export import query
@@ -22,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     store = Store(arguments.store)
-    answer = query(store.results(), arguments.sql, arguments.files, store.looks())
+    answer = query(store.results(), arguments.sql, arguments.files, store.looks(), short=sys.stdout.isatty())
     if answer is not None:
         print(answer)
     return 0

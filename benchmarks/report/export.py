@@ -53,9 +53,15 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
 
 
 def query(
-    results: Iterable[Result], sql: str, files: bool = False, looks: Mapping[tuple[str, str], int] | None = None
+    results: Iterable[Result],
+    sql: str,
+    files: bool = False,
+    looks: Mapping[tuple[str, str], int] | None = None,
+    short: bool = False,
 ) -> str | None:
-    """Return DuckDB's answer to a question about stored results; None for a command.
+    """Return DuckDB's answer to a question about stored results as CSV; None for a command.
+
+    A short answer is a table that fits into a terminal instead.
 
     The table `results` has each run of the current results once, with the columns of the CSV. The
     table `all_results` has every stored run, those of older code and other sets of seeds among
@@ -86,7 +92,11 @@ def query(
             connection.execute("SET enable_external_access = false")
         connection.execute("SET lock_configuration = true")
         answer = connection.sql(sql)
-        return None if answer is None else str(answer)
+        if answer is None or short:
+            return None if answer is None else str(answer)
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([answer.columns, *answer.fetchall()])
+        return text.getvalue().rstrip("\n")
     except duckdb.Error as problem:
         known = f"The table results has the columns {', '.join(columns)}; all_results has {', '.join(APART)} too"
         raise ValueError(f"{problem}\n{known}") from None
