@@ -187,8 +187,8 @@ def plot_maps(
             image = axes.imshow(numbers.T, origin="lower", norm=LogNorm(*limits), cmap="cividis", aspect="auto")
             axes.set(title=label, xlabel=names[0], ylabel=names[1])
             axes.grid(visible=False)
-            axes.set_xticks(range(len(values[0])), [f"{value:g}" for value in values[0]], rotation=45)
-            axes.set_yticks(range(len(values[1])), [f"{value:g}" for value in values[1]])
+            axes.set_xticks(range(len(values[0])), [f"{value:.3g}" for value in values[0]], rotation=45)
+            axes.set_yticks(range(len(values[1])), [f"{value:.3g}" for value in values[1]])
         for axes in grid.ravel()[len(maps) :]:
             axes.set_visible(False)
         ticks = np.geomspace(limits[0], limits[1], 5)
