@@ -8,8 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.analysis.board import Board
-from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.files import write_text
 from benchmarks.run.current import current_keys, current_runs
 from benchmarks.run.metrics import METRICS
@@ -44,17 +42,6 @@ def write_csv(path: Path, results: Iterable[Result]) -> None:
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows(map(_short, rows(results)))
-    write_text(path, text.getvalue())
-
-
-def write_generalization(path: Path, board: Board, ranges: Mapping[str, RangeErrors]) -> None:
-    """Write each policy's error in % at each radius, its interval and its diverged share as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["policy", *(f"{name}{part}" for name in ranges for part in ("", ": low", ": high", ": diverged"))])
-    for i in board.order:
-        numbers = (x[i] for s in ranges.values() for x in (s.error.value, s.error.low, s.error.high, s.diverged))
-        writer.writerow([board.policies[i], *(f"{x:.7g}" for x in numbers)])
     write_text(path, text.getvalue())
 
 

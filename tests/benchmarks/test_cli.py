@@ -13,8 +13,8 @@ from benchmarks.cli import names
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import number
 from benchmarks.run.cell import run_cell
-from benchmarks.run.suite import leaderboard_scenarios, narrow
 from benchmarks.run.suite import load as load_suite
+from benchmarks.run.suite import narrow
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,6 @@ from benchmarks.run.suite import load as load_suite
         ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
         ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
-        ("leaderboard --arm tabel-1", "did you mean 'table-1'"),
         ("leaderboard --workers 0", "must be a whole number, 1 or more, got '0'"),
         ("list policy", "did you mean 'policies'"),
         ("query 'SELECT polcy FROM results'", "The table results has the columns policy, scenario, control_dt, seed"),
@@ -79,7 +78,7 @@ def test_the_example_of_a_command_is_right(name):
 
 @pytest.fixture(scope="module")
 def board():
-    tasks = [s for s in leaderboard_scenarios(["table-1"], [2]) if s != "everything-2"]
+    tasks = [s for s in load_suite("ideal").scenarios if s.name != "everything-2"]
     suite = narrow(load_suite("ideal"), ["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
     return assemble([run_cell(cell) for cell in suite.cells])
 

@@ -6,6 +6,7 @@ import shlex
 import pytest
 
 from benchmarks import cli
+from benchmarks.rl.training_settings import at_radius
 from benchmarks.run.suite import with_option
 from benchmarks.run.traces import FORMATS
 from fbl_gym import scenarios
@@ -30,6 +31,10 @@ def test_an_option_changes_where_its_path_leads():
     assert scenario.noise.velocity == base.noise.velocity
     assert scenario.noise.position == base.replace(noise={"position": 0.01}).noise.position
     assert with_option(base, "arm.m1", 7.0).arm.m1 == 7.0
+    # Ranges that agents generalise over are values of the radius.
+    trained_on = scenarios.get("everything-2")
+    swept = with_option(trained_on, "parameter_error.radius", 2.0)
+    assert swept.replace(name="") == at_radius(trained_on, 2.0).replace(name="")
 
 
 def test_one_option(folder):
