@@ -15,6 +15,8 @@ from rich.console import Console
 
 from benchmarks.policies import external
 from benchmarks.policies.configuration import parse_gain
+from benchmarks.run.metrics import Metric, find_metrics, measure
+from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
@@ -72,6 +74,16 @@ def picture(text: str) -> Path:
     return _file(text, ".png", ".svg", ".pdf")
 
 
+def metrics(text: str) -> tuple[Metric, ...]:
+    """Return external metrics that work on a trace."""
+    try:
+        found = find_metrics(text)
+        measure(rollout("zero", scenarios.get("nominal"), range(3)), more=found)
+        return found
+    except ValueError as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+
+
 def trace_file(text: str) -> Path:
     """Return a file that a trace can be written to."""
     return _file(text, *FORMATS)
@@ -124,6 +136,19 @@ def add_scenario(parser: argparse.ArgumentParser, default: str = "nominal", use:
         "--scenario", default=default, metavar="S",
         help=f"{use}a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME ({default})",
     )  # fmt: skip
+
+
+def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
+    parser.add_argument("--plot", type=picture, metavar="FILE", help=f"draw {subject}: .png, .svg or .pdf")
+    parser.add_argument(
+        "--columns", type=int, choices=(1, 2), default=2, help="width of the figure in columns of a journal (2)"
+    )
+
+
+def add_metrics(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--metrics", type=metrics, default=(), metavar="FILE", help="measure the functions of a Python file, too"
+    )
 
 
 def add_folder(parser: argparse.ArgumentParser, option: str, default: str, use: str) -> None:

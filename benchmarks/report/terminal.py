@@ -13,7 +13,7 @@ from rich.table import Table
 from benchmarks.analysis.board import Board
 from benchmarks.paper.claim import Claim
 from benchmarks.report.columns import Column, columns
-from benchmarks.run.metrics import describe, summarize
+from benchmarks.run.metrics import Metric, counted_errors, describe, summarize
 from benchmarks.speed.environments import Speed
 
 MEANING = (
@@ -86,15 +86,17 @@ def _count(things: Sequence[object], name: str) -> str:
     return f"{len(things)} {name}{'' if len(things) == 1 else 's'}"
 
 
-def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:
+def evaluation(
+    console: Console, title: str, rows: list[dict[str, float]], decision_us: float, more: Sequence[Metric] = ()
+) -> None:
     """Print the metrics of one policy on one scenario: mean and largest value over the seeds."""
     table = Table(title=escape(title), title_style="bold")
     for name, justify in (("metric", "left"), ("mean", "right"), ("largest", "right"), ("meaning", "left")):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
-    errors = [max(row["error_pct"], row["resolution_pct"]) for row in rows]
+    errors = counted_errors(rows)
     error, largest = f"{np.exp(np.log(errors).mean()):.4g}", f"{max(errors):.4g}"
     table.add_row("error", error, largest, escape("the board's error: geometric mean over the seeds [%]"))
-    for name, value, meaning in describe(summarize(rows)):
+    for name, value, meaning in describe(summarize(rows), more):
         known = [row[name] for row in rows if not np.isnan(row[name])]
         table.add_row(name, value, f"{max(known):.4g}" if known else "-", escape(meaning))
     table.add_row("decision_us", f"{decision_us:.3g}", "", escape("wall time of one decision of one lane [us]"))
