@@ -9,7 +9,7 @@ from fbl_gym import ArmParameters, TwoLinkArmVectorEnv
 
 ROTORS = ArmParameters(rotor=(8.0, 4.0))
 LAWS = ("computed-torque", "cascade-flm", "adaptive-flm", "adaptive-flm-ls", "slotine-li", "slotine-li-composite",
-        "spong-robust", "time-delay", "rbf-adaptive", "computed-torque-dob", "nmpc")  # fmt: skip
+        "spong-robust", "computed-torque-tde", "rbf-adaptive", "computed-torque-dob", "nmpc")  # fmt: skip
 
 
 def mean_error(name, arm, **real):
