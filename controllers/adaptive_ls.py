@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from controllers.estimator import plausible, point_masses
 from controllers.kalman import RobustFlm
+from controllers.passivity import friction_regressor
 from controllers.policy import State
 from controllers.solving import accumulate, exceeds, solve
 from fbl_gym.arm import Array, inertia_matrix, regressor, with_rotors
@@ -113,9 +114,7 @@ class AdaptiveFlmLs(RobustFlm):
 
     def row(self, q: Array, v: Array, a: Array) -> Array:
         """Return the regressor of lumped parameters, viscous and Coulomb friction, [n x 2 x 9]."""
-        eye = np.eye(2)
-        viscous, coulomb = v[..., None] * eye, np.tanh(v / self.turn)[..., None] * eye
-        return np.concatenate([regressor(q, v, a), viscous, coulomb], axis=-1)
+        return np.concatenate([regressor(q, v, a), friction_regressor(v, self.turn)], axis=-1)
 
     def add(self, z: Array, torque: Array, a: Array, b: Array, moves: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return A [n x 9 x 9] and b [n x 9] with one sample more, in shares of the nominal arm.
