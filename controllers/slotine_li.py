@@ -56,7 +56,7 @@ class SlotineLi(TorqueLaw):
     slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
     damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
     adaptation: float = number(1.0, low=0, tune=(0.1, 300.0))
-    friction: float = number(3.0, unit="1/s^2", low=0, tune=(0.1, 300.0))
+    friction: float = number(3.0, unit="1/s^2", low=0, tune=(0.5, 50.0))
     reach: float = number(16.0, above=1)
 
     @cached_property
@@ -69,8 +69,8 @@ class SlotineLi(TorqueLaw):
     def box(self) -> tuple[Array, Array]:
         """Least and largest estimates, [9] each."""
         lumped = self.interface.nominal.lumped
-        low, high = np.concatenate([lumped / self.reach, np.zeros(4)]), MOST * np.tile(self._inertia, 2)
-        return low, np.concatenate([lumped * self.reach, high])
+        low, high = np.sort([lumped / self.reach, lumped * self.reach], axis=0)
+        return np.concatenate([low, np.zeros(4)]), np.concatenate([high, MOST * np.tile(self._inertia, 2)])
 
     @property
     def _inertia(self) -> Array:
