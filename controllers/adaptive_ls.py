@@ -91,9 +91,9 @@ class AdaptiveFlmLs(RobustFlm):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        integral, motion, count, started, z, filtered, a_sum, b_sum, unknowns, applied = state
+        integral, motion, count, z, filtered, a_sum, b_sum, unknowns, applied = state
         position, acceleration = self.read(observation, "position", "acceleration")
-        motion, count = self.filter.update_started(motion, count, started, position, acceleration)
+        motion, count, _ = self.filter.update(motion, count, position, acceleration)
         q, v = motion[..., 0], motion[..., 1]
 
         # The first sample of an episode ends no interval; the second sets the filters.
@@ -101,7 +101,7 @@ class AdaptiveFlmLs(RobustFlm):
         z = keep[:, None, None] * z + (1.0 - keep)[:, None, None] * self.row(q, v, acceleration)
         rotor = self.interface.nominal.rotor
         filtered = keep[:, None] * filtered + (1.0 - keep)[:, None] * (applied - np.array(rotor) * acceleration)
-        moves = started & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
+        moves = (count > 0) & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
         a_sum, b_sum = self.add(z, filtered, a_sum, b_sum, moves)
         rich = moves & exceeds(a_sum, self.excitation)
         if rich.any():
@@ -110,7 +110,7 @@ class AdaptiveFlmLs(RobustFlm):
         torque, integral = self.drive(observation, q, v, integral, with_rotors(unknowns[:, :5], rotor))
         torque = torque + self.estimated_friction(observation, v, unknowns)
         applied = self.interface.saturate(torque)
-        return torque, (integral, motion, count, np.ones_like(started), z, filtered, a_sum, b_sum, unknowns, applied)
+        return torque, (integral, motion, count, z, filtered, a_sum, b_sum, unknowns, applied)
 
     def row(self, q: Array, v: Array, a: Array) -> Array:
         """Return the regressor of lumped parameters, viscous and Coulomb friction, [n x 2 x 9]."""
@@ -142,4 +142,4 @@ class AdaptiveFlmLs(RobustFlm):
 
     def parameters(self, state: State) -> Array:
         """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""
-        return point_masses(state[8][:, :5])
+        return point_masses(state[7][:, :5])
