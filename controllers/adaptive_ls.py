@@ -17,7 +17,7 @@ from controllers.kalman import RobustFlm
 from controllers.passivity import friction_regressor
 from controllers.policy import State
 from controllers.solving import accumulate, exceeds, solve
-from fbl_gym.arm import Array, inertia_matrix, regressor, with_rotors
+from fbl_gym.arm import Array, regressor, with_rotors
 from fbl_gym.records import number
 
 TERMS = 9
@@ -70,11 +70,6 @@ class AdaptiveFlmLs(RobustFlm):
         weight = np.maximum(lumped[4], lumped[1])
         return np.concatenate([np.maximum(lumped, 1e-9), np.full(4, weight)])
 
-    @cached_property
-    def weight(self) -> Array:
-        """Weight of each joint's torque [2]: one over its nominal inertia."""
-        return 1.0 / np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
-
     def initial(self, observation: Array) -> State:
         """Return the state of `RobustFlm`, and the parts in the comments."""
         n = len(observation)
@@ -122,8 +117,9 @@ class AdaptiveFlmLs(RobustFlm):
         z [n x 2 x 9] and the torque [n x 2] are filtered. Lanes change where they move.
         """
         dt = self.interface.control_dt
-        rows = z * self.scale * self.weight[:, None]
-        return accumulate(a, b, rows, torque * self.weight, np.exp(-dt / self.memory), dt, moves)
+        weight = 1.0 / self.stretched
+        rows = z * self.scale * weight[:, None]
+        return accumulate(a, b, rows, torque * weight, np.exp(-dt / self.memory), dt, moves)
 
     def fit(self, a: Array, b: Array, before: Array) -> Array:
         """Return the new estimate of the unknowns [n x 9], or the last one if it is unphysical."""

@@ -1,4 +1,4 @@
-"""Computed torque, the textbook law for an arm with a known model, alone and with a disturbance observer."""
+"""Computed torque, the textbook law for a known model, alone and with a disturbance observer."""
 
 from __future__ import annotations
 

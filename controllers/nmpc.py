@@ -17,8 +17,8 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.linalg import cholesky, solve_discrete_are
 
-from controllers.parts import Eso
-from controllers.policy import State, TorqueLaw
+from controllers.parts import Eso, runge_kutta
+from controllers.policy import State, TorqueLaw, reference_at
 from fbl_gym.arm import (
     ArmParameters,
     Array,
@@ -85,12 +85,7 @@ def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> An
         torque = scale * plan[2 * k : 2 * k + 2]
         # e'' of the plan has the weight 1.
         terms.append(rate(x, torque)[2:] - reference[4:, k])
-        # The classical Runge-Kutta step.
-        k1 = rate(x, torque)
-        k2 = rate(x + 0.5 * step * k1, torque)
-        k3 = rate(x + 0.5 * step * k2, torque)
-        k4 = rate(x + step * k3, torque)
-        x = x + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        (x,) = runge_kutta(lambda x, u: [rate(x[0], u)], [x], step, [torque] * 3)
         error = x - reference[:4, k + 1]
         if k < HORIZON - 1:
             terms.append(ca.vertcat(w1, w2, c1, c2) * error)
@@ -193,14 +188,9 @@ class Nmpc(TorqueLaw):
         step = self.stride * self.interface.control_dt
         improve = planner(self.interface.nominal, step, weights, self.interface.torque_limit, n)
         start = estimate[..., [0, 1, 3]].transpose(2, 1, 0).reshape(6, n)
-        reference = self.reference(observation).reshape(-1, 6).T
+        times = step * np.arange(HORIZON + 1, dtype=float)
+        reference = reference_at(self.interface, observation, times).reshape(-1, 6).T
         shifted = np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
         better = np.asarray(improve(start, reference, shifted.reshape(n, -1).T)).T.reshape(plan.shape)
         # Where the solver failed, the last plan goes on.
         return self.interface.saturate(np.where(np.isfinite(better).all(axis=(1, 2), keepdims=True), better, shifted))
-
-    def reference(self, observation: Array) -> Array:
-        """Return the reference at each step of the plan [n x (HORIZON + 1) x 6]."""
-        return self.reference_at(
-            observation, self.stride * self.interface.control_dt * np.arange(HORIZON + 1, dtype=float)
-        )

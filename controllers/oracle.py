@@ -55,8 +55,7 @@ class _Oracle(Record):
         The k times count from the one at which the next command begins to act [s].
         """
         each = arm.truth.delay[:, None] + times
-        interface = self.env.interface
-        return np.split(reference_at(interface.layout, interface.control_dt, observation, each), 3, axis=-1)
+        return np.split(reference_at(self.env.interface, observation, each), 3, axis=-1)
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -202,6 +203,24 @@ OBSERVERS: dict[str, type[Observer]] = {"derivative": Derivative, "kalman": Kalm
 """The observers, by name."""
 
 
+def runge_kutta(
+    rates: Callable[[Sequence[Any], Any], Sequence[Any]], x: Sequence[Any], h: Any, inputs: Sequence[Any]
+) -> list[Any]:
+    """Return the state x after a classical Runge-Kutta step of h [s].
+
+    Args:
+        rates: (state, input) -> the state's time derivative.
+        x: the state's parts.
+        h: a number, or [n x 1].
+        inputs: at the step's start, middle and end.
+    """
+    k1 = rates(x, inputs[0])
+    k2 = rates([y + 0.5 * h * k for y, k in zip(x, k1, strict=True)], inputs[1])
+    k3 = rates([y + 0.5 * h * k for y, k in zip(x, k2, strict=True)], inputs[1])
+    k4 = rates([y + h * k for y, k in zip(x, k3, strict=True)], inputs[2])
+    return [y + h / 6.0 * (a + 2.0 * (b + c) + d) for y, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
+
+
 @dataclass(frozen=True)
 class Drive:
     """The drive as its datasheet states it: a command acts after a delay, through a lag.
@@ -235,11 +254,6 @@ class Drive:
         """The delay less its whole control intervals [s]."""
         return max(self.delay - self.whole * self.dt, 0.0)
 
-    @property
-    def depth(self) -> int:
-        """Commands in the queue."""
-        return self.whole + 1
-
     def coming(self, queue: Array) -> list[tuple[float, Array]]:
         """Return the torques until the next command acts, each a duration and a command [n x 2]."""
         return [(self.rest, queue[:, -1]), *((self.dt, queue[:, k]) for k in range(self.whole - 1, -1, -1))]
@@ -264,7 +278,7 @@ class Drive:
             keep, area = self._fade(duration)
             total = total + duration * each + area * (torque - each)
             torque = each + keep * (torque - each)
-        return commands[:, : self.depth], torque, total / self.dt
+        return commands[:, : self.whole + 1], torque, total / self.dt
 
     def predict(
         self, arm: ArmParameters, q: Array, v: Array, f: Array, torque: Array, commands: list[tuple[float, Array]]
@@ -284,18 +298,9 @@ class Drive:
         """
         steps = [(h / n, x) for h, x in commands for n in [math.ceil(h / self.dt - 1e-9)] for _ in range(n)]
         for h, command in steps:
-            first, half, end = (command + self._fade(t)[0] * (torque - command) for t in (0.0, 0.5 * h, h))
-            # The classical Runge-Kutta step.
-            a1 = forward_dynamics(arm, q, v, first) + f
-            v2 = v + 0.5 * h * a1
-            a2 = forward_dynamics(arm, q + 0.5 * h * v, v2, half) + f
-            v3 = v + 0.5 * h * a2
-            a3 = forward_dynamics(arm, q + 0.5 * h * v2, v3, half) + f
-            v4 = v + h * a3
-            a4 = forward_dynamics(arm, q + h * v3, v4, end) + f
-            q = q + h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
-            v = np.clip(v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), -FASTEST, FASTEST)
-            torque = end
+            torques = [command + self._fade(t)[0] * (torque - command) for t in (0.0, 0.5 * h, h)]
+            q, v = runge_kutta(lambda x, u: (x[1], forward_dynamics(arm, *x, u) + f), (q, v), h, torques)
+            v, torque = np.clip(v, -FASTEST, FASTEST), torques[-1]
         return q, v, torque
 
     def _fade(self, t: float) -> tuple[float, float]:

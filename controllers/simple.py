@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, gravity_torque, inertia_matrix
+from fbl_gym.arm import Array, gravity_torque
 from fbl_gym.checks import Pair
 from fbl_gym.records import pair
 
@@ -49,16 +48,11 @@ class PdGravity(TorqueLaw):
     frequency: Pair | float = pair(10.0, unit="rad/s", tune=(2.0, 100.0))
     damping: Pair | float = pair(0.4, tune=(0.3, 3.0))
 
-    @cached_property
-    def inertia(self) -> Array:
-        """M_ii of the stretched nominal arm [2], kg m^2."""
-        return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
-
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
         q, v, r, r_dot = self.read(observation, "position", "velocity", "reference_position", "reference_velocity")
         w = np.array(self.frequency)
-        kp, kd = w**2 * self.inertia, 2.0 * np.array(self.damping) * w * self.inertia
+        kp, kd = w**2 * self.stretched, 2.0 * np.array(self.damping) * w * self.stretched
         return kp * (r - q) + kd * (r_dot - v) + gravity_torque(self.interface.nominal, q), ()
 
 
@@ -94,7 +88,7 @@ class PidGravity(PdGravity):
         (integral,) = state
         q, r = self.read(observation, "position", "reference_position")
         error = r - q
-        ki = np.array(self.integral) * np.array(self.frequency) ** 3 * self.inertia
+        ki = np.array(self.integral) * np.array(self.frequency) ** 3 * self.stretched
         torque = super().torque(observation, ())[0] + ki * integral
         pause = (self.interface.saturate(torque) != torque) & (torque * error > 0.0)
         return torque, (integral + np.where(pause, 0.0, error * self.interface.control_dt),)

@@ -1,4 +1,4 @@
-"""Slotine and Li's adaptive law on the arm's lumped parameters and friction, and its composite form."""
+"""Slotine and Li's adaptive law on lumped parameters and friction, and its composite form."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ class SlotineLi(TorqueLaw):
 
     Y is the regressor along the reference motion v_r = r' + slope e, a_r = r'' + slope e'. p has
     the five lumped parameters, and of each joint the viscous and the Coulomb friction, whose torque
-    is p_6 v_r + p_8 tanh(v_r / TURN). Gains scale with the nominal arm: K = damping M(q),
-    Gamma_i = adaptation p_i^2 / p_1, and friction M_jj for the frictions of joint j. The inertia of
-    the rotors is known: they add their torque to Y p^.
+    is p_6 v_r + p_8 tanh(v_r / TURN) at the first one. Gains scale with the nominal arm:
+    K = damping M(q), Gamma_i = adaptation p_i^2 / p_1, and for the frictions of joint j it is
+    friction M_jj of the stretched arm. The inertia of the rotors is known: they add their torque to
+    Y p^.
 
     V = s'Ms/2 + (p^ - p)'Gamma^-1 (p^ - p)/2 has V' <= -s'Ks, so the error goes to zero for every
     constant arm without disturbance whose friction has the form above. Friction that sticks or
@@ -63,19 +64,14 @@ class SlotineLi(TorqueLaw):
     def rates(self) -> Array:
         """Diagonal of Gamma [9]."""
         lumped = self.interface.nominal.lumped
-        return np.concatenate([self.adaptation * lumped**2 / lumped[0], self.friction * np.tile(self._inertia, 2)])
+        return np.concatenate([self.adaptation * lumped**2 / lumped[0], self.friction * np.tile(self.stretched, 2)])
 
     @cached_property
     def box(self) -> tuple[Array, Array]:
         """Least and largest estimates, [9] each."""
         lumped = self.interface.nominal.lumped
         low, high = np.sort([lumped / self.reach, lumped * self.reach], axis=0)
-        return np.concatenate([low, np.zeros(4)]), np.concatenate([high, MOST * np.tile(self._inertia, 2)])
-
-    @property
-    def _inertia(self) -> Array:
-        """M_jj of the stretched nominal arm [2]."""
-        return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
+        return np.concatenate([low, np.zeros(4)]), np.concatenate([high, MOST * np.tile(self.stretched, 2)])
 
     def initial(self, observation: Array) -> State:
         """Return the state: the estimates [n x 9], nominal and without friction."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.computed_torque import ComputedTorque
 from controllers.policy import State
-from fbl_gym.arm import Array, gravity_torque, inertia_matrix, inverse_dynamics
+from fbl_gym.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import pair
 
@@ -50,8 +50,7 @@ class TimeDelay(ComputedTorque):
         last, applied = state
         q, v = self.read(observation, "position", "velocity")
         change = self.acceleration(observation, q, v) - (v - last) / self.interface.control_dt
-        inertia = np.array(self.inertia) * np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
-        torque = applied + inertia * change
+        torque = applied + np.array(self.inertia) * self.stretched * change
         return torque, (v, self.interface.saturate(torque))
 
 

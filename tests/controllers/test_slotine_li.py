@@ -2,8 +2,7 @@
 
 import numpy as np
 
-import controllers
-from fbl_gym import TwoLinkArmVectorEnv, scenarios
+from fbl_gym import scenarios
 from fbl_gym.arm import inertia_matrix
 from tests.controllers.passive_loop import EXCITING, closed_loop, wrong
 
