@@ -177,6 +177,6 @@ class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         position, acceleration = self.read(observation, "position", "acceleration")
-        motion, samples, _ = self.filter.update(*state[-2:], position, acceleration)
+        motion, samples, _ = self.filter.update(state[-2], state[-1], position, acceleration)
         torque, after = self.adapt(observation, motion[..., 0], motion[..., 1], acceleration, state[:-2])
         return torque, (*after, motion, samples)

@@ -49,7 +49,7 @@ class Observer(Record):
         zeros = np.zeros_like(position)
         return np.stack([position, velocity, zeros, zeros], axis=-1)
 
-    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
         """Return the estimate at a sample.
 
         Args:
@@ -86,7 +86,7 @@ class Derivative(Observer):
         memory[..., 0] -= self.dt * velocity
         return memory
 
-    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
         """Return the estimate at a sample."""
         last, v, a, f = np.moveaxis(memory, -1, 0)
         share = -math.expm1(-self.bandwidth * self.dt)
@@ -154,7 +154,7 @@ class HighGain(Eso):
 
     uses_model: ClassVar[bool] = False
 
-    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
         """Return the estimate at a sample; f is zero."""
         estimate = super().correct(memory, position, velocity)
         estimate[..., 3] = 0.0
@@ -186,7 +186,7 @@ class Kalman(Observer):
         p = solve_discrete_are(f.T, np.array([[1.0], [0.0]]), self.bandwidth**4 * b @ b.T, np.eye(1))
         return p[:, 0] / (p[0, 0] + 1.0)
 
-    def correct(self, memory: Array, position: Array, velocity: Array | None) -> Array:
+    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
         """Return the estimate at a sample; the acceleration is that of the estimated velocity."""
         q, v, u, f = np.moveaxis(memory, -1, 0)
         innovation = position - q
@@ -299,7 +299,7 @@ class Drive:
         steps = [(h / n, x) for h, x in commands for n in [math.ceil(h / self.dt - 1e-9)] for _ in range(n)]
         for h, command in steps:
             torques = [command + self._fade(t)[0] * (torque - command) for t in (0.0, 0.5 * h, h)]
-            q, v = runge_kutta(lambda x, u: (x[1], forward_dynamics(arm, *x, u) + f), (q, v), h, torques)
+            q, v = runge_kutta(lambda x, u: (x[1], forward_dynamics(arm, x[0], x[1], u) + f), (q, v), h, torques)
             v, torque = np.clip(v, -FASTEST, FASTEST), torques[-1]
         return q, v, torque
 
