@@ -83,7 +83,7 @@ def degradation(board: Board) -> list[Figure]:
     """
     figures = []
     for title, (text, severities, estimate) in board.degradation.items():
-        x = np.arange(severities[0], severities[-1] + 1)
+        x = np.arange(severities[0], severities[-1] + 1.0)
         gaps = [np.full((len(board.policies), len(x)), np.nan) for _ in range(3)]
         for gap, numbers in zip(gaps, (estimate.value, estimate.low, estimate.high), strict=True):
             gap[:, np.isin(x, severities)] = numbers
