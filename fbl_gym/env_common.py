@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium import error, logger
@@ -19,9 +19,6 @@ from fbl_gym.program import MAX_BATCH_NUMBERS, Program, make_program
 from fbl_gym.records import build, declarations
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario, as_scenario
-
-if TYPE_CHECKING:
-    from fbl_gym.render import View
 
 MAX_SEED = 2**64 - 1
 MIN_RENDER_SIZE = 160
@@ -71,7 +68,7 @@ class TaskProperties:
         self._size = program.interface.layout.size
         self._info = info
         self._seeded = self._begun = False
-        self._views: list[View] = []
+        self._views: list[Any] = []  # of `render.View`
         self._batch = make_batch(self._scenario, program, lanes, threads)
 
     @property

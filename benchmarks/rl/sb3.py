@@ -36,6 +36,7 @@ _BY_NETWORK = {
     "sb3_contrib.crossq.policies": "sb3_contrib:CrossQ",
     "sb3_contrib.ars.policies": "sb3_contrib:ARS",
     "sb3_contrib.common.recurrent.policies": "sb3_contrib:RecurrentPPO",
+    **{f"sbx.{name.lower()}.policies": f"sbx:{name}" for name in ("PPO", "SAC", "TD3", "DDPG", "TQC", "CrossQ")},
 }
 """The class that loads an archive, by the module of the archive's network."""
 
@@ -56,7 +57,8 @@ def _import(user: str, place: str) -> Any:
     try:
         return getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as problem:
-        raise ValueError(f"{user} needs {module}, which is not installed: pip install 'fbl-gym[rl]'") from problem
+        package = "sbx-rl" if module == "sbx" else "'fbl-gym[rl]'"
+        raise ValueError(f"{user} needs {problem.name}, which is not installed: pip install {package}") from problem
 
 
 def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
@@ -73,6 +75,8 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     algorithm = _class_of(path)
     try:
         model = algorithm.load(path, device="cpu")
+    except ModuleNotFoundError as problem:
+        raise ValueError(f"{path} needs the module {problem.name}, which is not installed") from problem
     except Exception as problem:  # of SB3, torch, zipfile, pickle or the archive's code
         raise ValueError(
             f"{path} must be an archive that stable-baselines3's save wrote ({type(problem).__name__}: {problem})"

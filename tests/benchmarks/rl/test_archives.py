@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import sys
 import zipfile
 
 import gymnasium
@@ -131,10 +132,12 @@ def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
         load_zip(path, TwoLinkArmEnv(sensors=("position",)).interface, trust=True)
 
 
-def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path):
+def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sbx", None)  # as if it were not installed
     path = tmp_path / "model.zip"
     for data, message in (
-        ({"policy_class": {"__module__": "sbx.sac.policies"}}, "A2C, .* got one whose network is of sbx.sac.policies"),
+        ({"policy_class": {"__module__": "mine.policies"}}, "A2C, .* got one whose network is of mine.policies"),
+        ({"policy_class": {"__module__": "sbx.sac.policies"}}, "needs sbx, which is not .*: pip install sbx-rl"),
         ({}, "must be an archive that stable-baselines3's save wrote"),
     ):
         with zipfile.ZipFile(path, "w") as archive:
