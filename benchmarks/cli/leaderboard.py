@@ -19,7 +19,6 @@ from benchmarks.policies import external
 from benchmarks.policies.apart import Limits, limit
 from benchmarks.report import terminal
 from benchmarks.run.cell import Outcome
-from benchmarks.run.runner import BACKENDS
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import SUITES, Cell, Suite, load, narrow
@@ -67,8 +66,6 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
     add_run(parser)
-    parser.add_argument("--backend", choices=BACKENDS, default="loky", help="this machine, or a cluster (loky)")
-    parser.add_argument("--address", metavar="A", help="address of the Ray or Dask cluster (a new one on this machine)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -83,10 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(cells), rate="", failures="")
         try:
-            for outcome in run_cells(
-                cells, store, workers=arguments.workers, backend=arguments.backend, address=arguments.address,
-                command=command_line(),
-            ):  # fmt: skip
+            for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line()):
                 outcomes.append(outcome)
                 done = Counter(outcome.done for outcome in outcomes)
                 rate = done["computed"] / (progress.tasks[0].elapsed or math.inf)

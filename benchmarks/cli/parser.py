@@ -85,7 +85,6 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "mpc": ("casadi",),
     "mujoco": ("mujoco",),
     "urdf": ("yourdfpy",),
-    "cluster": ("dask", "distributed", "ray"),
 }  # fmt: skip
 """The modules that each extra installs."""
 

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.cli.common import add_policies, command_line, count, refuse_judged
+from benchmarks.cli.common import add_folder, add_policies, command_line, count, refuse_judged
 from benchmarks.policies.apart import end_with_parent
 from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import Suite, narrow
@@ -22,9 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seeds", type=count, default=16, metavar="N", help="tuning seeds of each scenario (16)")
     parser.add_argument(
-        "--also", nargs="+", type=_gain, default=(), metavar="GAIN=VALUE", help="gains to try as one of the trials"
-    )
-    parser.add_argument(
         "--candidates", type=count, default=10, metavar="N", help="number of best trials to judge once more (10)"
     )
     parser.add_argument(
@@ -35,10 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="scenarios of trials and judging: names, families, .toml files "
         f"({len(SCENARIOS)} of the tier practice for trials, {len(JUDGED)} for judging)",
     )  # fmt: skip
-    parser.add_argument(
-        "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",
-        help="folder of the studies; several processes may share it, and a stopped study goes on (results/tuning)",
-    )  # fmt: skip
+    add_folder(parser, "--storage", "results/tuning", "the studies, which processes may share")
     parser.add_argument("--jobs", type=count, default=1, metavar="N", help="policies that are tuned at a time (1)")
     target = parser.add_mutually_exclusive_group()
     target.add_argument(
@@ -64,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             Task(policy, _scenarios(arguments, usual), numbers)
             for usual, numbers in ((SCENARIOS, tried), (JUDGED, fresh))
         )
-        task.check(dict(arguments.also))
+        task.check({})
         pairs.append((task, judging))
     texts = Parallel(n_jobs=min(arguments.jobs, len(pairs)), return_as="generator_unordered")(
         delayed(_tune)(task, judging, arguments, command_line()) for task, judging in pairs
@@ -86,23 +80,14 @@ def _tune(task: Task, judging: Task, arguments: argparse.Namespace, command: str
     """Tune one policy, write its gains, and return the verdict in words."""
     end_with_parent()
     name = task.policy.name
-    study = tune(task, arguments.trials, arguments.storage, dict(arguments.also))
+    study = tune(task, arguments.trials, arguments.storage)
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)
     path = write_gains(best, TUNED if arguments.ship else arguments.out)
-    verdicts = best["judged"]["best_first"]
-    defaults = next(verdict for verdict in verdicts if verdict["trial"] == 0)
+    verdict, defaults = best["judged"]["best"], best["judged"]["defaults"]
     gains = " ".join(f"{gain}={value:g}" for gain, value in best["gains"].items()) or "the default gains are best"
     return (
         f"{name}: {gains}\n"
-        f"  objective {verdicts[0]['objective']:.3f}, diverged {verdicts[0]['diverged_pct']:.2g} %; "
+        f"  objective {verdict['objective']:.3f}, diverged {verdict['diverged_pct']:.2g} %; "
         f"of the default gains {defaults['objective']:.3f}, {defaults['diverged_pct']:.2g} %\n"
         f"  {path}: use them as {name}@{'tuned' if arguments.ship else arguments.out}"
     )
-
-
-def _gain(text: str) -> tuple[str, float]:
-    name, _, value = text.partition("=")
-    try:
-        return name, float(value)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be such as kp=25, got {text!r}") from None
