@@ -1,7 +1,5 @@
 """The command `fbl-gym sweep`: the error over the values of one or two options."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import io

@@ -3,8 +3,6 @@
 A path's ending gives the format. A figure's title is stored in the file and not drawn.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -37,10 +35,6 @@ WIDTHS = {1: 3.5, 2: 7.16}
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8,
-    "axes.labelsize": 8,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "legend.fontsize": 8,
     "legend.frameon": False,
     "lines.linewidth": 1.0,
     "lines.markersize": 3.5,
