@@ -1,7 +1,5 @@
 """Files that are complete or absent: each is written beside its place and renamed into it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import uuid

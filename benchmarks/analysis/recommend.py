@@ -5,8 +5,6 @@ is twice as large. The order is that of the mean logarithm of the errors, plus t
 runs as in the score. The scenario itself counts as much as all its conditions together.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

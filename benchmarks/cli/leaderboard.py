@@ -1,7 +1,5 @@
 """The command `fbl-gym leaderboard`."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -1,7 +1,5 @@
 """The command line, `fbl-gym`."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import importlib

@@ -5,8 +5,6 @@ take all memory or die: `limit` sets how long a call may take, and how much memo
 end with their parent.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import ctypes

@@ -6,8 +6,6 @@ policy's factory, so that it is part of the digest too. Reads by C libraries, th
 and environment variables are not noticed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import importlib

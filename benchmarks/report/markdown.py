@@ -1,7 +1,5 @@
 """Tables in Markdown, for the README and the documentation."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """The leaderboard and the evaluation of one policy, as tables on a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

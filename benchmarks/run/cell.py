@@ -1,7 +1,5 @@
 """One cell: run it, in this process or in one that no other policy shares, and store its result."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The promises of a policy, checked on any policy: `fbl-gym check-policy`."""
 
-from __future__ import annotations
-
 import math
 import os
 import time

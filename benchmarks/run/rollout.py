@@ -1,7 +1,5 @@
 """Closed loop of a policy and a batch of arms in lockstep; every lane is one seed."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence

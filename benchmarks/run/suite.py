@@ -1,7 +1,5 @@
 """Cells as data, each one policy on one scenario over a batch of seeds; and suites."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -11,8 +11,6 @@ same objective on more scenarios, and on tuning seeds that no trial used. The ga
 best are written to a file.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import hashlib
