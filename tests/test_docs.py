@@ -63,8 +63,6 @@ def test_python_of_a_page_runs(page, block, tmp_path):
 
 
 def parser_of(command):
-    if command == "train":
-        pytest.importorskip("torch")
     return cli.prepare(command)[0]
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.analysis import statistics
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import METRICS
+from benchmarks.run.metrics import Metric
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
@@ -51,6 +51,7 @@ class Board:
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.
         failed: the error of each policy and scenario, by index, where the policy failed.
+        metrics: external ones, which `runs` has too.
     """
 
     specs: tuple[PolicySpec, ...]
@@ -61,6 +62,7 @@ class Board:
     incomplete: dict[str, str]
     lacking: str = ""
     failed: dict[tuple[int, int], str] = field(default_factory=dict)
+    metrics: tuple[Metric, ...] = ()
 
     @property
     def gaps(self) -> list[str]:
@@ -339,11 +341,12 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     stays = {r.cell.scenario.name: [_staying(row) for row in r.rows] for r in results if r.rows}
     table = [[stored[policy, task] for task in tasks] for policy in complete]
     rows = [[result.rows or stays[result.cell.scenario.name] for result in row] for row in table]
-    runs = {name: np.array([[[run[name] for run in cell] for cell in row] for row in rows]) for name in METRICS}
+    first = table[0][0].cell
+    runs = {name: np.array([[[run[name] for run in cell] for cell in row] for row in rows]) for name in first.columns}
     decision = np.array([np.median([result.decision_us for result in row if result.rows]) for row in table])
     failed = {(i, k): r.error for i, row in enumerate(table) for k, r in enumerate(row) if r.error}
-    members, seeds = tuple(specs[policy] for policy in complete), table[0][0].cell.seeds
-    return Board(members, tuple(tasks), seeds, runs, decision, incomplete, gap, failed)
+    members = tuple(specs[policy] for policy in complete)
+    return Board(members, tuple(tasks), first.seeds, runs, decision, incomplete, gap, failed, first.metrics)
 
 
 def _and_more(names: Sequence[str]) -> str:
@@ -354,7 +357,7 @@ def _staying(row: dict[str, float]) -> dict[str, float]:
     """Return the metrics of an arm that stays at its start, from those of any policy's run."""
     reference = {name: row[name] for name in ("stay_pct", "resolution_pct")}
     still = {"error_pct": row["stay_pct"], "variation": 0.0, "diverged": 0.0}
-    return dict.fromkeys(METRICS, float("nan")) | reference | still
+    return dict.fromkeys(row, float("nan")) | reference | still
 
 
 def _by_name(things: Iterable[Any]) -> dict[str, Any]:

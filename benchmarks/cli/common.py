@@ -14,6 +14,8 @@ from rich.console import Console
 
 from benchmarks.policies import external
 from benchmarks.policies.configuration import parse_gain
+from benchmarks.run.metrics import Metric, find_metrics, measure
+from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
@@ -70,6 +72,16 @@ picture = partial(_file, endings=(".png", ".svg", ".pdf"))
 trace_file = partial(_file, endings=FORMATS)
 
 
+def metrics(text: str) -> tuple[Metric, ...]:
+    """Return external metrics that work on a trace."""
+    try:
+        found = find_metrics(text)
+        measure(rollout("zero", scenarios.get("nominal"), range(3)), more=found)
+        return found
+    except ValueError as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+
+
 def film(text: str) -> Path:
     """Return a file that a film can be written to."""
     path = _file(text, (".mp4", ".gif"))
@@ -117,6 +129,19 @@ def add_scenario(parser: argparse.ArgumentParser, default: str = "nominal", use:
         "--scenario", default=default, metavar="S",
         help=f"{use}a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME ({default})",
     )  # fmt: skip
+
+
+def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
+    parser.add_argument("--plot", type=picture, metavar="FILE", help=f"draw {subject}: .png, .svg or .pdf")
+    parser.add_argument(
+        "--columns", type=int, choices=(1, 2), default=2, help="width of the figure in columns of a journal (2)"
+    )
+
+
+def add_metrics(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--metrics", type=metrics, default=(), metavar="FILE", help="measure the functions of a Python file, too"
+    )
 
 
 def add_folder(parser: argparse.ArgumentParser, option: str, default: str, use: str) -> None:

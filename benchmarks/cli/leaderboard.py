@@ -1,6 +1,7 @@
 """The command `fbl-gym leaderboard`."""
 
 import argparse
+import dataclasses
 import math
 import sys
 from collections import Counter
@@ -10,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from benchmarks.analysis.board import assemble
-from benchmarks.cli.common import add_run, command_line, console, count, policy_name, trust
+from benchmarks.cli.common import add_metrics, add_run, command_line, console, count, policy_name, trust
 from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.apart import Limits, limit
@@ -37,6 +38,7 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
         "--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)"
     )
     parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
+    add_metrics(parser)
     parser.add_argument(
         "--cell-timeout", type=float, default=Limits.seconds, metavar="S",
         help=f"longest time of a cell, and of loading a policy [s] ({Limits.seconds:g}, for external policies alone)",
@@ -55,6 +57,7 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
         trust(arguments, str(policy))
         external.expect_trust(str(policy), arguments.suite)
     suite = narrow(suite, arguments.policies, arguments.scenarios, arguments.seeds)
+    suite = dataclasses.replace(suite, metrics=arguments.metrics)
     return narrow(suite, (*suite.policies, *arguments.policy)) if arguments.policy else suite
 
 

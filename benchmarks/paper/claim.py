@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, proportion
 from benchmarks.report.plot import Panel, plot_lines, plot_trace
-from benchmarks.run.metrics import measure
+from benchmarks.run.metrics import departure, measure
 from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
 from fbl_gym.arm import Array
@@ -176,9 +176,12 @@ Rows: TypeAlias = dict[str, Array]
 def run(
     policy: str, scenario: Scenario, seeds: int = 1, watch: Mapping[str, Watch] | None = None, **gains: Any
 ) -> tuple[Trace, Rows]:
-    """Return the trace of the first seeds, and each metric of every seed [n]."""
+    """Return the trace of the first seeds, and each metric of every seed [n].
+
+    Errors in % are shares of the reference's largest departure from the start, such as a step.
+    """
     trace = rollout(policy, scenario, range(seeds), gains, watch)
-    rows = measure(trace)
+    rows = measure(trace, departure(trace))
     return trace, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 

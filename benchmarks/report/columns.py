@@ -171,6 +171,14 @@ def columns(board: Board) -> list[Column]:
             "Total variation of the torque per second, both joints, median of the runs.",
             (np.median(board.runs["variation"][:, board.main], axis=(1, 2)) / 1e3).tolist(),
         ),
+        *(
+            Column(
+                f"metric-{metric.name}", metric.name, f"{metric.meaning}: median of the runs {here}.",
+                [float(np.median(runs[~np.isnan(runs)])) if not np.isnan(runs).all() else None
+                 for runs in board.runs[metric.name][:, board.main]], place="table",
+            )
+            for metric in board.metrics
+        ),
         Column(
             "preview", "preview", "Part of the reference's future that the policy reads.",
             [f"{spec.preview:.2g} s" if spec.preview else "none" for spec in board.specs],

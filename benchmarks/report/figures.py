@@ -77,10 +77,17 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 
 
 def degradation(board: Board) -> list[Figure]:
-    """Return error against severity, a figure for each arm and family."""
+    """Return error against severity, a figure for each arm and family.
+
+    A severity without runs leaves a gap in the curves.
+    """
     figures = []
     for title, (text, severities, estimate) in board.degradation.items():
-        data, axes = _curves(board, severities, estimate), {"xaxis": {"dtick": 1}, "yaxis": LOG}
+        x = np.arange(severities[0], severities[-1] + 1.0)
+        gaps = [np.full((len(board.policies), len(x)), np.nan) for _ in range(3)]
+        for gap, numbers in zip(gaps, (estimate.value, estimate.low, estimate.high), strict=True):
+            gap[:, np.isin(x, severities)] = numbers
+        data, axes = _curves(board, x, Estimate(*gaps)), {"xaxis": {"dtick": 1}, "yaxis": LOG}
         figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
     return figures
 

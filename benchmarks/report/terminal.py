@@ -13,7 +13,7 @@ from rich.text import Text
 from benchmarks.analysis.board import Board
 from benchmarks.paper.claim import Claim
 from benchmarks.report.columns import Column, columns
-from benchmarks.run.metrics import describe, summarize
+from benchmarks.run.metrics import Metric, counted_errors, describe, summarize
 from benchmarks.speed.environments import Speed
 
 Justify: TypeAlias = Literal["left", "right"]
@@ -84,12 +84,14 @@ def _board(board: Board, selected: Sequence[Column]) -> Table:
     return table
 
 
-def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:
+def evaluation(
+    console: Console, title: str, rows: list[dict[str, float]], decision_us: float, more: Sequence[Metric] = ()
+) -> None:
     """Print the metrics of one policy on one scenario: mean and largest value over the seeds."""
-    errors = [max(row["error_pct"], row["resolution_pct"]) for row in rows]
+    errors = counted_errors(rows)
     mean = f"{np.exp(np.log(errors).mean()):.4g}"
     lines = [("error", mean, f"{max(errors):.4g}", "the board's error: geometric mean over the seeds [%]")]
-    for name, value, meaning in describe(summarize(rows)):
+    for name, value, meaning in describe(summarize(rows), more):
         known = [row[name] for row in rows if not np.isnan(row[name])]
         lines.append((name, value, f"{max(known):.4g}" if known else "-", meaning))
     lines.append(("decision_us", f"{decision_us:.3g}", "", "wall time of one decision of one lane [us]"))

@@ -48,7 +48,7 @@ def run_cell(cell: Cell, command: str = "") -> Result:
         with external.watch() as reads, threadpool_limits(1):
             trace = rollout(cell.policy, cell.scenario, cell.seeds)
         cell.policy.check(reads)
-        rows, decision = tuple(measure(trace)), 1e6 * trace.decision_time
+        rows, decision = tuple(measure(trace, more=cell.metrics)), 1e6 * trace.decision_time
     except (Exception, SystemExit) as problem:  # an external policy may raise anything, and other cells must not suffer
         return Result.failure(cell, reason_of(problem), time.perf_counter() - begin, command)
     return Result(cell, rows, decision, time.perf_counter() - begin, provenance=provenance(command))

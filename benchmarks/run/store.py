@@ -24,7 +24,7 @@ from typing import Any
 
 from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import METRICS
+from benchmarks.run.metrics import Metric
 from benchmarks.run.suite import Cell
 from controllers.policy import ACCESS
 from fbl_gym import Scenario
@@ -200,18 +200,22 @@ class Store:
                 raise OtherFormat(f"{path} has format {document.get('format')}, this version reads {FORMAT}")
             if document.pop("sha256") != _digest(document):
                 raise ValueError("its checksum is wrong")
-            cell = Cell(PolicySpec.from_dict(document["policy"]), document["scenario"], tuple(document["seeds"]))
+            metrics = tuple(Metric(**metric) for metric in document.get("metrics", ()))
+            cell = Cell(
+                PolicySpec.from_dict(document["policy"]), document["scenario"], tuple(document["seeds"]), metrics
+            )
             check_choice("access", cell.policy.access, ACCESS)
             if cell.key != document["key"]:
                 raise ValueError("its key is not that of its content")
             columns = document["rows"]
-            if set(columns) != set(METRICS):
-                others = ", ".join(sorted(set(columns) ^ set(METRICS)))
+            if set(columns) != set(cell.columns):
+                others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
                 raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
-            rows = zip(*([math.nan if x is None else x for x in columns[name]] for name in METRICS), strict=True)
+            names = cell.columns
+            rows = zip(*([math.nan if x is None else x for x in columns[name]] for name in names), strict=True)
             decision = math.nan if document["decision_us"] is None else document["decision_us"]
             rest = (document[name] for name in ("wall_s", "error", "provenance"))
-            return Result(cell, tuple(dict(zip(METRICS, row, strict=True)) for row in rows), decision, *rest)
+            return Result(cell, tuple(dict(zip(names, row, strict=True)) for row in rows), decision, *rest)
         except OtherFormat:
             raise
         except (ValueError, KeyError, TypeError, AttributeError) as problem:
@@ -231,7 +235,8 @@ def _document(result: Result) -> dict[str, Any]:
         "policy": cell.policy.to_dict(),
         "scenario": cell.scenario.to_dict(),
         "seeds": list(cell.seeds),
-        "rows": {name: [_json(row[name]) for row in result.rows] for name in METRICS},
+        **({"metrics": [dataclasses.asdict(metric) for metric in cell.metrics]} if cell.metrics else {}),
+        "rows": {name: [_json(row[name]) for row in result.rows] for name in cell.columns},
         "decision_us": _json(result.decision_us),
         "wall_s": result.wall_s,
         "error": result.error,

@@ -12,6 +12,7 @@ from typing import Any
 import controllers
 from benchmarks.policies.external import entry_module
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_apart
+from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, check_whole, unknown
@@ -29,11 +30,13 @@ class Cell:
         policy: its specification, or the text that names it.
         scenario: a Scenario, its name, or the plain data that makes one.
         seeds: every policy meets the same ones, so comparisons are paired.
+        metrics: external ones to measure, too.
     """
 
     policy: PolicySpec
     scenario: Scenario
     seeds: tuple[int, ...]
+    metrics: tuple[Metric, ...] = ()
 
     def __post_init__(self) -> None:
         set_fields(self, policy=resolve(self.policy), scenario=as_scenario(self.scenario), seeds=tuple(self.seeds))
@@ -50,7 +53,13 @@ class Cell:
             **self.policy.identity,
             "scenario": plain_options(self.scenario, "description"),
             "seeds": list(self.seeds),
+            **({"metrics": {metric.name: metric.digest for metric in self.metrics}} if self.metrics else {}),
         }
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the metrics, the built-in ones first."""
+        return (*METRICS, *(metric.name for metric in self.metrics))
 
     @cached_property
     def key(self) -> str:
@@ -79,12 +88,14 @@ class Suite:
         policies: their specifications, or the texts that name them.
         scenarios: the tasks.
         seeds: how many of the test seeds, from 0 on.
+        metrics: external ones to measure, too.
     """
 
     name: str
     policies: tuple[PolicySpec | str, ...]
     scenarios: tuple[Scenario, ...]
     seeds: int
+    metrics: tuple[Metric, ...] = ()
 
     def __post_init__(self) -> None:
         set_fields(
@@ -99,7 +110,7 @@ class Suite:
         """The cells, scenario by scenario, each with every policy."""
         seeds = tuple(SPLITS["test"][: self.seeds])
         policies = [*map(_resolved, self.policies)]
-        return [Cell(policy, scenario, seeds) for scenario in self.scenarios for policy in policies]
+        return [Cell(policy, scenario, seeds, self.metrics) for scenario in self.scenarios for policy in policies]
 
 
 def _resolved(policy: PolicySpec | str) -> PolicySpec:

@@ -551,9 +551,8 @@ def test_help_names_every_command(capsys):
     shown = capsys.readouterr().out
     for name in cli.COMMANDS:
         assert f"  {name} " in shown
-        if name != "train":  # needs torch, and takes a while to import
-            with pytest.raises(SystemExit, match="0"):
-                cli.main([name, "--help"])
+        with pytest.raises(SystemExit, match="0"):
+            cli.main([name, "--help"])
     assert cli.main(["leaderbord"]) == 2
     assert "did you mean 'leaderboard'" in capsys.readouterr().err
 

@@ -68,8 +68,6 @@ def test_a_list_of_many_names_is_short(capsys):
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_the_example_of_a_command_is_right(name):
-    if name == "train":
-        pytest.importorskip("torch")
     parser, _ = cli.prepare(name)
     example = cli.COMMANDS[name].example
     assert example in parser.format_help()
@@ -141,6 +139,17 @@ def test_a_film_without_its_extra_is_refused_before_the_work(capsys, monkeypatch
     monkeypatch.setattr("benchmarks.cli.evaluate.rollout", None)
     assert cli.main(["evaluate", "zero", "--video", str(tmp_path / "arm.mp4")]) == 2
     assert "pip install 'fbl-gym[render]'" in capsys.readouterr().err
+
+
+def test_help_on_training_needs_no_extra(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    for name in ("torch", "stable_baselines3"):
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "benchmarks.cli.train", raising=False)
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["train", "--help"])
+    assert cli.main(["train", "ppo", "--steps", "10"]) == 2
+    assert "pip install 'fbl-gym[rl]'" in capsys.readouterr().err
 
 
 def test_what_takes_no_interface_makes_no_policy(capsys):

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.analysis.board import assemble
+from benchmarks.analysis.statistics import Estimate
+from benchmarks.report.figures import degradation
 from benchmarks.report.page import contents, write_page
 from benchmarks.report.scenes import POINTS, scene
 from benchmarks.run import traces
@@ -241,6 +244,28 @@ def test_figures_are_drawn_and_follow_the_chips_and_filters(page, data):
     text = page.find_element("css selector", cell).text.split("\n")[0]
     assert float(text) == pytest.approx(data["figures"]["degradation"][0]["data"][0]["y"][0], rel=5e-3)
     assert not page.find_elements("id", "learning")  # no agent is on this board
+
+
+def test_a_severity_without_runs_leaves_a_gap():
+    numbers = np.array([[1.0, 2.0, 4.0]])
+    board = SimpleNamespace(
+        policies=("a",), order=[0], degradation={"noise": ("text", [0, 2, 3], Estimate(numbers, numbers, numbers))}
+    )
+    (figure,) = degradation(board)
+    (line,) = figure["data"]
+    np.testing.assert_array_equal(line["x"], [0, 1, 2, 3])
+    np.testing.assert_array_equal(line["y"], [1.0, np.nan, 2.0, 4.0])
+
+
+def test_a_figure_is_saved_as_svg(page, tmp_path):
+    page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    page.execute_script("document.querySelector('#degradation').scrollIntoView()")
+    button = "#degradation .modebar-btn"
+    WebDriverWait(page, 5).until(lambda page: page.find_elements("css selector", button))
+    page.execute_script("document.querySelector(arguments[0]).dispatchEvent(new Event('click'))", button)
+    WebDriverWait(page, 5).until(lambda _: list(tmp_path.glob("*.svg")))
+    (saved,) = tmp_path.glob("*.svg")
+    assert "<svg" in saved.read_text()[:100]
 
 
 def test_the_pareto_front_and_the_recovery_are_drawn(page, data):

@@ -106,7 +106,5 @@ def test_a_trace_of_another_format_is_refused_before_the_run(capsys):
 
 @pytest.mark.parametrize("command", ["tune pid-flm", "train ppo --steps 10"])
 def test_a_judged_scenario_is_neither_tuned_nor_trained_on(command, capsys):
-    if command.startswith("train"):
-        pytest.importorskip("torch")
     assert cli.main([*command.split(), "--scenario", "hardware-noise-2"]) == 2
     assert "hardware-noise-2 is for judging alone: its motion is the board's" in capsys.readouterr().err
