@@ -15,11 +15,9 @@ from fbl_gym.arm import Array
 
 @dataclass(frozen=True)
 class Runs:
-    """The runs of policies in one world; numbers are [policies x scenarios x runs].
+    """The runs of policies in one world, [policies x scenarios x runs].
 
-    Args:
-        error: in %, at least the encoder's resolution.
-        diverged: 1 where a run diverged, else 0.
+    The errors are in %, at least the encoder's resolution; `diverged` is 1 where a run diverged.
     """
 
     error: Array

@@ -93,11 +93,7 @@ def provenance(command: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results, shared by any number of processes.
-
-    Args:
-        folder: is created when a result is written first.
-    """
+    """A folder of results, shared by any number of processes; it is created with its first file."""
 
     folder: Path
 

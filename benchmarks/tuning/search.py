@@ -58,13 +58,7 @@ JUDGED = scenarios.in_tier("practice")
 
 @dataclass(frozen=True)
 class Task:
-    """A policy to tune, with scenarios and the seeds of each.
-
-    Args:
-        policy: its specification, or the text that names it.
-        scenarios: the tasks.
-        seeds: of each scenario.
-    """
+    """A policy to tune, with scenarios and the seeds of each."""
 
     policy: PolicySpec
     scenarios: tuple[Scenario, ...]
