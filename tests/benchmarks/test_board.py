@@ -445,7 +445,7 @@ def make_policy(interface):
 
 
 def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
-    """Of two laws with a `helper` each, each has its own; nothing of that stays on the path."""
+    """Two laws with a `helper` each import their own; nothing of that stays on the path."""
     before = list(sys.path)
     for gain in (11.0, 12.0):
         folder = tmp_path / f"of_{gain:g}"
