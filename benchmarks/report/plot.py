@@ -162,7 +162,7 @@ def plot_maps(
     path: Path,
     columns: int = 2,
 ) -> None:
-    """Draw errors over two options as maps with one scale of grey, as many in a row as columns.
+    """Draw errors over two options as maps with one colour scale, which grey print keeps in order.
 
     Args:
         title: of the file.
@@ -170,7 +170,7 @@ def plot_maps(
         values: of each option.
         maps: the errors [number of x values, number of y values] in %, by the title of each map.
         path: of the figure.
-        columns: of the page that the figure spans, 1 or 2.
+        columns: of the page that the figure spans, and maps in a row, 1 or 2.
     """
     across = min(columns, len(maps))
     rows = -(-len(maps) // across)
