@@ -56,7 +56,7 @@ class ComputedTorqueGp(ComputedTorque):
 
     @cached_property
     def spectrum(self) -> tuple[Array, Array]:
-        """Frequencies [6 x FEATURES] and phases [FEATURES] of the cosines, the same in every run."""
+        """Frequencies [6 x FEATURES] and phases [FEATURES] of the cosines, always the same."""
         rng = np.random.default_rng(0)
         return rng.normal(size=(6, FEATURES)) / LENGTHS[:, None], rng.uniform(0.0, 2.0 * np.pi, FEATURES)
 

@@ -84,7 +84,7 @@ def test_integral_sliding_mode_keeps_the_nominal_error_equation():
     load = {"kind": "array", "torque": ((40.0, 10.0),)}
     env = TwoLinkArmEnv(reference=still, initial_error=(-0.2, 0.1), disturbance=load, **fast)
     gains = {"frequency": 6.0, "bound": 20.0, "layer": 0.05}
-    errors, states = tracking(controllers.make("integral-sliding-mode", env, **gains), env, 2000)
+    errors, _ = tracking(controllers.make("integral-sliding-mode", env, **gains), env, 2000)
     expected = np.outer(response([[0.0, 1.0], [-36.0, -12.0]], [1.0, 0.0], 1e-3, 2000), errors[0])
     plain, _ = tracking(controllers.make("computed-torque", env, frequency=6.0), env, 2000)
     assert np.abs(errors - expected).max() < 0.06 * np.abs(plain - expected).max()
