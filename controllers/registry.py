@@ -157,6 +157,15 @@ def factory(name: str) -> Callable[..., Any]:
     return _load(_entry(name))
 
 
+def modules() -> dict[str, str]:
+    """Return the module of every policy, by its name; imports none of them."""
+    laws = {
+        name: entry.factory.__module__ if callable(entry.factory) else entry.factory.split(":")[0]
+        for name, entry in _REGISTRY.items()
+    }
+    return laws | {name: point.module for name, point in external().items()}
+
+
 def tuned() -> tuple[str, ...]:
     """Return the policies with tuned gains, such as "pid-flm@tuned"; composed ones come last."""
     files = {path.stem for path in TUNED.glob("*.json")}
