@@ -10,7 +10,6 @@ import numpy as np
 from controllers.computed_torque import ComputedTorque
 from controllers.parts import Drive
 from controllers.policy import State
-from controllers.solving import solve
 from fbl_gym.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import number
@@ -30,23 +29,26 @@ class ComputedTorqueGp(ComputedTorque):
     """Computed torque plus the mean of a Gaussian process, learned online.
 
         torque = M a + C v + G + f^(r, r', r''),    a = r'' + w^2 (r - q) + 2 w (r' - v)
-        f^ = (Z'Z + (noise / SIGNAL)^2 I)^-1 Z'y,    y = torque - (M q'' + C v + G)
+        f^ = mean of a Gaussian process given the samples y = torque - (M q'' + C v + G)
 
-    A sample of y is the mean torque of an interval less that of the model, with q'' the velocity's
-    difference, both over the stretched inertia. A row of Z has random cosines z(x) with
-    z(x)'z(x') near exp(-|x - x'|^2 / 2), x the reference motion in units of `LENGTHS`. It is free
-    of noise, and close to the real motion. The sums forget with the time constant `memory`. Without
+    A sample y is the mean torque of an interval less that of the model, with q'' the velocity's
+    difference, over the stretched inertia. The covariance of two samples is
+    SIGNAL^2 z(x)'z(x') exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near
+    exp(-|x - x'|^2 / 2), and x is the reference motion in units of `LENGTHS`: free of noise, and
+    close to the real motion. A Kalman filter of the cosines' weights gives the exact mean. Without
     data f^ is zero. Delay and lag of the drive are known: each torque is counted where it acts.
 
-    There is no theorem of stability for this closed loop; the feedback is that of computed torque.
+    No theorem covers the closed loop; its feedback is that of computed torque.
 
     Sensors: position and velocity. Source: Nguyen-Tuong and Peters, "Using model knowledge for
     learning inverse dynamics", ICRA 2010; Gijsberts and Metta, "Real-time model learning using
-    incremental sparse spectrum Gaussian process regression", Neural Networks 41, 2013.
+    incremental sparse spectrum Gaussian process regression", Neural Networks 41, 2013; Hartikainen
+    and Sarkka, "Kalman filtering and smoothing solutions to temporal Gaussian process regression
+    models", MLSP 2010.
 
     Args:
         frequency: w [rad/s], per joint.
-        memory: time constant of forgetting [s].
+        memory: correlation time of the missing torque [s]; older samples count less.
         noise: standard deviation of y's noise [rad/s^2].
     """
 
@@ -75,24 +77,28 @@ class ComputedTorqueGp(ComputedTorque):
             hold,  # torque on the joints
             inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v)),  # its mean over the last interval
             v,  # at the last sample
-            np.zeros((n, FEATURES, FEATURES)),  # Z'Z
-            np.zeros((n, 2, FEATURES)),  # Z'y
+            np.zeros((n, 2, FEATURES)),  # mean of the weights
+            np.tile(SIGNAL**2 * np.eye(FEATURES), (n, 1, 1)),  # their covariance
         )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        queue, present, mean, last, square, product = state
+        queue, present, mean, last, weights, covariance = state
         q, v = self.read(observation, "position", "velocity")
         motion = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         nominal, dt = self.interface.nominal, self.interface.control_dt
         frequencies, phases = self.spectrum
         z = np.sqrt(2.0 / FEATURES) * np.cos(np.concatenate(motion, axis=-1) @ frequencies + phases)
         y = (mean - inverse_dynamics(nominal, q, 0.5 * (v + last), (v - last) / dt)) / self.stretched
+        # The weights decay towards the prior, then the sample corrects them.
         keep = np.exp(-dt / self.memory)
-        square = keep * square + z[:, :, None] * z[:, None, :]
-        product = keep * product + y[:, :, None] * z[:, None, :]
-        ridge = square + (self.noise / SIGNAL) ** 2 * np.eye(FEATURES)
-        learned = np.stack([(z * solve(ridge, product[:, joint])).sum(axis=-1) for joint in (0, 1)], axis=-1)
+        covariance = keep**2 * covariance + (1.0 - keep**2) * SIGNAL**2 * np.eye(FEATURES)
+        spread = (covariance @ z[:, :, None])[..., 0]
+        gain = spread / (self.noise**2 + (z * spread).sum(axis=-1, keepdims=True))
+        covariance = covariance - gain[:, :, None] * spread[:, None, :]
+        weights = keep * weights
+        weights = weights + (y - (weights @ z[:, :, None])[..., 0])[:, :, None] * gain[:, None, :]
+        learned = (weights @ z[:, :, None])[..., 0]
         torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + self.stretched * learned
         queue, present, mean = self.drive.pass_interval(queue, present, self.interface.saturate(torque))
-        return torque, (queue, present, mean, v, square, product)
+        return torque, (queue, present, mean, v, weights, covariance)

@@ -3,6 +3,7 @@
 import numpy as np
 
 import controllers
+from controllers.gaussian_process import SIGNAL
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import inverse_dynamics
 from tests.controllers.closed_loop import tracking
@@ -11,9 +12,9 @@ EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
 
 
 def test_the_torque_has_the_mean_of_a_gaussian_process():
-    """k(x)' (K + s^2 I)^-1 y over all samples, with the kernel of the random cosines (Rasmussen and Williams 2006, (2.25))."""
+    """k' (K + s^2 I)^-1 y over all samples, kernel of random cosines and time (Rasmussen and Williams 2006, (2.25))."""
     env = TwoLinkArmEnv(parameter_error={"radius": 0.3}, actuator=None, action="torque", reference=EXCITING)
-    policy = controllers.make("computed-torque-gp", env, memory=1e9, noise=3.0)
+    policy = controllers.make("computed-torque-gp", env, memory=0.5, noise=2.0)
     frequencies, phases = policy.spectrum
     observation, _ = env.reset(seed=0)
     state, rows, targets = None, [], []
@@ -30,7 +31,9 @@ def test_the_torque_has_the_mean_of_a_gaussian_process():
             targets.append(np.zeros(2))
         torque, state = policy.predict(observation, state)
         z, last = np.array(rows), v
-        mean = z[-1] @ z.T @ np.linalg.solve(z @ z.T + np.eye(len(z)), np.array(targets))
+        time = 0.01 * np.arange(len(z))
+        kernel = SIGNAL**2 * z @ z.T * np.exp(-np.abs(time[:, None] - time) / 0.5)
+        mean = kernel[-1] @ np.linalg.solve(kernel + 2.0**2 * np.eye(len(z)), np.array(targets))
         plain = inverse_dynamics(env.nominal, q, v, policy.acceleration(observation[None], q[None], v[None])[0])
         np.testing.assert_allclose(torque, plain + policy.stretched * mean, rtol=1e-6, atol=1e-6)
         observation = env.step(torque)[0]
