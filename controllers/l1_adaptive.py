@@ -36,12 +36,12 @@ class L1Adaptive(ComputedTorque):
     Args:
         frequency: w [rad/s], per joint: both poles of the error's reference model are -w.
         bandwidth: of the filter C(s) [rad/s], per joint.
-        predictor: p, the pole of the predictor is -p [rad/s], per joint.
+        pole: p, the pole of the predictor is -p [rad/s], per joint.
     """
 
     frequency: Pair | float = 10.0
     bandwidth: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 200.0))
-    predictor: Pair | float = pair(5.0, unit="rad/s", above=0)
+    pole: Pair | float = pair(5.0, unit="rad/s", above=0)
 
     def initial(self, observation: Array) -> State:
         """Return the state: the predictor's velocity, and C(s) f^, zero."""
@@ -52,7 +52,7 @@ class L1Adaptive(ComputedTorque):
         """Return the torque [n x 2] N m and the next state."""
         predicted, filtered = state
         q, v = self.read(observation, "position", "velocity")
-        nominal, dt, pole = self.interface.nominal, self.interface.control_dt, np.array(self.predictor)
+        nominal, dt, pole = self.interface.nominal, self.interface.control_dt, np.array(self.pole)
         f = -pole / np.expm1(pole * dt) * (predicted - v)
         filtered = filtered - np.expm1(-np.array(self.bandwidth) * dt) * (f - filtered)
         torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v) - filtered)

@@ -19,7 +19,7 @@ def test_the_error_equation_under_a_constant_load(pole):
     env = TwoLinkArmEnv(
         reference=STILL, control_dt=dt, physics_dt=dt, disturbance={"kind": "array", "torque": (tuple(load),)}
     )
-    policy = controllers.make("l1-adaptive", env, frequency=w, bandwidth=g, predictor=pole)
+    policy = controllers.make("l1-adaptive", env, frequency=w, bandwidth=g, pole=pole)
     errors, states = tracking(policy, env, 2000)
     share = pole * dt / np.expm1(pole * dt)
     # x = (e, e', z, f), in units of f = M^-1 d.
