@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 import controllers
 from benchmarks.cli.common import add_scenario, command_line, count, refuse_judged
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
-from benchmarks.rl.train import train
 from benchmarks.rl.training_settings import TrainingSettings, at_radius
 from fbl_gym import scenarios
 from fbl_gym.interface import Interface
@@ -63,6 +61,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Train an agent; return the exit status."""
     settings = _settings(arguments)
+    import torch  # the extra `rl`
+
+    from benchmarks.rl.train import train
+
     history = f"-history-{arguments.history}" if arguments.history else ""
     context = "-context" if arguments.context else ""
     name = f"{settings.algorithm}-{settings.adapter.action}{history}{context}-{settings.seed}"
