@@ -109,7 +109,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
       the change of the torque, so it is a function of observation and action only with one or more.
     * `info`: True adds to each step's info `tracking_error` (real, [2] rad); `tracking_loss`,
       `effort_loss` and `chatter_loss`, whose sum is 1 less the reward; and `saturation`, the share
-      of the joints whose torque is at its limit. A step then takes some 30 microseconds more.
+      of the joints whose torque is at its limit. A step then takes some 40 microseconds more.
     * `render_mode`: "human" shows a window in real time, "rgb_array" returns a frame for each
       `render()`. Both need pygame (`pip install 'fbl-gym[render]'`).
     * `render_size`: width and height of a frame [pixels], 480 by default.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path("runs") / name
     torch.set_num_threads(arguments.threads)
     train(settings, folder, command_line(), 40 if len(settings.scenarios) == 1 else 15, arguments.wandb)
-    if find_spec("matplotlib"):
+    with contextlib.suppress(ImportError):  # of the extra `bench`, which a training does not need
         _plot_curve(folder)
     print(f"agent: {folder}")
     return 0

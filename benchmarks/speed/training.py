@@ -14,8 +14,7 @@ from stable_baselines3 import PPO
 
 from benchmarks.rl.training_settings import shipped_hyperparameters
 from benchmarks.rl.vec_env import ArmVecEnv
-from fbl_gym.vector_env import TwoLinkArmVectorEnv
-from fbl_gym.wrappers import ErrorCoordinates, VectorErrorCoordinates
+from fbl_gym.tracking import TwoLinkArmTrackingVectorEnv
 
 
 def measure_training(rounds: int = 3) -> tuple[float, float]:
@@ -27,9 +26,9 @@ def measure_training(rounds: int = 3) -> tuple[float, float]:
     hyperparameters = shipped_hyperparameters("ppo")
     lanes, arguments = hyperparameters["lanes"], hyperparameters["arguments"]
     steps = lanes * arguments["n_steps"]
-    arms = TwoLinkArmVectorEnv(lanes, "everything-2", autoreset_mode="SameStep")
-    arm = ErrorCoordinates(gym.make("fbl_gym/TwoLinkArm-v0", scenario="everything-2"))
-    batched = PPO("MlpPolicy", ArmVecEnv(VectorErrorCoordinates(arms)), device="cpu", **arguments)
+    arms = TwoLinkArmTrackingVectorEnv(lanes, "everything-2", autoreset_mode="SameStep")
+    arm = gym.make("fbl_gym/TwoLinkArmTracking-v0", scenario="everything-2")
+    batched = PPO("MlpPolicy", ArmVecEnv(arms), device="cpu", **arguments)
     single = PPO("MlpPolicy", arm, device="cpu", **{**arguments, "n_steps": steps})
     rates: dict[PPO, list[float]] = {batched: [], single: []}
     for _ in range(rounds + 1):

@@ -7,10 +7,13 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
 from benchmarks.rl.policy import ppo_torque
+from benchmarks.rl.sb3 import load_zip
+from fbl_gym import TwoLinkArmEnv
 
 ROOT = Path(__file__).parents[3]
 
@@ -21,15 +24,29 @@ def test_sb3_evaluates_an_agent():
     assert 80.0 < reward <= 100.0
 
 
-def test_sb3_learns_on_the_registered_environment():
-    model = PPO("MlpPolicy", gym.make("fbl_gym/TwoLinkArm-v0"), n_steps=64, batch_size=64, device="cpu")
-    assert model.learn(64).num_timesteps == 64
+@pytest.mark.parametrize("name", ["TwoLinkArm", "TwoLinkArmTracking"])
+def test_sb3_learns_on_the_registered_environments(name):
+    model = PPO("MlpPolicy", make_vec_env(f"fbl_gym/{name}-v0", n_envs=2), n_steps=64, batch_size=64, device="cpu")
+    assert model.learn(128).num_timesteps == 128
 
 
-def test_rl_zoo3_trains_with_the_shipped_hyperparameters(tmp_path):
+def test_sb3_changes_the_scenario_of_its_environments():
+    """Its own `set_attr` sets an attribute of the outermost wrapper."""
+    envs = make_vec_env("fbl_gym/TwoLinkArmTracking-v0", n_envs=2)
+    envs.env_method("set_wrapper_attr", "scenario", "everything-1")
+    assert [scenario.name for scenario in envs.get_attr("scenario")] == ["everything-1"] * 2
+    envs.set_options({"scenario": "everything-2"})
+    envs.reset()
+    assert [scenario.name for scenario in envs.get_attr("scenario")] == ["everything-2"] * 2
+
+
+def test_rl_zoo3_trains_with_the_shipped_file_and_its_archive_is_a_policy(tmp_path):
     pytest.importorskip("rl_zoo3")
-    command = "-m rl_zoo3.train --algo ppo --env fbl_gym/TwoLinkArm-v0 --gym-packages fbl_gym --conf-file"
-    options = [str(ROOT / "benchmarks" / "rl" / "rl_zoo3.yml"), *["--eval-freq", "-1", "-n", "4096", "--device", "cpu"]]
+    command = "-m rl_zoo3.train --algo ppo --env fbl_gym/TwoLinkArmTracking-v0 --gym-packages fbl_gym --conf-file"
+    options = [str(ROOT / "benchmarks" / "rl" / "rl_zoo3.yml"), *["--eval-freq", "-1", "-n", "2048", "--device", "cpu"]]
     done = subprocess.run([sys.executable, *command.split(), *options], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert list(tmp_path.rglob("*.zip"))
+    (archive,) = tmp_path.rglob("*.zip")
+    env = TwoLinkArmEnv("hardware-nominal")
+    action, _ = load_zip(archive, env.interface, trust=True).predict(env.reset(seed=0)[0])
+    assert env.action_space.contains(action)

@@ -55,9 +55,11 @@ def test_the_page_on_learning_runs(tmp_path, monkeypatch):
     (command,) = [line for line in PAGE.read_text().splitlines() if line == "fbl-gym train ppo"]
     assert cli.main([*command.split()[1:], "--steps", "16384"]) == 0
     for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.S):
+        block = block.replace("learn(150_000)", "learn(2_048)")
         process = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True)
         assert process.returncode == 0, process.stderr
     assert (tmp_path / "trace.png").exists()
+    assert cli.main(["evaluate", "model.zip", "--trust", "--scenario", "everything-2", "--seeds", "1"]) == 0
     assert json.loads((tmp_path / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"
 
 

@@ -8,7 +8,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import fbl_gym
 from benchmarks.rl.vec_env import ArmVecEnv
-from fbl_gym.wrappers import ErrorCoordinates, VectorErrorCoordinates
 
 LANES = 3
 # Some lanes diverge, others are truncated, at different steps.
@@ -16,12 +15,11 @@ OPTIONS = {"scenario": "everything-3", "duration": 0.4, "limits": {"velocity": 4
 
 
 def batched():
-    env = fbl_gym.TwoLinkArmVectorEnv(LANES, autoreset_mode="SameStep", **OPTIONS)
-    return ArmVecEnv(VectorErrorCoordinates(env))
+    return ArmVecEnv(fbl_gym.TwoLinkArmTrackingVectorEnv(LANES, autoreset_mode="SameStep", **OPTIONS))
 
 
 def singles():
-    make = lambda: ErrorCoordinates(gym.make("fbl_gym/TwoLinkArm-v0", **OPTIONS))
+    make = lambda: gym.make("fbl_gym/TwoLinkArmTracking-v0", **OPTIONS)
     return DummyVecEnv([make] * LANES)
 
 
@@ -72,7 +70,7 @@ def test_attributes_and_methods_follow_sb3():
     env = batched()
     assert env.get_attr("render_mode") == [None] * LANES
     assert env.get_attr("interface", indices=1) == [env.env.unwrapped.interface]
-    assert env.env_is_wrapped(ErrorCoordinates) == [False] * LANES
+    assert env.env_is_wrapped(gym.wrappers.TimeLimit) == [False] * LANES
     env.seed(4)
     env.reset()
     third = env.get_attr("truth")[2]
