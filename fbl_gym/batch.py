@@ -139,8 +139,7 @@ class ArmBatch:
         self._actions = self._parts["actions"]
         self._first_action = self._actions.start
         self.lanes = lanes
-        rare = any(settings[name] > 0 for name in ("events", "euler_steps", "history"))
-        self._class = 2 if settings["elastic"] else int(rare)
+        self._class = api.class_of(settings)
         self.threads = min(threads, blocks)
         self._depth, self._physics_dt = int(settings["delay_steps"]) + 1, float(settings["physics_dt"])
         self._memory = np.zeros(ends[-1])
@@ -246,7 +245,7 @@ class ArmBatch:
         ):
             fields[name] *= unit
         fields["backlash"] *= 2.0  # a block has half of it
-        if self._class < 2:
+        if not self._settings["elastic"]:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
         settings = self._settings
         numbers = self._memory[self._parts["blocks"]].reshape(len(self._blocks), -1, LANES)

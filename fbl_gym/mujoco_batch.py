@@ -70,7 +70,7 @@ class MuJoCoBatch(ArmBatch):
     @property
     def _step(self) -> Any:
         """The compiled step, of which only the start of episodes and the observation are used."""
-        return api.STEPS[1]
+        return api.STEPS[2]
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""

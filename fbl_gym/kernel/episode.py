@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import exp, kernel_njit, log, sincos
-from fbl_gym.kernel.elastic import hang_motors
+from fbl_gym.fastmath import exp, kernel_njit, log
 from fbl_gym.kernel.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.physics import lump
-from fbl_gym.kernel.torque import nominal_torque, pick_disturbance
+from fbl_gym.kernel.torque import nominal_torque
 from fbl_gym.memory import (
     CHOICE,
     DRAW_SIZE,
@@ -15,14 +14,12 @@ from fbl_gym.memory import (
     LOG_UNIFORM,
     NORMALIZED,
     RUNNING,
-    SINE,
     STEPS,
     TORQUE,
 )
-from fbl_gym.streams import TWO_PI, stream_key, uniforms
+from fbl_gym.streams import stream_key, uniforms
 
 _PARAMETERS = stream_key("parameter error")
-_DISTURBANCE = stream_key("disturbance")
 _ZERO = np.uint64(0)
 
 
@@ -65,20 +62,7 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     block.start_position[0, lane], block.start_position[1, lane] = q1, q2
     block.velocity[0, lane], block.velocity[1, lane] = v1, v2
     _hold_still(block, rows, queue, settings, lane)
-    if settings.elastic:
-        hang_motors(block, lane)
     block.far[lane] = 0.0
-
-    torque1, torque2 = pick_disturbance(block, settings, tables, lane, np.int64(0))
-    if settings.disturbance_kind == SINE:
-        phase1, phase2 = settings.disturbance_phase[0], settings.disturbance_phase[1]
-        if settings.disturbance_phase_drawn:
-            draw1, draw2, _, _ = uniforms(seed, _DISTURBANCE, episode, _ZERO, _ZERO)
-            phase1, phase2 = TWO_PI * draw1, TWO_PI * draw2
-        block.disturbance_phase[0, lane], block.disturbance_phase[1, lane] = phase1, phase2
-        torque1 = block.disturbance_amplitude[0, lane] * sincos(phase1)[0]
-        torque2 = block.disturbance_amplitude[1, lane] * sincos(phase2)[0]
-    block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
 
 
 @kernel_njit

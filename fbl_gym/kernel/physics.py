@@ -140,14 +140,21 @@ def advance_implicitly(block, settings, width):
 
 
 @kernel_njit
+def advance_smoothly(block, settings, width):
+    """Advance the first `width` lanes of a block by one physics step without dry friction."""
+    h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
+    for lane in range(width):
+        _runge_kutta(block, lane, h, rotor, NO_FRICTION)
+
+
+@kernel_njit
 def advance(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step."""
     h, law = settings.physics_dt, settings.friction_law
     rotor = (settings.rotor[0], settings.rotor[1])
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
-        for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, NO_FRICTION)
+        advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
             _runge_kutta(block, lane, h, rotor, EXACT_FRICTION)

@@ -23,11 +23,35 @@ def _within(value, bound):
 
 
 @kernel_njit
+def accelerate_smoothly(block, settings, width):
+    """Compute the acceleration of a block's lanes without dry friction, if a sensor reads it."""
+    if settings.senses_acceleration:
+        for lane in range(width):
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
+            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+
+
+@kernel_njit
+def accelerate(block, settings, width):
+    """Compute the acceleration of a block's lanes, if a sensor reads it."""
+    law = settings.friction_law
+    if not settings.senses_acceleration or settings.external_physics:
+        return
+    if law == NO_FRICTION:
+        accelerate_smoothly(block, settings, width)
+    elif law == EXACT_FRICTION:
+        for lane in range(width):
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
+            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+    else:
+        for lane in range(width):
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
+            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+
+
+@kernel_njit
 def sense(block, settings, width):
-    """Take the readings of a block; they depend on its state alone. `limit_readings` ends them."""
-    senses_acceleration = settings.senses_acceleration
-    if senses_acceleration and not (settings.elastic or settings.external_physics):
-        _accelerate(block, settings, width)
+    """Take the exact readings of a block. `limit_readings` ends them."""
     position, velocity = block.position, block.velocity
     if settings.encoder_on_motor:
         position, velocity = block.motor_position, block.motor_velocity
@@ -35,12 +59,17 @@ def sense(block, settings, width):
         for lane in range(width):
             block.measured_position[joint, lane] = position[joint, lane]
             block.measured_velocity[joint, lane] = velocity[joint, lane]
-            if senses_acceleration:
+            if settings.senses_acceleration:
                 block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
+
+
+@kernel_njit
+def disturb_readings(block, settings, width):
+    """Add the sensors' errors to the readings of a block."""
     if settings.noisy:
         _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
         _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
-        if senses_acceleration:
+        if settings.senses_acceleration:
             _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
 
 
@@ -57,24 +86,6 @@ def limit_readings(block, settings, width):
             if senses_acceleration:
                 reading = block.measured_acceleration[joint, lane]
                 block.measured_acceleration[joint, lane] = _within(reading, acceleration)
-
-
-@kernel_njit
-def _accelerate(block, settings, width):
-    """Compute the acceleration of a block's lanes."""
-    law = settings.friction_law
-    if law == NO_FRICTION:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
-    elif law == EXACT_FRICTION:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
-    else:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
 
 
 @kernel_njit

@@ -102,5 +102,5 @@ def test_a_lock_is_free_when_its_holder_has_died_and_no_wait_is_endless(tmp_path
 
 
 def test_compiled_code_is_kept_outside_the_package():
-    assert "site-packages" not in api.step._cache.cache_path
-    assert os.path.dirname(api.__file__) not in api.step._cache.cache_path
+    assert "site-packages" not in api.STEPS[0]._cache.cache_path
+    assert os.path.dirname(api.__file__) not in api.STEPS[0]._cache.cache_path
