@@ -87,6 +87,13 @@ _SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # sqrt(1/2) as a double
 
 
 @inline_njit
+def clip(x, bound):
+    """Return x clipped to [-bound, bound]; NaN becomes -bound."""
+    x = x if x > -bound else -bound
+    return x if x < bound else bound
+
+
+@inline_njit
 def sincos(x):
     """Return sine and cosine of x [rad].
 
@@ -113,7 +120,7 @@ def sincos(x):
 @inline_njit
 def exp(x):
     """Return e**x within 3e-16 relative; x is clipped to [-700, 700]."""
-    x = max(min(x, 700.0), -700.0)
+    x = clip(x, 700.0)
     shifted = fma(x, _ONE_OVER_LN2, _ROUND)
     exponent = np.float64(shifted).view(np.int64)
     k = shifted - _ROUND

@@ -1,6 +1,6 @@
 """The motion of an arm with elastic joints over one physics step; see `fbl_gym/joints.py`."""
 
-from fbl_gym.fastmath import inline_njit, kernel_njit
+from fbl_gym.fastmath import clip, inline_njit, kernel_njit
 from fbl_gym.friction import dry_friction, shrink, sign
 from fbl_gym.kernel.physics import load_on_joints, solve_terms
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION
@@ -173,7 +173,7 @@ def feel_joints(block, settings, width):
             stretch = block.motor_position[i, lane] - block.position[i, lane]
             spring = _spring(stiffness, damping, gap, stretch, w - block.velocity[i, lane])
             bound = dry_friction(w, block.coulomb[i, lane], block.stiction[i, lane], block.v_s[i, lane])
-            hold = max(min(block.torque[i, lane] - spring, bound), -bound)
+            hold = clip(block.torque[i, lane] - spring, bound)
             hold = 0.0 if literal else hold
             block.motor_friction[i, lane] = block.viscous[i, lane] * w + (bound * sign(w) if w != 0.0 else hold)
 

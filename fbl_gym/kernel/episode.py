@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import exp, kernel_njit, log
+from fbl_gym.fastmath import clip, exp, kernel_njit, log
 from fbl_gym.kernel.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.physics import lump
 from fbl_gym.kernel.torque import nominal_torque
@@ -109,7 +109,7 @@ def _hold_still(block, rows, queue, settings, lane):
     kind = settings.action_kind
     # The box of torque actions has bounds even if the torque has no limit.
     limit = settings.action_limit if kind == TORQUE else settings.torque_limit
-    tau1, tau2 = max(min(tau1, limit[0]), -limit[0]), max(min(tau2, limit[1]), -limit[1])
+    tau1, tau2 = clip(tau1, limit[0]), clip(tau2, limit[1])
     block.command[0, lane], block.command[1, lane] = tau1, tau2
     block.target[0, lane], block.target[1, lane] = tau1, tau2
     block.torque[0, lane], block.torque[1, lane] = block.gain[0, lane] * tau1, block.gain[1, lane] * tau2

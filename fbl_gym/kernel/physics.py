@@ -25,10 +25,10 @@ def load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2):
 
 @inline_njit
 def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
-    """Return the acceleration at one stage of a physics step."""
+    """Return the acceleration at one stage of a physics step; see `_hold` for `held`."""
     p1, p2, p3, p4, p5, r1, r2 = lumped
     viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
-    dry1, dry2, free1, free2 = held
+    dry1, dry2, free1, free2, _, _ = held
     tau1, tau2 = tau1 - viscous1 * v1 - dry1, tau2 - viscous2 * v2 - dry2
     if law == LITERAL_FRICTION:
         tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1) * sign(v1)
@@ -40,15 +40,44 @@ def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
     return solve_terms(m11, m12, m22, load1, load2)
 
 
-@inline_njit
-def _runge_kutta(block, lane, h, rotor, law):
-    """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
+_FREE = (0.0, 0.0, 1.0, 1.0, False, False)
+"""Result of `_hold` without friction that is held over a step."""
 
-    Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
-    v+ = v + h M^-1 (load - f), |f_i| <= F_i(v), at the step's start. A joint at rest under a load
-    below breakaway has no acceleration at all, at any step size. A joint that the problem brings to
-    rest ends the step at rest. Sliding under Coulomb friction keeps the fourth order; where
-    stiction fades, or a joint stops, the step is of first order.
+
+@inline_njit
+def _hold(block, lane, h, rotor):
+    """Return the exact friction over a physics step h.
+
+    It solves the two joints' box-constrained problem v+ = v + h M^-1 (load - f), |f_i| <= F_i(v),
+    at the step's start. A joint at rest under a load below breakaway has no acceleration at all, at
+    any step size. A joint that the problem brings to rest ends the step at rest. Sliding under
+    Coulomb friction keeps Runge-Kutta's fourth order; where stiction fades, or a joint stops, the
+    step is of first order.
+
+    Returns:
+        Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; True
+        if it ends the step at rest.
+    """
+    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    m11, m12, m22, load1, load2 = load_on_joints(
+        block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
+        block.lumped[4, lane], rotor[0], rotor[1], block.position[0, lane], block.position[1, lane], v1, v2,
+        block.tau_start[0, lane] - block.viscous[0, lane] * v1, block.tau_start[1, lane] - block.viscous[1, lane] * v2,
+    )  # fmt: skip
+    bound1 = h * dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
+    bound2 = h * dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
+    momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
+    next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
+    # Only friction can hold a joint: one without any merely has no velocity just now.
+    rest1, rest2 = (next1 == 0.0) & (bound1 > 0.0), (next2 == 0.0) & (bound2 > 0.0)
+    free1 = 0.0 if rest1 & (v1 == 0.0) else 1.0
+    free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
+    return dry1 / h, dry2 / h, free1, free2, rest1, rest2
+
+
+@inline_njit
+def _runge_kutta(block, lane, h, rotor, law, held):
+    """Advance one lane by one physics step h: fourth-order Runge-Kutta, under friction from `_hold`.
 
     A name's first number is the joint, its second the stage: a1_3 is joint 1's acceleration at
     stage 3.
@@ -63,28 +92,8 @@ def _runge_kutta(block, lane, h, rotor, law):
         block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
     )  # fmt: skip
     tau_start1, tau_start2 = block.tau_start[0, lane], block.tau_start[1, lane]
-    dry1, dry2 = 0.0, 0.0  # friction torque held over the step
-    free1, free2 = 1.0, 1.0  # 0 where a joint sticks throughout the step
-    rest1, rest2 = False, False  # whether a joint ends the step at rest
-
-    if law == EXACT_FRICTION:
-        viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
-        m11, m12, m22, load1, load2 = load_on_joints(
-            p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
-        )
-        bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
-        bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
-        momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
-        next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
-        dry1, dry2 = dry1 / h, dry2 / h
-        # Only friction can hold a joint: one without any merely has no velocity just now.
-        rest1, rest2 = (next1 == 0.0) & (bound1 > 0.0), (next2 == 0.0) & (bound2 > 0.0)
-        free1 = 0.0 if rest1 & (v1 == 0.0) else 1.0
-        free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
-
     half, sixth = 0.5 * h, h / 6.0
     lumped = (p1, p2, p3, p4, p5, r1, r2)
-    held = (dry1, dry2, free1, free2)
     tau_half1, tau_half2 = block.tau_half[0, lane], block.tau_half[1, lane]
     a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law)
     v1_2, v2_2 = v1 + half * a1_1, v2 + half * a2_1
@@ -101,8 +110,8 @@ def _runge_kutta(block, lane, h, rotor, law):
     block.position[1, lane] = q2 + sixth * (v2 + 2.0 * (v2_2 + v2_3) + v2_4)
     v1 += sixth * (a1_1 + 2.0 * (a1_2 + a1_3) + a1_4)
     v2 += sixth * (a2_1 + 2.0 * (a2_2 + a2_3) + a2_4)
-    block.velocity[0, lane] = 0.0 if rest1 else v1
-    block.velocity[1, lane] = 0.0 if rest2 else v2
+    block.velocity[0, lane] = 0.0 if held[4] else v1
+    block.velocity[1, lane] = 0.0 if held[5] else v2
 
 
 @kernel_njit
@@ -144,7 +153,7 @@ def advance_smoothly(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step without dry friction."""
     h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
     for lane in range(width):
-        _runge_kutta(block, lane, h, rotor, NO_FRICTION)
+        _runge_kutta(block, lane, h, rotor, NO_FRICTION, _FREE)
 
 
 @kernel_njit
@@ -157,22 +166,37 @@ def advance(block, settings, width):
         advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, EXACT_FRICTION)
+            _runge_kutta(block, lane, h, rotor, EXACT_FRICTION, _hold(block, lane, h, rotor))
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, LITERAL_FRICTION)
+            _runge_kutta(block, lane, h, rotor, LITERAL_FRICTION, _FREE)
+
+
+@inline_njit
+def _load_now(block, settings, lane):
+    """Return the inertia matrix of a lane at this instant, and the load on its joints."""
+    return load_on_joints(
+        block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
+        block.lumped[4, lane], settings.rotor[0], settings.rotor[1],
+        block.position[0, lane], block.position[1, lane], block.velocity[0, lane], block.velocity[1, lane],
+        block.torque[0, lane] - block.disturbance[0, lane], block.torque[1, lane] - block.disturbance[1, lane],
+    )  # fmt: skip
+
+
+@inline_njit
+def smooth_acceleration(block, settings, lane):
+    """Return a lane's acceleration at this instant without dry friction, [2]."""
+    m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
+    load1 -= block.viscous[0, lane] * block.velocity[0, lane]
+    load2 -= block.viscous[1, lane] * block.velocity[1, lane]
+    return solve_terms(m11, m12, m22, load1, load2)
 
 
 @inline_njit
 def acceleration_and_friction(block, settings, lane, law):
     """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
-    m11, m12, m22, load1, load2 = load_on_joints(
-        block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-        block.lumped[4, lane], settings.rotor[0], settings.rotor[1],
-        block.position[0, lane], block.position[1, lane], v1, v2,
-        block.torque[0, lane] - block.disturbance[0, lane], block.torque[1, lane] - block.disturbance[1, lane],
-    )  # fmt: skip
+    m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
     bound1, bound2 = 0.0, 0.0
     if law != NO_FRICTION:
         bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import inline_njit, kernel_njit
+from fbl_gym.fastmath import clip, kernel_njit
 from fbl_gym.kernel.motion import reference
-from fbl_gym.kernel.physics import acceleration_and_friction
+from fbl_gym.kernel.physics import acceleration_and_friction, smooth_acceleration
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.streams import normals, stream_key
 
@@ -15,19 +15,12 @@ _POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # rows of the settings' `noi
 _ZERO = np.uint64(0)
 
 
-@inline_njit
-def _within(value, bound):
-    """Return `value` clipped to [-bound, bound]; NaN becomes -bound."""
-    value = value if value > -bound else -bound
-    return value if value < bound else bound
-
-
 @kernel_njit
 def accelerate_smoothly(block, settings, width):
     """Compute the acceleration of a block's lanes without dry friction, if a sensor reads it."""
     if settings.senses_acceleration:
         for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
+            a1, a2 = smooth_acceleration(block, settings, lane)
             block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
 
 
@@ -81,11 +74,11 @@ def limit_readings(block, settings, width):
     acceleration = settings.max_acceleration
     for joint in range(2):
         for lane in range(width):
-            block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], max_position)
-            block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], max_velocity)
+            block.measured_position[joint, lane] = clip(block.measured_position[joint, lane], max_position)
+            block.measured_velocity[joint, lane] = clip(block.measured_velocity[joint, lane], max_velocity)
             if senses_acceleration:
                 reading = block.measured_acceleration[joint, lane]
-                block.measured_acceleration[joint, lane] = _within(reading, acceleration)
+                block.measured_acceleration[joint, lane] = clip(reading, acceleration)
 
 
 @kernel_njit
@@ -157,8 +150,8 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
     for column in range(0, settings.observed, 2):  # both joints, which lie side by side in both arrays
         row, bound = settings.observed_row[column], settings.observed_bound[column]
         for lane in range(first, last):
-            out[lane, column] = _within(rows[row, lane], bound)
-            out[lane, column + 1] = _within(rows[row + 1, lane], settings.observed_bound[column + 1])
+            out[lane, column] = clip(rows[row, lane], bound)
+            out[lane, column + 1] = clip(rows[row + 1, lane], settings.observed_bound[column + 1])
     for column in range(2 * settings.past_actions):
         for lane in range(first, last):
             out[lane, settings.observed + column] = rows[settings.past_row + column, lane]
@@ -169,6 +162,6 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
             step = np.int64(block.step[lane]) + ahead + 1
             q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, step)
             column = settings.observed + 2 * settings.past_actions + 6 * ahead
-            out[lane, column], out[lane, column + 1] = _within(q1, position), _within(q2, position)
-            out[lane, column + 2], out[lane, column + 3] = _within(v1, velocity), _within(v2, velocity)
-            out[lane, column + 4], out[lane, column + 5] = _within(a1, acceleration), _within(a2, acceleration)
+            out[lane, column], out[lane, column + 1] = clip(q1, position), clip(q2, position)
+            out[lane, column + 2], out[lane, column + 3] = clip(v1, velocity), clip(v2, velocity)
+            out[lane, column + 4], out[lane, column + 5] = clip(a1, acceleration), clip(a2, acceleration)

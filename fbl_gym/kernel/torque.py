@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.fastmath import clip, inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.physics import load_on_joints, lumped_terms, solve_terms
 from fbl_gym.memory import ACCELERATION, ARRAY, NO_DISTURBANCE, NORMALIZED, PIECEWISE_CONSTANT, PULSES, SINE
 from fbl_gym.streams import TWO_PI, stream_key, uniforms
@@ -20,8 +20,8 @@ def command(block, rows, queue, settings, actions, count):
     bound1, bound2 = settings.action_limit[0], settings.action_limit[1]
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
     for lane in range(count):
-        block.action[0, lane] = max(min(actions[lane, 0], bound1), -bound1)
-        block.action[1, lane] = max(min(actions[lane, 1], bound2), -bound2)
+        block.action[0, lane] = clip(actions[lane, 0], bound1)
+        block.action[1, lane] = clip(actions[lane, 1], bound2)
     if settings.past_actions > 0:
         first = settings.past_row
         for row in range(first + 2 * settings.past_actions - 1, first + 1, -1):
@@ -37,7 +37,7 @@ def command(block, rows, queue, settings, actions, count):
             tau1, tau2 = tau1 * limit1, tau2 * limit2
         elif kind == ACCELERATION:
             tau1, tau2 = nominal_torque(block, settings, lane, tau1, tau2)
-        tau1, tau2 = max(min(tau1, limit1), -limit1), max(min(tau2, limit2), -limit2)
+        tau1, tau2 = clip(tau1, limit1), clip(tau2, limit2)
         change1, change2 = tau1 - block.command[0, lane], tau2 - block.command[1, lane]
         block.chatter[lane] = abs(change1) / limit1 + abs(change2) / limit2
         block.command[0, lane], block.command[1, lane] = tau1, tau2
