@@ -24,23 +24,89 @@ def load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2):
 
 
 @inline_njit
-def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
+def pair(rows, lane):
+    """Return both joints' numbers of a lane."""
+    return rows[0, lane], rows[1, lane]
+
+
+@inline_njit
+def put(rows, lane, values):
+    """Set both joints' numbers of a lane."""
+    rows[0, lane], rows[1, lane] = values
+
+
+def make_runge_kutta(stage, moved, weighted):
+    """Return a function that makes one fourth-order Runge-Kutta step of positions q and velocities v.
+
+    Args:
+        stage: (q, v, load, numbers) -> acceleration.
+        moved: (x, h, rate) -> x + h rate.
+        weighted: (a, b, c, d) -> a + 2 (b + c) + d.
+    """
+
+    @inline_njit
+    def runge_kutta(h, q, v, load_start, load_half, load_end, numbers):
+        half, sixth = 0.5 * h, h / 6.0
+        a = stage(q, v, load_start, numbers)
+        q_2, v_2 = moved(q, half, v), moved(v, half, a)
+        a_2 = stage(q_2, v_2, load_half, numbers)
+        q_3, v_3 = moved(q, half, v_2), moved(v, half, a_2)
+        a_3 = stage(q_3, v_3, load_half, numbers)
+        q_4, v_4 = moved(q, h, v_3), moved(v, h, a_3)
+        a_4 = stage(q_4, v_4, load_end, numbers)
+        return moved(q, sixth, weighted(v, v_2, v_3, v_4)), moved(v, sixth, weighted(a, a_2, a_3, a_4))
+
+    return runge_kutta
+
+
+@inline_njit
+def _moved(x, h, rate):
+    return x[0] + h * rate[0], x[1] + h * rate[1]
+
+
+@inline_njit
+def _weighted(a, b, c, d):
+    return a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1]
+
+
+@inline_njit
+def _stage(q, v, tau, numbers):
     """Return the acceleration at one stage of a physics step; see `_hold` for `held`."""
-    p1, p2, p3, p4, p5, r1, r2 = lumped
+    (p1, p2, p3, p4, p5), (r1, r2), friction, held, law = numbers
     viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
     dry1, dry2, free1, free2, _, _ = held
-    tau1, tau2 = tau1 - viscous1 * v1 - dry1, tau2 - viscous2 * v2 - dry2
+    v1, v2 = v
+    tau1, tau2 = tau[0] - viscous1 * v1 - dry1, tau[1] - viscous2 * v2 - dry2
     if law == LITERAL_FRICTION:
         tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1) * sign(v1)
         tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2) * sign(v2)
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q[0], q[1], v1, v2, tau1, tau2)
     if law == EXACT_FRICTION:
         # A stuck joint carries any reaction: the other moves as if alone.
         load1, load2, m12 = load1 * free1, load2 * free2, m12 * (free1 * free2)
     return solve_terms(m11, m12, m22, load1, load2)
 
 
-_FREE = (0.0, 0.0, 1.0, 1.0, False, False)
+_runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
+
+
+@inline_njit
+def lumped_of(block, lane):
+    """Return the lumped parameters p1 to p5 of a lane."""
+    lumped = block.lumped
+    return lumped[0, lane], lumped[1, lane], lumped[2, lane], lumped[3, lane], lumped[4, lane]
+
+
+@inline_njit
+def friction_of(block, lane):
+    """Return viscous friction, Coulomb friction, stiction and v_s of a lane, both joints of each."""
+    return (
+        block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
+        block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
+    )  # fmt: skip
+
+
+FREE = (0.0, 0.0, 1.0, 1.0, False, False)
 """Result of `_hold` without friction that is held over a step."""
 
 
@@ -58,14 +124,14 @@ def _hold(block, lane, h, rotor):
         Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; True
         if it ends the step at rest.
     """
-    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    (p1, p2, p3, p4, p5), (r1, r2), (v1, v2) = lumped_of(block, lane), rotor, pair(block.velocity, lane)
+    (q1, q2), (tau1, tau2) = pair(block.position, lane), pair(block.tau_start, lane)
+    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction_of(block, lane)
     m11, m12, m22, load1, load2 = load_on_joints(
-        block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-        block.lumped[4, lane], rotor[0], rotor[1], block.position[0, lane], block.position[1, lane], v1, v2,
-        block.tau_start[0, lane] - block.viscous[0, lane] * v1, block.tau_start[1, lane] - block.viscous[1, lane] * v2,
-    )  # fmt: skip
-    bound1 = h * dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
-    bound2 = h * dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
+        p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - viscous1 * v1, tau2 - viscous2 * v2
+    )
+    bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
+    bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
     momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
     next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
     # Only friction can hold a joint: one without any merely has no velocity just now.
@@ -76,42 +142,15 @@ def _hold(block, lane, h, rotor):
 
 
 @inline_njit
-def _runge_kutta(block, lane, h, rotor, law, held):
-    """Advance one lane by one physics step h: fourth-order Runge-Kutta, under friction from `_hold`.
-
-    A name's first number is the joint, its second the stage: a1_3 is joint 1's acceleration at
-    stage 3.
-    """
-    q1, q2 = block.position[0, lane], block.position[1, lane]
-    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
-    p1, p2, p3 = block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane]
-    p4, p5 = block.lumped[3, lane], block.lumped[4, lane]
-    r1, r2 = rotor
-    friction = (
-        block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
-        block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
+def _advance(block, lane, h, rotor, law, held):
+    """Advance one lane by one physics step h, under friction from `_hold`."""
+    numbers = lumped_of(block, lane), rotor, friction_of(block, lane), held, law
+    q, (v1, v2) = _runge_kutta(
+        h, pair(block.position, lane), pair(block.velocity, lane),
+        pair(block.tau_start, lane), pair(block.tau_half, lane), pair(block.tau_end, lane), numbers,
     )  # fmt: skip
-    tau_start1, tau_start2 = block.tau_start[0, lane], block.tau_start[1, lane]
-    half, sixth = 0.5 * h, h / 6.0
-    lumped = (p1, p2, p3, p4, p5, r1, r2)
-    tau_half1, tau_half2 = block.tau_half[0, lane], block.tau_half[1, lane]
-    a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law)
-    v1_2, v2_2 = v1 + half * a1_1, v2 + half * a2_1
-    q1_2, q2_2 = q1 + half * v1, q2 + half * v2
-    a1_2, a2_2 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_2, q2_2, v1_2, v2_2, law)
-    v1_3, v2_3 = v1 + half * a1_2, v2 + half * a2_2
-    q1_3, q2_3 = q1 + half * v1_2, q2 + half * v2_2
-    a1_3, a2_3 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_3, q2_3, v1_3, v2_3, law)
-    v1_4, v2_4 = v1 + h * a1_3, v2 + h * a2_3
-    q1_4, q2_4 = q1 + h * v1_3, q2 + h * v2_3
-    tau_end1, tau_end2 = block.tau_end[0, lane], block.tau_end[1, lane]
-    a1_4, a2_4 = _stage(tau_end1, tau_end2, lumped, friction, held, q1_4, q2_4, v1_4, v2_4, law)
-    block.position[0, lane] = q1 + sixth * (v1 + 2.0 * (v1_2 + v1_3) + v1_4)
-    block.position[1, lane] = q2 + sixth * (v2 + 2.0 * (v2_2 + v2_3) + v2_4)
-    v1 += sixth * (a1_1 + 2.0 * (a1_2 + a1_3) + a1_4)
-    v2 += sixth * (a2_1 + 2.0 * (a2_2 + a2_3) + a2_4)
-    block.velocity[0, lane] = 0.0 if held[4] else v1
-    block.velocity[1, lane] = 0.0 if held[5] else v2
+    put(block.position, lane, q)
+    put(block.velocity, lane, (0.0 if held[4] else v1, 0.0 if held[5] else v2))
 
 
 @kernel_njit
@@ -122,30 +161,28 @@ def advance_implicitly(block, settings, width):
     q+ = q + h v+. It is stable for any B, and of first order.
     """
     law = settings.friction_law
-    h = settings.physics_dt / settings.euler_steps
+    h, r1, r2 = settings.physics_dt / settings.euler_steps, settings.rotor[0], settings.rotor[1]
     for lane in range(width):
         # The mean torque has the impulse of the whole step.
         tau1 = (block.tau_start[0, lane] + 4.0 * block.tau_half[0, lane] + block.tau_end[0, lane]) / 6.0
         tau2 = (block.tau_start[1, lane] + 4.0 * block.tau_half[1, lane] + block.tau_end[1, lane]) / 6.0
-        q1, q2 = block.position[0, lane], block.position[1, lane]
-        v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+        (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
+        p1, p2, p3, p4, p5 = lumped_of(block, lane)
+        viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction_of(block, lane)
         for _ in range(settings.euler_steps):
-            m11, m12, m22, load1, load2 = load_on_joints(
-                block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-                block.lumped[4, lane], settings.rotor[0], settings.rotor[1], q1, q2, v1, v2, tau1, tau2,
-            )  # fmt: skip
-            bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
-            bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
+            m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
+            bound1 = dry_friction(v1, coulomb1, stiction1, v_s1)
+            bound2 = dry_friction(v2, coulomb2, stiction2, v_s2)
             if law == LITERAL_FRICTION:
                 load1, load2 = load1 - bound1 * sign(v1), load2 - bound2 * sign(v2)
             if law != EXACT_FRICTION:
                 bound1, bound2 = 0.0, 0.0
             momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
-            m11, m22 = m11 + h * block.viscous[0, lane], m22 + h * block.viscous[1, lane]
+            m11, m22 = m11 + h * viscous1, m22 + h * viscous2
             v1, v2, _, _ = resist(m11, m12, m22, momentum1, momentum2, h * bound1, h * bound2)
             q1, q2 = q1 + h * v1, q2 + h * v2
-        block.position[0, lane], block.position[1, lane] = q1, q2
-        block.velocity[0, lane], block.velocity[1, lane] = v1, v2
+        put(block.position, lane, (q1, q2))
+        put(block.velocity, lane, (v1, v2))
 
 
 @kernel_njit
@@ -153,7 +190,7 @@ def advance_smoothly(block, settings, width):
     """Advance the first `width` lanes of a block by one physics step without dry friction."""
     h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
     for lane in range(width):
-        _runge_kutta(block, lane, h, rotor, NO_FRICTION, _FREE)
+        _advance(block, lane, h, rotor, NO_FRICTION, FREE)
 
 
 @kernel_njit
@@ -166,21 +203,20 @@ def advance(block, settings, width):
         advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, EXACT_FRICTION, _hold(block, lane, h, rotor))
+            _advance(block, lane, h, rotor, EXACT_FRICTION, _hold(block, lane, h, rotor))
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, LITERAL_FRICTION, _FREE)
+            _advance(block, lane, h, rotor, LITERAL_FRICTION, FREE)
 
 
 @inline_njit
 def _load_now(block, settings, lane):
     """Return the inertia matrix of a lane at this instant, and the load on its joints."""
-    return load_on_joints(
-        block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-        block.lumped[4, lane], settings.rotor[0], settings.rotor[1],
-        block.position[0, lane], block.position[1, lane], block.velocity[0, lane], block.velocity[1, lane],
-        block.torque[0, lane] - block.disturbance[0, lane], block.torque[1, lane] - block.disturbance[1, lane],
-    )  # fmt: skip
+    p1, p2, p3, p4, p5 = lumped_of(block, lane)
+    (q1, q2), (v1, v2), (tau1, tau2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
+    push1, push2 = pair(block.disturbance, lane)
+    r1, r2 = settings.rotor[0], settings.rotor[1]
+    return load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - push1, tau2 - push2)
 
 
 @inline_njit
@@ -216,8 +252,7 @@ def acceleration_and_friction(block, settings, lane, law):
 @kernel_njit
 def lump(block, settings, lane):
     """Compute the real lumped parameters of a lane, with the payload that it carries."""
-    m1, m2 = block.parameters[0, lane], block.parameters[1, lane]
-    length1, length2 = block.parameters[2, lane], block.parameters[3, lane]
+    (m1, m2), length1, length2 = pair(block.parameters, lane), block.parameters[2, lane], block.parameters[3, lane]
     payload, gravity = block.payload[lane], settings.gravity
     p1, p2, p3, p4, p5 = lumped_terms(m1, m2, length1, length2, gravity, settings.centre, settings.inertia)
     block.lumped[0, lane] = p1 + payload * length1 * length1
