@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fbl_gym.fastmath import cached_njit, kernel_njit, merged_njit
-from fbl_gym.kernel.elastic import advance_elastic, feel_joints, hang_motors
+from fbl_gym.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.elastic import advance_elastic, hang_motors
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.events import carry_payload, happen
 from fbl_gym.kernel.motion import refer
-from fbl_gym.kernel.physics import acceleration_and_friction, advance, advance_implicitly, advance_smoothly
-from fbl_gym.kernel.readings import accelerate, accelerate_smoothly, disturb_readings, encode, limit_readings, observe, sense
+from fbl_gym.kernel.physics import acceleration_and_friction, advance
+from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import apply_torque, command, disturb, nominal_acceleration, start_disturbance
-from fbl_gym.kernel.views import array_at, record_at
+from fbl_gym.kernel.views import array_at, pair, record_at
 from fbl_gym.memory import (
     BLOCK,
     BLOCK_SIZE,
@@ -46,6 +46,34 @@ def _fingerprint() -> int:
     return int.from_bytes(digest.digest()[:7], "big")
 
 
+@inline_njit
+def _count(settings, number):
+    """Return the number of arms in a block."""
+    return min(LANES, settings.lanes - number * LANES)
+
+
+@merged_njit
+def _views(memory, settings, number):
+    """Return a block, the same memory as rows, its last torque commands, and its way-points."""
+    place, depth = settings.blocks + number * settings.block_size, settings.delay_steps + 1
+    rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+    queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
+    waypoints = array_at(memory, place + BLOCK_SIZE + 2 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
+    return record_at(memory, place, BLOCK), rows, queue, waypoints
+
+
+@merged_njit
+def _tables(memory, settings):
+    """Return the arrays that the scenario contains, one after the other."""
+    return array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+
+
+@merged_njit
+def _actions(memory, settings, number, count):
+    """Return the actions of a block."""
+    return array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+
+
 @kernel_njit
 def _check(memory):
     settings = record_at(memory, 0, SETTINGS)
@@ -69,12 +97,8 @@ def _move(block, rows, queue, waypoints, settings, tables, actions, count, width
         _load(block, rows, queue, settings, tables, width, substep, real, rare)
         if elastic:
             advance_elastic(block, settings, width)
-        elif rare and settings.euler_steps > 0:
-            advance_implicitly(block, settings, width)
-        elif real:
-            advance(block, settings, width)
         else:
-            advance_smoothly(block, settings, width)
+            advance(block, settings, width, real, rare)
     _end(block, rows, waypoints, settings, tables, width, real, rare, elastic)
 
 
@@ -92,28 +116,11 @@ def _load(block, rows, queue, settings, tables, width, substep, real, rare):
 
 
 @merged_njit
-def _sense(block, rows, settings, width, real, rare, elastic):
-    """Take the readings of a block."""
-    if elastic:
-        feel_joints(block, settings, width)
-    elif real:
-        accelerate(block, settings, width)
-    else:
-        accelerate_smoothly(block, settings, width)
-    sense(block, settings, width)
-    if real:
-        disturb_readings(block, settings, width)
-    if rare and settings.history > 0:
-        encode(block, rows, settings, width)
-    limit_readings(block, settings, width)
-
-
-@merged_njit
 def _end(block, rows, waypoints, settings, tables, width, real, rare, elastic):
     """End the control step of a block, after its physics."""
     for lane in range(width):
         block.step[lane] += _ONE
-    _sense(block, rows, settings, width, real, rare, elastic)
+    sense(block, rows, settings, width, real, rare, elastic)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
@@ -180,22 +187,15 @@ def _compile_step(fingerprint, real, rare, elastic):
                 return problem, 0.0, False, False
         moves, parts = parts > 0, max(parts, 1)
         settings = record_at(memory, 0, SETTINGS)
-        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
-        lanes, size = settings.lanes, settings.observation_size
-        depth, points = settings.delay_steps + 1, settings.waypoints
+        lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
         blocks = (lanes + LANES - 1) // LANES
         for number in range(blocks * part // parts, blocks * (part + 1) // parts):
-            place = settings.blocks + number * settings.block_size
-            block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
-            queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
-            waypoints = array_at(memory, place + BLOCK_SIZE + queue.size, (points, 2, LANES), np.float64)
-            first = number * LANES
-            count = min(LANES, lanes - first)
+            block, rows, queue, waypoints = _views(memory, settings, number)
+            first, count = number * LANES, _count(settings, number)
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
-                actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
+                actions = _actions(memory, settings, number, count)
                 _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, elastic)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
@@ -210,7 +210,7 @@ def _compile_step(fingerprint, real, rare, elastic):
                         if rare and settings.elastic:
                             hang_motors(block, lane)
             if restarts > 0 or not moves:
-                _sense(block, rows, settings, width, real, rare, elastic)
+                sense(block, rows, settings, width, real, rare, elastic)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
@@ -243,9 +243,8 @@ def _compile(fingerprint):
         _ = fingerprint
         settings, column = record_at(memory, 0, SETTINGS), len(shown)
         for i in range(len(out)):
-            place, lane = settings.blocks + i // LANES * settings.block_size, i % LANES
-            block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+            block, rows, _, _ = _views(memory, settings, i // LANES)
+            lane = i % LANES
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
             for k in range(column + 7, out.shape[1]):
@@ -253,8 +252,7 @@ def _compile(fingerprint):
             law = settings.friction_law
             a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
             if settings.elastic:
-                a1, a2 = block.acceleration[0, lane], block.acceleration[1, lane]
-                friction1, friction2 = block.motor_friction[0, lane], block.motor_friction[1, lane]
+                (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
             expected1, expected2 = nominal_acceleration(block, settings, lane)
             out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
             out[i, column + 1], out[i, column + 2] = a1, a2
@@ -282,15 +280,12 @@ def _compile(fingerprint):
             if problem >= 0:
                 return problem
         settings = record_at(memory, 0, SETTINGS)
-        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        tables = _tables(memory, settings)
         for number in range((settings.lanes + LANES - 1) // LANES):
-            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
-            count = min(LANES, count)
-            block = record_at(memory, place, BLOCK)
-            queue = array_at(memory, place + BLOCK_SIZE, (settings.delay_steps + 1, 2, LANES), np.float64)
-            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+            block, rows, queue, _ = _views(memory, settings, number)
+            count = _count(settings, number)
             if substep == 0:
-                actions = array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+                actions = _actions(memory, settings, number, count)
                 command(block, rows, queue, settings, actions, count)
             _load(block, rows, queue, settings, tables, count, substep, True, True)
         return -1
@@ -300,14 +295,10 @@ def _compile(fingerprint):
         """End a control step after its physics: clock, readings, reference, reward and flags."""
         _ = fingerprint
         settings = record_at(memory, 0, SETTINGS)
-        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        tables = _tables(memory, settings)
         for number in range((settings.lanes + LANES - 1) // LANES):
-            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
-            count = min(LANES, count)
-            block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
-            place += BLOCK_SIZE + 2 * LANES * (settings.delay_steps + 1)
-            waypoints = array_at(memory, place, (settings.waypoints, 2, LANES), np.float64)
+            block, rows, _, waypoints = _views(memory, settings, number)
+            count = _count(settings, number)
             _end(block, rows, waypoints, settings, tables, count, True, True, False)
             _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
 

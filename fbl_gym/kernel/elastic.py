@@ -2,7 +2,8 @@
 
 from fbl_gym.fastmath import clip, inline_njit, kernel_njit
 from fbl_gym.friction import dry_friction, shrink, sign
-from fbl_gym.kernel.physics import FREE, friction_of, load_on_joints, lumped_of, make_runge_kutta, pair, put, solve_terms
+from fbl_gym.kernel.physics import FREE, friction_of, load_on_joints, lumped_of, make_runge_kutta, solve_terms
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION
 
 

@@ -1,8 +1,9 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
 from fbl_gym import arm
-from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.fastmath import inline_njit, kernel_njit, merged_njit, sincos
 from fbl_gym.friction import dry_friction, resist, sign
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 
 inertia_terms = inline_njit(arm.inertia_terms)
@@ -23,20 +24,8 @@ def load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2):
     return m11, m12, m22, tau1 - coriolis1 - gravity1, tau2 - coriolis2 - gravity2
 
 
-@inline_njit
-def pair(rows, lane):
-    """Return both joints' numbers of a lane."""
-    return rows[0, lane], rows[1, lane]
-
-
-@inline_njit
-def put(rows, lane, values):
-    """Set both joints' numbers of a lane."""
-    rows[0, lane], rows[1, lane] = values
-
-
 def make_runge_kutta(stage, moved, weighted):
-    """Return a function that makes one fourth-order Runge-Kutta step of positions q and velocities v.
+    """Return a function that makes a fourth-order Runge-Kutta step of positions q and velocities v.
 
     Args:
         stage: (q, v, load, numbers) -> acceleration.
@@ -99,7 +88,7 @@ def lumped_of(block, lane):
 
 @inline_njit
 def friction_of(block, lane):
-    """Return viscous friction, Coulomb friction, stiction and v_s of a lane, both joints of each."""
+    """Return viscous friction, Coulomb friction, stiction and v_s, both joints of each."""
     return (
         block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
         block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
@@ -154,7 +143,7 @@ def _advance(block, lane, h, rotor, law, held):
 
 
 @kernel_njit
-def advance_implicitly(block, settings, width):
+def _advance_implicitly(block, settings, width):
     """Advance lanes by one physics step where viscous friction B makes Runge-Kutta unstable.
 
     Each of the step's parts h solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
@@ -186,27 +175,36 @@ def advance_implicitly(block, settings, width):
 
 
 @kernel_njit
-def advance_smoothly(block, settings, width):
-    """Advance the first `width` lanes of a block by one physics step without dry friction."""
+def _advance_smoothly(block, settings, width):
     h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
     for lane in range(width):
         _advance(block, lane, h, rotor, NO_FRICTION, FREE)
 
 
 @kernel_njit
-def advance(block, settings, width):
-    """Advance the first `width` lanes of a block by one physics step."""
+def _advance_by_law(block, settings, width):
     h, law = settings.physics_dt, settings.friction_law
     rotor = (settings.rotor[0], settings.rotor[1])
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
-        advance_smoothly(block, settings, width)
+        _advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
             _advance(block, lane, h, rotor, EXACT_FRICTION, _hold(block, lane, h, rotor))
     else:
         for lane in range(width):
             _advance(block, lane, h, rotor, LITERAL_FRICTION, FREE)
+
+
+@merged_njit
+def advance(block, settings, width, real, rare):
+    """Advance the first `width` lanes of a block by one physics step; see `api.STEPS`."""
+    if rare and settings.euler_steps > 0:
+        _advance_implicitly(block, settings, width)
+    elif real:
+        _advance_by_law(block, settings, width)
+    else:
+        _advance_smoothly(block, settings, width)
 
 
 @inline_njit

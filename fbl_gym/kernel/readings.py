@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import clip, kernel_njit
+from fbl_gym.fastmath import clip, kernel_njit, merged_njit
+from fbl_gym.kernel.elastic import feel_joints
 from fbl_gym.kernel.motion import reference
 from fbl_gym.kernel.physics import acceleration_and_friction, smooth_acceleration
+from fbl_gym.kernel.views import put
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.streams import normals, stream_key
 
@@ -15,36 +17,55 @@ _POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # rows of the settings' `noi
 _ZERO = np.uint64(0)
 
 
+@merged_njit
+def sense(block, rows, settings, width, real, rare, elastic):
+    """Take the readings of a block, which depend on its state alone; see `api.STEPS`."""
+    if elastic:
+        feel_joints(block, settings, width)
+    elif real:
+        _accelerate_by_law(block, settings, width)
+    else:
+        _accelerate_smoothly(block, settings, width)
+    _read(block, settings, width)
+    if real and settings.noisy:
+        _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
+        _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
+        if settings.senses_acceleration:
+            _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
+    if rare and settings.history > 0:
+        _encode(block, rows, settings, width)
+    _limit(block, settings, width)
+
+
 @kernel_njit
-def accelerate_smoothly(block, settings, width):
-    """Compute the acceleration of a block's lanes without dry friction, if a sensor reads it."""
+def _accelerate_smoothly(block, settings, width):
+    """Compute the acceleration without dry friction, if a sensor reads it."""
     if settings.senses_acceleration:
         for lane in range(width):
-            a1, a2 = smooth_acceleration(block, settings, lane)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+            put(block.acceleration, lane, smooth_acceleration(block, settings, lane))
 
 
 @kernel_njit
-def accelerate(block, settings, width):
-    """Compute the acceleration of a block's lanes, if a sensor reads it."""
+def _accelerate_by_law(block, settings, width):
+    """Compute the acceleration, if a sensor reads it."""
     law = settings.friction_law
     if not settings.senses_acceleration or settings.external_physics:
         return
     if law == NO_FRICTION:
-        accelerate_smoothly(block, settings, width)
+        _accelerate_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
             a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+            put(block.acceleration, lane, (a1, a2))
     else:
         for lane in range(width):
             a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+            put(block.acceleration, lane, (a1, a2))
 
 
 @kernel_njit
-def sense(block, settings, width):
-    """Take the exact readings of a block. `limit_readings` ends them."""
+def _read(block, settings, width):
+    """Take the exact readings."""
     position, velocity = block.position, block.velocity
     if settings.encoder_on_motor:
         position, velocity = block.motor_position, block.motor_velocity
@@ -57,17 +78,7 @@ def sense(block, settings, width):
 
 
 @kernel_njit
-def disturb_readings(block, settings, width):
-    """Add the sensors' errors to the readings of a block."""
-    if settings.noisy:
-        _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
-        _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
-        if settings.senses_acceleration:
-            _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
-
-
-@kernel_njit
-def limit_readings(block, settings, width):
+def _limit(block, settings, width):
     """Clip the readings of a block: a sensor reads no further than its range."""
     senses_acceleration = settings.senses_acceleration
     max_position, max_velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
@@ -101,7 +112,7 @@ def _disturb_reading(block, measured, settings, width, sensor, stream):
 
 
 @kernel_njit
-def encode(block, rows, settings, width):
+def _encode(block, rows, settings, width):
     """Compute the velocity from the position readings, and show both as late as they are.
 
     The readings of a control step are at the place (step % history). Therefore sensing twice at the
@@ -135,18 +146,7 @@ def encode(block, rows, settings, width):
 
 @kernel_njit
 def observe(block, rows, waypoints, settings, tables, out, first, last):
-    """Write the observations of a block's lanes from `first` up to `last` to `out`.
-
-    Args:
-        block: record of the type `BLOCK`.
-        rows: the same memory as an array [ROWS x LANES].
-        waypoints: of the block [points x joint x lane].
-        settings: record of the type `SETTINGS`.
-        tables: arrays of the scenario, one after the other.
-        out: observations of the block's lanes [lanes x size].
-        first: lane of the block.
-        last: lane of the block, the first one left out.
-    """
+    """Write the observations of the lanes from `first` up to `last` to `out` [lanes x size]."""
     for column in range(0, settings.observed, 2):  # both joints, which lie side by side in both arrays
         row, bound = settings.observed_row[column], settings.observed_bound[column]
         for lane in range(first, last):

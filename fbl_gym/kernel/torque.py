@@ -4,6 +4,7 @@ import numpy as np
 
 from fbl_gym.fastmath import clip, inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.physics import load_on_joints, lumped_terms, solve_terms
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import ACCELERATION, ARRAY, NO_DISTURBANCE, NORMALIZED, PIECEWISE_CONSTANT, PULSES, SINE
 from fbl_gym.streams import TWO_PI, stream_key, uniforms
 
@@ -16,12 +17,11 @@ def command(block, rows, queue, settings, actions, count):
     """Set the torque commands of a block's first `count` lanes from their actions."""
     for age in range(settings.delay_steps, 0, -1):
         for lane in range(count):
-            queue[age, 0, lane], queue[age, 1, lane] = queue[age - 1, 0, lane], queue[age - 1, 1, lane]
-    bound1, bound2 = settings.action_limit[0], settings.action_limit[1]
+            put(queue[age], lane, pair(queue[age - 1], lane))
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
-    for lane in range(count):
-        block.action[0, lane] = clip(actions[lane, 0], bound1)
-        block.action[1, lane] = clip(actions[lane, 1], bound2)
+    for joint in range(2):
+        for lane in range(count):
+            block.action[joint, lane] = clip(actions[lane, joint], settings.action_limit[joint])
     if settings.past_actions > 0:
         first = settings.past_row
         for row in range(first + 2 * settings.past_actions - 1, first + 1, -1):
@@ -32,16 +32,16 @@ def command(block, rows, queue, settings, actions, count):
                 rows[first + joint, lane] = block.action[joint, lane]
     kind = settings.action_kind
     for lane in range(count):
-        tau1, tau2 = block.action[0, lane], block.action[1, lane]
+        tau1, tau2 = pair(block.action, lane)
         if kind == NORMALIZED:
             tau1, tau2 = tau1 * limit1, tau2 * limit2
         elif kind == ACCELERATION:
             tau1, tau2 = nominal_torque(block, settings, lane, tau1, tau2)
         tau1, tau2 = clip(tau1, limit1), clip(tau2, limit2)
-        change1, change2 = tau1 - block.command[0, lane], tau2 - block.command[1, lane]
-        block.chatter[lane] = abs(change1) / limit1 + abs(change2) / limit2
-        block.command[0, lane], block.command[1, lane] = tau1, tau2
-        queue[0, 0, lane], queue[0, 1, lane] = tau1, tau2
+        before1, before2 = pair(block.command, lane)
+        block.chatter[lane] = abs(tau1 - before1) / limit1 + abs(tau2 - before2) / limit2
+        put(block.command, lane, (tau1, tau2))
+        put(queue[0], lane, (tau1, tau2))
 
 
 @inline_njit
@@ -58,8 +58,7 @@ def _nominal_parameters(settings):
 def nominal_torque(block, settings, lane, a1, a2):
     """Return the nominal feedback linearisation mapping at the measured state (figure 2)."""
     p1, p2, p3, p4, p5, r1, r2 = _nominal_parameters(settings)
-    q1, q2 = block.measured_position[0, lane], block.measured_position[1, lane]
-    v1, v2 = block.measured_velocity[0, lane], block.measured_velocity[1, lane]
+    (q1, q2), (v1, v2) = pair(block.measured_position, lane), pair(block.measured_velocity, lane)
     m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, 0.0, 0.0)
     return m11 * a1 + m12 * a2 - load1, m12 * a1 + m22 * a2 - load2
 
@@ -68,9 +67,7 @@ def nominal_torque(block, settings, lane, a1, a2):
 def nominal_acceleration(block, settings, lane):
     """Return the nominal model's acceleration under the applied torque at the true state."""
     p1, p2, p3, p4, p5, r1, r2 = _nominal_parameters(settings)
-    q1, q2 = block.position[0, lane], block.position[1, lane]
-    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
-    tau1, tau2 = block.torque[0, lane], block.torque[1, lane]
+    (q1, q2), (v1, v2), (tau1, tau2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
     m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
     return solve_terms(m11, m12, m22, load1, load2)
 
@@ -85,7 +82,7 @@ def apply_torque(block, queue, settings, width, substep):
     if settings.delay_steps > 0:
         for lane in range(width):
             age = np.int64(np.ceil((block.delay[lane] - substep) / settings.substeps))
-            block.tau_start[0, lane], block.tau_start[1, lane] = queue[age, 0, lane], queue[age, 1, lane]
+            put(block.tau_start, lane, pair(queue[age], lane))
     for joint in range(2):
         for lane in range(width):
             start, half, end = block.lag_start[lane], block.lag_half[lane], block.lag_end[lane]
@@ -140,7 +137,7 @@ def _sine(block, settings, lane, joint, substep):
 def _pick(block, settings, tables, lane, substep):
     """Return the disturbance at the start of a physics step."""
     kind, period = settings.disturbance_kind, settings.disturbance_period
-    amplitude1, amplitude2 = block.disturbance_amplitude[0, lane], block.disturbance_amplitude[1, lane]
+    amplitude1, amplitude2 = pair(block.disturbance_amplitude, lane)
     if kind == SINE:
         return _sine(block, settings, lane, 0, substep), _sine(block, settings, lane, 1, substep)
     now = float(np.int64(block.step[lane])) * settings.substeps + substep
@@ -171,8 +168,7 @@ def _renew(block, settings, tables, width, substep):
         if changes == 0:  # the levels of the last step stay: a draw is slow
             return
     for lane in range(width):
-        torque1, torque2 = _pick(block, settings, tables, lane, substep)
-        block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
+        put(block.disturbance, lane, _pick(block, settings, tables, lane, substep))
 
 
 @kernel_njit
@@ -192,6 +188,5 @@ def start_disturbance(block, settings, tables, lane):
     if settings.disturbance_phase_drawn:
         draw1, draw2, _, _ = uniforms(block.seed[lane], _STREAM, block.episode[lane], _ZERO, _ZERO)
         phase1, phase2 = TWO_PI * draw1, TWO_PI * draw2
-    block.disturbance_phase[0, lane], block.disturbance_phase[1, lane] = phase1, phase2
-    torque1, torque2 = _pick(block, settings, tables, lane, np.int64(0))
-    block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
+    put(block.disturbance_phase, lane, (phase1, phase2))
+    put(block.disturbance, lane, _pick(block, settings, tables, lane, np.int64(0)))
