@@ -18,6 +18,7 @@ def run(_arguments: argparse.Namespace) -> int:
     """Compile all functions that the cache lacks; return the exit status."""
     begin = time.perf_counter()
     for options in (
+        {"friction": {"coulomb": 1.0}},
         {"events": [{"kind": "drop", "time": 1.0}]},
         {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
     ):

@@ -77,14 +77,14 @@ def _both(links, motors, lane):
 
 @inline_njit
 def _stick(h, w, load, bound, inertia):
-    """Return a motor's dry friction over a step, True if it ends at rest, and 0 if it sticks.
+    """Return a motor's dry friction over a step, 0 if it sticks, and 0 if it ends at rest.
 
     Motors are not coupled: each solves B w+ = B w + h (load - f), |f| <= bound, by itself.
     """
     momentum = inertia * w + h * load
     left = shrink(momentum, h * bound)
     rest = (left == 0.0) & (bound > 0.0)
-    return (momentum - left) / h, rest, 0.0 if rest & (w == 0.0) else 1.0
+    return (momentum - left) / h, 0.0 if rest & (w == 0.0) else 1.0, 0.0 if rest else 1.0
 
 
 @inline_njit
@@ -95,9 +95,9 @@ def _hold(x, v, tau, joint, friction, h):
     (q1, q2, th1, th2), (v1, v2, w1, w2) = x, v
     left1 = tau[0] - _spring(k1, d1, gap1, th1 - q1, w1 - v1) - viscous1 * w1
     left2 = tau[1] - _spring(k2, d2, gap2, th2 - q2, w2 - v2) - viscous2 * w2
-    dry1, rest1, free1 = _stick(h, w1, left1, dry_friction(w1, coulomb1, stiction1, v_s1), b1)
-    dry2, rest2, free2 = _stick(h, w2, left2, dry_friction(w2, coulomb2, stiction2, v_s2), b2)
-    return dry1, dry2, free1, free2, rest1, rest2
+    dry1, free1, moves1 = _stick(h, w1, left1, dry_friction(w1, coulomb1, stiction1, v_s1), b1)
+    dry2, free2, moves2 = _stick(h, w2, left2, dry_friction(w2, coulomb2, stiction2, v_s2), b2)
+    return dry1, dry2, free1, free2, moves1, moves2
 
 
 @inline_njit
@@ -116,7 +116,7 @@ def _advance(block, inertia, lane, h, law):
     put(block.position, lane, (q1, q2))
     put(block.velocity, lane, (v1, v2))
     put(block.motor_position, lane, (th1, th2))
-    put(block.motor_velocity, lane, (0.0 if held[4] else w1, 0.0 if held[5] else w2))
+    put(block.motor_velocity, lane, (w1 if held[4] != 0.0 else 0.0, w2 if held[5] != 0.0 else 0.0))
 
 
 @kernel_njit

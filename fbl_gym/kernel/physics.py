@@ -95,7 +95,7 @@ def friction_of(block, lane):
     )  # fmt: skip
 
 
-FREE = (0.0, 0.0, 1.0, 1.0, False, False)
+FREE = (0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
 """Result of `_hold` without friction that is held over a step."""
 
 
@@ -110,8 +110,8 @@ def _hold(block, lane, h, rotor):
     step is of first order.
 
     Returns:
-        Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; True
-        if it ends the step at rest.
+        Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; 0 if
+        it ends the step at rest, else 1.
     """
     (p1, p2, p3, p4, p5), (r1, r2), (v1, v2) = lumped_of(block, lane), rotor, pair(block.velocity, lane)
     (q1, q2), (tau1, tau2) = pair(block.position, lane), pair(block.tau_start, lane)
@@ -127,7 +127,7 @@ def _hold(block, lane, h, rotor):
     rest1, rest2 = (next1 == 0.0) & (bound1 > 0.0), (next2 == 0.0) & (bound2 > 0.0)
     free1 = 0.0 if rest1 & (v1 == 0.0) else 1.0
     free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
-    return dry1 / h, dry2 / h, free1, free2, rest1, rest2
+    return dry1 / h, dry2 / h, free1, free2, 0.0 if rest1 else 1.0, 0.0 if rest2 else 1.0
 
 
 @inline_njit
@@ -139,7 +139,7 @@ def _advance(block, lane, h, rotor, law, held):
         pair(block.tau_start, lane), pair(block.tau_half, lane), pair(block.tau_end, lane), numbers,
     )  # fmt: skip
     put(block.position, lane, q)
-    put(block.velocity, lane, (0.0 if held[4] else v1, 0.0 if held[5] else v2))
+    put(block.velocity, lane, (v1 if held[4] != 0.0 else 0.0, v2 if held[5] != 0.0 else 0.0))
 
 
 @kernel_njit

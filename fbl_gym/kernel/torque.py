@@ -82,7 +82,7 @@ def apply_torque(block, queue, settings, width, substep):
     if settings.delay_steps > 0:
         for lane in range(width):
             age = np.int64(np.ceil((block.delay[lane] - substep) / settings.substeps))
-            put(block.tau_start, lane, pair(queue[age], lane))
+            block.tau_start[0, lane], block.tau_start[1, lane] = queue[age, 0, lane], queue[age, 1, lane]
     for joint in range(2):
         for lane in range(width):
             start, half, end = block.lag_start[lane], block.lag_half[lane], block.lag_end[lane]
