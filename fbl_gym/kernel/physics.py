@@ -100,7 +100,7 @@ FREE = (0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
 
 
 @inline_njit
-def _hold(block, lane, h, rotor):
+def _hold(h, q, v, tau, lumped, rotor, friction):
     """Return the exact friction over a physics step h.
 
     It solves the two joints' box-constrained problem v+ = v + h M^-1 (load - f), |f_i| <= F_i(v),
@@ -113,9 +113,8 @@ def _hold(block, lane, h, rotor):
         Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; 0 if
         it ends the step at rest, else 1.
     """
-    (p1, p2, p3, p4, p5), (r1, r2), (v1, v2) = lumped_of(block, lane), rotor, pair(block.velocity, lane)
-    (q1, q2), (tau1, tau2) = pair(block.position, lane), pair(block.tau_start, lane)
-    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction_of(block, lane)
+    (p1, p2, p3, p4, p5), (r1, r2), (q1, q2), (v1, v2), (tau1, tau2) = lumped, rotor, q, v, tau
+    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
     m11, m12, m22, load1, load2 = load_on_joints(
         p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - viscous1 * v1, tau2 - viscous2 * v2
     )
@@ -131,13 +130,14 @@ def _hold(block, lane, h, rotor):
 
 
 @inline_njit
-def _advance(block, lane, h, rotor, law, held):
-    """Advance one lane by one physics step h, under friction from `_hold`."""
-    numbers = lumped_of(block, lane), rotor, friction_of(block, lane), held, law
-    q, (v1, v2) = _runge_kutta(
-        h, pair(block.position, lane), pair(block.velocity, lane),
-        pair(block.tau_start, lane), pair(block.tau_half, lane), pair(block.tau_end, lane), numbers,
-    )  # fmt: skip
+def _advance(block, lane, h, rotor, law):
+    """Advance one lane by one physics step h."""
+    q, v, tau_start = pair(block.position, lane), pair(block.velocity, lane), pair(block.tau_start, lane)
+    lumped, friction, held = lumped_of(block, lane), friction_of(block, lane), FREE
+    if law == EXACT_FRICTION:
+        held = _hold(h, q, v, tau_start, lumped, rotor, friction)
+    tau_half, tau_end = pair(block.tau_half, lane), pair(block.tau_end, lane)
+    q, (v1, v2) = _runge_kutta(h, q, v, tau_start, tau_half, tau_end, (lumped, rotor, friction, held, law))
     put(block.position, lane, q)
     put(block.velocity, lane, (v1 if held[4] != 0.0 else 0.0, v2 if held[5] != 0.0 else 0.0))
 
@@ -178,7 +178,7 @@ def _advance_implicitly(block, settings, width):
 def _advance_smoothly(block, settings, width):
     h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
     for lane in range(width):
-        _advance(block, lane, h, rotor, NO_FRICTION, FREE)
+        _advance(block, lane, h, rotor, NO_FRICTION)
 
 
 @kernel_njit
@@ -190,10 +190,10 @@ def _advance_by_law(block, settings, width):
         _advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _advance(block, lane, h, rotor, EXACT_FRICTION, _hold(block, lane, h, rotor))
+            _advance(block, lane, h, rotor, EXACT_FRICTION)
     else:
         for lane in range(width):
-            _advance(block, lane, h, rotor, LITERAL_FRICTION, FREE)
+            _advance(block, lane, h, rotor, LITERAL_FRICTION)
 
 
 @merged_njit
