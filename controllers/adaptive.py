@@ -176,8 +176,7 @@ class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        motion, samples, started = state[-3:]
         position, acceleration = self.read(observation, "position", "acceleration")
-        motion, samples = self.filter.update_started(motion, samples, started, position, acceleration)
-        torque, after = self.adapt(observation, motion[..., 0], motion[..., 1], acceleration, state[:-3])
-        return torque, (*after, motion, samples, np.ones_like(started))
+        motion, samples, _ = self.filter.update(state[-2], state[-1], position, acceleration)
+        torque, after = self.adapt(observation, motion[..., 0], motion[..., 1], acceleration, state[:-2])
+        return torque, (*after, motion, samples)

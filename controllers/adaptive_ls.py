@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from controllers.estimator import plausible, point_masses
 from controllers.kalman import RobustFlm
+from controllers.passivity import friction_regressor
 from controllers.policy import State
 from controllers.solving import accumulate, exceeds, solve
-from fbl_gym.arm import Array, inertia_matrix, regressor, with_rotors
+from fbl_gym.arm import Array, regressor, with_rotors
 from fbl_gym.records import number
 
 TERMS = 9
@@ -69,11 +70,6 @@ class AdaptiveFlmLs(RobustFlm):
         weight = np.maximum(lumped[4], lumped[1])
         return np.concatenate([np.maximum(lumped, 1e-9), np.full(4, weight)])
 
-    @cached_property
-    def weight(self) -> Array:
-        """Weight of each joint's torque [2]: one over its nominal inertia."""
-        return 1.0 / np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
-
     def initial(self, observation: Array) -> State:
         """Return the state of `RobustFlm`, and the parts in the comments."""
         n = len(observation)
@@ -90,9 +86,9 @@ class AdaptiveFlmLs(RobustFlm):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        integral, motion, count, started, z, filtered, a_sum, b_sum, unknowns, applied = state
+        integral, motion, count, z, filtered, a_sum, b_sum, unknowns, applied = state
         position, acceleration = self.read(observation, "position", "acceleration")
-        motion, count = self.filter.update_started(motion, count, started, position, acceleration)
+        motion, count, _ = self.filter.update(motion, count, position, acceleration)
         q, v = motion[..., 0], motion[..., 1]
 
         # The first sample of an episode ends no interval; the second sets the filters.
@@ -100,7 +96,7 @@ class AdaptiveFlmLs(RobustFlm):
         z = keep[:, None, None] * z + (1.0 - keep)[:, None, None] * self.row(q, v, acceleration)
         rotor = self.interface.nominal.rotor
         filtered = keep[:, None] * filtered + (1.0 - keep)[:, None] * (applied - np.array(rotor) * acceleration)
-        moves = started & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
+        moves = (count > 0) & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
         a_sum, b_sum = self.add(z, filtered, a_sum, b_sum, moves)
         rich = moves & exceeds(a_sum, self.excitation)
         if rich.any():
@@ -109,13 +105,11 @@ class AdaptiveFlmLs(RobustFlm):
         torque, integral = self.drive(observation, q, v, integral, with_rotors(unknowns[:, :5], rotor))
         torque = torque + self.estimated_friction(observation, v, unknowns)
         applied = self.interface.saturate(torque)
-        return torque, (integral, motion, count, np.ones_like(started), z, filtered, a_sum, b_sum, unknowns, applied)
+        return torque, (integral, motion, count, z, filtered, a_sum, b_sum, unknowns, applied)
 
     def row(self, q: Array, v: Array, a: Array) -> Array:
         """Return the regressor of lumped parameters, viscous and Coulomb friction, [n x 2 x 9]."""
-        eye = np.eye(2)
-        viscous, coulomb = v[..., None] * eye, np.tanh(v / self.turn)[..., None] * eye
-        return np.concatenate([regressor(q, v, a), viscous, coulomb], axis=-1)
+        return np.concatenate([regressor(q, v, a), friction_regressor(v, self.turn)], axis=-1)
 
     def add(self, z: Array, torque: Array, a: Array, b: Array, moves: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return A [n x 9 x 9] and b [n x 9] with one sample more, in shares of the nominal arm.
@@ -123,8 +117,9 @@ class AdaptiveFlmLs(RobustFlm):
         z [n x 2 x 9] and the torque [n x 2] are filtered. Lanes change where they move.
         """
         dt = self.interface.control_dt
-        rows = z * self.scale * self.weight[:, None]
-        return accumulate(a, b, rows, torque * self.weight, np.exp(-dt / self.memory), dt, moves)
+        weight = 1.0 / self.stretched
+        rows = z * self.scale * weight[:, None]
+        return accumulate(a, b, rows, torque * weight, np.exp(-dt / self.memory), dt, moves)
 
     def fit(self, a: Array, b: Array, before: Array) -> Array:
         """Return the new estimate of the unknowns [n x 9], or the last one if it is unphysical."""
@@ -143,4 +138,4 @@ class AdaptiveFlmLs(RobustFlm):
 
     def parameters(self, state: State) -> Array:
         """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""
-        return point_masses(state[8][:, :5])
+        return point_masses(state[7][:, :5])

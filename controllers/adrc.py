@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from controllers.feedback_linearization import linearize
-from controllers.observer import ExtendedStateObserver
+from controllers.parts import Eso
 from controllers.policy import State, TorqueLaw
 from fbl_gym.arm import Array, forward_dynamics
-from fbl_gym.checks import Pair, check_pair
+from fbl_gym.checks import Pair
 from fbl_gym.records import pair
 
 
@@ -21,7 +22,7 @@ class Adrc(TorqueLaw):
 
         a = r'' + wc^2 (r - q) + 2 wc (r' - v) - f,    torque = M a + C v + G
 
-    q, v and f come from the extended state observer (`observer.py`); f is the acceleration that the
+    q, v and f come from the extended state observer (`parts.Eso`); f is the acceleration that the
     nominal model does not explain. With an exact model f is zero and e'' + 2 wc e' + wc^2 e = 0. A
     constant load leaves no error. The b0 of the literature is here the inverse of the full nominal
     inertia; a diagonal b0 would leave the coupling of the joints to the observer. The observer gets
@@ -42,22 +43,21 @@ class Adrc(TorqueLaw):
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
-    @property
-    def observer(self) -> ExtendedStateObserver:
+    @cached_property
+    def observer(self) -> Eso:
         """The extended state observer of both joints."""
-        bandwidth = check_pair("observer_bandwidth", self.observer_bandwidth)
-        return ExtendedStateObserver(self.interface.control_dt, bandwidth)
+        return Eso(self.interface.control_dt, self.observer_bandwidth)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the observer's prediction [n x 2 x 3]."""
+        """Return the state: the observer's memory [n x 2 x 4]."""
         return (self.observer.initial(*self.read(observation, "position", "reference_velocity")),)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m, and the observer's next prediction."""
+        """Return the torque [n x 2] N m, and the observer's next memory."""
         (position,) = self.read(observation, "position")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         estimate = self.observer.correct(state[0], position)
-        q, v, f = np.moveaxis(estimate, -1, 0)
+        q, v, _, f = np.moveaxis(estimate, -1, 0)
         w = np.array(self.controller_bandwidth)
         torque = linearize(self.interface.nominal, q, v, r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v) - f)
         # u: the nominal acceleration under the applied torque.

@@ -14,20 +14,21 @@ LAWS = (
     ("adaptive-flm-ls", "adaptive_ls:AdaptiveFlmLs", "the robust controller with a model fitted by least squares"),
     # comparators
     ("adrc", "adrc:Adrc", "active disturbance rejection on the position sensor alone"),
-    ("time-delay", "time_delay:TimeDelay", "time-delay control: the last torque error is added to the next torque"),
+    ("time-delay", "time_delay:TimeDelay", "time-delay control: last torque and acceleration replace the model"),
     ("lqg", "lqg:Lqg", "optimal regulator with integral action on a Kalman filter"),
     ("rbf-adaptive", "rbf_adaptive:RbfAdaptive", "neural adaptive control with radial basis functions (Lewis)"),
-    ("pid-gravity", "pid_gravity:PidGravity", "PID with the nominal gravity torque"),
+    ("pid-gravity", "simple:PidGravity", "PID with the nominal gravity torque"),
     ("computed-torque", "computed_torque:ComputedTorque", "plain computed torque, critically damped"),
-    ("computed-torque-dob", "disturbance_observer:ComputedTorqueDob", "computed torque with a momentum observer"),
+    ("computed-torque-dob", "computed_torque:ComputedTorqueDob", "computed torque with a momentum observer"),
+    ("computed-torque-tde", "time_delay:ComputedTorqueTde", "computed torque with time-delay estimation"),
     ("slotine-li", "slotine_li:SlotineLi", "adaptive passivity-based control of the lumped parameters"),
     ("slotine-li-composite", "slotine_li:CompositeSlotineLi", "slotine-li, driven by the prediction error too"),
     ("sliding-mode", "sliding_mode:SuperTwisting", "super-twisting on the nominal linearisation (Levant)"),
     ("nmpc", "nmpc:Nmpc", "nonlinear predictive control with a disturbance estimate and preview (needs casadi)"),
     ("spong-robust", "spong:SpongRobust", "Spong's robust law with a bound for each parameter"),
     ("oracle-flm", "oracle:OracleFlm", "feedback linearisation with the true arm, state and loads"),
-    ("oracle-predictive", "ceiling:OraclePredictive", "oracle-flm through delay and lag, both known"),
-    ("oracle-elastic", "ceiling:OracleElastic", "optimal regulator on the true arm, springs and drives included"),
+    ("oracle-predictive", "oracle:OraclePredictive", "oracle-flm through delay and lag, both known"),
+    ("oracle-elastic", "oracle:OracleElastic", "optimal regulator on the true arm, springs and drives included"),
 )
 
 ACCESS = {

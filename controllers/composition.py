@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from controllers.parts import OBSERVERS, Drive, Observer, Predictor
-from controllers.policy import State, TorqueLaw
+from controllers.policy import State, TorqueLaw, reference_at
 from fbl_gym.arm import Array, forward_dynamics, gravity_torque
 from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, Limits, make_layout
@@ -107,7 +107,7 @@ class Composed(TorqueLaw):
         (q,) = self.read(observation, "position")
         v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        queue = np.repeat(hold[:, None], self.drive.depth, axis=1)
+        queue = np.repeat(hold[:, None], self.drive.whole + 1, axis=1)
         state = queue, hold, self.observer.initial(q, v)
         return (*state, *self.inside.initial(self.look(observation, state)[0]))
 
@@ -158,7 +158,7 @@ class Composed(TorqueLaw):
             ahead = self.drive.delay - self.interface.latency + self.predictor.lateness
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
         times = ahead + inside.control_dt * np.arange(1 + self.preview_samples, dtype=float)
-        reference = self.reference_at(observation, times)
+        reference = reference_at(self.interface, observation, times)
         seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
         return np.clip(seen, *inside.layout.bounds), estimate, due
 

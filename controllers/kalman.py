@@ -40,13 +40,16 @@ def continuous_gains(dt: float, acceleration_sigma: float, position_sigma: float
     Q, R = np.diag([0.0, acceleration_sigma**2]), position_sigma**2
     P = np.diag([R, 0.01])
     rows: list[Array] = []
-    while len(rows) < 200_000:
+    while not _converged(rows):
         K = P @ C.T / R
         rows.append(dt * K[:, 0])
-        if len(rows) > 100 and np.allclose(rows[-1], rows[-100], rtol=1e-9, atol=0.0):
-            break
         P = P + dt * (-K @ C @ P + A @ P + P @ A.T + Q)
     return np.array(rows)
+
+
+def _converged(rows: list[Array]) -> bool:
+    """Return True if the last gain is that of 99 samples ago."""
+    return len(rows) > 100 and (np.allclose(rows[-1], rows[-100], rtol=1e-9, atol=0.0) or len(rows) >= 200_000)
 
 
 @lru_cache(maxsize=64)
@@ -67,12 +70,10 @@ def gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
     # The first position is a reading, the first velocity within 0.1 rad/s.
     kalman.P = np.diag([position_sigma**2, 0.01])
     rows: list[Array] = []
-    while len(rows) < 200_000:
+    while not _converged(rows):
         kalman.predict()
         kalman.update(np.zeros((1, 1)))
         rows.append(kalman.K[:, 0].copy())
-        if len(rows) > 100 and np.allclose(rows[-1], rows[-100], rtol=1e-9, atol=0.0):
-            break
     table = np.array(rows)
     table.setflags(write=False)
     return table
@@ -83,7 +84,8 @@ class JointKalman:
     """The Kalman filter of both joints, driven by acceleration and corrected by position.
 
     Its state is the estimate [n x 2 x 2] (for each joint position and velocity) and the number of
-    samples [n].
+    samples [n], -1 before the first observation. That one ends no sample and leaves the estimate
+    alone.
 
     Args:
         dt: sample time [s].
@@ -98,8 +100,8 @@ class JointKalman:
     form: str = "discrete"
 
     def initial(self, position: Array, velocity: Array) -> State:
-        """Return the first estimate [n x 2 x 2], and the number of samples [n], zero."""
-        return np.stack([position, velocity], axis=-1), np.zeros(len(position), dtype=int)
+        """Return the first estimate [n x 2 x 2], and the number of samples [n], -1."""
+        return np.stack([position, velocity], axis=-1), np.full(len(position), -1)
 
     def update(self, estimate: Array, count: Array, position: Array, acceleration: Array) -> tuple[Array, Array, Array]:
         """Return estimate [n x 2 x 2], number of samples [n] and innovation [n x 2], by (19).
@@ -110,7 +112,7 @@ class JointKalman:
         table = (continuous_gains if self.form == "continuous" else gains)(
             self.dt, self.acceleration_sigma, self.position_sigma
         )
-        gain = table[np.minimum(count, len(table) - 1)]
+        gain = table[np.clip(count, 0, len(table) - 1)]
         q, v = estimate[..., 0], estimate[..., 1]
         # x = F x + B u
         q = q + self.dt * v + 0.5 * self.dt**2 * acceleration
@@ -118,17 +120,8 @@ class JointKalman:
         # x = x + K (y - H x)
         innovation = position - q
         q, v = q + gain[:, :1] * innovation, v + gain[:, 1:] * innovation
-        return np.stack([q, v], axis=-1), count + 1, innovation
-
-    def update_started(
-        self, estimate: Array, count: Array, started: Array, position: Array, acceleration: Array
-    ) -> tuple[Array, Array]:
-        """Return estimate and number of samples, updated in the lanes that have started [n].
-
-        The first observation of an episode ends no sample, so it leaves its lane's estimate alone.
-        """
-        updated, more, _ = self.update(estimate, count, position, acceleration)
-        return np.where(started[:, None, None], updated, estimate), np.where(started, more, count)
+        updated = np.stack([q, v], axis=-1)
+        return np.where(count[:, None, None] < 0, estimate, updated), count + 1, innovation
 
 
 @dataclass(frozen=True)
@@ -165,16 +158,14 @@ class RobustFlm(CascadeFlm):
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma, self.filtering)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: integral, estimate, number of samples, False before a sample."""
+        """Return the state: integral, estimate, number of samples."""
         position, velocity = self.read(observation, "position", "reference_velocity")
-        return (np.zeros_like(position), *self.filter.initial(position, velocity), np.zeros(len(position), dtype=bool))
+        return np.zeros_like(position), *self.filter.initial(position, velocity)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        integral, estimate, count, started = state
-        estimate, count = self.filter.update_started(
-            estimate, count, started, *self.read(observation, "position", "acceleration")
-        )
+        integral, *motion = state
+        estimate, count, _ = self.filter.update(*motion, *self.read(observation, "position", "acceleration"))
         q, v = estimate[..., 0], estimate[..., 1]
         torque, integral = self.drive(observation, q, v, integral, self.interface.nominal)
-        return torque, (integral, estimate, count, np.ones_like(started))
+        return torque, (integral, estimate, count)

@@ -83,16 +83,16 @@ class Lqg(TorqueLaw):
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: z, estimate, number of samples, False before a sample."""
+        """Return the state: z, estimate, number of samples."""
         position, velocity = self.read(observation, "position", "reference_velocity")
-        return (np.zeros_like(position), *self.filter.initial(position, velocity), np.zeros(len(position), dtype=bool))
+        return np.zeros_like(position), *self.filter.initial(position, velocity)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        integral, estimate, count, started = state
+        integral, estimate, count = state
         y, y_ddot = self.read(observation, "position", "acceleration")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        estimate, count = self.filter.update_started(estimate, count, started, y, y_ddot)
+        estimate, count, _ = self.filter.update(estimate, count, y, y_ddot)
         q, v = estimate[..., 0], estimate[..., 1]
         nominal, error = self.interface.nominal, r - y
         # e'' = r'' - a = u = -K x
@@ -101,4 +101,4 @@ class Lqg(TorqueLaw):
         torque = linearize(nominal, q, v, a)
         pause = winds_up(self.interface, nominal, q, v, a, torque, error)
         integral = integral + np.where(pause, 0.0, error * self.interface.control_dt)
-        return torque, (integral, estimate, count, np.ones_like(started))
+        return torque, (integral, estimate, count)

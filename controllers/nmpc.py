@@ -17,8 +17,8 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.linalg import cholesky, solve_discrete_are
 
-from controllers.observer import ExtendedStateObserver
-from controllers.policy import State, TorqueLaw
+from controllers.parts import Eso, runge_kutta
+from controllers.policy import State, TorqueLaw, reference_at
 from fbl_gym.arm import (
     ArmParameters,
     Array,
@@ -85,12 +85,7 @@ def residuals(arm: ArmParameters, step: float, weights: tuple[Pair, Pair]) -> An
         torque = scale * plan[2 * k : 2 * k + 2]
         # e'' of the plan has the weight 1.
         terms.append(rate(x, torque)[2:] - reference[4:, k])
-        # The classical Runge-Kutta step.
-        k1 = rate(x, torque)
-        k2 = rate(x + 0.5 * step * k1, torque)
-        k3 = rate(x + 0.5 * step * k2, torque)
-        k4 = rate(x + step * k3, torque)
-        x = x + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        (x,) = runge_kutta(lambda x, u: [rate(x[0], u)], [x], step, [torque] * 3)
         error = x - reference[:4, k + 1]
         if k < HORIZON - 1:
             terms.append(ca.vertcat(w1, w2, c1, c2) * error)
@@ -132,7 +127,7 @@ class Nmpc(TorqueLaw):
         subject to  M(q) (q'' - f) + C v + G = torque, torque limits
 
     The first torque of the plan is applied. f comes from the extended state observer
-    (`observer.py`) and is held over the horizon, so no constant load leaves an error. The terminal
+    (`parts.Eso`) and is held over the horizon, so no constant load leaves an error. The terminal
     cost is that of the optimal regulator, so the law acts as this regulator where no limit is met.
     A plan is made every 20 ms, or at each step of a slower control rate, and its torque is held in
     between. With a `preview` in the observation, the reference comes from it as far as it reaches;
@@ -160,22 +155,21 @@ class Nmpc(TorqueLaw):
         return max(1, round(STEP / self.interface.control_dt))
 
     @property
-    def observer(self) -> ExtendedStateObserver:
+    def observer(self) -> Eso:
         """The extended state observer of both joints."""
-        bandwidth = check_pair("observer_bandwidth", self.observer_bandwidth)
-        return ExtendedStateObserver(self.interface.control_dt, bandwidth)
+        return Eso(self.interface.control_dt, self.observer_bandwidth)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the observer's prediction, a plan at rest, and a count of steps."""
+        """Return the state: the observer's memory, a plan at rest, and a count of steps."""
         q, r_dot = self.read(observation, "position", "reference_velocity")
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
         return self.observer.initial(q, r_dot), np.repeat(hold[:, None], HORIZON, axis=1), np.zeros(len(q), dtype=int)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        prediction, plan, count = state
+        memory, plan, count = state
         (position,) = self.read(observation, "position")
-        estimate = self.observer.correct(prediction, position)
+        estimate = self.observer.correct(memory, position)
         due = count % self.stride == 0
         if due.any():
             plan = plan.copy()
@@ -187,21 +181,16 @@ class Nmpc(TorqueLaw):
     def plan(self, observation: Array, estimate: Array, plan: Array) -> Array:
         """Return the torques from now on [n x HORIZON x 2] N m, from those planned a step ago.
 
-        The estimate [n x 2 x 3] is position, velocity and f of each joint.
+        The estimate [n x 2 x 4] is that of `parts.Observer`.
         """
         n = len(plan)
         weights = check_pair("position", self.position), check_pair("velocity", self.velocity)
         step = self.stride * self.interface.control_dt
         improve = planner(self.interface.nominal, step, weights, self.interface.torque_limit, n)
-        start = estimate.transpose(2, 1, 0).reshape(6, n)
-        reference = self.reference(observation).reshape(-1, 6).T
+        start = estimate[..., [0, 1, 3]].transpose(2, 1, 0).reshape(6, n)
+        times = step * np.arange(HORIZON + 1, dtype=float)
+        reference = reference_at(self.interface, observation, times).reshape(-1, 6).T
         shifted = np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
         better = np.asarray(improve(start, reference, shifted.reshape(n, -1).T)).T.reshape(plan.shape)
         # Where the solver failed, the last plan goes on.
         return self.interface.saturate(np.where(np.isfinite(better).all(axis=(1, 2), keepdims=True), better, shifted))
-
-    def reference(self, observation: Array) -> Array:
-        """Return the reference at each step of the plan [n x (HORIZON + 1) x 6]."""
-        return self.reference_at(
-            observation, self.stride * self.interface.control_dt * np.arange(HORIZON + 1, dtype=float)
-        )

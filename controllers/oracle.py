@@ -1,4 +1,4 @@
-"""The oracle: feedback linearisation with the true arm. Its score is 100."""
+"""The three oracles, which read the real arm from `env.truth`. They are not ranked."""
 
 from __future__ import annotations
 
@@ -7,32 +7,23 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.linalg import expm
 
-from controllers.policy import State
-from fbl_gym.arm import Array, inverse_dynamics, with_rotors
-from fbl_gym.batch import Truth
+from controllers.policy import State, reference_at
+from controllers.true_arm import TrueArm
+from fbl_gym.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.checks import Pair
-from fbl_gym.records import Record, pair
+from fbl_gym.records import Record, number, pair
+
+PREVIEW = 0.15
+"""How far ahead the oracles that predict use the reference [s]."""
 
 
 @dataclass(frozen=True)
-class OracleFlm(Record):
-    """The oracle: feedback linearisation that knows everything. It is not ranked.
-
-        torque = M a + C v + G + friction + d,    a = r'' + kp (r - q) + kd (r' - v)
-
-    All terms are true ones, read from `env.truth`, and e'' + kd e' + kp e = 0 up to sampling and
-    torque limits. It acts only in the environment that it was built for.
-
-    Args:
-        env: the environment, single or batched.
-        kp: proportional gain [1/s^2], per joint.
-        kd: derivative gain [1/s], per joint.
-    """
+class _Oracle(Record):
+    """Base of the oracles. Each acts only in the environment that it was built for."""
 
     env: Any = dataclasses.field(repr=False)
-    kp: Pair | float = pair(400.0, unit="1/s^2")
-    kd: Pair | float = pair(40.0, unit="1/s")
 
     access: ClassVar[str] = "privileged"
 
@@ -43,23 +34,227 @@ class OracleFlm(Record):
         episode_start: Array | None = None,
         deterministic: bool = False,
     ) -> tuple[Array, State | None]:
-        """Return the action for the environment's true state, and `state` unchanged."""
-        truth: Truth = self.env.truth
-        lanes, rows = len(np.atleast_2d(truth.position)), len(np.atleast_2d(observation))
-        if rows != lanes:
-            raise ValueError(f"the oracle was made for an environment of {lanes} lanes, got {rows} observations")
-        error, rate = truth.reference - truth.position, truth.reference_velocity - truth.velocity
-        a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
-        arm = with_rotors(truth.lumped, self.env.scenario.rotor)
-        load = inverse_dynamics(arm, truth.position, truth.velocity, a)
-        torque = (load + self._friction(truth) + truth.disturbance) / truth.gain
-        action = self.env.interface.action_from_torque(torque, truth.position, truth.velocity)
+        """Return the action for the environment's true state, and the next state."""
+        arm, batch = TrueArm.of(self.env), np.atleast_2d(observation)
+        if len(batch) != len(arm.truth.position):
+            raise ValueError(
+                f"the oracle was made for an environment of {len(arm.truth.position)} lanes, got {len(batch)} observations"
+            )
+        torque, state = self.torque(batch, arm, state)
+        interface, truth = self.env.interface, arm.truth
+        action = interface.action_from_torque(torque / truth.gain, truth.position, truth.velocity)
         return action.reshape(*np.shape(observation)[:-1], 2), state
 
-    def _friction(self, truth: Truth) -> Array:
-        """Return the friction, its dry part along the reference, whose sign is steady."""
-        if self.env.scenario.friction is None:
-            return np.zeros_like(truth.velocity)
-        v = truth.reference_velocity
-        dry = truth.coulomb + truth.stiction * np.exp(-(truth.velocity**2) / truth.v_s)
-        return truth.viscous * truth.velocity + dry * np.sign(v)
+    def torque(self, observation: Array, arm: TrueArm, state: State | None) -> tuple[Array, State | None]:
+        """Return the torque [n x 2] N m that the drives are asked for, and the next state."""
+        raise NotImplementedError
+
+    def ahead(self, observation: Array, arm: TrueArm, times: Array) -> list[Array]:
+        """Return position, velocity and acceleration of the reference, [n x k x 2] each.
+
+        The k times count from the one at which the next command begins to act [s].
+        """
+        each = arm.truth.delay[:, None] + times
+        return np.split(reference_at(self.env.interface, observation, each), 3, axis=-1)
+
+
+@dataclass(frozen=True)
+class OracleFlm(_Oracle):
+    """The oracle: feedback linearisation that knows everything but delay, lag and springs.
+
+        torque = M a + C v + G + friction + d,    a = r'' + kp (r - q) + kd (r' - v)
+
+    All terms are true ones, and e'' + kd e' + kp e = 0 up to sampling and torque limits. The dry
+    friction is that along the reference, whose sign is steady.
+
+    Args:
+        env: the environment, single or batched.
+        kp: proportional gain [1/s^2], per joint.
+        kd: derivative gain [1/s], per joint.
+    """
+
+    kp: Pair | float = pair(400.0, unit="1/s^2")
+    kd: Pair | float = pair(40.0, unit="1/s")
+
+    def torque(self, observation: Array, arm: TrueArm, state: State | None) -> tuple[Array, State | None]:
+        """Return the torque [n x 2] N m that the drives are asked for, and `state` unchanged."""
+        truth, v = arm.truth, arm.truth.velocity
+        error, rate = truth.reference - truth.position, truth.reference_velocity - v
+        a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
+        load = inverse_dynamics(dataclasses.replace(arm, elastic=False).links, truth.position, v, a)
+        dry = arm.dry(v) * np.sign(truth.reference_velocity)
+        return load + (truth.viscous * v + dry) + truth.disturbance, state
+
+
+@dataclass(frozen=True)
+class OraclePredictive(OracleFlm):
+    """The oracle through delay and lag: `oracle-flm` on the predicted state.
+
+        wanted = M a + C v + G + friction + d,    a = r'' + kp (r - q) + kd (r' - v)
+        command = torque + (wanted - torque) / (1 - exp(-dt / lag))
+
+    q, v and the torque on the joints are predicted with the true arm to the time at which the
+    command begins to act, and the reference is that of the same time, from the preview. The command
+    inverts the lag: the torque is the wanted one after a control interval. Elastic joints count as
+    rigid.
+
+    Args:
+        env, kp, kd: as in `OracleFlm`.
+    """
+
+    preview: ClassVar[float] = PREVIEW
+
+    def torque(self, observation: Array, arm: TrueArm, state: State | None) -> tuple[Array, State | None]:
+        """Return the torque [n x 2] N m that the drives are asked for, and no state."""
+        arm = dataclasses.replace(arm, elastic=False)
+        q, v, present = arm.predicted()
+        positions, velocities, accelerations = self.ahead(observation, arm, np.array([0.0, 0.5 * arm.dt]))
+        r, r_dot = positions[:, 0], velocities[:, 0]
+        a = accelerations[:, 1] + np.array(self.kp) * (r - q) + np.array(self.kd) * (r_dot - v)
+        wanted = inverse_dynamics(arm.links, q, v, a) + arm.friction(v, r_dot + 10.0 * (r - q)) + arm.truth.disturbance
+        lag = np.maximum(arm.truth.lag, 1e-9)[:, None]
+        return present + (wanted - present) / -np.expm1(-arm.dt / lag), None
+
+
+COSINES = np.linspace(-1.0, 1.0, 5)
+"""Cosines of the second joint's angle for which gains are computed."""
+
+
+@dataclass(frozen=True)
+class OracleElastic(_Oracle):
+    """The oracle of elastic joints: an optimal regulator on the full true state.
+
+        command = feed-forward + K (x_r - x)
+
+    x is the state of links, motors and drives, predicted with the true arm to the time at which the
+    command begins to act. x_r is its course along the reference, by inverse dynamics of links,
+    springs, motors and lag; its derivatives are differences over the preview. K is the gain of the
+    discrete optimal regulator for each lane's true arm, linearised at rest without gravity, with
+    the lag of its drives, and interpolated over the cosine of the second joint's angle. K is
+    computed when an episode starts, and again when the arm changes. Where joints are rigid, motors
+    and springs are left out.
+
+    Source: Anderson and Moore, "Optimal Control", 1990, §2.4; De Luca and Book, "Robots with
+    flexible elements", Springer Handbook of Robotics, chapter 11.
+
+    Args:
+        env: the environment, single or batched.
+        bandwidth: of the regulator without delay and lag [rad/s]; bandwidth^2 is the weight of the
+            links' error against 1 for the command over the inertia.
+        damping: weight of the error's rate over 2 bandwidth.
+    """
+
+    bandwidth: float = number(40.0, unit="rad/s", above=0)
+    damping: float = number(0.5, low=0)
+
+    preview: ClassVar[float] = PREVIEW
+
+    def torque(self, observation: Array, arm: TrueArm, state: State | None) -> tuple[Array, State | None]:
+        """Return the torque [n x 2] N m that the drives are asked for, and the gains."""
+        truth = arm.truth
+        lanes = len(truth.position)
+        columns = (truth.lumped, truth.stiffness, truth.damping, truth.viscous, truth.lag[:, None])
+        design = np.concatenate(columns, axis=-1)
+        size = 10 if arm.elastic else 6
+        old, gains = state or (np.full_like(design, np.nan), np.zeros((lanes, len(COSINES), 2, size)))
+        changed = np.any(design != old, axis=-1)
+        if changed.any():
+            gains = gains.copy()
+            gains[changed] = self.gains(arm, changed)
+        x = arm.predicted()
+        place = (np.cos(x[0][:, 1]) + 1.0) / (COSINES[1] - COSINES[0])
+        low = np.minimum(place.astype(int), len(COSINES) - 2)
+        share = (place - low)[:, None, None]
+        every = np.arange(lanes)
+        gain = (1.0 - share) * gains[every, low] + share * gains[every, low + 1]
+        wanted, command = self.course(observation, arm, x)
+        error = np.concatenate([r - y for r, y in zip(wanted, x, strict=True)], axis=-1)
+        return command + np.einsum("nij,nj->ni", gain, error), (design, gains)
+
+    def course(self, observation: Array, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
+        """Return the state along the reference, and the feed-forward command [n x 2] N m."""
+        truth, h = arm.truth, arm.dt
+        # Differences over five times. At the middle one the command begins to act.
+        r, r_dot, r_ddot = self.ahead(observation, arm, h * np.arange(-2.0, 3.0))
+        load = inverse_dynamics(arm.links[:, None], r, r_dot, r_ddot) + truth.disturbance[:, None]
+        motion = [r, r_dot]
+        if arm.elastic:
+            stiffness = truth.stiffness[:, None]
+            stretch = load / stiffness
+            stretch = stretch - truth.damping[:, None] * _rate(stretch, h) / stiffness
+            stretch = stretch + 0.5 * truth.backlash[:, None] * np.clip(load / (0.01 * stiffness), -1.0, 1.0)
+            motion += [r + stretch, r_dot + _rate(load, h) / stiffness]
+            load = load + np.array(arm.rotor) * (r_ddot + _rate(_rate(load, h), h) / stiffness)
+        toward = r_dot[:, 2] + 10.0 * (r[:, 2] - x[0])
+        speed = motion[-1]
+        load = load + truth.viscous[:, None] * speed
+        dry = arm.dry(speed[:, 2]) * np.clip(toward / 0.02, -1.0, 1.0)
+        slope = _rate(load, h)[:, 2]
+        torque = load[:, 2] + dry
+        command = torque + (0.5 * h + truth.lag[:, None]) * slope
+        return [*(m[:, 2] for m in motion), torque], command
+
+    def gains(self, arm: TrueArm, lanes: Array) -> Array:
+        """Return K of some lanes at each of `COSINES` [n x 5 x 2 x size]."""
+        truth = arm.truth
+        angle = np.stack([np.zeros_like(COSINES), np.arccos(COSINES)], axis=-1)
+        links = arm.links[lanes][:, None]
+        m = inertia_matrix(np.broadcast_to(links, (*links.shape[:1], len(COSINES), 7)), angle[None])
+        n, k = m.shape[:2]
+        inverse = np.linalg.inv(m)
+        viscous = _diagonal(truth.viscous[lanes])
+        lag = np.maximum(truth.lag[lanes], 1e-3)[:, None, None, None]
+        size = 10 if arm.elastic else 6
+        a = np.zeros((n, k, size + 2, size + 2))
+        eye = np.eye(2)
+        a[..., 0:2, 2:4] = eye
+        motor = inverse
+        if arm.elastic:
+            motor = np.broadcast_to(np.diag(1.0 / np.array(arm.rotor)), inverse.shape)
+            stiffness, damping = _diagonal(truth.stiffness[lanes]), _diagonal(truth.damping[lanes])
+            a[..., 4:6, 6:8] = eye
+            for sign, place in ((-1.0, 0), (1.0, 4)):
+                a[..., 2:4, place : place + 2] = sign * inverse @ stiffness
+                a[..., 2:4, place + 2 : place + 4] = sign * inverse @ damping
+                a[..., 6:8, place : place + 2] = -sign * motor @ stiffness
+                a[..., 6:8, place + 2 : place + 4] = -sign * motor @ damping
+        a[..., size - 4 : size - 2, size - 4 : size - 2] -= motor @ viscous
+        a[..., size - 4 : size - 2, size - 2 : size] = motor
+        a[..., size - 2 : size, size - 2 : size] = -eye / lag
+        a[..., size - 2 : size, size:] = eye / lag
+        exact = expm(a * arm.dt)
+        f, g = exact[..., :size, :size], exact[..., :size, size:]
+        q = np.zeros(size)
+        q[0:2], q[2:4] = self.bandwidth**4, (2.0 * self.damping * self.bandwidth) ** 2
+        # The command's weight is that of the acceleration it gives a joint alone.
+        scale = m[..., [0, 1], [0, 1]] + (np.array(arm.rotor) if arm.elastic else 0.0)
+        return regulator(f, g, np.diag(q), scale)
+
+
+def regulator(f: Array, g: Array, q: Array, scale: Array) -> Array:
+    """Return the gain K [... x m x n] of the optimal regulators u = -K x of x+ = f x + g u.
+
+    The cost is the sum of x'qx + |u / scale|^2, scale [... x m]. The Riccati equation is solved by
+    doubling: each turn takes twice as many samples into account (Chu, Fan, Lin and Wang,
+    "Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations", Int.
+    J. Control 77(8), 2004).
+    """
+    weighted = g * scale[..., None, :]
+    a, b, p = f, weighted @ np.swapaxes(weighted, -1, -2), np.broadcast_to(q, f.shape)
+    for _ in range(10):
+        left = np.linalg.solve(np.eye(f.shape[-1]) + b @ p, np.concatenate([a, b], axis=-1))
+        wa, wb = np.split(left, 2, axis=-1)
+        turned = np.swapaxes(a, -1, -2)
+        a, b, p = a @ wa, b + a @ wb @ turned, p + turned @ p @ wa
+    to = np.swapaxes(weighted, -1, -2) @ p
+    return scale[..., None] * np.linalg.solve(np.eye(g.shape[-1]) + to @ weighted, to @ f)
+
+
+def _rate(x: Array, h: float) -> Array:
+    """Return the derivative over time of samples [n x k x 2] that lie h [s] apart."""
+    return np.gradient(x, h, axis=1, edge_order=2)
+
+
+def _diagonal(x: Array) -> Array:
+    """Return diagonal matrices [n x 1 x 2 x 2] of [n x 2]."""
+    return (x[..., None] * np.eye(2))[:, None]

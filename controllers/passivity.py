@@ -1,4 +1,4 @@
-"""Regressors of Slotine and Li's and Spong's laws: torques linear in five lumped parameters p."""
+"""Regressors: torques linear in five lumped parameters p, or in four parameters of friction."""
 
 from __future__ import annotations
 
@@ -36,3 +36,11 @@ def drift_regressor(q: Array, v: Array) -> Array:
     c1, c12, none = np.cos(q[:, 0]), np.cos(q[:, 0] + q[:, 1]), np.zeros(len(q))
     rows = ((none, none, none, c1, c12), (none, none, np.sin(q[:, 1]) * v[:, 0] * (v[:, 0] + v[:, 1]), none, c12))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+
+def friction_regressor(v: Array, turn: float) -> Array:
+    """Return Y [n x 2 x 4] with Y p = viscous friction v + Coulomb friction tanh(v / turn).
+
+    p has both joints' viscous friction, then both joints' Coulomb friction.
+    """
+    return np.concatenate([v[..., None] * np.eye(2), np.tanh(v / turn)[..., None] * np.eye(2)], axis=-1)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
-from fbl_gym.arm import Array
-from fbl_gym.interface import Interface, Layout
+from fbl_gym.arm import Array, inertia_matrix
+from fbl_gym.interface import Interface
 from fbl_gym.records import Record
 
 State: TypeAlias = tuple[Array, ...]
@@ -27,18 +28,18 @@ def where_lanes(lanes: Array, new: State, old: State) -> State:
     return tuple(np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y) for x, y in zip(new, old, strict=True))
 
 
-def reference_at(layout: Layout, dt: float, observation: Array, times: Array) -> Array:
+def reference_at(interface: Interface, observation: Array, times: Array) -> Array:
     """Return the reference's position, velocity and acceleration [n x k x 6] at k times.
 
     It comes from the preview as far as that reaches, with the acceleration linear between two
     samples. Before the first and after the last one, the acceleration is held.
 
     Args:
-        layout: of the observation.
-        dt: control interval [s].
+        interface: of the policy.
         observation: [n x size].
         times: from now on [k] or [n x k] s.
     """
+    layout, dt = interface.layout, interface.control_dt
     slots = ("reference_position", "reference_velocity", "reference_acceleration")
     known = np.concatenate([observation[..., layout[slot]] for slot in slots], axis=-1)[:, None]
     if "preview" in layout:
@@ -124,6 +125,11 @@ class TorqueLaw(Record):
                     f"{', '.join(slot.name for slot in self.interface.layout.slots)}"
                 )
 
+    @cached_property
+    def stretched(self) -> Array:
+        """Diagonal of the inertia of the stretched nominal arm [2], kg m^2."""
+        return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
+
     def initial(self, observation: Array) -> State:
         """Return the state before the first decision of an episode; observations are [n x size]."""
         return ()
@@ -145,10 +151,6 @@ class TorqueLaw(Record):
         if "velocity" not in self.interface.layout:
             return position, np.zeros_like(position)
         return position, self.read(observation, "velocity")[0]
-
-    def reference_at(self, observation: Array, times: Array) -> Array:
-        """Return the reference at times from now on, see the function `reference_at`."""
-        return reference_at(self.interface.layout, self.interface.control_dt, observation, times)
 
     def predict(
         self,

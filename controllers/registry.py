@@ -76,12 +76,8 @@ def entry_points() -> tuple[metadata.EntryPoint, ...]:
     return tuple(metadata.entry_points(group=ENTRY_POINTS))
 
 
-def entry_point(name: str) -> metadata.EntryPoint | None:
-    """Return the entry point of a policy; None for a policy that has none. It is not loaded."""
-    return _external().get(name)
-
-
-def _external() -> dict[str, metadata.EntryPoint]:
+def external() -> dict[str, metadata.EntryPoint]:
+    """Return the entry points of policies without another registration, by name, not loaded."""
     # The agents of fbl-gym come last, so that no other package replaces them.
     points = sorted(entry_points(), key=lambda point: point.module.startswith("benchmarks."))
     return {point.name: point for point in points if point.name not in _REGISTRY}
@@ -95,10 +91,9 @@ def _entry(name: str) -> _Entry:
         return _Entry(factory, f"{law.summary}; with {' and '.join(parts)}", None, law.kind)
     if name in _REGISTRY:
         return _REGISTRY[name]
-    external = _external()
-    if name not in external:
+    if name not in external():
         raise unknown("policy", name, names())
-    factory = external[name].load()
+    factory = external()[name].load()
     summary = (inspect.getdoc(factory) or "").split("\n")[0]
     kind = check_choice(f"kind of {name}", getattr(factory, "kind", "classical"), KINDS)
     return _Entry(factory, summary, None, kind)
@@ -133,7 +128,7 @@ def is_composed(name: str) -> bool:
 
 def names() -> tuple[str, ...]:
     """Return the name of every policy: registered ones, then those of installed packages."""
-    return (*_REGISTRY, *_external())
+    return (*_REGISTRY, *external())
 
 
 def summary(name: str) -> str:
@@ -160,6 +155,15 @@ def access(policy: str | Callable[..., Any]) -> str:
 def factory(name: str) -> Callable[..., Any]:
     """Return the class or function that builds a policy, called as `register` describes."""
     return _load(_entry(name))
+
+
+def modules() -> dict[str, str]:
+    """Return the module of every policy, by its name; imports none of them."""
+    laws = {
+        name: entry.factory.__module__ if callable(entry.factory) else entry.factory.split(":")[0]
+        for name, entry in _REGISTRY.items()
+    }
+    return laws | {name: point.module for name, point in external().items()}
 
 
 def tuned() -> tuple[str, ...]:

@@ -1,15 +1,14 @@
-"""The simplest laws: `zero`, no torque, and `pd-gravity`, PD with gravity compensation."""
+"""The simplest laws: no torque, and PD and PID with gravity compensation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, gravity_torque, inertia_matrix
+from fbl_gym.arm import Array, gravity_torque
 from fbl_gym.checks import Pair
 from fbl_gym.records import pair
 
@@ -49,14 +48,47 @@ class PdGravity(TorqueLaw):
     frequency: Pair | float = pair(10.0, unit="rad/s", tune=(2.0, 100.0))
     damping: Pair | float = pair(0.4, tune=(0.3, 3.0))
 
-    @cached_property
-    def inertia(self) -> Array:
-        """M_ii of the stretched nominal arm [2], kg m^2."""
-        return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
-
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
         q, v, r, r_dot = self.read(observation, "position", "velocity", "reference_position", "reference_velocity")
         w = np.array(self.frequency)
-        kp, kd = w**2 * self.inertia, 2.0 * np.array(self.damping) * w * self.inertia
+        kp, kd = w**2 * self.stretched, 2.0 * np.array(self.damping) * w * self.stretched
         return kp * (r - q) + kd * (r_dot - v) + gravity_torque(self.interface.nominal, q), ()
+
+
+@dataclass(frozen=True)
+class PidGravity(PdGravity):
+    """PID with gravity compensation, the usual law of industrial robots.
+
+        torque = Kp (r - q) + Kd (r' - v) + Ki int(r - q) dt + G(q),    Ki = integral w^3 M_ii
+
+    Kp and Kd are those of `PdGravity`. Each joint alone has the characteristic polynomial s^3 + 2
+    damping w s^2 + w^2 s + integral w^3, which is stable for integral < 2 damping. At rest no
+    constant load leaves an error. The integral pauses where the torque saturates and the error asks
+    for more.
+
+    Sensors: position and velocity. Source: Arimoto, "Control Theory of Non-linear Mechanical
+    Systems", 1996, §3.3; Kelly, Santibanez and Loria, "Control of Robot Manipulators in Joint
+    Space", 2005, ch. 9.
+
+    Args:
+        frequency: w [rad/s], per joint.
+        damping: damping ratio, per joint.
+        integral: share of the integral action, per joint.
+    """
+
+    integral: Pair | float = pair(0.1, low=0, tune=(0.01, 1.0))
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: the integral of the error [n x 2], zero."""
+        return (np.zeros((len(observation), 2)),)
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m, and the next integral."""
+        (integral,) = state
+        q, r = self.read(observation, "position", "reference_position")
+        error = r - q
+        ki = np.array(self.integral) * np.array(self.frequency) ** 3 * self.stretched
+        torque = super().torque(observation, ())[0] + ki * integral
+        pause = (self.interface.saturate(torque) != torque) & (torque * error > 0.0)
+        return torque, (integral + np.where(pause, 0.0, error * self.interface.control_dt),)

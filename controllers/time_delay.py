@@ -1,4 +1,4 @@
-"""Time-delay control: the torque error of the last interval corrects the next torque."""
+"""Time-delay control, and computed torque with time-delay estimation."""
 
 from __future__ import annotations
 
@@ -7,32 +7,73 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.policy import State, TorqueLaw
+from controllers.computed_torque import ComputedTorque
+from controllers.policy import State
 from fbl_gym.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import pair
 
 
 @dataclass(frozen=True)
-class TimeDelay(TorqueLaw):
-    """Time-delay control.
+class TimeDelay(ComputedTorque):
+    """Time-delay control: the last torque and the last acceleration replace the model.
+
+        torque(t) = torque(t - L) + Mbar (a - q''(t - L)),    a = r'' + w^2 (r - q) + 2 w (r' - v)
+
+    L is the control interval, and q''(t - L) = (v(t) - v(t - L)) / L. The constant diagonal Mbar is
+    all that the law uses of the model, besides the gravity torque at an episode's start. For
+    L -> 0 the loop is stable where the eigenvalues of I - M^-1 Mbar, M the real inertia, lie within
+    the unit circle. In discrete time, without a delay of the drive, the eigenvalues of M^-1 Mbar
+    must be below 2 / (1 + w L). A small Mbar acts as a low-pass filter, which noise and a delay of
+    the drive require. torque(t - L) is the torque within its limits.
+
+    Sensors: position and velocity. Source: Youcef-Toumi and Ito, "A time delay controller for
+    systems with unknown dynamics", J. Dyn. Sys. Meas. Control 112(1), 1990; Hsia, Lasky and Guo,
+    "Robust independent joint controller design for industrial robot manipulators", IEEE TIE 38(1),
+    1991.
+
+    Args:
+        frequency: w [rad/s], per joint: both poles of the tracking error are -w.
+        inertia: Mbar as a share of the diagonal of the stretched nominal arm's inertia, per joint.
+    """
+
+    frequency: Pair | float = pair(6.0, unit="rad/s", above=0, tune=(2.0, 40.0))
+    inertia: Pair | float = pair(0.07, above=0, tune=(0.005, 1.0))
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: the last velocity, and the torque that holds the nominal arm still."""
+        q, v = self.read(observation, "position", "velocity")
+        return v, self.interface.saturate(gravity_torque(self.interface.nominal, q))
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
+        last, applied = state
+        q, v = self.read(observation, "position", "velocity")
+        change = self.acceleration(observation, q, v) - (v - last) / self.interface.control_dt
+        torque = applied + np.array(self.inertia) * self.stretched * change
+        return torque, (v, self.interface.saturate(torque))
+
+
+@dataclass(frozen=True)
+class ComputedTorqueTde(ComputedTorque):
+    """Computed torque with time-delay estimation of the torque that the nominal model misses.
 
         torque = M a + C v + G + d,    a = r'' + w^2 (r - q) + 2 w (r' - v)
         d = LP(torque_0 - (M a_0 + C v + G))
 
-    a_0 is the measured acceleration and torque_0 the torque applied up to it, so d is the torque
-    that the nominal model missed. Both pass the same low-pass filter LP. Without the filter the law
-    is torque = torque_0 + M (a - a_0), also known as incremental nonlinear dynamic inversion.
+    a_0 is the measured acceleration and torque_0 the torque applied up to it. Both pass the same
+    low-pass filter LP. Without the filter the law is torque = torque_0 + M (a - a_0), also known as
+    incremental nonlinear dynamic inversion. With a constant diagonal in place of M, and differences
+    of the velocity, it is `TimeDelay`.
 
     With a real inertia of M / k the estimate d has the pole 1 - k h per sample, h = 1 - exp(-g dt).
     The loop is stable for k < 2 / (h + 2 w dt - h w dt), w^2 dt^2 neglected; without the filter and
-    with slow poles that is Hsia's k < 2.
+    with slow poles that is the k < 2 of time-delay control.
 
-    Sensors: position, velocity and acceleration. Source: Youcef-Toumi and Ito, "A time delay
-    controller for systems with unknown dynamics", J. Dyn. Sys. Meas. Control 112(1), 1990; Hsia, "A
-    new technique for robust control of servo systems", IEEE TIE 36(1), 1989; Sieberling, Chu and
-    Mulder, "Robust flight control using incremental nonlinear dynamic inversion and angular
-    acceleration prediction", JGCD 33(6), 2010.
+    Sensors: position, velocity and acceleration. Source: Hsia, "A new technique for robust control
+    of servo systems", IEEE TIE 36(1), 1989; Sieberling, Chu and Mulder, "Robust flight control
+    using incremental nonlinear dynamic inversion and angular acceleration prediction", JGCD 33(6),
+    2010.
 
     Args:
         frequency: w [rad/s], per joint: both poles of the tracking error are -w.
@@ -53,11 +94,9 @@ class TimeDelay(TorqueLaw):
         """Return the torque [n x 2] N m and the next state."""
         missed, applied = state
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        nominal, w = self.interface.nominal, np.array(self.frequency)
+        nominal = self.interface.nominal
         # d = d + (1 - exp(-g dt)) (torque_0 - (M a_0 + C v + G) - d)
         share = -np.expm1(-np.array(self.bandwidth) * self.interface.control_dt)
         missed = missed + share * (applied - inverse_dynamics(nominal, q, v, a) - missed)
-        desired = r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v)
-        torque = inverse_dynamics(nominal, q, v, desired) + missed
+        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + missed
         return torque, (missed, self.interface.saturate(torque))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.parts import runge_kutta
 from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 from fbl_gym.batch import Truth
 from fbl_gym.checks import Pair
@@ -93,11 +95,7 @@ class TrueArm:
         half, end = (command + np.exp(-t / lag) * (torque - command) for t in (0.5 * h, h))
         first = np.where(self.truth.lag[:, None] > 0.0, torque, command)
         dry = self._held(x, h, first)
-        k1 = self._rates(x, first, dry)
-        k2 = self._rates([y + 0.5 * h * k for y, k in zip(x, k1, strict=True)], half, dry)
-        k3 = self._rates([y + 0.5 * h * k for y, k in zip(x, k2, strict=True)], half, dry)
-        k4 = self._rates([y + h * k for y, k in zip(x, k3, strict=True)], end, dry)
-        moved = [y + h / 6.0 * (a + 2.0 * (b + c) + d) for y, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
+        moved = runge_kutta(lambda x, u: self._rates(x, u, dry), x, h, (first, half, end))
         return *moved, np.where(h > 0.0, end, torque)
 
     def _held(self, x: list[Array], h: Array, torque: Array) -> Array:
@@ -117,7 +115,7 @@ class TrueArm:
             dry[:, joint] = np.clip(stop, -bound[:, joint], bound[:, joint])
         return dry
 
-    def _rates(self, x: list[Array], torque: Array, dry: Array) -> tuple[Array, ...]:
+    def _rates(self, x: Sequence[Array], torque: Array, dry: Array) -> tuple[Array, ...]:
         """Return the time derivative of a state without its torque."""
         left = torque - self.truth.viscous * x[-1] - dry
         if not self.elastic:

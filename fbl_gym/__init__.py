@@ -1,6 +1,7 @@
 """An uncertain two-link arm for control and reinforcement learning.
 
-Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium, and
+Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium;
+`fbl_gym/TwoLinkArmTracking-v0`, the same with observations for learning agents; and
 `fbl_gym/TwoLinkArmMuJoCo-v0`, the same with MuJoCo's physics.
 """
 
@@ -25,6 +26,7 @@ from fbl_gym.references import (
 )
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
+from fbl_gym.tracking import TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv
 from fbl_gym.uncertainty import (
     Actuator,
     ArrayDisturbance,
@@ -78,19 +80,21 @@ __all__ = [
     "Steps",
     "Truth",
     "TwoLinkArmEnv",
+    "TwoLinkArmTrackingEnv",
+    "TwoLinkArmTrackingVectorEnv",
     "TwoLinkArmVectorEnv",
     "references",
     "scenarios",
 ]
 
-register(
-    id="fbl_gym/TwoLinkArm-v0",
-    entry_point="fbl_gym.env:TwoLinkArmEnv",
-    vector_entry_point="fbl_gym.vector_env:TwoLinkArmVectorEnv",
-)
-register(
-    id="fbl_gym/TwoLinkArmMuJoCo-v0",
-    entry_point="fbl_gym.env:TwoLinkArmEnv",
-    vector_entry_point="fbl_gym.vector_env:TwoLinkArmVectorEnv",
-    kwargs={"plant": "mujoco"},
-)
+for name, classes, options in (
+    ("TwoLinkArm", ("env:TwoLinkArmEnv", "vector_env:TwoLinkArmVectorEnv"), {}),
+    ("TwoLinkArmMuJoCo", ("env:TwoLinkArmEnv", "vector_env:TwoLinkArmVectorEnv"), {"plant": "mujoco"}),
+    ("TwoLinkArmTracking", ("tracking:TwoLinkArmTrackingEnv", "tracking:TwoLinkArmTrackingVectorEnv"), {}),
+):
+    register(
+        id=f"fbl_gym/{name}-v0",
+        entry_point=f"fbl_gym.{classes[0]}",
+        vector_entry_point=f"fbl_gym.{classes[1]}",
+        kwargs=options,
+    )

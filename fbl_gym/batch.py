@@ -186,6 +186,16 @@ class ArmBatch:
         """Let the next episode of these lanes be another one of the same seed."""
         self._blocks["episode"][lanes // LANES, lanes % LANES] += np.uint64(1)
 
+    def take_seeds(self, other: ArmBatch) -> None:
+        """Take the seeds and episodes of a batch of as many lanes."""
+        for name in ("seed", "episode"):
+            self._blocks[name] = other._blocks[name]
+
+    def field(self, name: str) -> Array:
+        """Return a field of the blocks now, [lanes x size]."""
+        numbers = self._blocks[name].reshape(len(self._blocks), -1, LANES)
+        return numbers.swapaxes(1, 2).reshape(-1, numbers.shape[1])[: self.lanes].copy()
+
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART

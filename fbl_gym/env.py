@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -18,14 +18,9 @@ from fbl_gym.env_common import (
     check_render,
     check_reset_options,
     check_seed,
-    configure,
-    make_batch,
 )
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
-
-if TYPE_CHECKING:
-    from fbl_gym.render import View
 
 _LANE = np.zeros(1, dtype=np.int64)
 _SHAPE = (2,)
@@ -76,8 +71,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     | next 6 n | preview, only with `preview=n`: entries 6 to 11, n times | as above | as above |
 
     With an actuator delay, lag or rate limit, `previous_actions` are those on their way to the
-    joints. `sensors=("position",)` leaves out the slots of the other sensors. Readings saturate at
-    their range.
+    joints; with `past_actions=n`, they are at least n. `sensors=("position",)` leaves out the slots
+    of the other sensors. Readings saturate at their range.
 
     ## Reward
 
@@ -110,6 +105,11 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     * `action`: "normalized", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: number of coming samples of the reference in the observation.
+    * `past_actions`: least number of previous actions in the observation. The reward has a price on
+      the change of the torque, so it is a function of observation and action only with one or more.
+    * `info`: True adds to each step's info `tracking_error` (real, [2] rad); `tracking_loss`,
+      `effort_loss` and `chatter_loss`, whose sum is 1 less the reward; and `saturation`, the share
+      of the joints whose torque is at its limit. A step then takes some 30 microseconds more.
     * `render_mode`: "human" shows a window in real time, "rgb_array" returns a frame for each
       `render()`. Both need pygame (`pip install 'fbl-gym[render]'`).
     * `render_size`: width and height of a frame [pixels], 480 by default.
@@ -117,8 +117,10 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     ## Determinism
 
     An episode is a function of (scenario, seed, actions). `reset(seed=s)` starts the first episode
-    of seed s, `reset()` the next one of the same seed. Each random number comes from a named
-    stream, so that an option does not change the random numbers of another.
+    of seed s, `reset()` the next one of the same seed. `reset(options={"scenario": ...})` starts it
+    in another scenario with the same observation and action; the options above still hold. Each
+    random number comes from a named stream, so that an option does not change the random numbers of
+    another.
 
     ## Another engine
 
@@ -139,16 +141,19 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         action: str = "normalized",
         reward: Reward | dict[str, Any] | None = None,
         preview: int = 0,
+        past_actions: int = 0,
+        info: bool = False,
         render_mode: str | None = None,
         render_size: int = 480,
         **options: Any,
     ) -> None:
-        self.scenario, program = configure(scenario, action, reward, preview, options)
-        self._prepare(program, render_mode, render_size)
-        self.observation_space = program.interface.observation_space
-        self.action_space = program.interface.action_space
-        self._view: View | None = None
-        self._batch = make_batch(self.scenario, program, 1)
+        self._prepare(
+            scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
+            render_mode=render_mode, render_size=render_size,
+        )  # fmt: skip
+        self._reports = info or render_mode == "human"
+        self.observation_space = self.interface.observation_space
+        self.action_space = self.interface.action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode: the first of a seed, or the next one of the same seed.
@@ -156,14 +161,16 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         Args:
             seed: 0 to 2**64 - 1; None: the next episode of the last seed. The first `reset` without
                 a seed draws one from the operating system's entropy.
-            options: there are none; options are given to `gym.make`.
+            options: {"scenario": s} makes s the task, as does `env.unwrapped.scenario = s`.
 
         Returns:
             The first observation, [size], and an empty info.
         """
-        check_reset_options(options, ())
+        check_reset_options(options, ("scenario",))
         if seed is not None:
             seed = check_seed(seed)
+        if options:
+            self.scenario = options["scenario"]
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             new_seed = self.np_random.integers(MAX_SEED, dtype=np.uint64) if seed is None else np.uint64(seed)
@@ -171,6 +178,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             self._seeded = True
         else:
             self._batch.next_episode(_LANE)
+        self._begun = True
         observation = np.empty(self._size)
         self._batch.reset(_LANE, observation)
         if self.render_mode == "human":
@@ -184,7 +192,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             action: [2], in the action's unit.
 
         Returns:
-            Observation [size], reward, terminated, truncated, and an empty info.
+            Observation [size], reward, terminated, truncated, and info, see the option `info`.
 
         Raises:
             ValueError: if the action has another shape or is not finite. The arm has not moved.
@@ -201,9 +209,16 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             if refused == 0:
                 raise ValueError(f"action must be finite, got {action!r}")
             raise error.ResetNeeded("the episode has ended, or none has begun: call reset() before step()")
+        return observation, reward, terminated, truncated, self._report() if self._reports else {}
+
+    def _report(self) -> dict[str, Any]:
+        """Show the arm in the window, and return the step's info."""
         if self.render_mode == "human":
             self.render()
-        return observation, reward, terminated, truncated, {}
+        if not self._info:
+            return {}
+        error, *numbers = self._measures().items()
+        return {error[0]: error[1][0], **{name: float(value[0]) for name, value in numbers}}
 
     @property
     def truth(self) -> Truth:
@@ -212,7 +227,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: before the first `reset`.
         """
-        check_begun("truth", self._seeded)
+        check_begun("truth", self._begun)
         return single(self._batch.truth())
 
     def render(self) -> Any:
@@ -224,16 +239,15 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             gymnasium.error.ResetNeeded: before the first `reset`.
             gymnasium.error.DependencyNotInstalled: without pygame.
         """
-        if check_render(self.render_mode, self._seeded) is None:
+        if check_render(self.render_mode, self._begun) is None:
             return None
-        if self._view is None:
+        if not self._views:
             from fbl_gym.render import View
 
-            self._view = View(self.scenario, self.render_size)
-        return self._view.show(self.truth) if self.render_mode == "human" else self._view.frame(self.truth)
+            self._views = [View(self.scenario, self.render_size)]
+        (view,) = self._views
+        return view.show(self.truth) if self.render_mode == "human" else view.frame(self.truth)
 
     def close(self) -> None:
         """Close the window, if it is open."""
-        if self._view is not None:
-            self._view.close()
-            self._view = None
+        self._close_views()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,15 @@ from fbl_gym.arm import ArmParameters, Array
 from fbl_gym.batch import ArmBatch
 from fbl_gym.checks import Pair, check_choice, check_whole, unknown
 from fbl_gym.interface import Interface, Layout
-from fbl_gym.memory import NO_AUTORESET
-from fbl_gym.program import Program, make_program
+from fbl_gym.memory import LANES
+from fbl_gym.program import MAX_BATCH_NUMBERS, Program, make_program
 from fbl_gym.records import build, declarations
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
 MIN_RENDER_SIZE = 160
-ARGUMENTS = ("scenario", "action", "reward", "preview", "render_mode", "render_size")
+ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "render_mode", "render_size")
 VECTOR_ARGUMENTS = ("num_envs", "autoreset_mode", "max_episode_steps", "threads")
 
 
@@ -29,37 +30,98 @@ class TaskProperties:
     """Properties shared by the single and the vector environment.
 
     Attributes:
-        scenario: the task.
         interface: all that a policy may know.
     """
 
-    scenario: Scenario
     interface: Interface
     metadata: dict[str, Any]
     _spec: EnvSpec | None = None
 
-    def _prepare(self, program: Program, render_mode: str | None, render_size: int, **metadata: Any) -> None:
-        """Set all that both environments have, before the first reset."""
+    def _prepare(
+        self,
+        scenario: Any,
+        options: dict[str, Any],
+        *,
+        reward: Any,
+        lanes: int = 1,
+        threads: int = 1,
+        info: bool,
+        render_mode: str | None,
+        render_size: int,
+        **task: Any,
+    ) -> None:
+        """Set all that both environments have, before the first reset; `task` is of `configure`."""
+        for name in options:
+            _check_option(type(self).__name__, name)
+        self._reward = Reward() if reward is None else build("reward", reward, Reward)
+        self._options, self._task = options, {**task, "reward": self._reward}
+        self._lanes, self._threads = lanes, threads
+        self._scenario, program = configure(scenario, options, **self._task)
+        _check_memory(lanes, program)
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
         # A film with one frame per step then runs in real time.
-        frame_rate = max(1, round(1.0 / self.scenario.control_dt))
-        self.metadata = {**self.metadata, "render_fps": frame_rate, **metadata}
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
         self.interface = program.interface
         self._size = program.interface.layout.size
-        self._seeded = False
+        self._info = info
+        self._seeded = self._begun = False
+        self._views: list[Any] = []  # of `render.View`
+        self._batch = make_batch(self._scenario, program, lanes, threads)
+
+    @property
+    def scenario(self) -> Scenario:
+        """Return the task.
+
+        A new one, which may be a name or plain data, begins with the next `reset`. The options that
+        `gym.make` got replace its fields. It must leave the observation and the action unchanged.
+        """
+        return self._scenario
+
+    @scenario.setter
+    def scenario(self, scenario: Any) -> None:
+        built, program = configure(scenario, self._options, **self._task)
+        new, old = program.interface, self.interface
+        if (new.layout, new.action, new.action_limit) != (old.layout, old.action, old.action_limit):
+            raise ValueError(
+                f"scenario must have the observation and action of the environment's, {_entries(old)}, "
+                f"got {built.name!r} with {_entries(new)}; `past_actions`, `sensors` and `limits` make them equal"
+            )
+        batch = make_batch(built, program, self._lanes, self._threads)
+        batch.take_seeds(self._batch)
+        self._scenario, self.interface, self._batch, self._begun = built, new, batch, False
+        self._close_views()
+
+    def _close_views(self) -> None:
+        for view in self._views:
+            view.close()
+        self._views = []
+
+    def _measures(self) -> dict[str, Array]:
+        """Return the quantities of the last step that training logs, of each lane."""
+        fields = ("reference_position", "position", "command", "chatter")
+        reference, position, command, chatter = map(self._batch.field, fields)
+        limit = self.torque_limit or (np.inf, np.inf)
+        use = np.abs(command) / limit
+        error = reference - position
+        losses = self._reward.losses(error, use, chatter[:, 0] / 4)
+        return {"tracking_error": error, **losses, "saturation": (use >= 1.0).mean(axis=-1)}
 
     @property
     def spec(self) -> EnvSpec | None:
-        """Return the spec that `gym.make` sets. Its options are plain data, which survive JSON."""
+        """Return the spec that `gym.make` sets. Its options are plain data, which survive JSON.
+
+        Its `max_episode_steps` is the length of an episode, which the environment itself ends.
+        """
         return self._spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         if spec is not None:
             spec.kwargs = _plain(spec.kwargs)
+            spec.max_episode_steps = min(self._scenario.steps, self._task.get("max_episode_steps") or sys.maxsize)
         self._spec = spec
 
     @property
@@ -92,30 +154,28 @@ def _plain(value: Any) -> Any:
     return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value
 
 
-def configure(
-    scenario: Any,
-    action: Any,
-    reward: Any,
-    preview: Any,
-    options: dict[str, Any],
-    max_episode_steps: int | None = None,
-    autoreset: int = NO_AUTORESET,
-) -> tuple[Scenario, Program]:
-    """Return the scenario and the program of an environment's arguments."""
+def configure(scenario: Any, options: dict[str, Any], **task: Any) -> tuple[Scenario, Program]:
+    """Return the scenario and the program of an environment; `task` is of `make_program`."""
     built = as_scenario(scenario)
-    for name in options:
-        _check_option(name)
     if options:
         built = built.replace(**options)
-    program = make_program(
-        built,
-        action=action,
-        reward=Reward() if reward is None else build("reward", reward, Reward),
-        preview=preview,
-        max_episode_steps=max_episode_steps,
-        autoreset=autoreset,
-    )
-    return built, program
+    return built, make_program(built, **task)
+
+
+def _entries(interface: Interface) -> str:
+    """Return the slots of an observation and the bound of an action as text."""
+    slots = ", ".join(f"{slot.name}[{slot.size}]" for slot in interface.layout.slots)
+    return f"{slots} and actions within {interface.action_limit}"
+
+
+def _check_memory(lanes: int, program: Program) -> None:
+    """Refuse more arms than `MAX_BATCH_NUMBERS` allow."""
+    numbers = int(program.settings["block_size"]) / LANES + 6 * program.interface.layout.size  # spaces and returns too
+    most = int(MAX_BATCH_NUMBERS / numbers)
+    if lanes > max(most, 1):
+        raise ValueError(
+            f"num_envs must be at most {most:,} here, which take {MAX_BATCH_NUMBERS / 2**27:g} GiB, got {lanes}"
+        )
 
 
 def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int = 1) -> ArmBatch:
@@ -129,20 +189,23 @@ def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int = 
     return MuJoCoBatch(scenario, program, lanes)
 
 
-def _check_option(name: str) -> None:
-    """Refuse a name that is no field of `Scenario`."""
+def _check_option(environment: str, name: str) -> None:
+    """Raise a TypeError for a name that is no field of `Scenario`, in Python's words."""
     fields = [field.name for field in dataclasses.fields(Scenario)]
     if name in fields:
         return
+    paths = option_paths(Scenario, name) + [f"reward={path}" for path in _paths_in((Reward,), name)]
     if name in VECTOR_ARGUMENTS:
-        raise ValueError(
-            f"{name!r} is an option of the vector environment: "
+        advice = (
+            "; it is an option of the vector environment: "
             "gym.make_vec(..., vectorization_mode='vector_entry_point'), or fbl_gym.TwoLinkArmVectorEnv"
         )
-    paths = option_paths(Scenario, name) + [f"reward={path}" for path in _paths_in((Reward,), name)]
-    if paths:
-        raise ValueError(f"unknown option {name!r}; did you mean {' or '.join(dict.fromkeys(paths))}?")
-    raise unknown("option", name, (*ARGUMENTS, *VECTOR_ARGUMENTS, *fields))
+    elif paths:
+        advice = f"; did you mean {' or '.join(dict.fromkeys(paths))}?"
+    else:
+        known = (*ARGUMENTS, *VECTOR_ARGUMENTS, *fields)
+        advice = str(unknown("option", name, known)).removeprefix(f"unknown option {name!r}")
+    raise TypeError(f"{environment}.__init__() got an unexpected keyword argument {name!r}{advice}")
 
 
 def option_paths(cls: type, name: str) -> list[str]:

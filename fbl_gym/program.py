@@ -76,6 +76,7 @@ def make_program(
     action: str,
     reward: Reward,
     preview: int,
+    past_actions: int = 0,
     max_episode_steps: int | None = None,
     autoreset: int = memory.NO_AUTORESET,
 ) -> Program:
@@ -86,6 +87,7 @@ def make_program(
         action: kind of action, one of `ACTIONS`.
         reward: weights of the reward.
         preview: number of reference samples ahead in the observation.
+        past_actions: least number of previous actions in the observation.
         max_episode_steps: shortens the episode; None leaves its length to the scenario.
         autoreset: `memory.NO_AUTORESET`, `NEXT_STEP` or `SAME_STEP`.
     """
@@ -109,6 +111,9 @@ def make_program(
     settings["waypoints"] = waypoints
     past_row = memory.ROWS + 2 * (int(settings["delay_steps"]) + 1 + waypoints)
     settings["past_row"] = past_row
+    past_actions = check_whole("past_actions", past_actions)
+    _check_size("past_actions", past_actions, "", 2 * LANES * past_actions)
+    settings["past_actions"] = max(int(settings["past_actions"]), past_actions)
     settings["history_row"] = past_row + 2 * settings["past_actions"]
     settings["block_size"] = LANES * (settings["history_row"] + 4 * settings["history"])
     _pack_events(settings, numbers, tables, scenario)

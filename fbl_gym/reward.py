@@ -18,6 +18,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from fbl_gym.arm import Array
 from fbl_gym.records import Record, choice, number
 
 
@@ -52,3 +55,22 @@ class Reward(Record):
             raise ValueError(
                 f"worst / resolution must be from 1e-9 to 1e15, got worst={self.worst:g}, resolution={self.resolution:g}"
             )
+
+    def losses(self, error: Array, effort: Array, chatter: Array) -> dict[str, Array]:
+        """Return the equation's three terms, weighted; the reward is 1 less their sum.
+
+        Args:
+            error: tracking error [n x 2] rad.
+            effort: torque command as a fraction of its limit, [n x 2], not negative.
+            chatter: C of the equation, [n].
+        """
+        distance = np.abs(error).sum(axis=-1)
+        tracking = distance / self.worst
+        if self.tracking == "log":
+            tracking = np.log1p(distance / self.resolution) / np.log1p(self.worst / self.resolution)
+        total = self.weight_tracking + self.weight_effort + self.weight_chatter
+        return {
+            "tracking_loss": self.weight_tracking / total * np.minimum(tracking, 1.0),
+            "effort_loss": self.weight_effort / total * effort.mean(axis=-1),
+            "chatter_loss": self.weight_chatter / total * chatter,
+        }

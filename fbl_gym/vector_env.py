@@ -22,16 +22,13 @@ from fbl_gym.env_common import (
     check_render,
     check_reset_options,
     check_seed,
-    configure,
-    make_batch,
 )
-from fbl_gym.memory import LANES, NEXT_STEP, NO_AUTORESET, SAME_STEP
-from fbl_gym.program import MAX_BATCH_NUMBERS, Program
+from fbl_gym.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
 
 if TYPE_CHECKING:
-    from fbl_gym.render import Frame, View
+    from fbl_gym.render import Frame
 
 _AUTORESET = {
     AutoresetMode.NEXT_STEP: NEXT_STEP,
@@ -71,6 +68,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         action: str = "normalized",
         reward: Reward | dict[str, Any] | None = None,
         preview: int = 0,
+        past_actions: int = 0,
+        info: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         threads: int = 1,
@@ -83,16 +82,16 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, low=1)
         check_whole("threads", threads, low=1)
-        autoreset = _AUTORESET[self.autoreset_mode]
-        self.scenario, program = configure(scenario, action, reward, preview, options, max_episode_steps, autoreset)
-        _check_memory(self.num_envs, program)
-        self._prepare(program, render_mode, render_size, autoreset_mode=self.autoreset_mode)
-        self.single_observation_space = program.interface.observation_space
-        self.single_action_space = program.interface.action_space
+        self._prepare(
+            scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
+            lanes=self.num_envs, threads=threads, max_episode_steps=max_episode_steps,
+            autoreset=_AUTORESET[self.autoreset_mode], render_mode=render_mode, render_size=render_size,
+        )  # fmt: skip
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = self.interface.observation_space
+        self.single_action_space = self.interface.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._views: list[View] = []
-        self._batch = make_batch(self.scenario, program, self.num_envs, threads)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -104,17 +103,25 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 next episode of that lane's last seed. None: the same for every lane. The first
                 `reset` without a seed draws them from the operating system's entropy.
             options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
-                True.
+                True. {"scenario": s} makes s the task of all lanes.
 
         Returns:
             Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
             info.
         """
-        check_reset_options(options, ("reset_mask",))
-        mask = self._as_mask((options or {}).get("reset_mask"))
-        if not self._seeded and not mask.all():
+        check_reset_options(options, ("reset_mask", "scenario"))
+        options = options or {}
+        mask = self._as_mask(options.get("reset_mask"))
+        if not self._begun and not mask.all():
             raise error.ResetNeeded("the first reset must be of every lane: no episode has begun outside reset_mask")
         seeded, seeds = self._as_seeds(seed)
+        if "scenario" in options:
+            if isinstance(options["scenario"], list | tuple) or not mask.all():
+                raise ValueError(
+                    "scenario must be one for all lanes, which share it; `benchmarks.rl.vector_adapter.SideBySide` "
+                    f"puts environments of several scenarios side by side; got {options}"
+                )
+            self.scenario = options["scenario"]
         super().reset(seed=int(seeds[0]) if len(seeds) else None)
         if not self._seeded:
             drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
@@ -124,7 +131,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         self._batch.seed(chosen[fresh], seeds[mask[seeded]])
         if self._seeded:
             self._batch.next_episode(chosen[~fresh])
-        self._seeded = True
+        self._seeded = self._begun = True
         observations = np.empty((self.num_envs, self._size))
         self._batch.reset(chosen, observations.reshape(-1))
         return observations, {}
@@ -138,7 +145,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         Returns:
             Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos.
             In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
-            their masks `_final_obs` and `_final_info`.
+            their masks `_final_obs` and `_final_info`. With `info=True`, it has the arrays of
+            `TwoLinkArmEnv`, with masks that are False in lanes that this step reset.
 
         Raises:
             ValueError: if the actions have another shape or one is not finite. No lane has moved.
@@ -146,7 +154,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 that ended was not reset.
         """
         array = as_actions(actions, (self.num_envs, 2))
-        if not self._seeded:
+        if not self._begun:
             raise error.ResetNeeded("call reset() before the first step()")
         batch = self._batch
         observations = np.empty((self.num_envs, self._size))
@@ -162,26 +170,29 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         return observations, rewards, terminated, truncated, self._infos(terminated, truncated)
 
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
-        if self.autoreset_mode != AutoresetMode.SAME_STEP:
-            return {}
+        infos: dict[str, Any] = {}
+        if self._info:
+            runs = self._batch.field("step")[:, 0] > 0
+            for name, values in self._measures().items():
+                infos |= {name: np.where(runs if values.ndim == 1 else runs[:, None], values, 0.0), f"_{name}": runs}
         done = terminated | truncated
-        if not done.any():
-            return {}
+        if self.autoreset_mode != AutoresetMode.SAME_STEP or not done.any():
+            return infos
         final = np.full(self.num_envs, None, dtype=object)
         lasts = self._batch.final_observations
         for lane in np.flatnonzero(done):
             final[lane] = lasts[lane].copy()
-        return {"final_obs": final, "_final_obs": done, "final_info": {}, "_final_info": done.copy()}
+        return infos | {"final_obs": final, "_final_obs": done, "final_info": {}, "_final_info": done.copy()}
 
     @property
     def truth(self) -> Truth:
         """Return the true parameters and signals of every lane now. A policy must not use them."""
-        check_begun("truth", self._seeded)
+        check_begun("truth", self._begun)
         return self._batch.truth()
 
     def render(self) -> tuple[Frame, ...] | None:
         """Return the frame of each lane, [size x size x 3]; see `TwoLinkArmEnv.render`."""
-        if check_render(self.render_mode, self._seeded) is None:
+        if check_render(self.render_mode, self._begun) is None:
             return None
         if not self._views:
             from fbl_gym.render import View
@@ -214,16 +225,6 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")
         lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
         return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)
-
-
-def _check_memory(num_envs: int, program: Program) -> None:
-    """Refuse more arms than `MAX_BATCH_NUMBERS` allow."""
-    numbers = int(program.settings["block_size"]) / LANES + 6 * program.interface.layout.size  # spaces and returns too
-    most = int(MAX_BATCH_NUMBERS / numbers)
-    if num_envs > max(most, 1):
-        raise ValueError(
-            f"num_envs must be at most {most:,} here, which take {MAX_BATCH_NUMBERS / 2**27:g} GiB, got {num_envs}"
-        )
 
 
 def _as_autoreset_mode(value: Any) -> AutoresetMode:

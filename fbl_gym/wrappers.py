@@ -6,6 +6,7 @@ environment's `action="acceleration"`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -17,9 +18,11 @@ from gymnasium.vector.utils import batch_space
 
 from fbl_gym.arm import Array
 from fbl_gym.checks import check_number
-from fbl_gym.interface import Interface
+from fbl_gym.interface import Interface, Layout
 
 _CLIP = 10.0
+_MOTION = ("position", "velocity", "acceleration")
+_HANGING = np.array([-np.pi / 2, 0.0])
 
 
 class ErrorScales:
@@ -28,26 +31,32 @@ class ErrorScales:
     Each entry is divided by a fixed scale and clipped to [-10, 10]. The entries are, two of each:
 
     * tracking errors (reference less measured) of position, velocity and acceleration, for the
-      sensors that exist;
+      sensors in `slots`;
     * measured position, less -pi/2 for joint 1, so that a hanging arm is at zero;
     * measured velocity;
     * acceleration of the reference;
-    * previous action, if observed;
     * for each previewed sample, its difference from the reference now (position, velocity,
-      acceleration: six entries).
+      acceleration: six entries);
+    * previous actions as a share of their bound, the last first.
 
     Args:
         interface: of the environment.
-        position, velocity, acceleration: scale of an error [rad], [rad/s], [rad/s^2].
+        slots: names of the slots that are used, where the observation has them. The reference
+            always is.
+        scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
     """
 
-    def __init__(self, interface: Interface, position: float, velocity: float, acceleration: float) -> None:
-        self.layout = interface.layout
-        self.action_limit = np.array(interface.action_limit)
-        scales = {"position": position, "velocity": velocity, "acceleration": acceleration}
-        self.scales = {name: check_number(f"{name} scale", value, above=0) for name, value in scales.items()}
-        end = max(slot.slice.stop for slot in self.layout.slots)
-        self.size = len(self(np.zeros((1, end)))[0])
+    def __init__(
+        self,
+        interface: Interface,
+        slots: Sequence[str] = ("position", "velocity", "preview", "previous_actions"),
+        scales: Sequence[float] = (0.1, 1.0, 10.0),
+    ) -> None:
+        self.scales = dict(zip(_MOTION, scales, strict=True))
+        used = {*slots, *(f"reference_{name}" for name in _MOTION)}
+        self.layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in used))
+        self.action_limit = interface.action_limit[0], interface.action_limit[1]
+        self.size = len(self(np.zeros((1, interface.layout.size)))[0])
 
     def __call__(self, observations: Array) -> Array:
         """Return observations [... x layout.size] in error coordinates, [... x size]."""
@@ -57,14 +66,15 @@ class ErrorScales:
             for name, scale in self.scales.items()
             if name in layout
         ]
-        parts.append(observations[..., layout["position"]] - np.array([-np.pi / 2, 0.0]))
+        parts.append(observations[..., layout["position"]] - _HANGING)
         if "velocity" in layout:
             parts.append(observations[..., layout["velocity"]])
         parts.append(observations[..., layout["reference_acceleration"]] / self.scales["acceleration"])
-        if "previous_actions" in layout:
-            parts.append(observations[..., layout["previous_actions"]] / self.action_limit)
         if "preview" in layout:
             parts.append(self._preview(observations))
+        if "previous_actions" in layout:
+            actions = observations[..., layout["previous_actions"]]
+            parts.append(actions / np.resize(self.action_limit, actions.shape[-1]))
         return np.clip(np.concatenate(parts, axis=-1), -_CLIP, _CLIP)
 
     def _preview(self, observations: Array) -> Array:
@@ -74,31 +84,42 @@ class ErrorScales:
         scale = np.repeat([*self.scales.values()], 2)
         return ((samples - np.concatenate(now, axis=-1)[..., None, :]) / scale).reshape(preview.shape)
 
+    def single_precision(self, observations: Array, infos: dict[str, Any] | None = None) -> Any:
+        """Return error coordinates as float32; convert `final_obs` of the infos of a batch, too."""
+        if infos and "final_obs" in infos:
+            final = infos["final_obs"]
+            for lane in np.flatnonzero(infos["_final_obs"]):
+                final[lane] = self(final[lane]).astype(np.float32)
+        return self(observations).astype(np.float32)
+
     @property
     def space(self) -> spaces.Box:
-        """Return the box of error coordinates, [size]."""
-        return spaces.Box(-_CLIP, _CLIP, (self.size,), dtype=np.float64)
+        """Return the box of error coordinates, [size] of float32."""
+        bound = np.full(self.size, _CLIP, dtype=np.float32)
+        if "previous_actions" in self.layout:
+            actions = self.layout["previous_actions"]
+            bound[actions.start - actions.stop :] = 1.0
+        return spaces.Box(-bound, bound)
 
 
 class ErrorCoordinates(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs):
-    """A wrapper whose observations are errors of order one; see `ErrorScales`.
+    """A wrapper with the observations of `fbl_gym/TwoLinkArmTracking-v0`; see `ErrorScales`.
+
+    It goes over other wrappers, such as `Residual`.
 
     Args:
         env: a `TwoLinkArmEnv`, wrapped or not, with unchanged observations.
-        position, velocity, acceleration: scale of an error [rad], [rad/s], [rad/s^2].
     """
 
-    def __init__(
-        self, env: gym.Env[Any, Any], position: float = 0.1, velocity: float = 1.0, acceleration: float = 10.0
-    ) -> None:
-        RecordConstructorArgs.__init__(self, position=position, velocity=velocity, acceleration=acceleration)
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        RecordConstructorArgs.__init__(self)
         super().__init__(env)
-        self._errors = ErrorScales(env.unwrapped.interface, position, velocity, acceleration)  # type: ignore[attr-defined]
+        self._errors = ErrorScales(env.unwrapped.interface)  # type: ignore[attr-defined]
         self.observation_space = self._errors.space
 
-    def observation(self, observation: Array) -> Array:
+    def observation(self, observation: Array) -> Any:
         """Return an observation [layout.size] in error coordinates."""
-        return self._errors(observation)
+        return self._errors.single_precision(observation)
 
 
 class VectorErrorCoordinates(VectorWrapper):
@@ -106,30 +127,23 @@ class VectorErrorCoordinates(VectorWrapper):
 
     Args:
         env: a `TwoLinkArmVectorEnv`, wrapped or not, with unchanged observations.
-        position, velocity, acceleration: scale of an error [rad], [rad/s], [rad/s^2].
     """
 
-    def __init__(
-        self, env: VectorEnv, position: float = 0.1, velocity: float = 1.0, acceleration: float = 10.0
-    ) -> None:
+    def __init__(self, env: VectorEnv) -> None:
         super().__init__(env)
-        self._errors = ErrorScales(env.unwrapped.interface, position, velocity, acceleration)  # type: ignore[attr-defined]
+        self._errors = ErrorScales(env.unwrapped.interface)  # type: ignore[attr-defined]
         self.single_observation_space = self._errors.space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Reset the environment and return observations in error coordinates."""
         observations, infos = self.env.reset(seed=seed, options=options)
-        return self._errors(observations), infos
+        return self._errors.single_precision(observations), infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Make a step and return observations in error coordinates."""
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        if "final_obs" in infos:
-            final = infos["final_obs"]
-            for lane in np.flatnonzero(infos["_final_obs"]):
-                final[lane] = self._errors(final[lane])
-        return self._errors(observations), rewards, terminated, truncated, infos
+        return self._errors.single_precision(observations, infos), rewards, terminated, truncated, infos
 
 
 class BasePolicy(Protocol):

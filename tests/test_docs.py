@@ -63,8 +63,6 @@ def test_python_of_a_page_runs(page, block, tmp_path):
 
 
 def parser_of(command):
-    if command == "train":
-        pytest.importorskip("torch")
     return cli.prepare(command)[0]
 
 
@@ -99,7 +97,7 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
         Path(name).write_text(text)
     for command in commands(page):
         parser_of(command[0]).parse_args(command[1:])
-        if command[0] not in ELSEWHERE and "--radius" not in command:
+        if command[0] not in ELSEWHERE:
             assert cli.main([*command, *SHORT.get(command[0], [])]) == 0, command
 
 

@@ -1,1 +1,1 @@
-"""Analysis of stored results: statistics, the board, robustness, generalization; and margins."""
+"""Analysis of stored results: statistics, the board, the choice of a policy; and margins."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from benchmarks.analysis import statistics
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import METRICS
+from benchmarks.run.metrics import Metric
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell
-from fbl_gym import Scenario, scenarios
+from fbl_gym import scenarios
 from fbl_gym.arm import Array
 
 TIERS = ("hardware", "ideal", "surprise", "practice")
@@ -53,6 +53,7 @@ class Board:
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.
         failed: the error of each policy and scenario, by index, where the policy failed.
+        metrics: external ones, which `runs` has too.
     """
 
     specs: tuple[PolicySpec, ...]
@@ -63,6 +64,7 @@ class Board:
     incomplete: dict[str, str]
     lacking: str = ""
     failed: dict[tuple[int, int], str] = field(default_factory=dict)
+    metrics: tuple[Metric, ...] = ()
 
     @property
     def gaps(self) -> list[str]:
@@ -88,8 +90,8 @@ class Board:
         reasons: dict[str, dict[str, list[str]]] = {}
         for (i, k), reason in self.failed.items():
             sensor = re.search(r"needs a sensor of \w+", reason)
-            places = reasons.setdefault(sensor[0] if sensor else reason, {})
-            places.setdefault(self.policies[i], []).append(self.scenarios[k])
+            rows = reasons.setdefault(sensor[0] if sensor else reason, {})
+            rows.setdefault(self.policies[i], []).append(self.scenarios[k])
         for reason, rows in reasons.items():
             names = (f"{policy} in {_and_more(tasks)}" for policy, tasks in rows.items())
             sentences.append(f"Count as an arm that stays ({reason}): {', '.join(names)}.")
@@ -148,9 +150,9 @@ class Board:
     def _scores(self, counts: Array) -> dict[str, Array]:
         """Return the score of each policy in each tier with a ceiling [b x p].
 
-        It has no lower bound. The counts are [b x 1 x n].
+        It has no lower bound. The counts are [b x n].
         """
-        weights = counts[:, 0].T
+        weights = counts.T
         errors, stay = (np.log(x) @ weights / len(self.seeds) for x in (self.errors, self.runs["stay_pct"][0]))
         scores = {}
         for tier, places in self.tiers.items():
@@ -174,15 +176,18 @@ class Board:
         return self._scores(self.counts)
 
     @cached_property
+    def _unbounded(self) -> dict[str, Array]:
+        """Score of each policy [p] in each tier with a ceiling, without the lower bound."""
+        return {tier: values[0] for tier, values in self._scores(np.ones((1, len(self.seeds)))).items()}
+
+    @cached_property
     def scores(self) -> dict[str, Estimate]:
         """Score of each policy [p] in each tier that has a ceiling: the mean over its scenarios."""
-        values = self._scores(np.ones((1, 1, len(self.seeds))))
-        bounds = {tier: statistics.interval(values[tier][0], draws) for tier, draws in self._draws.items()}
-        least = statistics.BOUNDS[0]
-        return {
-            tier: Estimate(np.maximum(e.value, least), np.maximum(e.low, least), np.maximum(e.high, least))
-            for tier, e in bounds.items()
-        }
+        scores = {}
+        for tier, draws in self._draws.items():
+            e = statistics.interval(self._unbounded[tier], draws)
+            scores[tier] = Estimate(*(np.maximum(x, statistics.BOUNDS[0]) for x in (e.value, e.low, e.high)))
+        return scores
 
     @property
     def score(self) -> Estimate | None:
@@ -208,7 +213,7 @@ class Board:
     def effort(self) -> Array | None:
         """Torque variation of each policy relative to the ceiling's, the median of scenarios [p].
 
-        The result is None where the tier that ranks has no ceiling.
+        None: the tier that ranks has no ceiling.
         """
         places = [k for k in self.main if self.ceilings[k] >= 0]
         variation = np.median(self.runs["variation"], axis=-1)
@@ -224,8 +229,8 @@ class Board:
     @cached_property
     def order(self) -> list[int]:
         """Indices of the policies, the best first; unranked ones stand at the end."""
-        values = self._scores(np.ones((1, 1, len(self.seeds)))).get(next(iter(self.tiers)))
-        value = self.error.value if values is None else -values[0]
+        values = self._unbounded.get(next(iter(self.tiers)))
+        value = self.error.value if values is None else -values
         return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, value[i]))
 
     @cached_property
@@ -314,8 +319,8 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     Raises:
         ValueError: two different scenarios or policies share a name, or no policy is complete.
     """
-    tasks = _by_name([result.cell.scenario for result in results if result.rows])
-    specs = _by_name([result.cell.policy for result in results])
+    tasks = _by_name(result.cell.scenario for result in results if result.rows)
+    specs = _by_name(result.cell.policy for result in results)
     stored = {(r.cell.policy.name, r.cell.scenario.name): r for r in results}
     incomplete = {}
     for policy in specs:
@@ -333,20 +338,17 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     gap = f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else ""
     complete = [policy for policy in specs if policy not in incomplete]
     if not complete:
-        reasons = "; ".join(f"{policy}: {reason}" for policy, reason in incomplete.items())
-        raise ValueError(
-            f"there is no policy with a result for every scenario: {reasons or 'the store has none of the cells'}"
-        )
+        reasons = "; ".join(f"{policy}: {reason}" for policy, reason in incomplete.items()) or "the store has no cell"
+        raise ValueError(f"there is no policy with a result for every scenario: {reasons}")
     stays = {r.cell.scenario.name: [_staying(row) for row in r.rows] for r in results if r.rows}
     table = [[stored[policy, task] for task in tasks] for policy in complete]
     rows = [[result.rows or stays[result.cell.scenario.name] for result in row] for row in table]
-    runs = {name: np.array([[[run[name] for run in cell] for cell in row] for row in rows]) for name in METRICS}
+    first = table[0][0].cell
+    runs = {name: np.array([[[run[name] for run in cell] for cell in row] for row in rows]) for name in first.columns}
     decision = np.array([np.median([result.decision_us for result in row if result.rows]) for row in table])
     failed = {(i, k): r.error for i, row in enumerate(table) for k, r in enumerate(row) if r.error}
-    return Board(
-        tuple(specs[policy] for policy in complete), tuple(tasks), table[0][0].cell.seeds, runs, decision, incomplete, gap,
-        failed,
-    )  # fmt: skip
+    members = tuple(specs[policy] for policy in complete)
+    return Board(members, tuple(tasks), first.seeds, runs, decision, incomplete, gap, failed, first.metrics)
 
 
 def _and_more(names: Sequence[str]) -> str:
@@ -357,14 +359,11 @@ def _staying(row: dict[str, float]) -> dict[str, float]:
     """Return the metrics of an arm that stays at its start, from those of any policy's run."""
     reference = {name: row[name] for name in ("stay_pct", "resolution_pct")}
     still = {"error_pct": row["stay_pct"], "variation": 0.0, "diverged": 0.0}
-    return dict.fromkeys(METRICS, float("nan")) | reference | still
+    return dict.fromkeys(row, float("nan")) | reference | still
 
 
-_Named = TypeVar("_Named", Scenario, PolicySpec)
-
-
-def _by_name(things: Sequence[_Named]) -> dict[str, _Named]:
-    named: dict[str, _Named] = {}
+def _by_name(things: Iterable[Any]) -> dict[str, Any]:
+    named: dict[str, Any] = {}
     for thing in things:
         if named.setdefault(thing.name, thing) != thing:
             raise ValueError(f"names on a board must differ, but two different entries are named {thing.name!r}")

@@ -167,17 +167,15 @@ class LinearLoop:
     @property
     def law(self) -> control.StateSpace:
         """K, from the measured signals to the torques."""
-        return control.StateSpace(
-            *self.matrices, self.control_dt, inputs=list(self.readings), outputs=TORQUES, name="K"
-        )
+        inputs = list(self.readings)
+        return control.StateSpace(*self.matrices, self.control_dt, inputs=inputs, outputs=TORQUES, name="K")
 
     @property
     def sensitivity(self) -> control.StateSpace:
         """S = (I - K P)^-1, from disturbances of the torques to the torques on the arm."""
         a, b, c = self._series()
-        return control.StateSpace(
-            a + b @ c, b, c, np.eye(2), self.control_dt, inputs=TORQUES, outputs=TORQUES, name="S"
-        )
+        dt, one = self.control_dt, np.eye(2)
+        return control.StateSpace(a + b @ c, b, c, one, dt, inputs=TORQUES, outputs=TORQUES, name="S")
 
     def open_loop(self, joint: int) -> control.StateSpace:
         """Return L of joint 0 or 1, for negative feedback; the other joint's loop is closed."""
@@ -257,8 +255,9 @@ def linearize(
     Along the motion, each loop is that of an arm that would stay in the state of that time; it
     describes deviations that are fast against the motion (Khalil, "Nonlinear Systems", 2002, §9.6).
 
-    Raises: NotLinear: the arm diverges or does not come to rest, or the law is not linear even for
-    small deviations.
+    Raises:
+        NotLinear: the arm diverges or does not come to rest, or the law is not linear even for
+            small deviations.
     """
     scenario = _calm(as_scenario(scenario))
     dt, longest = scenario.control_dt, scenario.duration
@@ -296,13 +295,7 @@ def linearize(
 
 
 def _calm(scenario: Scenario) -> Scenario:
-    """Return the scenario without what is not linear for small deviations.
-
-    That is noise, rounding, disturbance, dry friction and changes of the payload.
-
-    Raises:
-        NotLinear: the loop would need states for the encoder or for elastic joints.
-    """
+    """Return the scenario without noise, rounding, disturbance, dry friction, changing payload."""
     if scenario.joint is not None:
         raise NotLinear("the joints are elastic, which the loop does not describe")
     encoder = scenario.encoder
@@ -349,8 +342,8 @@ def _law(
 ) -> tuple[Callable[..., Array], Array]:
     """Return a policy as a function of lanes, and the point at which it is linearised.
 
-    The function maps some entries of the observation and the state to the torque and the next
-    state. Flags and counts of the state are held.
+    The function maps entries of the observation, and the state's floating-point parts, to the
+    torque and the next state.
     """
     layout, m = interface.layout, len(entries)
     parts = [np.asarray(part) for part in state or ()]
@@ -379,9 +372,8 @@ def _law(
 def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, slope: Array) -> None:
     """Raise `NotLinear` if the law departs from its linearisation while a linear plant moves.
 
-    An estimator, such as that of `adaptive-flm`, may switch at any amplitude, but only if its
-    samples are those of a moving arm. Separate small changes of the signals do not show this. The
-    plant is delayed, since an estimator with an exact model would find that model again.
+    An estimator, such as that of `adaptive-flm`, may switch only if its samples are those of a
+    moving arm. The plant is delayed, since an estimator with an exact model would find it again.
     """
     a, b, c = loop._plant(1.5 * loop.control_dt)
     m, centre = len(c), step(point[None])[0]

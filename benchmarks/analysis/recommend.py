@@ -18,6 +18,7 @@ from benchmarks.analysis.linear import NotLinear, linearize
 from benchmarks.analysis.statistics import proportion, tail_mean
 from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.spec import names, resolve_apart
+from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell, Suite
 from benchmarks.seeds import SPLITS
@@ -26,7 +27,6 @@ from fbl_gym.records import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario, conditions, in_world, judged
 from fbl_gym.scenarios.hardware import FAMILIES, PRACTICE_MOTION
 from fbl_gym.uncertainty import SensorError
-from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
 Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
 """Runs cells and returns their results by id. A failed one has an error."""
@@ -68,13 +68,7 @@ def around(base: Scenario) -> dict[str, Scenario]:
 
 
 def push(base: Scenario, kind: str, factor: float) -> Scenario:
-    """Return a scenario in which one kind of uncertainty is larger.
-
-    Args:
-        base: the scenario.
-        kind: one of `KINDS`.
-        factor: of its size, above 1.
-    """
+    """Return a scenario in which one of `KINDS` of uncertainty is larger by a factor above 1."""
     more, actuator, error = factor - 1.0, base.actuator, base.parameter_error
     match kind:
         case "parameters":
@@ -128,21 +122,8 @@ def _scarce_torque(base: Scenario, episodes: int = 8) -> tuple[float, float]:
 
     They exceed the arm's weight by a tenth, and no limit is above the given one.
     """
-    still = {
-        "initial_error": 0.0,
-        "initial_velocity": 0.0,
-        "actuator": None,
-        "limits": {"position": 1e9, "velocity": 1e9},
-    }
-    bare = dict.fromkeys(("parameter_error", "noise", "friction", "disturbance", "plant", "joint"))
-    env = TwoLinkArmVectorEnv(episodes, base.replace(**bare, events=(), **still), action="torque")
-    env.reset(seed=list(SPLITS["test"][:episodes]))
-    torques = []
-    for _ in range(base.steps):
-        truth = env.truth
-        motion = truth.reference, truth.reference_velocity, truth.reference_acceleration
-        torques.append(np.abs(inverse_dynamics(base.arm, *motion)))
-        env.step(np.zeros((episodes, 2)))
+    motion = reference_motion(base, SPLITS["test"][:episodes])[:, :-1]
+    torques = np.abs(inverse_dynamics(base.arm, *motion))
     weight = 1.1 * np.abs(gravity_torque(base.arm, (0.0, 0.0)))
     limit = np.maximum(np.quantile(torques, 0.9, axis=(0, 1)), weight)
     given = base.actuator.torque_limit
@@ -231,22 +212,14 @@ class Recommendation:
 
 
 def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run, count: int = 3) -> Recommendation:
-    """Return the policies to use on the arm of a scenario.
-
-    Args:
-        base: the scenario.
-        policies: to choose from.
-        number: of test seeds.
-        run: runs cells.
-        count: how many policies are returned.
+    """Return the best `count` of some policies on the arm of a scenario, on a number of test seeds.
 
     Raises:
         ValueError: every policy failed.
     """
     suite = Suite("recommend", tuple(policies), (base,), number)
     (base,), first = suite.scenarios, suite.cells
-    every = around(base)
-    results = dict(run(first))
+    every, results = around(base), dict(run(first))
     working = [cell.policy for cell in first if not results[cell.id].error]
     if not working:
         raise ValueError(f"every policy failed, the first one with: {results[first[0].id].error}")
@@ -263,17 +236,18 @@ def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run, co
     order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
     best = order[:count]
     variation = {i: float(np.median([run["variation"] for result in table[i] for run in result.rows])) for i in best}
-    choices = tuple(
-        Choice(
-            complete[i], safe[i], float(np.median(runs.error[i])), float(tail_mean(runs.error[i].ravel())),
-            int(runs.diverged[i].sum()), runs.diverged[i].size,
-            float(proportion(runs.diverged[i].sum(), runs.diverged[i].size).high),
-            delay_margin(complete[i], base), variation[i] / min(variation.values()),
-        )
-        for i in best
-    )  # fmt: skip
+    choices = []
+    for i in best:
+        errors, diverged, count = runs.error[i].ravel(), int(runs.diverged[i].sum()), runs.diverged[i].size
+        choices.append(
+            Choice(
+                complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors)), diverged, count,
+                float(proportion(diverged, count).high), delay_margin(complete[i], base),
+                variation[i] / min(variation.values()),
+            )
+        )  # fmt: skip
     overturned = _overturned(runs, complete, best[0], tuple(every))
-    return Recommendation(base.name, choices, tuple(every), overturned, failed)
+    return Recommendation(base.name, tuple(choices), tuple(every), overturned, failed)
 
 
 def is_safe(result: Result) -> bool:
@@ -289,7 +263,7 @@ def _overturned(
     """Return the conditions in which another policy is better than the first choice."""
     overturned = {}
     for k, name in enumerate(names):
-        some = Runs(runs.error[:, [k]], runs.diverged[:, [k]])
+        some = runs[:, [k]]
         low, high = some.intervals
         best = int(np.argmin(some.levels[:, 0]))
         if high[best] < low[first]:
@@ -342,15 +316,7 @@ WITHIN = 1.5
 
 
 def check(number: int, policies: Sequence[str], runs: int, run: Run, world: str = "mujoco-lab") -> Iterator[Check]:
-    """Yield a check of the first choice on each of some drawn arms and conditions.
-
-    Args:
-        number: of arms.
-        policies: to choose from.
-        runs: number of test seeds.
-        run: runs cells.
-        world: in which the choice is checked.
-    """
+    """Yield a check of the first choice, on some test seeds, for each of a number of drawn arms."""
     for i in range(number):
         base = draw(i)
         result = recommend(base, policies, runs, run, count=1)
@@ -372,9 +338,6 @@ def draw(number: int) -> Scenario:
     """Return a scenario with a drawn arm and drawn conditions of the tier `hardware`.
 
     Links have 1 to 30 kg and 0.2 to 1 m, from a rod's mass distribution to a point mass's.
-
-    Args:
-        number: of the draw.
     """
     rng = np.random.default_rng(number)
     mass, length = np.exp(rng.uniform(np.log(1.0), np.log(30.0), 2)), rng.uniform(0.2, 1.0, 2)

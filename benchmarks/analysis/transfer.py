@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,6 @@ from scipy import stats
 from benchmarks.analysis.statistics import DIVERGENCE_PRICE, TAIL, diverged_share
 from benchmarks.run.store import Result
 from fbl_gym.arm import Array
-
-FLOOR_PCT = 1e-3
-"""A smaller error counts as this one [%]."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Runs:
     @property
     def logs(self) -> Array:
         """Logarithms of the errors."""
-        return np.log(np.maximum(self.error, FLOOR_PCT))
+        return np.log(self.error)
 
     @property
     def levels(self) -> Array:
@@ -60,9 +58,9 @@ class Runs:
         half = stats.t.ppf(1 - TAIL, runs - 1) * means.std(axis=-1, ddof=1) / np.sqrt(runs)
         return means.mean(axis=-1) - half, means.mean(axis=-1) + half
 
-    def only(self, policies: NDArray[np.bool_] | slice = slice(None), runs: slice = slice(None)) -> Runs:
-        """Return some of the policies and runs."""
-        return Runs(self.error[policies][..., runs], self.diverged[policies][..., runs])
+    def __getitem__(self, part: Any) -> Runs:
+        """Return some of the policies, scenarios and runs."""
+        return Runs(self.error[part], self.diverged[part])
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ def compare_orders(first: Runs, second: Runs) -> Agreement:
     """
     ordered = ~((first.diverged == 1).all(axis=(1, 2)) & (second.diverged == 1).all(axis=(1, 2)))
     signs = []
-    for runs in (first.only(ordered), second.only(ordered)):
+    for runs in (first[ordered], second[ordered]):
         low, high = runs.intervals
         signs.append((low[:, None] > high[None, :]).astype(int) - (high[:, None] < low[None, :]))
     products = (signs[0] * signs[1])[np.triu_indices(int(ordered.sum()), 1)]
@@ -96,7 +94,7 @@ def compare_orders(first: Runs, second: Runs) -> Agreement:
 
 def compare_halves(runs: Runs) -> Agreement:
     """Return the agreement between the orders of two halves of the seeds, a ceiling for worlds."""
-    return compare_orders(runs.only(runs=slice(0, None, 2)), runs.only(runs=slice(1, None, 2)))
+    return compare_orders(runs[..., 0::2], runs[..., 1::2])
 
 
 @dataclass(frozen=True)
@@ -123,11 +121,8 @@ class Transferred:
 def transfer_best(package: Runs, world: Runs, ranked: NDArray[np.bool_], count: int) -> list[Transferred]:
     """Return the best policies on the package's arm over all scenarios, in another world.
 
-    Args:
-        package: runs on the package's arm.
-        world: runs of the same policies on the same scenarios in the other world.
-        ranked: policies that may be among the best, [policies].
-        count: number of the best.
+    Both runs are of the same policies and scenarios. `ranked` says which policies may be among the
+    best, [policies].
     """
     places = np.where(ranked, package.levels.mean(axis=1), np.inf)
     logs = world.logs.mean(axis=-1)

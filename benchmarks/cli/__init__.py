@@ -1,6 +1,6 @@
 """The command line `fbl-gym`: `parser.py` lists the commands, and each command has a file.
 
-A command file has `add_arguments(parser)` and `run(arguments)`, which returns the exit status.
+A command file has `run(arguments)`, which returns the exit status, and `add_arguments(parser)`.
 
 A command's file is imported only when that command runs. What only some runs need, such as a video
 codec, is imported where it is used.

@@ -10,13 +10,11 @@ from benchmarks.run.contract import check
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     add_policy(parser)
     add_trust(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     trust(arguments)
     broken: dict[str, list[str]] = {}
     for checked in check(resolve(arguments.policy)):

@@ -7,6 +7,7 @@ import importlib
 import os
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,20 +15,27 @@ from rich.console import Console
 
 from benchmarks.policies import external
 from benchmarks.policies.configuration import parse_gain
+from benchmarks.run.metrics import Metric, find_metrics, measure
+from benchmarks.run.rollout import rollout
+from benchmarks.run.runner import run as run_cells
+from benchmarks.run.store import Result, Store
+from benchmarks.run.suite import Cell
 from benchmarks.run.traces import FORMATS
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 
+# Types of arguments: functions of the text that was typed.
+
 
 def count(text: str) -> int:
-    """Return a whole number, 1 or more; an argument's type."""
+    """Return a whole number, 1 or more."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more, got {text!r}")
     return int(text)
 
 
 def episodes(text: str) -> int:
-    """Return a number of test seeds; an argument's type."""
+    """Return a number of test seeds."""
     if (number := count(text)) > len(SPLITS["test"]):
         raise argparse.ArgumentTypeError(
             f"must be at most {len(SPLITS['test'])}, the test seeds there are, got {text!r}"
@@ -36,7 +44,7 @@ def episodes(text: str) -> int:
 
 
 def policy_name(text: str) -> str:
-    """Return the text that names a policy; an argument's type. A path must exist."""
+    """Return the text that names a policy. A path must exist."""
     code = external.split_gains(text)[0]
     if ("/" in code or os.sep in code) and external.form_of(text) != "file":
         if not Path(code).exists():
@@ -62,24 +70,34 @@ def _file(text: str, *endings: str) -> Path:
 
 
 def picture(text: str) -> Path:
-    """Return a file that a plot can be written to; an argument's type."""
+    """Return a file that a plot can be written to."""
     return _file(text, ".png", ".svg", ".pdf")
 
 
+def metrics(text: str) -> tuple[Metric, ...]:
+    """Return external metrics that work on a trace."""
+    try:
+        found = find_metrics(text)
+        measure(rollout("zero", scenarios.get("nominal"), range(3)), more=found)
+        return found
+    except ValueError as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
+
+
 def trace_file(text: str) -> Path:
-    """Return a file that a trace can be written to; an argument's type."""
+    """Return a file that a trace can be written to."""
     return _file(text, *FORMATS)
 
 
 def film(text: str) -> Path:
-    """Return a file that a film can be written to; an argument's type."""
+    """Return a file that a film can be written to."""
     path = _file(text, ".mp4", ".gif")
     importlib.import_module("benchmarks.report.video")  # if its extra is missing, the error comes before the work
     return path
 
 
 def gain(text: str) -> tuple[str, Any]:
-    """Return a gain and its value, one number or one for each joint; an argument's type."""
+    """Return a gain and its value, one number or one for each joint."""
     try:
         return parse_gain(text)
     except ValueError as problem:
@@ -96,22 +114,10 @@ def command_line() -> str:
     return " ".join(["fbl-gym", *sys.argv[1:]])
 
 
-def add_store(parser: argparse.ArgumentParser) -> None:
-    """Add the folder of results."""
-    parser.add_argument(
-        "--store", type=Path, default=Path("results/board"), metavar="DIR", help="the folder of results (results/board)"
-    )
-
-
-def add_policies(parser: argparse.ArgumentParser) -> None:
-    """Add one policy or more."""
-    parser.add_argument(
-        "policies", nargs="+", type=policy_name, metavar="POLICY", help="one or more, as for `fbl-gym evaluate`"
-    )
+# Arguments that several commands have.
 
 
 def add_policy(parser: argparse.ArgumentParser) -> None:
-    """Add one policy."""
     parser.add_argument(
         "policy", type=policy_name, metavar="POLICY",
         help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
@@ -119,19 +125,66 @@ def add_policy(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_policies(parser: argparse.ArgumentParser, nargs: str = "+", use: str = "one or more") -> None:
+    parser.add_argument(
+        "policies", nargs=nargs, type=policy_name, metavar="POLICY", help=f"{use}, as for `fbl-gym evaluate`"
+    )
+
+
 def add_scenario(parser: argparse.ArgumentParser, default: str = "nominal", use: str = "") -> None:
-    """Add one scenario, which `scenarios.get` understands."""
     parser.add_argument(
         "--scenario", default=default, metavar="S",
         help=f"{use}a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME ({default})",
     )  # fmt: skip
 
 
+def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
+    parser.add_argument("--plot", type=picture, metavar="FILE", help=f"draw {subject}: .png, .svg or .pdf")
+    parser.add_argument(
+        "--columns", type=int, choices=(1, 2), default=2, help="width of the figure in columns of a journal (2)"
+    )
+
+
+def add_metrics(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--metrics", type=metrics, default=(), metavar="FILE", help="measure the functions of a Python file, too"
+    )
+
+
+def add_folder(parser: argparse.ArgumentParser, option: str, default: str, use: str) -> None:
+    parser.add_argument(option, type=Path, default=Path(default), metavar="DIR", help=f"folder of {use} ({default})")
+
+
+def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
+    """Add the arguments of a run of cells; the number of seeds too, where there is a default."""
+    if seeds is not None:
+        parser.add_argument("--seeds", type=episodes, default=seeds, metavar="N", help=f"test seeds 0 to N-1 ({seeds})")
+    cores = os.cpu_count() or 1
+    parser.add_argument("--workers", type=count, default=cores, metavar="N", help="processes (one per core)")
+    add_trust(parser)
+    add_store(parser)
+
+
+def add_store(parser: argparse.ArgumentParser) -> None:
+    add_folder(parser, "--store", "results/board", "results")
+
+
 def add_trust(parser: argparse.ArgumentParser) -> None:
-    """Add the permission to run code that was not typed as a Python file or module."""
     parser.add_argument(
         "--trust", action="store_true", help="run the code in an archive, and that of policies which a file names"
     )
+
+
+# What commands share.
+
+
+def run_all(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[str, Result]:
+    """Run the cells that the store lacks, and return all results by id."""
+    store, errors = Store(arguments.store), {}
+    for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line()):
+        if outcome.error:
+            errors[outcome.id] = outcome.error
+    return {cell.id: store.find(cell) or Result.failure(cell, errors.get(cell.id, "no result")) for cell in cells}
 
 
 def refuse_judged(scenario: Scenario) -> None:

@@ -31,12 +31,10 @@ _BREAKS = "# So that POLICY@tuned is one word.\nCOMP_WORDBREAKS=${COMP_WORDBREAK
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     parser.add_argument("shell", choices=SHELLS, help="the shell; docs/tutorials.md says where to put its script")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     shell = arguments.shell
     print(shtab.complete(_everything(), shell, preamble=_BREAKS if shell == "bash" else ""))
     return 0

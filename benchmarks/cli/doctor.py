@@ -22,12 +22,7 @@ from fbl_gym import TwoLinkArmVectorEnv, __version__
 PACKAGES = ("gymnasium", "numpy", "scipy", "numba", "filterpy")
 
 
-def add_arguments(_parser: argparse.ArgumentParser) -> None:
-    """Add nothing: the command has no arguments."""
-
-
 def run(_arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     print(f"fbl-gym {__version__}, Python {platform.python_version()} ({sys.executable})")
     print(f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
     print("  ".join(f"{name} {metadata.version(name)}" for name in PACKAGES))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 
 from benchmarks.cli.common import (
+    add_metrics,
+    add_plot,
     add_policy,
     add_scenario,
     add_store,
@@ -13,13 +15,12 @@ from benchmarks.cli.common import (
     episodes,
     film,
     gain,
-    picture,
     trace_file,
     trust,
 )
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
-from benchmarks.report.plot import plot_trace
+from benchmarks.report.plot import caption, plot_trace
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import Store
@@ -28,7 +29,6 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     add_policy(parser)
     add_scenario(parser)
     parser.add_argument(
@@ -38,17 +38,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--gains", nargs="+", type=gain, default=(), metavar="GAIN=VALUE",
         help="gains in place of the policy's defaults, such as kp=25, or kp=25,30 for the two joints",
     )  # fmt: skip
-    parser.add_argument("--plot", type=picture, metavar="FILE", help="draw the first seed: .png, .svg or .pdf")
+    add_plot(parser, "the signals over the seeds")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
     parser.add_argument(
         "--trace", type=trace_file, metavar="FILE", help="write all signals of all seeds: .npz, .csv, .mat or .parquet"
     )
+    add_metrics(parser)
     add_trust(parser)
     add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     trust(arguments)
     scenario = scenarios.get(arguments.scenario)
     policy, gains = resolve(arguments.policy), dict(arguments.gains)
@@ -56,11 +56,13 @@ def run(arguments: argparse.Namespace) -> int:
     Store(arguments.store).look(policy, scenario, gains)
     screen = console()
     title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
-    terminal.evaluation(screen, title, measure(trace), 1e6 * trace.decision_time)
+    terminal.evaluation(
+        screen, title, measure(trace, more=arguments.metrics), 1e6 * trace.decision_time, arguments.metrics
+    )
     screen.print(scenario.description, markup=False)
     if arguments.plot is not None:
-        plot_trace(trace, f"{arguments.policy} on {scenario.name}", arguments.plot)
-        screen.print(f"plot: {arguments.plot}", markup=False)
+        plot_trace(trace, title, arguments.plot, arguments.columns)
+        screen.print(f"plot: {arguments.plot}, {caption(arguments.seeds)}", markup=False)
     if arguments.trace is not None:
         export(trace, arguments.trace)
         screen.print(f"trace: {arguments.trace}", markup=False)

@@ -4,29 +4,28 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import os
+import math
 import sys
+from collections import Counter
 from collections.abc import Sequence
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from benchmarks.analysis.board import assemble
-from benchmarks.cli.common import add_store, add_trust, command_line, console, count, policy_name, trust
+from benchmarks.cli.common import add_metrics, add_run, command_line, console, count, policy_name, trust
 from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.apart import Limits, limit
 from benchmarks.report import terminal
 from benchmarks.run.cell import Outcome
-from benchmarks.run.runner import BACKENDS
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import SUITES, Cell, Suite, load, narrow
-from fbl_gym import scenarios
 
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that choose cells."""
+    """Add the arguments that choose cells, and the limits of a cell."""
     parser.add_argument(
         "--suite", default="hardware", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (hardware)"
     )
@@ -34,66 +33,43 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
         "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
     )
     parser.add_argument(
-        "--policy",
-        action="append",
-        type=policy_name,
-        default=[],
-        metavar="P",
+        "--policy", action="append", type=policy_name, default=[], metavar="P",
         help="one more policy: module:factory, file.py, ./folder, or model.zip",
-    )
-    add_trust(parser)
+    )  # fmt: skip
     parser.add_argument(
         "--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)"
     )
-    parser.add_argument("--arm", choices=scenarios.arms(), help="only scenarios of this arm")
     parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
-    add_store(parser)
-
-
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """Add the limits of a cell."""
+    add_metrics(parser)
     parser.add_argument(
         "--cell-timeout", type=float, default=Limits.seconds, metavar="S",
         help=f"longest time of a cell, and of loading a policy [s] ({Limits.seconds:g}, for external policies alone)",
     )  # fmt: skip
     parser.add_argument(
-        "--cell-memory",
-        type=float,
-        metavar="GB",
-        help="most memory of a cell's process, on Linux (as much as there is)",
-    )
+        "--cell-memory", type=float, metavar="GB", help="most memory of a cell's process, on Linux (as much as there is)"
+    )  # fmt: skip
 
 
 def suite_of(arguments: argparse.Namespace) -> Suite:
-    """Return the suite that the arguments of `add_suite` describe."""
+    """Return the suite that the arguments describe, and set the limits of its cells."""
+    trust(arguments)
+    limit(Limits(arguments.cell_timeout, arguments.cell_memory))
     suite = load(arguments.suite)
     for policy in suite.policies if arguments.suite.endswith(".toml") and not arguments.policies else ():
         trust(arguments, str(policy))
         external.expect_trust(str(policy), arguments.suite)
     suite = narrow(suite, arguments.policies, arguments.scenarios, arguments.seeds)
-    if arguments.policy:
-        suite = narrow(suite, (*suite.policies, *arguments.policy))
-    if arguments.arm is None:
-        return suite
-    arm = scenarios.get(scenarios.family("nominal", 0, arguments.arm).name).arm
-    return dataclasses.replace(suite, scenarios=tuple(s for s in suite.scenarios if s.arm == arm))
+    suite = dataclasses.replace(suite, metrics=arguments.metrics)
+    return narrow(suite, (*suite.policies, *arguments.policy)) if arguments.policy else suite
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     add_suite(parser)
-    parser.add_argument(
-        "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
-    )
-    parser.add_argument("--backend", choices=BACKENDS, default="loky", help="this machine, or a cluster (loky)")
-    add_limits(parser)
-    parser.add_argument("--address", metavar="A", help="address of the Ray or Dask cluster (a new one on this machine)")
+    add_run(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
-    trust(arguments)
-    limit(Limits(arguments.cell_timeout, arguments.cell_memory))
+    """Run the suite's cells, print the board, and return the exit status."""
     cells, store = suite_of(arguments).cells, Store(arguments.store)
     outcomes: list[Outcome] = []
     stopped: KeyboardInterrupt | None = None
@@ -104,23 +80,23 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(cells), rate="", failures="")
         try:
-            for outcome in run_cells(
-                cells, store, workers=arguments.workers, backend=arguments.backend, address=arguments.address,
-                command=command_line(),
-            ):  # fmt: skip
+            for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line()):
                 outcomes.append(outcome)
-                progress.update(task, advance=1, description=outcome.id)
-                rate, failures = _news(outcomes, progress.tasks[0].elapsed)
-                progress.update(task, rate=rate, failures=failures)
+                done = Counter(outcome.done for outcome in outcomes)
+                rate = done["computed"] / (progress.tasks[0].elapsed or math.inf)
+                progress.update(
+                    task, advance=1, description=outcome.id, rate=f"{rate:.1f} cells/s" if rate else "",
+                    failures=f"{done['failed']} failed" if done["failed"] else "",
+                )  # fmt: skip
         except KeyboardInterrupt as stop:
             stopped = stop
-    done = results_of(cells, store, outcomes)
-    if any(result.rows for result in done):
-        terminal.leaderboard(console(), assemble(done))
+    results = results_of(cells, store, outcomes)
+    if any(result.rows for result in results):
+        terminal.leaderboard(console(), assemble(results))
         print(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
     if stopped is not None:
         print(
-            f"fbl-gym: stopped with {len(done)} of {len(cells)} cells in {arguments.store}; "
+            f"fbl-gym: stopped with {len(results)} of {len(cells)} cells in {arguments.store}; "
             "the same command goes on from there",
             file=sys.stderr,
         )
@@ -129,16 +105,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def counts(error: str) -> bool:
-    """Return whether an error counts as a failure. An absent extra or sensor does not."""
+    """Return True if an error counts as a failure. An absent extra or sensor does not."""
     return bool(error) and not error.startswith("DependencyNotInstalled") and "needs a sensor of" not in error
-
-
-def _news(outcomes: Sequence[Outcome], elapsed: float | None) -> tuple[str, str]:
-    """Return cells per second and number of failed cells, as text."""
-    computed = sum(outcome.done == "computed" for outcome in outcomes)
-    failures = sum(outcome.done == "failed" for outcome in outcomes)
-    rate = f"{computed / elapsed:.1f} cells/s" if computed and elapsed else ""
-    return rate, f"{failures} failed" if failures else ""
 
 
 def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] = ()) -> list[Result]:
@@ -150,7 +118,7 @@ def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] 
     results = []
     for cell in cells:
         if cell.id in errors:
-            results.append(Result(cell, (), float("nan"), 0.0, errors[cell.id]))
+            results.append(Result.failure(cell, errors[cell.id]))
         elif (result := store.find(cell) or store.find_failure(cell)) is not None:
             results.append(result)
     return results

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import argparse
-
-from rich.box import SIMPLE_HEAD
-from rich.markup import escape
-from rich.table import Table
+from collections.abc import Sequence
 
 from benchmarks.analysis.linear import POINT, LinearLoop, NotLinear, linearize
-from benchmarks.cli.common import add_scenario, console, picture, policy_name
+from benchmarks.cli.common import add_policies, add_scenario, console, picture
+from benchmarks.report import terminal
 from benchmarks.report.plot import plot_loops
 from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument(
-        "policies", nargs="+", type=policy_name, metavar="POLICY", help="one or more, as for `fbl-gym evaluate`"
-    )
+    add_policies(parser)
     add_scenario(parser)
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the real arm, where it is drawn (0)")
     parser.add_argument(
@@ -36,32 +31,31 @@ def run(arguments: argparse.Namespace) -> int:
     times = () if arguments.time is None else (arguments.time,)
     q1, q2 = arguments.at
     place = f"at rest at ({q1:g}, {q2:g}) rad" if arguments.time is None else f"{arguments.time:g} s into the motion"
-    table = Table(title=f"{scenario.name}, {place}", title_style="bold", box=SIMPLE_HEAD)
-    for name in ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T"):
-        table.add_column(name, justify="left" if name == "policy" else "right", no_wrap=True)
+    rows: list[Sequence[str]] = []
     loops: dict[str, LinearLoop] = {}
-    reasons: dict[str, str] = {}
+    reasons: list[str] = []
     for policy in arguments.policies:
         try:
             (loop,) = linearize(policy, scenario, (q1, q2), times=times, seed=arguments.seed)
             margins = loop.margins()
         except NotLinear as problem:
-            reasons[policy] = str(problem)
+            reasons.append(f"no margins of {policy}: {problem}")
             continue
         loops[policy] = loop
-        lower, upper = max(j.gain_lower for j in margins.joints), min(j.gain_upper for j in margins.joints)
-        table.add_row(
+        joints = margins.joints
+        rows.append((
             policy,
-            f"{lower:.2f} - {upper:.2f}",
-            f"{min(j.phase for j in margins.joints):.0f} deg",
+            f"{max(j.gain_lower for j in joints):.2f} - {min(j.gain_upper for j in joints):.2f}",
+            f"{min(j.phase for j in joints):.0f} deg",
             f"{1e3 * margins.delay:.1f} ms",
-            f"{max(j.sensitivity for j in margins.joints):.2f}",
-            f"{max(j.complementary for j in margins.joints):.2f}",
-        )
+            f"{max(j.sensitivity for j in joints):.2f}",
+            f"{max(j.complementary for j in joints):.2f}",
+        ))  # fmt: skip
     screen = console()
-    screen.print(table)
-    for policy, reason in reasons.items():
-        screen.print(f"no margins of {escape(policy)}: {reason}")
+    header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")
+    screen.print(terminal.table(f"{scenario.name}, {place}", header, rows))
+    for reason in reasons:
+        screen.print(reason, markup=False)
     screen.print("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
     if arguments.plot is not None and loops:
         plot_loops(loops, f"{scenario.name}, {place}", arguments.plot)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
+import re
 import shutil
 import sys
 from collections.abc import Callable, Mapping
@@ -18,7 +20,6 @@ from fbl_gym.descriptions import Description, describe
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
     parser.add_argument(
         "what", nargs="?", choices=tuple(LISTS),
         help="the list to print (all); a terminal gets one line for each name, a file or a pipe the whole text",
@@ -51,26 +52,19 @@ def _scenarios() -> dict[str, str]:
     return texts
 
 
-def _options() -> dict[str, str]:
-    return {option.path: _line(option) for option in options()}
+def _lines(*fields: Description) -> dict[str, str]:
+    return {field.path: _line(field) for field in fields}
 
 
 def _gains() -> dict[str, str]:
-    """Return the gains of each law, then those of the parts.
-
-    The laws whose extra is not installed are left out.
-    """
+    """Return the gains of each law whose extra is installed, then those of the parts."""
     texts: dict[str, str] = {}
     for name in controllers.names():
         if controllers.kind(name) == "classical":
-            try:
-                law = controllers.factory(name)
-            except ImportError:
-                continue
-            texts |= {gain.path: _line(gain) for gain in describe(law, f"{name}.")}  # type: ignore[arg-type]
+            with contextlib.suppress(ImportError):
+                texts |= _lines(*describe(controllers.factory(name), f"{name}."))  # type: ignore[arg-type]
     for name, part in PARTS.items():
-        prefix = f"+{name} {gain_name(name, '')}"
-        texts |= {gain.path: _line(gain) for gain in describe(part, prefix)}
+        texts |= _lines(*describe(part, f"+{name} {gain_name(name, '')}"))
     return texts
 
 
@@ -89,32 +83,20 @@ def _line(field: Description) -> str:
 
 def options_page() -> str:
     """Return the documentation's page of options, in Markdown."""
-    lines = [
-        "# All options",
-        "",
-        '`gym.make` and `Scenario` take each option as a record or as plain data: `friction={"viscous": 1.0}`. The field',
-        '`disturbance[sine].amplitude` is given by `disturbance={"kind": "sine", "amplitude": 10.0}`. One number for a field',
-        "of two numbers is the value of both joints.",
-        "",
-        "`fbl-gym list options` prints this list, and `fbl-gym list options --markdown` this page.",
-    ]
-    for option, fields in itertools.groupby(options(), _top):
-        lines += [
-            "",
-            f"## `{option}`",
-            "",
-            "| field | valid values | unit | default | meaning |",
-            "|---|---|---|---|---|",
-        ]
+    text = """# All options
+
+`gym.make` and `Scenario` take each option as a record or as plain data: `friction={"viscous": 1.0}`. The field
+`disturbance[sine].amplitude` is given by `disturbance={"kind": "sine", "amplitude": 10.0}`. One number for a field
+of two numbers is the value of both joints.
+
+`fbl-gym list options` prints this list, and `fbl-gym list options --markdown` this page.
+"""
+    for option, fields in itertools.groupby(options(), lambda field: re.split(r"[.\[]", field.path)[0]):
+        text += f"\n## `{option}`\n\n| field | valid values | unit | default | meaning |\n|---|---|---|---|---|\n"
         for field in fields:
             cells = (f"`{field.path}`", field.form, field.unit, field.default, field.meaning)
-            lines.append("| " + " | ".join(cell.replace("|", "\\|").replace("*", "\\*") for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
-
-
-def _top(field: Description) -> str:
-    """Return the option that a field belongs to."""
-    return field.path.partition(".")[0].partition("[")[0]
+            text += "| " + " | ".join(cell.replace("|", "\\|").replace("*", "\\*") for cell in cells) + " |\n"
+    return text
 
 
 LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
@@ -122,7 +104,7 @@ LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
     "scenarios": _scenarios,
     "suites": lambda: SUITES,
     "claims": claims.listed,
-    "options": _options,
+    "options": lambda: _lines(*options()),
     "gains": _gains,
 }
 

@@ -40,102 +40,52 @@ class Command:
 
 
 COMMANDS: dict[str, Command] = {
-    "evaluate": Command(
-        "evaluate",
-        "evaluate one policy on one scenario: metrics, plot, video",
-        "cascade-flm --scenario everything-2 --plot trace.png",
-    ),
-    "compare": Command(
-        "compare",
-        "compare policies on one scenario and the same seeds: table, plot, video",
-        "pid-flm cascade-flm --scenario payload-2 --plot errors.png",
-    ),
-    "leaderboard": Command(
-        "leaderboard",
-        "run a suite: all policies on all scenario families, with the same seeds",
-        "--policies pid-flm cascade-flm zero oracle-flm --seeds 4",
-    ),
-    "report": Command(
-        "report",
-        "write the board as Markdown, CSV and one HTML page, from stored results",
-        "--out board",
-        "measured cells and traces are in the store",
-    ),
-    "query": Command(
-        "query",
-        "query stored results in SQL, or write them as CSV or Parquet",
-        '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"',
-    ),
-    "transfer": Command(
-        "transfer",
-        "run policies on the package's arm and on MuJoCo's, and compare their orders",
-        "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4",
-    ),
-    "sweep": Command(
-        "sweep",
-        "measure policies over the values of one or two options: CSV and figure",
+    "evaluate": Command("evaluate", "evaluate one policy on one scenario: metrics, plot, video",
+        "cascade-flm --scenario everything-2 --plot trace.png"),
+    "compare": Command("compare", "compare policies on one scenario and the same seeds: table, plot, video",
+        "pid-flm cascade-flm --scenario payload-2 --plot errors.png"),
+    "leaderboard": Command("leaderboard", "run a suite: all policies on all scenario families, with the same seeds",
+        "--policies pid-flm cascade-flm zero oracle-flm --seeds 4"),
+    "report": Command("report", "write the board as Markdown, CSV and one HTML page, from stored results",
+        "--out board", "traces are in the store"),
+    "query": Command("query", "query stored results in SQL, or write them as CSV or Parquet",
+        '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"'),
+    "transfer": Command("transfer", "run policies on the package's arm and on MuJoCo's, and compare their orders",
+        "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4"),
+    "sweep": Command("sweep", "measure policies over the values of one or two options: CSV and figure",
         "--over noise.position=1e-4:1e-2:log:5 --policies pid-flm lqg --scenario nominal --seeds 8",
-        "finished cells are kept",
-    ),
-    "recommend": Command(
-        "recommend",
-        "name the policies to use on an arm: a scenario and conditions around it",
-        "hardware-nominal --policies pd-gravity computed-torque --seeds 4",
-    ),
+        "finished cells are kept"),
+    "recommend": Command("recommend", "name the policies to use on an arm: a scenario and conditions around it",
+        "hardware-nominal --policies pd-gravity computed-torque --seeds 4"),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
     "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/mass-error-2"),
     "check-policy": Command("check_policy", "check that a policy keeps every promise of a policy", "my_law.py"),
-    "tune": Command(
-        "tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20", "finished trials are kept"
-    ),
-    "train": Command(
-        "train",
-        "train an agent of stable-baselines3 on the uncertain arm",
-        "ppo --minutes 2",
-        "the last checkpoint and the best agent are kept",
-    ),
-    "reproduce": Command(
-        "reproduce",
-        "measure the paper's figures and claims, each with a verdict",
-        "--only figure-2-table-1 --short",
-        "finished claims are kept",
-    ),
+    "tune": Command("tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20",
+        "finished trials are kept"),
+    "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
+        "the last checkpoint and the best agent are kept"),
+    "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
+        "--only figure-2-table-1 --short", "finished claims are kept"),
     "speed": Command("speed", "measure steps per second beside other environments, in one interleaved run"),
-    "list": Command(
-        "names", "list policies, scenarios, options, gains, suites or claims, with one line each", "scenarios"
-    ),
-    "completion": Command(
-        "completion",
-        "print a script that completes commands, options and names in a shell",
-        "bash > ~/.local/share/bash-completion/completions/fbl-gym",
-    ),
+    "list": Command("names", "list policies, scenarios, options, gains, suites or claims, with one line each",
+        "scenarios"),
+    "completion": Command("completion", "print a script that completes commands, options and names in a shell",
+        "bash > ~/.local/share/bash-completion/completions/fbl-gym"),
     "warm-up": Command("warm_up", "compile everything now, so that no first step has to wait"),
-    "doctor": Command(
-        "doctor", "show versions, extras, compile cache and places of the packages, and run a self-check"
-    ),
-}
+    "doctor": Command("doctor", "show versions, extras, compile cache and places of the packages, and run a self-check"),
+}  # fmt: skip
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "bench": (
-        "control",
-        "duckdb",
-        "joblib",
-        "matplotlib",
-        "optuna",
-        "pandas",
-        "plotly",
-        "rich",
-        "shtab",
-        "threadpoolctl",
+        "control", "duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl",
     ),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
     "mujoco": ("mujoco",),
     "urdf": ("yourdfpy",),
-    "cluster": ("dask", "distributed", "ray"),
-}
+}  # fmt: skip
 """The modules that each extra installs."""
 
 
@@ -156,28 +106,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except MemoryError as problem:
-        print(f"fbl-gym: not enough memory: {problem}", file=sys.stderr)
-        return 2
-    except OSError as problem:
-        reason = f"{problem.strerror}: {problem.filename}" if problem.filename else problem
-        print(f"fbl-gym: {reason}", file=sys.stderr)
-        return 2
-    except (ValueError, Failed, gymnasium.error.Error) as problem:
-        print(f"fbl-gym: {problem}", file=sys.stderr)
-        return 2
-    except ModuleNotFoundError as problem:
-        package = (problem.name or "").partition(".")[0]
-        extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
-        if extra is None:
-            raise
-        print(f"fbl-gym: this needs {package}, which is not installed: pip install 'fbl-gym[{extra}]'", file=sys.stderr)
+    except (ValueError, Failed, gymnasium.error.Error, MemoryError, OSError, ModuleNotFoundError) as problem:
+        print(f"fbl-gym: {_reason(problem)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
         kept = COMMANDS[given[0]].kept if given and given[0] in COMMANDS else ""
         with contextlib.suppress(OSError):  # the terminal may be closed
             print("fbl-gym: stopped" + (f"; {kept}, and the same command goes on" if kept else ""), file=sys.stderr)
         return stopped_status(stop)
+
+
+def _reason(problem: Exception) -> str:
+    """Return the text of an error; raise the error of a missing package that no extra installs."""
+    if isinstance(problem, MemoryError):
+        return f"not enough memory: {problem}"
+    if isinstance(problem, OSError) and problem.filename:
+        return f"{problem.strerror}: {problem.filename}"
+    if not isinstance(problem, ModuleNotFoundError):
+        return str(problem)
+    package = (problem.name or "").partition(".")[0]
+    extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
+    if extra is None:
+        raise problem
+    return f"this needs {package}, which is not installed: pip install 'fbl-gym[{extra}]'"
 
 
 def _run(run: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
@@ -222,11 +173,7 @@ class Parser(argparse.ArgumentParser):
     """A parser whose errors name the nearest option or choice."""
 
     def error(self, message: str) -> NoReturn:
-        """Exit with a message.
-
-        Args:
-            message: of argparse; it quotes what was typed.
-        """
+        """Exit with a message of argparse, which quotes the wrong text."""
         option = re.search(r"unrecognized arguments: (-\S+)", message)
         choice = re.search(r"argument (\S+): invalid choice: '([^']*)'", message)
         if option:
@@ -251,11 +198,7 @@ def _overview() -> argparse.ArgumentParser:
 
 
 def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Namespace], int]]:
-    """Return the parser of a command's arguments and the function that runs the command.
-
-    Args:
-        name: one of `COMMANDS`.
-    """
+    """Return the parser of a command's arguments and the function that runs the command."""
     if name not in COMMANDS:
         raise unknown("command", name, COMMANDS)
     command = COMMANDS[name]
@@ -266,7 +209,8 @@ def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Name
         epilog=f"example: fbl-gym {name} {command.example}" if command.example else None,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(parser)
+    if hasattr(module, "add_arguments"):
+        module.add_arguments(parser)
     return parser, module.run
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from benchmarks.cli.common import add_store
 from benchmarks.report.export import query
@@ -10,7 +11,6 @@ from benchmarks.run.store import Store
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     parser.add_argument(
         "sql", metavar="SQL",
         help="a question about the table `results`, such as \"SELECT policy, avg(error_pct) FROM results GROUP BY policy\", "
@@ -22,9 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     store = Store(arguments.store)
-    answer = query(store.results(), arguments.sql, arguments.files, store.looks())
+    answer = query(store.results(), arguments.sql, arguments.files, store.looks(), short=sys.stdout.isatty())
     if answer is not None:
         print(answer)
     return 0

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
 
-from benchmarks.cli.common import console
+from benchmarks.cli.common import add_folder, console
 from benchmarks.paper.claim import FULL, SHORT
 from benchmarks.paper.claims import load, measure_claim, save, select
 from benchmarks.report import terminal
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
-        "--out", type=Path, default=Path("results/paper"), metavar="DIR", help="folder of the results (results/paper)"
-    )
+    add_folder(parser, "--out", "results/paper", "the results")
     parser.add_argument(
         "--only", nargs="+", default=(), metavar="CLAIM",
         help="measure these claims only; other claims in DIR stay. `fbl-gym list claims` lists the names; figure-4b means "

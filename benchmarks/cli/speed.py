@@ -18,7 +18,6 @@ from benchmarks.speed.environments import compare, measure_environments, to_plai
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument("--rounds", type=count, default=7, metavar="N", help="number of rounds (7)")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="measure policies and batch sizes too; write speed.json and growth.png"
@@ -53,13 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def plot_growth(by_lanes: dict[int, float], by_physics_steps: dict[int, float], path: Path) -> None:
-    """Draw the time of a step against the batch size and against the physics steps per step.
-
-    Args:
-        by_lanes: time of a lane's step [ns] by batch size.
-        by_physics_steps: the same by physics steps per step.
-        path: of the picture.
-    """
+    """Draw the time of a lane's step [ns] by batch size, and by physics steps per step."""
 
     def panel(times: dict[int, float], title: str, x: str) -> Panel:
         line = Line(np.array(list(times), dtype=float), np.array(list(times.values())), "measured")

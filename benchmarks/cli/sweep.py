@@ -6,7 +6,6 @@ import argparse
 import csv
 import io
 import itertools
-import os
 import sys
 from pathlib import Path
 
@@ -14,20 +13,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.cli.common import (
-    add_scenario,
-    add_store,
-    add_trust,
-    command_line,
-    count,
-    episodes,
-    picture,
-    policy_name,
-    trust,
-)
+from benchmarks.cli.common import add_metrics, add_plot, add_run, add_scenario, command_line, count, policy_name, trust
 from benchmarks.files import write_text
-from benchmarks.report.plot import Line, Panel, plot_lines, plot_maps
-from benchmarks.run.metrics import METRICS
+from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines, plot_maps
+from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Suite, with_option
@@ -35,9 +24,6 @@ from fbl_gym import scenarios
 
 Over = tuple[str, str, list[float]]
 """The path of an option, the scale of its axis, and its values."""
-
-QUANTILES = (0.1, 0.5, 0.9)
-"""The edges and the middle of a band over the seeds."""
 
 
 def over(text: str) -> Over:
@@ -57,7 +43,6 @@ def over(text: str) -> Over:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     parser.add_argument(
         "--over", type=over, action="append", required=True, metavar="OPTION=VALUES",
         help="an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
@@ -65,16 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--policies", nargs="+", type=policy_name, required=True, metavar="P", help="to be measured")
     add_scenario(parser)
-    parser.add_argument("--seeds", type=episodes, default=32, metavar="N", help="test seeds 0 to N-1 (32)")
     parser.add_argument(
         "--out", type=Path, default=Path("results/sweep.csv"), metavar="FILE", help="all runs (results/sweep.csv)"
     )
-    parser.add_argument("--plot", type=picture, metavar="FILE", help="figure: .png, .svg or .pdf (beside --out)")
-    parser.add_argument(
-        "--workers", type=count, default=os.cpu_count() or 1, metavar="N", help="processes (one per core)"
-    )
-    add_trust(parser)
-    add_store(parser)
+    add_plot(parser, "the errors (a .png beside --out)")
+    add_metrics(parser)
+    add_run(parser, seeds=32)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -90,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         for name, value in zip(names, point, strict=True):
             task = with_option(task, name, value)
         tasks.append(task)
-    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds)
+    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds, arguments.metrics)
     store, cells = Store(arguments.store), suite.cells
     outcomes = run_cells(cells, store, workers=arguments.workers, command=command_line())
     failed = 0
@@ -100,27 +81,27 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"fbl-gym: {outcome.id} failed: {outcome.error}", file=sys.stderr)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["policy", *names, "seed", *METRICS])
+    rows.writerow(["policy", *names, "seed", *cells[0].columns])
     curves: dict[str, list[np.ndarray]] = {}
     for i, cell in enumerate(cells):
         result, point = store.find(cell), points[i // (len(cells) // len(points))]
         runs = result.rows if result else ()
         for seed, metrics in zip(cell.seeds, runs, strict=False):
             rows.writerow([cell.policy.name, *point, seed, *map("{:.7g}".format, metrics.values())])
-        band = np.quantile([metrics["error_pct"] for metrics in runs], QUANTILES) if runs else np.full(3, np.nan)
+        band = np.quantile(counted_errors(runs), QUANTILES) if runs else np.full(3, np.nan)
         curves.setdefault(cell.policy.name, []).append(band)
     write_text(arguments.out, text.getvalue())
     path = arguments.plot or arguments.out.with_suffix(".png")
-    title = f"{arguments.scenario}, {arguments.seeds} seeds"
+    title = f"Error on {arguments.scenario}, {arguments.seeds} seeds"
     bands = {policy: np.array(bands) for policy, bands in curves.items()}
     if len(names) == 1:
         (x,) = map(np.array, values)
         lines = tuple(Line(x, band[:, 1], policy, low=band[:, 0], high=band[:, 2]) for policy, band in bands.items())
-        label = "error [%], median and 10 to 90 % of the seeds"
-        plot_lines("", [Panel(title, names[0], label, lines, (scales[0], "log"))], path)
+        panel = Panel("", names[0], "error [%]", lines, (scales[0], "log"))
+        plot_lines(title, [panel], path, arguments.columns)
     else:
         shape = tuple(map(len, values))
         maps = {policy: band[:, 1].reshape(shape) for policy, band in bands.items()}
-        plot_maps(f"median error [%] on {title}", names, values, maps, path)
-    print(f"runs: {arguments.out}\nfigure: {path}")
+        plot_maps(title, names, values, maps, path, arguments.columns)
+    print(f"runs: {arguments.out}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import torch
+import numpy as np
 
 import controllers
 from benchmarks.cli.common import add_scenario, command_line, count, refuse_judged
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
-from benchmarks.rl.train import train
 from benchmarks.rl.training_settings import TrainingSettings, at_radius
 from fbl_gym import scenarios
 from fbl_gym.interface import Interface
@@ -61,14 +61,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Train an agent; return the exit status."""
     settings = _settings(arguments)
+    import torch  # the extra `rl`
+
+    from benchmarks.rl.train import train
+
     history = f"-history-{arguments.history}" if arguments.history else ""
     context = "-context" if arguments.context else ""
     name = f"{settings.algorithm}-{settings.adapter.action}{history}{context}-{settings.seed}"
     folder = arguments.out or Path("runs") / name
     torch.set_num_threads(arguments.threads)
     train(settings, folder, command_line(), 40 if len(settings.scenarios) == 1 else 15, arguments.wandb)
+    if find_spec("matplotlib"):
+        _plot_curve(folder)
     print(f"agent: {folder}")
     return 0
+
+
+def _plot_curve(folder: Path) -> None:
+    """Draw the learning curve of a run into its folder."""
+    from benchmarks.report.plot import Line, Panel, plot_lines
+
+    steps, _, error = np.loadtxt(folder / "curve.csv", delimiter=",", skiprows=1, ndmin=2).T
+    lines = (Line(steps, error, "error"), Line(steps, np.minimum.accumulate(error), "of the saved agent", style="--"))
+    panel = Panel("", "steps of all arms", "error on the validation seeds [mrad]", lines, ("linear", "log"))
+    plot_lines(f"Training of {folder.name}", (panel,), folder / "curve.png")
 
 
 def _settings(arguments: argparse.Namespace) -> TrainingSettings:

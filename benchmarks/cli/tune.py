@@ -6,42 +6,33 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.cli.common import add_policies, command_line, count, refuse_judged
+from benchmarks.cli.common import add_folder, add_policies, command_line, count, refuse_judged
 from benchmarks.policies.apart import end_with_parent
 from benchmarks.policies.spec import resolve
-from benchmarks.run.suite import Suite, load, narrow
+from benchmarks.run.suite import Suite, narrow
 from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, summary, tune, write_gains
 from controllers.registry import TUNED
 from fbl_gym import Scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     add_policies(parser)
     parser.add_argument(
         "--trials", type=count, default=40, metavar="N", help="number of trials, those of earlier runs counted (40)"
     )
     parser.add_argument("--seeds", type=count, default=16, metavar="N", help="tuning seeds of each scenario (16)")
     parser.add_argument(
-        "--also", nargs="+", type=_gain, default=(), metavar="GAIN=VALUE", help="gains to try as one of the trials"
-    )
-    parser.add_argument(
         "--candidates", type=count, default=10, metavar="N", help="number of best trials to judge once more (10)"
     )
     parser.add_argument(
         "--fresh-seeds", type=count, default=128, metavar="N", help="tuning seeds to judge on, of each scenario (128)"
     )
-    tasks = parser.add_mutually_exclusive_group()
-    tasks.add_argument(
+    parser.add_argument(
         "--scenario", nargs="+", action="extend", metavar="S",
         help="scenarios of trials and judging: names, families, .toml files "
         f"({len(SCENARIOS)} of the tier practice for trials, {len(JUDGED)} for judging)",
     )  # fmt: skip
-    tasks.add_argument("--suite", metavar="FILE", help="TOML file of a suite, whose scenarios are used instead")
-    parser.add_argument(
-        "--storage", type=Path, default=Path("results/tuning"), metavar="DIR",
-        help="folder of the studies; several processes may share it, and a stopped study goes on (results/tuning)",
-    )  # fmt: skip
+    add_folder(parser, "--storage", "results/tuning", "the studies, which processes may share")
     parser.add_argument("--jobs", type=count, default=1, metavar="N", help="policies that are tuned at a time (1)")
     target = parser.add_mutually_exclusive_group()
     target.add_argument(
@@ -56,7 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     from joblib import Parallel, delayed
 
     tried, fresh = seeds(arguments.seeds, arguments.fresh_seeds)
@@ -68,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             Task(policy, _scenarios(arguments, usual), numbers)
             for usual, numbers in ((SCENARIOS, tried), (JUDGED, fresh))
         )
-        task.check(dict(arguments.also))
+        task.check({})
         pairs.append((task, judging))
     texts = Parallel(n_jobs=min(arguments.jobs, len(pairs)), return_as="generator_unordered")(
         delayed(_tune)(task, judging, arguments, command_line()) for task, judging in pairs
@@ -80,35 +70,24 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _scenarios(arguments: argparse.Namespace, usual: Sequence[str]) -> tuple[Scenario, ...]:
     """Return the scenarios that the arguments name, or the usual ones."""
-    suite = (
-        load(arguments.suite) if arguments.suite else narrow(Suite("tune", (), (), 1), (), arguments.scenario or usual)
-    )
-    for scenario in suite.scenarios:
-        refuse_judged(scenario)
-    return suite.scenarios
+    tasks = narrow(Suite("tune", (), (), 1), (), arguments.scenario or usual).scenarios
+    for task in tasks:
+        refuse_judged(task)
+    return tasks
 
 
 def _tune(task: Task, judging: Task, arguments: argparse.Namespace, command: str) -> str:
     """Tune one policy, write its gains, and return the verdict in words."""
     end_with_parent()
     name = task.policy.name
-    study = tune(task, arguments.trials, arguments.storage, dict(arguments.also))
+    study = tune(task, arguments.trials, arguments.storage)
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)
     path = write_gains(best, TUNED if arguments.ship else arguments.out)
-    verdicts = best["judged"]["best_first"]
-    defaults = next(verdict for verdict in verdicts if verdict["trial"] == 0)
+    verdict, defaults = best["judged"]["best"], best["judged"]["defaults"]
     gains = " ".join(f"{gain}={value:g}" for gain, value in best["gains"].items()) or "the default gains are best"
     return (
         f"{name}: {gains}\n"
-        f"  objective {verdicts[0]['objective']:.3f}, diverged {verdicts[0]['diverged_pct']:.2g} %; "
+        f"  objective {verdict['objective']:.3f}, diverged {verdict['diverged_pct']:.2g} %; "
         f"of the default gains {defaults['objective']:.3f}, {defaults['diverged_pct']:.2g} %\n"
         f"  {path}: use them as {name}@{'tuned' if arguments.ship else arguments.out}"
     )
-
-
-def _gain(text: str) -> tuple[str, float]:
-    name, _, value = text.partition("=")
-    try:
-        return name, float(value)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be such as kp=25, got {text!r}") from None

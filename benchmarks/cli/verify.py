@@ -18,14 +18,12 @@ from fbl_gym.checks import unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
     parser.add_argument("rows", nargs="+", metavar="ROW", help="a policy/scenario of the store, or a file of a result")
     add_trust(parser)
     add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command and return its exit status."""
     store = Store(arguments.store)
     differs = 0
     for row in arguments.rows:
@@ -56,18 +54,14 @@ def compare(published: Result, now: Result) -> str:
     """Return the difference of a result from a published one in words; empty: there is none."""
     if now.error:
         return f"DIFFERS: it fails now: {now.error}"
-    before, after = ([[row[name] for name in METRICS] for row in result.rows] for result in (published, now))
+    before, after = (np.array([[row[name] for name in METRICS] for row in result.rows]) for result in (published, now))
     if np.array_equal(before, after, equal_nan=True):
         return ""
-    # A metric that applies to one of the two only differs by infinity; one that applies to neither,
-    # by nothing.
-    apart = np.abs(np.subtract(before, after))
-    apart = np.where(np.isnan(apart), np.where(np.isnan(before) & np.isnan(after), 0.0, np.inf), apart)
-    worst = apart.max(axis=0)
-    name = max(METRICS, key=lambda m: worst[list(METRICS).index(m)])
-    text = f"DIFFERS: {name} by up to {worst[list(METRICS).index(name)]:.3g}"
+    gap = np.where(np.isnan(before) & np.isnan(after), 0.0, np.abs(before - after))
+    worst = np.nan_to_num(gap, nan=np.inf).max(axis=0)  # infinite where the metric applies to one of the two only
+    text = f"DIFFERS: {[*METRICS][int(worst.argmax())]} by up to {worst.max():.3g}"
     if published.cell.key != now.cell.key:
         text += "; the code or the configuration of the policy changed since"
     old, new = published.provenance.get("packages", {}), provenance("")["packages"]
     changed = [f"{package} {old.get(package)} -> {new[package]}" for package in new if old.get(package) != new[package]]
-    return text + ("; " + ", ".join(changed) if changed else "")
+    return "; ".join([text, *([", ".join(changed)] if changed else [])])

@@ -10,12 +10,7 @@ from benchmarks.cli import doctor
 from fbl_gym import TwoLinkArmVectorEnv
 
 
-def add_arguments(_parser: argparse.ArgumentParser) -> None:
-    """Declare no arguments."""
-
-
 def run(_arguments: argparse.Namespace) -> int:
-    """Compile all functions that the cache lacks; return the exit status."""
     begin = time.perf_counter()
     for options in (
         {"friction": {"coulomb": 1.0}},

@@ -15,14 +15,16 @@ from benchmarks.paper.claim import (
     Measured,
     Rows,
     diverged,
+    draw_lines,
+    draw_trace,
     judged,
     percents,
+    quote,
     run,
-    seed_range,
     share,
 )
 from benchmarks.paper.leakage import leakage
-from benchmarks.report.plot import COLORS, Line, Panel, plot_lines, plot_trace
+from benchmarks.report.plot import COLORS, Line, Panel
 from benchmarks.run.rollout import Trace
 from controllers.feedback_linearization import friction_torque
 from controllers.gain_scheduling import FORMS, schedule
@@ -63,13 +65,13 @@ def _at(scenario: Scenario, control_dt: float, **options: Any) -> Scenario:
     return scenario.replace(control_dt=control_dt, physics_dt=control_dt, **options)
 
 
-def _ratios(env: TwoLinkArmVectorEnv, policy: Any, state: Any) -> Array:
-    return policy.parameters(state) / np.hstack([env.truth.masses, env.truth.lengths])
-
-
 def _estimation(policy: str, scenario: Scenario, seeds: int, **gains: Any) -> tuple[Trace, Array]:
     """Return the trace, and estimate / real of m1, m2, L1, L2 after each step, [T x n x 4]."""
-    trace, _ = run(policy, scenario, seeds, {"ratios": _ratios}, **gains)
+
+    def ratios(env: TwoLinkArmVectorEnv, actor: Any, state: Any) -> Array:
+        return actor.parameters(state) / np.hstack([env.truth.masses, env.truth.lengths])
+
+    trace, _ = run(policy, scenario, seeds, {"ratios": ratios}, **gains)
     return trace, trace.watched["ratios"]
 
 
@@ -110,17 +112,17 @@ def figure_5(effort: Effort) -> Measured:
             cases.append(Case(f"{name}, {regression}", meets, text))
             if regression == "torque":
                 lines.append(Line(trace.time[1:], np.maximum(after[:, 0], 1e-12), name))
-    claim = judged(
-        cases, figure="5", claim="the estimator forces the mismatch of the predicted and the measured motion to zero",
+    panel = Panel("seed 0", "time [s]", "mismatch [rad/s²]", tuple(lines), ("linear", "log"))
+    return judged(
+        cases, draw_lines("Figure 5: predicted against measured acceleration", (panel,)),
+        figure="5", claim="the estimator forces the mismatch of the predicted and the measured motion to zero",
         paper="forcing the output mismatch to zero",
-        measured=f"largest mismatch of the joints' accelerations, before the first estimate and after: {cases[0].measured} "
-            f"({cases[0].name}), {cases[4].measured} ({cases[4].name})",
+        measured="largest mismatch of the joints' accelerations, before the first estimate and after: "
+            + quote(cases[0], cases[4]),
         assumptions="falls below 1 % of the nominal model's (median over time), 10 kHz, samples 5 ms apart (0.1 ms at x0.1); "
             "open: friction and noise, and the regression: (36) as printed, or Y p = torque",
-        scenario="paper-6a, paper-6b", seed=seed_range(effort.seeds),
+        scenario="paper-6a, paper-6b", seeds=effort.seeds,
     )  # fmt: skip
-    panel = Panel("seed 0", "time [s]", "mismatch [rad/s²]", tuple(lines), ("linear", "log"))
-    return claim, lambda path: plot_lines("Figure 5: predicted against measured acceleration", (panel,), path)
 
 
 def _figure_6(effort: Effort, figure: str) -> Measured:
@@ -141,15 +143,14 @@ def _figure_6(effort: Effort, figure: str) -> Measured:
         if known is None and rate in list(_SAMPLING[figure])[-2:]:
             end = trace.alive[1:, 0]
             panels.append(_estimation_panel(trace.time[1:][end], estimates[end, 0], f"{rate}, {regression}"))
-    claim = judged(
-        cases, figure=f"6{figure}", claim=f"parameters {factor} the nominal ones are estimated", paper="within about 10 %",
-        measured="; ".join(f"{case.measured} ({case.name})" for case in (cases[0], cases[-3], cases[-1])),
+    return judged(
+        cases, draw_lines(f"Figure 6{figure}: estimates of three samples, seed 0", panels),
+        figure=f"6{figure}", claim=f"parameters {factor} the nominal ones are estimated", paper="within about 10 %",
+        measured=quote(cases[0], cases[-3], cases[-1]),
         assumptions="all four within 10 % from the fourth sample on, in 95 % of the samples; no noise, no friction; open: "
             "the sample time, the regression ((36) as printed, or Y p = torque), the form of (39), the exciting motion",
-        scenario=f"paper-6{figure}", seed=seed_range(effort.seeds),
+        scenario=f"paper-6{figure}", seeds=effort.seeds,
     )  # fmt: skip
-    title = f"Figure 6{figure}: estimates of three samples, seed 0"
-    return claim, lambda path: plot_lines(title, panels, path)
 
 
 def figure_6a(effort: Effort) -> Measured:
@@ -176,9 +177,8 @@ def estimation_under_noise(effort: Effort) -> Measured:
         for spacing in spacings:
             _, estimates = _estimation("adaptive-flm", scenario, effort.seeds, spacing=spacing)
             median.append(100 * float(np.median(np.abs(estimates[4000:] - 1.0))))
-            cases.append(
-                Case(f"three samples {1e3 * spacing:g} ms apart, σ = {sigma:.3g}", None, f"{median[-1]:.2g} %")
-            )
+            name = f"three samples {1e3 * spacing:g} ms apart, σ = {sigma:.3g}"
+            cases.append(Case(name, None, f"{median[-1]:.2g} %"))
         sigmas = {"acceleration_sigma": sigma, "position_sigma": 1e-4}
         _, fitted = _estimation("adaptive-flm-ls", scenario, effort.seeds, **sigmas)
         best = 100 * float(np.median(np.abs(fitted[4000:] - 1.0)))
@@ -186,20 +186,18 @@ def estimation_under_noise(effort: Effort) -> Measured:
         times = 1e3 * np.array(spacings)
         lines.append(Line(times, np.array(median), f"three samples, σ = {sigma:.3g}"))
         lines.append(Line(times, np.full(len(times), best), f"least squares, σ = {sigma:.3g}", style="--"))
-    claim = judged(
-        cases, figure="§4.1", claim="estimates under acceleration noise", paper="not tried",
-        measured="median error of m1, m2, L1, L2: " + ", ".join(
-            f"{case.measured} ({case.name})" for case in (cases[0], cases[2], cases[4], cases[5])
-        ),
-        assumptions="closed loop, parameters x2, exciting motion, 1 kHz, after 4 s, noise on the acceleration only; "
-            "the spacing is a gain of adaptive-flm",
-        scenario="nominal", seed=seed_range(effort.seeds),
-    )  # fmt: skip
     panel = Panel(
         "estimates in closed loop", "spacing of the samples [ms]", "median error [%]", tuple(lines), ("log", "log"), None,
         ((10.0, "10 %"),),
     )  # fmt: skip
-    return claim, lambda path: plot_lines("Estimation under acceleration noise", (panel,), path)
+    return judged(
+        cases, draw_lines("Estimation under acceleration noise", (panel,)),
+        figure="§4.1", claim="estimates under acceleration noise", paper="not tried",
+        measured="median error of m1, m2, L1, L2: " + quote(cases[0], cases[2], cases[4], cases[5]),
+        assumptions="closed loop, parameters x2, exciting motion, 1 kHz, after 4 s, noise on the acceleration only; "
+            "the spacing is a gain of adaptive-flm",
+        scenario="nominal", seeds=effort.seeds,
+    )  # fmt: skip
 
 
 def figure_7(effort: Effort) -> Measured:
@@ -212,19 +210,6 @@ def figure_7(effort: Effort) -> Measured:
     v, f = trace.watched["v"][:, 0], trace.watched["f"][:, 0]
     difference = np.abs(f - friction_torque(friction, v)).max()
     creep = {law: _creep(dataclasses.replace(friction, law=law)) for law in ("literal", "exact")}
-    claim = judged(
-        [
-            Case("the curve as printed", difference < 1e-9),
-            Case("a joint that sticks, printed law", creep["literal"] == 0.0, f"moves {creep['literal']:.2g} rad"),
-            Case("a joint that sticks, law \"exact\"", creep["exact"] == 0.0, f"moves {creep['exact']:.2g} rad"),
-        ],
-        figure="7, (43)", claim="the stiction torque decays with exp(-v^2 / v_s)", paper="the curve of figure 7",
-        measured=f"simulated friction equals (43) within {difference:.1e} N m; under 90 % of the breakaway torque a joint "
-            f"moves {creep['literal']:.2g} rad in 1 s with the printed law, {creep['exact']:.2g} rad with friction "
-            "that sticks",
-        assumptions="in the printed law sign(0) = 0, so joints do not stick; v_s has the unit (rad/s)^2",
-        scenario="paper-8", seed="0",
-    )  # fmt: skip
     speed = np.linspace(-0.3, 0.3, 601)
     curve = friction_torque(friction, np.stack([speed, speed], axis=-1))
     thin = slice(None, None, 7)
@@ -238,7 +223,20 @@ def figure_7(effort: Effort) -> Measured:
         )
 
     panels = tuple(Panel(f"joint {j + 1}", "velocity [rad/s]", "friction torque [N m]", lines(j)) for j in (0, 1))
-    return claim, lambda path: plot_lines("Figure 7: stiction and Coulomb friction", panels, path)
+    return judged(
+        [
+            Case("the curve as printed", difference < 1e-9),
+            Case("a joint that sticks, printed law", creep["literal"] == 0.0, f"moves {creep['literal']:.2g} rad"),
+            Case("a joint that sticks, law \"exact\"", creep["exact"] == 0.0, f"moves {creep['exact']:.2g} rad"),
+        ],
+        draw_lines("Figure 7: stiction and Coulomb friction", panels),
+        figure="7, (43)", claim="the stiction torque decays with exp(-v^2 / v_s)", paper="the curve of figure 7",
+        measured=f"simulated friction equals (43) within {difference:.1e} N m; under 90 % of the breakaway torque a joint "
+            f"moves {creep['literal']:.2g} rad in 1 s with the printed law, {creep['exact']:.2g} rad with friction "
+            "that sticks",
+        assumptions="in the printed law sign(0) = 0, so joints do not stick; v_s has the unit (rad/s)^2",
+        scenario="paper-8",
+    )  # fmt: skip
 
 
 def _creep(friction: Friction) -> float:
@@ -277,14 +275,14 @@ def figure_8(effort: Effort) -> Measured:
                 for name, (x, _) in results.items()
             )
             panels.append(Panel(f"{arm}, joint {j + 1}", "time [s]", "tracking error [mrad]", lines))
-    claim = judged(
-        cases, figure="8", claim="unmodelled stiction degrades tracking", paper="impact on integral-controlled tracking",
+    return judged(
+        cases, draw_lines("Figure 8: the cascade with and without stiction", panels),
+        figure="8", claim="unmodelled stiction degrades tracking", paper="impact on integral-controlled tracking",
         measured=f"{cases[3].measured} (Table 1, stiction alone)",
         assumptions="the mean error grows by a fifth; open: the arm, the Coulomb friction. "
             + scenarios.get("paper-8").description,
-        scenario="paper-8", seed="0",
+        scenario="paper-8",
     )  # fmt: skip
-    return claim, lambda path: plot_lines("Figure 8: the cascade with and without stiction", panels, path)
 
 
 def equation_22(effort: Effort) -> Measured:
@@ -306,17 +304,15 @@ def equation_22(effort: Effort) -> Measured:
             meets = (rows["error_pct"] < 1.1 * smooth["error_pct"]) if part == 1.0 else None
             text = f"mean {percents(rows['error_pct'])}, at rest {percents(rows['steady_1_pct'], rows['steady_2_pct'])}"
             cases.append(Case(f"{name}, {part:g} times known", meets, text))
-    claim = judged(
-        cases, figure="(22)", claim="exact F^ and tau_d^ in the mapping cancel friction and disturbance",
-        paper="F^ in (22), tau_d^ in (6)",
-        measured=f"mean {percents(smooth['error_pct'])} without loads; " + "; ".join(
-            f"{case.measured} ({case.name})" for case in (cases[0], cases[2], cases[6], cases[10])
-        ),
-        assumptions="cascade-flm on Table 1's arm, perfect parameters, no noise; within 10 % of the error without loads",
-        scenario="paper-8", seed="0",
-    )  # fmt: skip
     trace, _ = run("cascade-flm", base, 1, None, friction=STICTION)
-    return claim, lambda path: plot_trace(trace, "Equation (22): known friction in the mapping", path)
+    return judged(
+        cases, draw_trace(trace, "Equation (22): known friction in the mapping"),
+        figure="(22)", claim="exact F^ and tau_d^ in the mapping cancel friction and disturbance",
+        paper="F^ in (22), tau_d^ in (6)",
+        measured=f"mean {percents(smooth['error_pct'])} without loads; " + quote(cases[0], cases[2], cases[6], cases[10]),
+        assumptions="cascade-flm on Table 1's arm, perfect parameters, no noise; within 10 % of the error without loads",
+        scenario="paper-8",
+    )  # fmt: skip
 
 
 def figure_9(effort: Effort) -> Measured:
@@ -335,14 +331,14 @@ def figure_9(effort: Effort) -> Measured:
         Line(speed, _expected_schedule(speed, s, v_s), f"soft, velocity noise {s:g} rad/s", style="--")
         for s in (0.02, sigma)
     ]
-    claim = judged(
-        cases, figure="9, (46)", claim="gains rise when joints hardly move", paper="soft gain scheduling",
+    panels = (Panel("factor on the inner loop", "velocity [rad/s]", "expected GS", tuple(lines)),)
+    return judged(
+        cases, draw_lines("Figure 9: the gain schedule (46)", panels),
+        figure="9, (46)", claim="gains rise when joints hardly move", paper="soft gain scheduling",
         measured=f"GS = {cases[0].measured} of {sigma} rad/s ({cases[0].name})",
         assumptions="alpha_ii = 20, alpha_ij = 0, v_s = 1e-3; the factor multiplies P and the integrand; open: the form",
-        scenario="paper-10", seed="0",
+        scenario="paper-10",
     )  # fmt: skip
-    panels = (Panel("factor on the inner loop", "velocity [rad/s]", "expected GS", tuple(lines)),)
-    return claim, lambda path: plot_lines("Figure 9: the gain schedule (46)", panels, path)
 
 
 def _expected_schedule(speed: Array, sigma: float, v_s: float) -> Array:
@@ -383,17 +379,17 @@ def soft_scheduling(effort: Effort) -> Measured:
         )
         slower = results["soft"]["variation"] < results["hard"]["variation"]
         cases.append(Case(name, slower & (results["soft"]["diverged"] == 0), text))
-    claim = judged(
-        cases, figure="§4.2", claim="soft gain scheduling changes the torque less than hard switching",
+    trace, _ = run("adaptive-flm", base, 1, None, alpha=ALPHA, scheduling="hard")
+    return judged(
+        cases, draw_trace(trace, "Figure 10 with a hard switch of the gains"),
+        figure="§4.2", claim="soft gain scheduling changes the torque less than hard switching",
         paper="the actuator is unable to generate rapidly changing torques",
         measured="error at rest of links 1, 2, and total variation of the torque over that without a schedule: "
             + cases[0].measured,
         assumptions="adaptive-flm; the torque's total variation is smaller with (46) than with a switch; fuzzy: three rules on "
             "the speed; open: friction and alpha",
-        scenario="paper-10", seed=seed_range(effort.seeds),
+        scenario="paper-10", seeds=effort.seeds,
     )  # fmt: skip
-    trace, _ = run("adaptive-flm", base, 1, None, alpha=ALPHA, scheduling="hard")
-    return claim, lambda path: plot_trace(trace, "Figure 10 with a hard switch of the gains", path)
 
 
 GRAVITY = 314.0
@@ -432,17 +428,6 @@ def figure_10(effort: Effort) -> Measured:
     _, unscheduled = run("adaptive-flm", short, seeds)
     _, robust = run("cascade-flm", short, seeds)
     best = next(case for case in cases if case.name.startswith("x10, figure 10's loads, 200"))
-    claim = judged(
-        cases, figure="10", claim="steady-state error with parameter errors of 1000 %, stiction and disturbance",
-        paper="link 1 < 0.01 %, link 2 < 0.03 %",
-        measured=f"{best.measured} (x10, 200 and 100 N m, which is 0.64 % of gravity); {_steady(unscheduled)} without the "
-            f"schedule; {_steady(robust)} for the cascade without adaptation",
-        assumptions="alpha_ii = 20, Kp = 10, v_s = 1e-3, no torque limit, 1 kHz (10 kHz below x1), 4 s; open: the "
-            "direction and size of the error, friction and disturbance over the real arm's gravity torque (friction "
-            "is a fifth of the disturbance), the friction's law, the reference",
-        scenario="paper-10", seed=seed_range(seeds),
-    )  # fmt: skip
-
     kept, gone = [], []
     for load in loads:
         label, shares = f"disturbance {100 * load:g} % of gravity", share([within[ratio, load] for ratio in ratios])
@@ -452,7 +437,17 @@ def figure_10(effort: Effort) -> Measured:
         Panel(title, "real / nominal", "seeds [%]", tuple(lines), ("log", "linear"), (-2.0, 102.0))
         for title, lines in (("within figure 10's bounds", kept), ("diverged", gone))
     )
-    return claim, lambda path: plot_lines("Figure 10 over the parameter error and the loads", panels, path)
+    return judged(
+        cases, draw_lines("Figure 10 over the parameter error and the loads", panels),
+        figure="10", claim="steady-state error with parameter errors of 1000 %, stiction and disturbance",
+        paper="link 1 < 0.01 %, link 2 < 0.03 %",
+        measured=f"{best.measured} (x10, 200 and 100 N m, which is 0.64 % of gravity); {_steady(unscheduled)} without the "
+            f"schedule; {_steady(robust)} for the cascade without adaptation",
+        assumptions="alpha_ii = 20, Kp = 10, v_s = 1e-3, no torque limit, 1 kHz (10 kHz below x1), 4 s; open: the "
+            "direction and size of the error, friction and disturbance over the real arm's gravity torque (friction "
+            "is a fifth of the disturbance), the friction's law, the reference",
+        scenario="paper-10", seeds=seeds,
+    )  # fmt: skip
 
 
 def figure_10_with_noise(effort: Effort) -> Measured:
@@ -469,14 +464,13 @@ def figure_10_with_noise(effort: Effort) -> Measured:
         scenario = scenarios.get("paper-10").replace(noise=noise, parameter_error=ratio, duration=4.0)
         for name, (policy, gains) in laws.items():
             trace, rows = run(policy, scenario, effort.seeds, None, **gains)
-            cases.append(
-                Case(f"x{ratio:g}, σ = {sigma:g}, {name}", None, f"{_steady(rows)}, mean {percents(rows['error_pct'])}")
-            )
-    claim = judged(
-        cases, figure="10", claim="error of figure 10 with sensor noise and the Kalman filter", paper="not tried",
+            text = f"{_steady(rows)}, mean {percents(rows['error_pct'])}"
+            cases.append(Case(f"x{ratio:g}, σ = {sigma:g}, {name}", None, text))
+    return judged(
+        cases, draw_trace(trace, "Figure 10 with noise of 0.01, adaptive-flm-ls"),
+        figure="10", claim="error of figure 10 with sensor noise and the Kalman filter", paper="not tried",
         measured="error at rest of links 1, 2 at x10 and σ = 0.01: "
             + "; ".join(f"{case.measured} ({case.name.partition('σ = 0.01, ')[2]})" for case in cases[-4:]),
         assumptions="as figure 10, sigma of a sample of position [rad], velocity [rad/s] and acceleration [rad/s^2]",
-        scenario="paper-10", seed=seed_range(effort.seeds),
+        scenario="paper-10", seeds=effort.seeds,
     )  # fmt: skip
-    return claim, lambda path: plot_trace(trace, "Figure 10 with noise of 0.01, adaptive-flm-ls", path)

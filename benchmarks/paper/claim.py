@@ -11,7 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, proportion
-from benchmarks.run.metrics import measure
+from benchmarks.report.plot import Panel, plot_lines, plot_trace
+from benchmarks.run.metrics import departure, measure
 from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
 from fbl_gym.arm import Array
@@ -108,7 +109,7 @@ class Case:
 
     @property
     def holds(self) -> bool:
-        """Return True if the claim holds in this case."""
+        """True if the claim holds in this case."""
         return bool(np.all(self.meets)) if np.size(self.meets) == 1 else bool(self.share.low >= LEAST)
 
     @property
@@ -116,10 +117,9 @@ class Case:
         """The case as texts, for `Claim.cases`."""
         if self.meets is None:
             return self.name, self.measured, "", ""
-        seeds = (
-            f"{np.sum(self.meets)} of {np.size(self.meets)}, {interval(self.share)}" if np.size(self.meets) > 1 else ""
-        )
-        return self.name, self.measured, seeds, "yes" if self.holds else "no"
+        low, high = (100 * float(end) for end in (self.share.low, self.share.high))
+        seeds = f"{np.sum(self.meets)} of {np.size(self.meets)}, {low:.0f}–{high:.0f} %"
+        return self.name, self.measured, seeds if np.size(self.meets) > 1 else "", "yes" if self.holds else "no"
 
 
 def share(meets: Any) -> Estimate:
@@ -127,30 +127,38 @@ def share(meets: Any) -> Estimate:
     return proportion(np.sum(meets, axis=-1), np.shape(meets)[-1])
 
 
-def interval(estimate: Estimate) -> str:
-    """Return the interval of a share as text, such as "92–97 %"."""
-    return f"{100 * float(estimate.low):.0f}–{100 * float(estimate.high):.0f} %"
-
-
-def judged(cases: Sequence[Case], **fields: Any) -> Claim:
-    """Return a claim with its verdict, by the rule above.
+def judged(cases: Sequence[Case], draw: Draw, seeds: int = 1, **fields: Any) -> Measured:
+    """Return a claim with its verdict, by the rule above, and the function that draws its figure.
 
     Args:
         cases: in which the claim was measured.
+        draw: draws the figure to a file.
+        seeds: number of the first seeds.
         **fields: the other fields of `Claim`.
     """
+    fields["seed"] = "0" if seeds == 1 else f"0-{seeds - 1}"
     rows = tuple(case.row for case in cases)
     claimed = [case for case in cases if case.meets is not None]
     count = sum(case.holds for case in claimed)
     if not claimed:
-        return Claim(verdict=NO_CLAIM, holds="", cases=rows, **fields)
+        return Claim(verdict=NO_CLAIM, holds="", cases=rows, **fields), draw
     verdict = REPRODUCED if count == len(claimed) else UNDER_ASSUMPTIONS if count else NOT_REPRODUCED
-    return Claim(verdict=verdict, holds=f"{count} of {len(claimed)}", cases=rows, **fields)
+    return Claim(verdict=verdict, holds=f"{count} of {len(claimed)}", cases=rows, **fields), draw
 
 
-def seed_range(seeds: int) -> str:
-    """Return the first seeds as text, such as "0" or "0-15"."""
-    return "0" if seeds == 1 else f"0-{seeds - 1}"
+def quote(*cases: Case) -> str:
+    """Return the measured values of some cases with their names."""
+    return "; ".join(f"{case.measured} ({case.name})" for case in cases)
+
+
+def draw_lines(title: str, panels: Sequence[Panel]) -> Draw:
+    """Return a function that draws panels of lines."""
+    return lambda path: plot_lines(title, panels, path)
+
+
+def draw_trace(trace: Trace, title: str) -> Draw:
+    """Return a function that draws the first seed of a trace."""
+    return lambda path: plot_trace(trace, title, path)
 
 
 def scaled(arm: ArmParameters, factor: float) -> ArmParameters:
@@ -170,9 +178,12 @@ Rows: TypeAlias = dict[str, Array]
 def run(
     policy: str, scenario: Scenario, seeds: int = 1, watch: Mapping[str, Watch] | None = None, **gains: Any
 ) -> tuple[Trace, Rows]:
-    """Return the trace of the first seeds, and each metric of every seed [n]."""
+    """Return the trace of the first seeds, and each metric of every seed [n].
+
+    Errors in % are shares of the reference's largest departure from the start, such as a step.
+    """
     trace = rollout(policy, scenario, range(seeds), gains, watch)
-    rows = measure(trace)
+    rows = measure(trace, departure(trace))
     return trace, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 

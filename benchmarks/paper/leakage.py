@@ -6,8 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import ARMS, Case, Effort, Measured, judged, percents, run, with_estimate
-from benchmarks.report.plot import Line, Panel, plot_lines, plot_trace
+from benchmarks.paper.claim import (
+    ARMS,
+    Case,
+    Effort,
+    Measured,
+    draw_lines,
+    draw_trace,
+    judged,
+    percents,
+    run,
+    with_estimate,
+)
+from benchmarks.report.plot import Line, Panel
 from benchmarks.run.rollout import Watch
 from controllers.feedback_linearization import linearize
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
@@ -57,47 +68,40 @@ def _leakages(policy: str, scenario: Scenario, formula: Watch, seconds: float) -
 
 
 def _leakage_claim(
-    effort: Effort,
-    figure: str,
-    text: str,
-    paper: str,
-    policy: str,
-    scenario: Scenario,
-    perfect: Scenario,
-    formula: Watch,
+    effort: Effort, policy: str, scenario: Scenario, perfect: dict[str, Any], formula: Watch, **fields: Any
 ) -> Measured:
     t, measured, computed = _leakages(policy, scenario, formula, effort.seconds)
-    _, complete, _ = _leakages(policy, perfect, formula, effort.seconds)
+    _, complete, _ = _leakages(policy, scenario.replace(**perfect), formula, effort.seconds)
     difference, remaining = np.abs(measured - computed).max(), np.abs(complete).max()
-    claim = judged(
-        [Case("all samples", difference < 1e-8 and remaining < 1e-8)],
-        figure=figure, claim=text, paper=paper,
-        measured=f"up to {np.abs(measured).max():.3g} rad/s^2; simulation and formula differ by at most {difference:.1e} at "
-            f"{len(t):,} samples; with a complete model the leakage is at most {remaining:.1e}",
-        assumptions=scenario.description,
-        scenario=scenario.name, seed="0",
-    )  # fmt: skip
-
-    def panel(joint: int) -> Panel:
-        return Panel(
+    panels = [
+        Panel(
             f"joint {joint + 1}", "time [s]", "leakage [rad/s²]",
             (
                 Line(t, measured[:, joint], "a − q̈ in the simulation", "tab:red"),
                 Line(t, computed[:, joint], "formula", "black", ":"),
                 Line(t, complete[: len(t), joint], "complete model", "tab:blue"),
             ),
-        )  # fmt: skip
-
-    return claim, lambda path: plot_lines(f"Leakage, {policy} on {scenario.name}", (panel(0), panel(1)), path)
+        )
+        for joint in (0, 1)
+    ]  # fmt: skip
+    return judged(
+        [Case("all samples", difference < 1e-8 and remaining < 1e-8)],
+        draw_lines(f"Leakage, {policy} on {scenario.name}", panels),
+        measured=f"up to {np.abs(measured).max():.3g} rad/s^2; simulation and formula differ by at most {difference:.1e} at "
+            f"{len(t):,} samples; with a complete model the leakage is at most {remaining:.1e}",
+        assumptions=scenario.description, scenario=scenario.name, **fields,
+    )  # fmt: skip
 
 
 def leakage_of_parameters(effort: Effort) -> Measured:
     """Measure equations (5) and (6) and their general form: the leakage of wrong parameters."""
     scenario = scenarios.get("paper-3b")
-    perfect = with_estimate(scenario, ARMS["§2.2"], 1.0)
-    text = "the leakage LS of wrong parameters is (5), (6) and their general form"
-    paper = "x2' = a - LS; (6) covers the disturbance only"
-    return _leakage_claim(effort, "2, 3b", text, paper, "pid-flm", scenario, perfect, leakage_formula)
+    perfect = {"arm": ARMS["§2.2"], "parameter_error": 1.0}
+    return _leakage_claim(
+        effort, "pid-flm", scenario, perfect, leakage_formula, figure="2, 3b",
+        claim="the leakage LS of wrong parameters is (5), (6) and their general form",
+        paper="x2' = a - LS; (6) covers the disturbance only",
+    )  # fmt: skip
 
 
 def leakage_of_disturbance(effort: Effort) -> Measured:
@@ -111,18 +115,19 @@ def leakage_of_disturbance(effort: Effort) -> Measured:
         inertia = inertia_matrix(env.truth.lumped, env.truth.position)
         return np.linalg.solve(inertia, env.truth.disturbance[..., None])[..., 0].astype(float)
 
-    text = "the leakage LS of an unknown disturbance is (6)"
-    paper = "M^-1 (tau_d - tau); meant: M^-1 (tau_d - tau_d^)"
-    perfect = scenario.replace(disturbance=None)
-    return _leakage_claim(effort, "(6)", text, paper, "cascade-flm", scenario, perfect, equation_6)
+    return _leakage_claim(
+        effort, "cascade-flm", scenario, {"disturbance": None}, equation_6, figure="(6)",
+        claim="the leakage LS of an unknown disturbance is (6)",
+        paper="M^-1 (tau_d - tau); meant: M^-1 (tau_d - tau_d^)",
+    )  # fmt: skip
 
 
 def leakage_of_stiction(effort: Effort) -> Measured:
     """Measure equations (44) and (45): the leakage of stiction."""
-    scenario = scenarios.get("paper-8")
-    text = "the leakage LS of stiction is M^-1 F_s, (44) and (45)"
-    perfect = scenario.replace(friction=None)
-    return _leakage_claim(effort, "8, (45)", text, "M^-1 F_s(q')", "cascade-flm", scenario, perfect, stiction_leakage)
+    return _leakage_claim(
+        effort, "cascade-flm", scenarios.get("paper-8"), {"friction": None}, stiction_leakage, figure="8, (45)",
+        claim="the leakage LS of stiction is M^-1 F_s, (44) and (45)", paper="M^-1 F_s(q')",
+    )  # fmt: skip
 
 
 def figure_2(effort: Effort) -> Measured:
@@ -158,22 +163,18 @@ def figure_2(effort: Effort) -> Measured:
             )
             for joint in (0, 1)
         ]  # fmt: skip
-    claim = judged(
-        cases, figure="2", claim="the linearised plant is decoupled", paper="second-order decoupled dynamics",
+    return judged(
+        cases, draw_lines("A pulse of acceleration on joint 1 alone", panels),
+        figure="2", claim="the linearised plant is decoupled", paper="second-order decoupled dynamics",
         measured=f"joint 1 is commanded to move 1 rad; {text} (Table 1)",
         assumptions="open loop, 10 kHz, from the hanging position; mixed errors: m1 and L2 are twice, m2 and L1 half their "
             "estimates; below 1 mrad",
-        scenario="nominal", seed="0",
+        scenario="nominal",
     )  # fmt: skip
-    return claim, lambda path: plot_lines("A pulse of acceleration on joint 1 alone", panels, path)
 
 
 _REFERENCE: dict[str, Any] = {"points": vars(scenarios.get("paper-3a").reference)["points"], "period": 4.0}
 _HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.3),)}
-
-
-def _pulse_acceleration(t: float) -> float:
-    return 4.0 if t < 0.5 - 1e-9 else -4.0
 
 
 def _double_integrator(t: Array) -> Array:
@@ -189,7 +190,7 @@ def _pulse_motion(scenario: Scenario) -> Array:
     layout = env.interface.layout
     positions = [observation[layout["position"]]]
     for k in range(scenario.steps):
-        a = np.array([_pulse_acceleration(k * scenario.control_dt), 0.0])
+        a = np.array([4.0 if k * scenario.control_dt < 0.5 - 1e-9 else -4.0, 0.0])
         torque = linearize(env.interface.nominal, observation[layout["position"]], observation[layout["velocity"]], a)
         observation = env.step(torque)[0]
         positions.append(observation[layout["position"]])
@@ -216,26 +217,26 @@ def figure_3a(effort: Effort) -> Measured:
             steady = max(float(rows["steady_1_pct"][0]), float(rows["steady_2_pct"][0]))
             text = f"{steady:.2g} % at rest, mean error {percents(rows['error_pct'])}"
             cases.append(Case(f"{arm}, {name}", steady < 1.0, text))
-    claim = judged(
-        cases, figure="3a", claim="PID with a perfect model tracks", paper="good control performance",
+    return judged(
+        cases, draw_trace(trace, "Figure 3a: PID and a perfect model"),
+        figure="3a", claim="PID with a perfect model tracks", paper="good control performance",
         measured=f"{text} ({cases[-1].name})",
         assumptions="P = 10, D = 3, I = 0 instead of the printed P, I, D = 10, 3, 0; error at rest below 1 %",
-        scenario="paper-3a", seed="0",
+        scenario="paper-3a",
     )  # fmt: skip
-    return claim, lambda path: plot_trace(trace, "Figure 3a: PID and a perfect model", path)
 
 
 def figure_3a_as_printed(effort: Effort) -> Measured:
     """Measure figure 3a with the printed gains P, I, D = 10, 3, 0."""
     trace, rows = run("pid-flm", scenarios.get("paper-3a"), kp=10.0, ki=3.0, kd=0.0)
     growth = float(np.roots([1.0, 0.0, 10.0, 3.0]).real.max())
-    claim = judged(
+    return judged(
         [Case("every task", growth <= 0)],
+        draw_trace(trace, "Figure 3a with the gains as printed"),
         figure="3a", claim="PID with the printed gains P, I, D = 10, 3, 0 tracks", paper="good control performance",
         measured=f"unstable: a closed-loop pole at +{growth:.3f}; mean error {percents(rows['error_pct'])}",
-        assumptions="as printed", scenario="paper-3a", seed="0",
+        assumptions="as printed", scenario="paper-3a",
     )  # fmt: skip
-    return claim, lambda path: plot_trace(trace, "Figure 3a with the gains as printed", path)
 
 
 def figure_3b(effort: Effort) -> Measured:
@@ -250,12 +251,12 @@ def figure_3b(effort: Effort) -> Measured:
                 errors[factor] = rows["error_pct"]
             text = percents(errors[0.5], errors[2.0], errors[1.0])
             cases.append(Case(f"{arm}, {name}", errors[0.5] > 2.0 * errors[1.0], text))
-    claim = judged(
-        cases, figure="3b", claim="PID with model errors of 50 % does not track",
+    return judged(
+        cases, draw_trace(traces[0.5], "Figure 3b: PID, estimates at half the real values"),
+        figure="3b", claim="PID with model errors of 50 % does not track",
         paper="nonlinear and coupled leakages",
         measured="mean error with estimates at half the real values, at double, and with a perfect model: "
             f"{cases[0].measured} ({cases[0].name})",
         assumptions="as 3a; the paper's estimates are at half; at least twice the perfect model's error",
-        scenario="paper-3b", seed="0",
+        scenario="paper-3b",
     )  # fmt: skip
-    return claim, lambda path: plot_trace(traces[0.5], "Figure 3b: PID, estimates at half the real values", path)

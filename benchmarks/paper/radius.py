@@ -6,14 +6,31 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks.analysis.robustness import DIRECTIONS, SHARE, with_radius
-from benchmarks.paper.claim import ARMS, Case, Effort, Measured, judged, run, seed_range, share
-from benchmarks.report.plot import Line, Panel, plot_lines
+from benchmarks.paper.claim import ARMS, Case, Effort, Measured, draw_lines, judged, run, share
+from benchmarks.report.plot import Line, Panel
 from fbl_gym import Scenario, scenarios
 from fbl_gym.arm import Array
 
+SHARE = 0.95
+"""At the radius, this share of the seeds must track."""
+
+DIRECTIONS = ("larger", "smaller", "both")
+
 BOUNDS = (1.0, 2.0, 5.0, 10.0)
 """Mean errors [%] up to which an arm counts as tracking: the paper says "satisfactory"."""
+
+
+def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
+    """Return the scenario with real parameters within a radius, each by its own factor.
+
+    "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1], "both" from [1 /
+    (1 + r), 1 + r]; all log-uniformly.
+    """
+    if direction == "both":
+        return scenario.replace(parameter_error={"radius": r})
+    middle = np.sqrt(1.0 + r)
+    ratio = middle if direction == "larger" else 1.0 / middle
+    return scenario.replace(parameter_error={"ratio": ratio, "radius": middle - 1.0})
 
 
 def task(arm: str) -> Scenario:
@@ -32,7 +49,7 @@ def errors(policy: str, scenario: Scenario, seeds: int) -> Array:
 
 
 def curve(policy: str, scenario: Scenario, direction: str, r: Array, seeds: int) -> Array:
-    """Return the mean tracking error [%] at each radius, [len(r) x seeds]."""
+    """Return the mean tracking error of each seed at each radius [len(r) x seeds] in %."""
     return np.array([errors(policy, with_radius(scenario, float(x), direction), seeds) for x in r])
 
 
@@ -64,13 +81,15 @@ def _text(r: Array, error: Array, bound: float = 5.0) -> str:
     return f"{value} [{low}, {high}]"
 
 
-def _share_lines(r: Array, curves: dict[str, Array], bound: float = 5.0) -> tuple[Line, ...]:
+def _share_panel(arm: str, r: Array, curves: dict[str, Array]) -> Panel:
+    """Return the share of seeds within 5 % over the radius, a line for each curve."""
     lines = []
     for name, error in curves.items():
         fine, errors = between(r, error)
-        shares = share(errors <= bound)
+        shares = share(errors <= 5.0)
         lines.append(Line(fine, 100 * shares.value, name, low=100 * shares.low, high=100 * shares.high))
-    return tuple(lines)
+    marks = ((95.0, "95 %"),)
+    return Panel(f"{arm}, within 5 %", "radius", "seeds that track [%]", tuple(lines), bounds=(0.0, 102.0), marks=marks)
 
 
 def robust_radius(effort: Effort) -> Measured:
@@ -84,29 +103,17 @@ def robust_radius(effort: Effort) -> Measured:
         curves = {d: curve("robust-flm", scenario, d, r, seeds[d]) for d in DIRECTIONS}
         for direction, bound in product(DIRECTIONS, BOUNDS):
             error = curves[direction]
-            cases.append(
-                Case(
-                    f"{arm}, {direction}, {bound:g} %", error[at] <= bound,
-                    f"radius {_text(r, error, bound)}; {100 * np.mean(error[at] <= bound):.1f} % at 1",
-                )
-            )  # fmt: skip
-        exceeding = 0
-        for corner in product((0.5, 2.0), repeat=4):
-            exceeding += bool(
-                errors("robust-flm", scenario.replace(parameter_error={"ratio": corner}), effort.seeds).max() > 5.0
-            )
+            text = f"radius {_text(r, error, bound)}; {100 * np.mean(error[at] <= bound):.1f} % at 1"
+            cases.append(Case(f"{arm}, {direction}, {bound:g} %", error[at] <= bound, text))
+        corners = [scenario.replace(parameter_error={"ratio": c}) for c in product((0.5, 2.0), repeat=4)]
+        exceeding = sum(errors("robust-flm", corner, effort.seeds).max() > 5.0 for corner in corners)
         pid = curve("pid-flm", scenario, "both", r[: at + 1], effort.seeds)
         texts.append(
             f"{arm}: radius {_text(r, curves['both'])} in both directions at 5 %, {100 * np.mean(curves['both'][at] <= 5):.1f} "
             f"% of the seeds track at 1; {exceeding} of 16 corners exceed 5 % in some motion; pid-flm "
             f"{_text(r[: at + 1], pid)}"
         )
-        panels.append(
-            Panel(
-                f"{arm}, within 5 %", "radius", "seeds that track [%]", _share_lines(r, curves), bounds=(0.0, 102.0),
-                marks=((95.0, "95 %"),),
-            )
-        )  # fmt: skip
+        panels.append(_share_panel(arm, r, curves))
         bounds = np.linspace(0.5, 10.0, 39)
         limits = {d: np.array([radius(r, error, b) for b in bounds]) for d, error in curves.items()}
         lines = tuple(
@@ -116,15 +123,15 @@ def robust_radius(effort: Effort) -> Measured:
         panels.append(
             Panel(f"{arm}, 95 % of the seeds", "bound on the mean error [%]", "radius", lines, marks=((1.0, "100 %"),))
         )
-    claim = judged(
-        cases, figure="§3", claim="the robust design holds within a radius of 100 %", paper="radius 1: satisfactory",
+    return judged(
+        cases, draw_lines("Share of seeds that track, and the radius against its bound", panels),
+        figure="§3", claim="the robust design holds within a radius of 100 %", paper="radius 1: satisfactory",
         measured="; ".join(texts),
         assumptions="each parameter has its own factor, drawn log-uniformly; the radius up to which 95 % of the seeds "
             "track, with its 95 % interval; open: the arm, the direction of real / nominal, the bound on the mean "
             "error; way-points at 1 kHz, no noise, no torque limit",
-        scenario="nominal", seed=seed_range(effort.many),
+        scenario="nominal", seeds=effort.many,
     )  # fmt: skip
-    return claim, lambda path: plot_lines("Share of seeds that track, and the radius against its bound", panels, path)
 
 
 def adaptive_radius(effort: Effort) -> Measured:
@@ -147,17 +154,12 @@ def adaptive_radius(effort: Effort) -> Measured:
         for name, error in curves.items():
             text = f"radius {_text(r, error)}; {100 * np.mean(error[at] <= 5.0):.0f} % at 9"
             cases.append(Case(f"{arm}, {name}", error[at] <= 5.0, text))
-        panels.append(
-            Panel(
-                f"{arm}, within 5 %", "radius", "seeds that track [%]", _share_lines(r, curves), bounds=(0.0, 102.0),
-                marks=((95.0, "95 %"),),
-            )
-        )  # fmt: skip
-    claim = judged(
-        cases, figure="§4", claim="the adaptive design holds within a radius of 1000 %", paper="1000 %: radius 9",
+        panels.append(_share_panel(arm, r, curves))
+    return judged(
+        cases, draw_lines("Share of seeds that the adaptive controller tracks", panels),
+        figure="§4", claim="the adaptive design holds within a radius of 1000 %", paper="1000 %: radius 9",
         measured="; ".join(f"{case.measured} ({case.name})" for case in cases if "smaller" in case.name),
         assumptions="the first second of way-points, mean error within 5 %, no noise, no friction, no torque limit; "
             "open: the arm, the direction, the sample time",
-        scenario="nominal", seed=seed_range(seeds),
+        scenario="nominal", seeds=seeds,
     )  # fmt: skip
-    return claim, lambda path: plot_lines("Share of seeds that the adaptive controller tracks", panels, path)

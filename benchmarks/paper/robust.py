@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from itertools import product
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,13 +18,15 @@ from benchmarks.paper.claim import (
     Measured,
     Rows,
     diverged,
+    draw_lines,
+    draw_trace,
     judged,
     percents,
+    quote,
     run,
-    seed_range,
     with_estimate,
 )
-from benchmarks.report.plot import Line, Panel, plot_lines, plot_trace
+from benchmarks.report.plot import Line, Panel, plot_trace
 from benchmarks.run.rollout import rollout
 from controllers.kalman import PAPER_SIGMA, continuous_gains, gains
 from fbl_gym import Noise, Scenario, scenarios
@@ -41,7 +44,13 @@ def _noise(sigma: float | None) -> Noise | None:
     return Noise(position=sigma, velocity=sigma, acceleration=sigma) if sigma else None
 
 
-def _figure_4_scenario(arm: str, direction: str, reference: str, sigma: float | None) -> Scenario:
+_LEVELS: Any = vars(scenarios.get("paper-4b").reference)["points"]
+
+Setting: TypeAlias = tuple[str, str, str, float | None]
+"""Arm, direction, reference and sigma of figure 4."""
+
+
+def _scenario(arm: str, direction: str, reference: str, sigma: float | None) -> Scenario:
     """Return the scenario of figure 4 at one value of all that the paper leaves open."""
     scenario = with_estimate(scenarios.get("paper-4b"), ARMS[arm], DIRECTIONS[direction])
     steps = {} if reference == "filtered steps" else {"reference": {"kind": "steps", "points": _LEVELS, "period": 2.0}}
@@ -50,100 +59,94 @@ def _figure_4_scenario(arm: str, direction: str, reference: str, sigma: float | 
 
 
 @lru_cache(maxsize=128)
-def _figure_4(policy: str, arm: str, direction: str, reference: str, sigma: float | None, seeds: int) -> Rows:
-    return run(policy, _figure_4_scenario(arm, direction, reference, sigma), seeds)[1]
+def _rows(policy: str, setting: Setting, seeds: int) -> Rows:
+    return run(policy, _scenario(*setting), seeds)[1]
 
 
-def _draw_figure_4(policy: str, reference: str, sigma: float, title: str) -> Draw:
-    """Return a function that draws seed 0 on §2.2's arm, estimates at double."""
-    scenario = _figure_4_scenario("§2.2", "double", reference, sigma)
-    return lambda path: plot_trace(run(policy, scenario)[0], title + ", estimates at double, §2.2's arm", path)
+def _figure_4(
+    effort: Effort, judge: Callable[[Setting], tuple[Any, str]], readings: int = 2, **fields: str
+) -> tuple[list[Case], dict[str, str]]:
+    """Return each case of figure 4, judged, and the fields of its claim.
 
-
-_LEVELS: Any = vars(scenarios.get("paper-4b").reference)["points"]
-
-
-def _settings(effort: Effort, readings: int) -> list[tuple[str, tuple[str, str, str, float]]]:
-    """Return name and values of each case of figure 4, with the first readings of the noise.
-
-    The short form has the first arm only.
+    The noise has the first readings of `SIGMAS`. The short form has the first arm only.
     """
-    return [
-        (f"{arm}, {direction}, {reference}, {name}", (arm, direction, reference, sigma))
-        for arm in list(ARMS)[: effort.points // 3]
-        for direction in DIRECTIONS
-        for reference in ("filtered steps", "literal steps")
-        for name, sigma in list(SIGMAS.items())[:readings]
-    ]
+    noises = list(SIGMAS.items())[:readings]
+    cases = []
+    for arm, direction, reference, (name, sigma) in product(
+        list(ARMS)[: effort.points // 3], DIRECTIONS, ("filtered steps", "literal steps"), noises
+    ):
+        cases.append(Case(f"{arm}, {direction}, {reference}, {name}", *judge((arm, direction, reference, sigma))))
+    fields["measured"] += quote(cases[0], cases[-1])
+    fields["assumptions"] += (
+        "; open: the arm, the sign of the error (estimates at half or double the real values), the reference (steps behind a "
+        "filter of 8 rad/s, or literal), the noise of a 1 ms sample on each sensor; Kp = 10, 50 and 20 N m every 0.5 s"
+    )
+    return cases, fields
 
 
-def _extremes(cases: Sequence[Case]) -> str:
-    """Return the values of the first and the last case."""
-    return "; ".join(f"{case.measured} ({case.name})" for case in (cases[0], cases[-1]))
-
-
-_OPEN = "open: the arm, the sign of the error (estimates at half or double the real values), the reference (steps behind a " \
-    "filter of 8 rad/s, or literal), the noise of a 1 ms sample on each sensor; Kp = 10, 50 and 20 N m every 0.5 s"  # fmt: skip
+def _draw_figure_4(policy: str, sigma: float, title: str) -> Draw:
+    """Return a function that draws seed 0 on §2.2's arm, estimates at double."""
+    scenario = _scenario("§2.2", "double", "filtered steps", sigma)
+    return lambda path: plot_trace(run(policy, scenario)[0], title + ", estimates at double, §2.2's arm", path)
 
 
 def figure_4a(effort: Effort) -> Measured:
     """Measure figure 4a: noise degrades the cascade without a filter."""
-    cases = []
-    for name, (*values, sigma) in _settings(effort, 2):
-        noisy = _figure_4("cascade-flm", *values, sigma, effort.seeds)
-        clean = _figure_4("cascade-flm", *values, None, effort.seeds)
+
+    def judge(setting: Setting) -> tuple[Any, str]:
+        noisy, clean = (_rows("cascade-flm", (*setting[:3], sigma), effort.seeds) for sigma in (setting[3], None))
         times = np.median(noisy["variation"] / clean["variation"])
         text = f"{percents(clean['error_pct'])} to {percents(noisy['error_pct'])}{diverged(noisy)}, {times:.3g} times"
-        cases.append(Case(name, noisy["error_pct"] > 1.5 * clean["error_pct"], text))
-    claim = judged(
-        cases, figure="4a", claim="noise degrades the cascade without a filter", paper="large position tracking error",
-        measured="mean error without and with noise, total variation of the torque with noise: " + _extremes(cases),
-        assumptions="the error grows by half; " + _OPEN,
-        scenario="paper-4a", seed=seed_range(effort.seeds),
+        return noisy["error_pct"] > 1.5 * clean["error_pct"], text
+
+    cases, fields = _figure_4(
+        effort, judge, claim="noise degrades the cascade without a filter", paper="large position tracking error",
+        measured="mean error without and with noise, total variation of the torque with noise: ",
+        assumptions="the error grows by half", figure="4a", scenario="paper-4a",
     )  # fmt: skip
-    return claim, _draw_figure_4("cascade-flm", "filtered steps", PAPER_SIGMA, "Figure 4a: no filter, variance 0.1")
+    draw = _draw_figure_4("cascade-flm", PAPER_SIGMA, "Figure 4a: no filter, variance 0.1")
+    return judged(cases, draw, effort.seeds, **fields)
 
 
 def figure_4b_filter(effort: Effort) -> Measured:
     """Measure figures 4a and 4b: the Kalman filter removes the noise."""
-    cases = []
-    for name, values in _settings(effort, 2):
-        without = _figure_4("cascade-flm", *values, effort.seeds)
-        rows = _figure_4("robust-flm", *values, effort.seeds)
+
+    def judge(setting: Setting) -> tuple[Any, str]:
+        without, rows = (_rows(policy, setting, effort.seeds) for policy in ("cascade-flm", "robust-flm"))
         share = rows["variation"] / without["variation"]
-        text = (
-            f"{percents(without['error_pct'])} to {percents(rows['error_pct'])}{diverged(rows)}, "
-            f"{100 * np.median(share):.2g} % of the variation"
-        )
-        cases.append(Case(name, (share < 0.2) & (rows["error_pct"] < 1.05 * without["error_pct"]), text))
-    claim = judged(
-        cases, figure="4a, 4b", claim="the Kalman filter removes the noise",
-        paper="degraded without the filter, good with it",
-        measured="mean error without and with the filter, total variation of the torque: " + _extremes(cases),
-        assumptions="the torque varies by less than a fifth, and the error does not grow (by 5 %); " + _OPEN,
-        scenario="paper-4b", seed=seed_range(effort.seeds),
+        text = f"{percents(without['error_pct'])} to {percents(rows['error_pct'])}{diverged(rows)}, "
+        text += f"{100 * np.median(share):.2g} % of the variation"
+        return (share < 0.2) & (rows["error_pct"] < 1.05 * without["error_pct"]), text
+
+    cases, fields = _figure_4(
+        effort, judge, claim="the Kalman filter removes the noise", paper="degraded without the filter, good with it",
+        measured="mean error without and with the filter, total variation of the torque: ",
+        assumptions="the torque varies by less than a fifth, and the error does not grow (by 5 %)",
+        figure="4a, 4b", scenario="paper-4b",
     )  # fmt: skip
-    return claim, _draw_figure_4("robust-flm", "filtered steps", PAPER_SIGMA, "Figure 4b: the filter, variance 0.1")
+    draw = _draw_figure_4("robust-flm", PAPER_SIGMA, "Figure 4b: the filter, variance 0.1")
+    return judged(cases, draw, effort.seeds, **fields)
 
 
 def figure_4b_error(effort: Effort) -> Measured:
     """Measure figure 4b: error, overshoot and settling time of the robust design, together."""
-    cases, together = [], []
-    for name, values in _settings(effort, 4 if effort.points > 3 else 2):
-        rows = _figure_4("robust-flm", *values, effort.seeds)
+    together = []
+
+    def judge(setting: Setting) -> tuple[Any, str]:
+        rows = _rows("robust-flm", setting, effort.seeds)
         good = (rows["error_pct"] <= 0.5) & (rows["overshoot_pct"] < 0.5)
         together.append(bool((good & (rows["settling_s"] <= 0.016)).any()))
         settling = f"{np.median(rows['settling_s']):.2g} s"
-        text = f"{percents(rows['error_pct'], rows['overshoot_pct'])} / {settling}{diverged(rows)}"
-        cases.append(Case(name, good, text))
-    claim = judged(
-        cases, figure="4b", claim="average tracking error of 0.5 % without overshoot", paper="0.5 %, 0 %",
-        measured=f"mean error, overshoot and settling time: {_extremes(cases)}. All three numbers of the paper occur "
-            f"together in {'some' if any(together) else 'no'} run",
-        assumptions="overshoot below 0.5 %; " + _OPEN,
-        scenario="paper-4b", seed=seed_range(effort.seeds),
+        return good, f"{percents(rows['error_pct'], rows['overshoot_pct'])} / {settling}{diverged(rows)}"
+
+    cases, fields = _figure_4(
+        effort, judge, 4 if effort.points > 3 else 2, claim="average tracking error of 0.5 % without overshoot",
+        paper="0.5 %, 0 %", measured="mean error, overshoot and settling time: ", assumptions="overshoot below 0.5 %",
+        figure="4b", scenario="paper-4b",
     )  # fmt: skip
-    return claim, _draw_figure_4("robust-flm", "filtered steps", 0.01, "Figure 4b: the filter, σ = 0.01")
+    some = "some" if any(together) else "no"
+    fields["measured"] += f". All three numbers of the paper occur together in {some} run"
+    return judged(cases, _draw_figure_4("robust-flm", 0.01, "Figure 4b: the filter, σ = 0.01"), effort.seeds, **fields)
 
 
 def kalman_filter(effort: Effort) -> Measured:
@@ -153,52 +156,45 @@ def kalman_filter(effort: Effort) -> Measured:
         scenario = with_estimate(scenarios.get("paper-4b"), ARMS["§2.2"], DIRECTIONS[direction])
         scenario = scenario.replace(noise=_noise(PAPER_SIGMA), limits={"acceleration": 1e9, "velocity": 1e4})
         for form in ("discrete", "continuous"):
-            watch = {
-                "estimate": lambda *of: of[2][1][..., 0],
-                "position": lambda env, *_: env.truth.position.copy(),
-            }
+            watch = {"error": lambda env, _, state: state[1][..., 0] - env.truth.position}
             trace, rows = run("robust-flm", scenario, effort.seeds, watch, filtering=form)
-            error = trace.watched["estimate"] - trace.watched["position"]
-            sigma = np.sqrt((error**2).mean(axis=(0, 2)))
+            sigma = np.sqrt((trace.watched["error"] ** 2).mean(axis=(0, 2)))
             text = f"{np.median(sigma):.3g} rad, {percents(rows['error_pct'])}"
             cases.append(Case(f"{form}, {direction}", sigma < PAPER_SIGMA, text))
-    settled = [
-        continuous_gains(1e-3, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-3,
-        gains(1e-3, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-3,
-    ]
-    claim = judged(
-        cases, figure="(19)-(21)", claim="the filter estimates the position better than the sensor measures it",
+    settled = [form(1e-3, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-3 for form in (continuous_gains, gains)]
+    return judged(
+        cases, draw_trace(trace, "Figure 4b with the continuous filter, variance 0.1"),
+        figure="(19)-(21)", claim="the filter estimates the position better than the sensor measures it",
         paper="the noise is eliminated",
         measured=f"rms error of the estimated position (sensor: {PAPER_SIGMA:.3f} rad) and tracking error: {text} "
             f"(continuous, which starts with its low final gain), {cases[-2].measured} (discrete), estimates at double. K at "
             f"steady state: {settled[0].round(3)} continuous, {settled[1].round(3)} discrete over dt",
         assumptions="§2.2's arm; 0.1 as variance of a sample in the noise, as density in (20): only the ratio of Q and R "
             "counts, so both forms have the same K at steady state",
-        scenario="paper-4b", seed=seed_range(effort.seeds),
+        scenario="paper-4b", seeds=effort.seeds,
     )  # fmt: skip
-    return claim, lambda path: plot_trace(trace, "Figure 4b with the continuous filter, variance 0.1", path)
 
 
 @dataclass(frozen=True)
 class _Step:
-    """The response to a step reference.
+    """The response to a step reference: time since the step [T] s, and largest torque [N m].
 
-    Args:
-        time: since the step [T] s.
-        fraction: of the step that each moved joint has made, [T x joints].
-        settled: settling time to 2 % [s].
-        torque: largest torque [N m].
+    `fraction` is that of the step which each moved joint has made, [T x joints].
     """
 
     time: Array
     fraction: Array
-    settled: float
     torque: float
 
     @property
-    def overshoot(self) -> float:
-        """Overshoot in % of the step."""
-        return 100.0 * max(float(self.fraction.max()) - 1.0, 0.0)
+    def settled(self) -> float:
+        """Settling time to 2 % [s]."""
+        return _time_to(self.time, np.abs(self.fraction - 1.0).max(axis=1), 0.02)
+
+    def __str__(self) -> str:
+        settled = f"{self.settled:.3f} s" if self.settled < self.time[-1] else "not within 3 s"
+        overshoot = 100.0 * max(float(self.fraction.max()) - 1.0, 0.0)
+        return f"{settled}, {overshoot:.2g} %, {self.torque:.0e} N m"
 
 
 def _step(arm: str, factor: float, height: tuple[float, float], sigma: float | None = None) -> _Step:
@@ -223,34 +219,18 @@ def _step(arm: str, factor: float, height: tuple[float, float], sigma: float | N
     trace = rollout(policy, with_estimate(scenario, ARMS[arm], factor), [0], {"kp": 1.0})
     moved = np.flatnonzero(height)
     fraction = (trace.position[begin:, 0, moved] - rest[moved]) / np.array(height)[moved]
-    outside = (np.abs(fraction - 1.0) > 0.02).any(axis=1)
-    settled = (len(outside) - np.argmax(outside[::-1])) * dt if outside.any() else 0.0
-    return _Step(trace.time[begin:] - trace.time[begin], fraction, settled, float(np.abs(trace.torque).max()))
+    return _Step(trace.time[begin:] - trace.time[begin], fraction, float(np.abs(trace.torque).max()))
 
 
 def figure_4b_settling(effort: Effort) -> Measured:
     """Measure figure 4b: settling time of the robust design."""
     heights = {"joint 1 by 1 rad": (1.0, 0.0), "both by 0.01 rad": (0.01, 0.01), "both by 1 and 0.5 rad": (1.0, 0.5)}
     steps = {
-        f"{arm}, {direction}, {name}": _step(arm, DIRECTIONS[direction], height)
-        for arm in ARMS
-        for direction in DIRECTIONS
-        for name, height in heights.items()
+        f"{arm}, {direction}, {name}": _step(arm, DIRECTIONS[direction], heights[name])
+        for arm, direction, name in product(ARMS, DIRECTIONS, heights)
     }
     steps["§2.2, double, joint 1 by 1 rad, filter and σ = 0.01"] = _step("§2.2", 2.0, (1.0, 0.0), 0.01)
-    cases = [
-        Case(name, step.settled <= 0.016, f"{_settled(step)}, {step.overshoot:.2g} %, {step.torque:.0e} N m")
-        for name, step in steps.items()
-    ]
-    claim = judged(
-        cases,
-        figure="4b", claim="settling time of 0.01 s", paper="0.01 s",
-        measured="settling time, overshoot and largest torque: "
-            + "; ".join(f"{case.measured} ({case.name})" for case in (cases[3], cases[-1])),
-        assumptions="below 0.016 s; a step whose velocity impulse is fed forward; Kp = 1, no torque limit, no disturbance, "
-            "from hanging, 1 kHz; no noise and no filter, but for the last case. Without the impulse no case settles in 0.1 s",
-        scenario="nominal", seed="0",
-    )  # fmt: skip
+    cases = [Case(name, step.settled <= 0.016, str(step)) for name, step in steps.items()]
 
     def lines(end: float) -> tuple[Line, ...]:
         return tuple(
@@ -263,46 +243,46 @@ def figure_4b_settling(effort: Effort) -> Measured:
         Panel(f"joint 1, the first {end:g} s", "time [s]", "fraction of the step", lines(end), bounds=(0.0, 1.4))
         for end in (0.05, 3.0)
     )
-    return claim, lambda path: plot_lines("A step with its velocity impulse fed forward, §2.2's arm", panels, path)
-
-
-def _settled(step: _Step) -> str:
-    return f"{step.settled:.3f} s" if step.settled < step.time[-1] else "not within 3 s"
+    return judged(
+        cases, draw_lines("A step with its velocity impulse fed forward, §2.2's arm", panels),
+        figure="4b", claim="settling time of 0.01 s", paper="0.01 s",
+        measured="settling time, overshoot and largest torque: " + quote(cases[3], cases[-1]),
+        assumptions="below 0.016 s; a step whose velocity impulse is fed forward; Kp = 1, no torque limit, no disturbance, "
+            "from hanging, 1 kHz; no noise and no filter, but for the last case. Without the impulse no case settles in 0.1 s",
+        scenario="nominal",
+    )  # fmt: skip
 
 
 def equation_10(effort: Effort) -> Measured:
     """Measure equation (10): an error decays as fast as Kp demands, with a perfect model."""
     begin, cases, lines = 0.1, [], []
-    for feedforward in (0.0, 1.0):
-        for kp in (10.0, 30.0, 100.0, 1000.0):
-            scenario = scenarios.get("nominal").replace(
-                control_dt=1e-4, physics_dt=1e-4, actuator=None, duration=3.0, initial_error=begin,
-                reference={"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.5),)},
-            )  # fmt: skip
-            trace = rollout("cascade-flm", scenario, [0], {"kp": kp, "feedforward": feedforward})
-            error = trace.reference[:, 0] - trace.position[:, 0]
-            share = error / error[0]
-            times = [_time_to(trace.time, np.abs(share[:, j]), 0.01) for j in (0, 1)]
-            overshoot, ideal = 100 * np.maximum(-share.min(axis=0), 0.0), np.log(100.0) / kp
-            name = f"Kp = {kp:g}" + (" with feed-forward" if feedforward else "")
-            text = (
-                f"{times[0]:.3g} and {times[1]:.3g} s (claimed {ideal:.2g} s), overshoot {overshoot[0]:.2g} and "
-                f"{overshoot[1]:.2g} %"
-            )
-            cases.append(Case(name, max(times) < 1.1 * ideal and overshoot.max() < 1.0, text))
-            if not feedforward or kp == 10.0:
-                lines.append(Line(trace.time, share[:, 0], name, style="--" if feedforward else "-"))
-    claim = judged(
-        cases, figure="(10)", claim="the error decays as exp(-Kp t), arbitrarily fast by Kp", paper="E = exp(-Kp t)",
-        measured="1 % is reached, on joints 1 and 2, after " + _extremes(cases[:4]),
+    for feedforward, kp in product((0.0, 1.0), (10.0, 30.0, 100.0, 1000.0)):
+        scenario = scenarios.get("nominal").replace(
+            control_dt=1e-4, physics_dt=1e-4, actuator=None, duration=3.0, initial_error=begin,
+            reference={"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.5),)},
+        )  # fmt: skip
+        trace = rollout("cascade-flm", scenario, [0], {"kp": kp, "feedforward": feedforward})
+        error = trace.reference[:, 0] - trace.position[:, 0]
+        share = error / error[0]
+        times = [_time_to(trace.time, np.abs(share[:, j]), 0.01) for j in (0, 1)]
+        overshoot, ideal = 100 * np.maximum(-share.min(axis=0), 0.0), np.log(100.0) / kp
+        name = f"Kp = {kp:g}" + (" with feed-forward" if feedforward else "")
+        text = f"{times[0]:.3g} and {times[1]:.3g} s (claimed {ideal:.2g} s), overshoot "
+        text += f"{overshoot[0]:.2g} and {overshoot[1]:.2g} %"
+        cases.append(Case(name, max(times) < 1.1 * ideal and overshoot.max() < 1.0, text))
+        if not feedforward or kp == 10.0:
+            lines.append(Line(trace.time, share[:, 0], name, style="--" if feedforward else "-"))
+    first = [Line(line.x[line.x <= 0.6], line.y[line.x <= 0.6], line.label, style=line.style) for line in lines]
+    panel = Panel("joint 1, a perfect model", "time [s]", "error / first error", tuple(first), marks=((0.0, ""),))
+    return judged(
+        cases, draw_lines("Equation (10): the decay of an error at four Kp", (panel,)),
+        figure="(10)", claim="the error decays as exp(-Kp t), arbitrarily fast by Kp", paper="E = exp(-Kp t)",
+        measured="1 % is reached, on joints 1 and 2, after " + quote(cases[0], cases[3]),
         assumptions="within 1.1 times the claimed time, overshoot below 1 %; perfect model, no torque limit, 10 kHz, E(0) = "
             "0.1 rad. (10) assumes a perfect inner loop, whose poles are -29.6 and -0.44 for P, I = 30, 13. Feed-forward: the "
             "derivative of the velocity reference, r'' + Kp (r' - v)",
-        scenario="nominal", seed="0",
+        scenario="nominal",
     )  # fmt: skip
-    first = [Line(line.x[line.x <= 0.6], line.y[line.x <= 0.6], line.label, style=line.style) for line in lines]
-    panel = Panel("joint 1, a perfect model", "time [s]", "error / first error", tuple(first), marks=((0.0, ""),))
-    return claim, lambda path: plot_lines("Equation (10): the decay of an error at four Kp", (panel,), path)
 
 
 def _time_to(time: Array, error: Array, bound: float) -> float:

@@ -21,7 +21,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing import current_process
-from typing import Any
+from typing import IO, Any
 
 from fbl_gym.checks import check_number
 from fbl_gym.records import set_fields
@@ -90,14 +90,13 @@ def call_apart(owner: str, function: str, *arguments: Any) -> Any:
         process = _process(owner)
         try:
             error, value = process.call(function, arguments)
-        except (EOFError, OSError, pickle.UnpicklingError):
+        except BaseException as problem:  # a late answer must not be taken for that to the next call
             _PROCESSES.pop((os.getpid(), owner)).close()
+            if not isinstance(problem, EOFError | OSError | pickle.UnpicklingError):
+                raise
             if process.late:
                 raise Failed(f"it took longer than {limits().seconds:g} s, see --cell-timeout") from None
             continue
-        except BaseException:  # the answer to this call must not be taken for that to the next one
-            _PROCESSES.pop((os.getpid(), owner)).close()
-            raise
         if error is not None:
             raise error
         return value
@@ -116,18 +115,22 @@ class _Process:
             self.process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
     def call(self, function: str, arguments: tuple[Any, ...]) -> tuple[BaseException | None, Any]:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
+        requests, answers = self._pipes()
         timer = threading.Timer(limits().seconds, self._end)
         timer.daemon = True
         timer.start()
         try:
-            pickle.dump((os.getcwd(), limits(), function, arguments), self.process.stdin)
-            self.process.stdin.flush()
-            answer: tuple[BaseException | None, Any] = pickle.load(self.process.stdout)
+            pickle.dump((os.getcwd(), limits(), function, arguments), requests)
+            requests.flush()
+            answer: tuple[BaseException | None, Any] = pickle.load(answers)
         finally:
             timer.cancel()
         return answer
+
+    def _pipes(self) -> tuple[IO[bytes], IO[bytes]]:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        return self.process.stdin, self.process.stdout
 
     def _end(self) -> None:
         self.late = True
@@ -136,10 +139,9 @@ class _Process:
     def close(self) -> None:
         self.process.kill()
         self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
+        for pipe in self._pipes():
             with contextlib.suppress(OSError):
-                if pipe is not None:
-                    pipe.close()
+                pipe.close()
 
 
 _PROCESSES: dict[tuple[int, str], _Process] = {}
@@ -148,29 +150,25 @@ is part of the key."""
 
 
 def _process(owner: str) -> _Process:
-    mine = [key for key in _PROCESSES if key[0] == os.getpid()]
     key = os.getpid(), owner
-    if key not in _PROCESSES:
-        if len(mine) >= MOST_PROCESSES:
-            _PROCESSES.pop(mine[0]).close()
-        _PROCESSES[key] = _Process()
-    _PROCESSES[key] = _PROCESSES.pop(key)  # the last used stands last
-    return _PROCESSES[key]
+    process = _PROCESSES.pop(key, None)
+    if process is None:
+        close(MOST_PROCESSES - 1)
+        process = _Process()
+    _PROCESSES[key] = process  # the last used stands last
+    return process
 
 
 @atexit.register
-def close() -> None:
-    """End the processes of this one."""
-    for key in [key for key in _PROCESSES if key[0] == os.getpid()]:
+def close(but: int = 0) -> None:
+    """End the processes of this one but the last used ones."""
+    mine = [key for key in _PROCESSES if key[0] == os.getpid()]
+    for key in mine[: max(len(mine) - but, 0)]:
         _PROCESSES.pop(key).close()
 
 
 def serve(parent: int) -> None:
-    """Answer the calls on the standard input on the standard output, until the input ends.
-
-    Args:
-        parent: identity of the process that calls.
-    """
+    """Answer the calls of a parent process on the standard input, until the input ends."""
     _watch(parent)
     requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     # A policy may read and print.

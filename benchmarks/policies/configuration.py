@@ -22,11 +22,7 @@ class Inexact(ValueError):
 
 
 def parse_gain(text: str) -> tuple[str, Any]:
-    """Return a gain and its value, one number or one for each joint.
-
-    Args:
-        text: such as "kp=25" or "kp=25,30".
-    """
+    """Return a gain and its value, of "kp=25" or, with one number for each joint, "kp=25,30"."""
     name, _, value = text.partition("=")
     try:
         numbers = tuple(float(part) for part in value.split(","))
@@ -38,23 +34,13 @@ def parse_gain(text: str) -> tuple[str, Any]:
 
 
 def gains_file(law: str, place: str | Path) -> Path:
-    """Return the file with the gains of a law: the place itself, or LAW.json in a folder.
-
-    Args:
-        law: the text that names the law, without gains.
-        place: a .json file or a folder.
-    """
+    """Return the file with the gains of a law: a .json file itself, or LAW.json in a folder."""
     name = re.sub(r"[^\w.+-]+", "_", Path(law).name) + ".json"
     return Path(place) if str(place).endswith(".json") else Path(place) / name
 
 
 def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
-    """Return the gains at the end of a policy's text; the last of two values counts.
-
-    Args:
-        law: the text without gains.
-        given: NAME=VALUE, a file, or a folder each.
-    """
+    """Return the gains of a law, of NAME=VALUE, a file or a folder each; the last value counts."""
     gains: dict[str, Any] = {}
     for text in given:
         if "=" in text:
@@ -80,14 +66,10 @@ def configuration(policy: Any) -> dict[str, Any]:
     Raises:
         Inexact: a field holds a value that cannot be compared exactly.
     """
-    declared = getattr(policy, "configuration", None)
-    if isinstance(declared, Mapping):
-        fields = dict(declared)
-    elif dataclasses.is_dataclass(policy):
-        fields = {field.name: getattr(policy, field.name) for field in dataclasses.fields(policy)}
-        fields = {name: value for name, value in fields.items() if name not in ("interface", "env")}
-    else:
-        fields = {}
+    fields = getattr(policy, "configuration", None)
+    if not isinstance(fields, Mapping):
+        names = [field.name for field in dataclasses.fields(policy)] if dataclasses.is_dataclass(policy) else []
+        fields = {name: getattr(policy, name) for name in names if name not in ("interface", "env")}
     return {name: exact(value, f"{type(policy).__name__}.{name}") for name, value in fields.items()}
 
 

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-import controllers
 from controllers import registry
 
 PACKAGES = ("benchmarks", "controllers", "fbl_gym")
@@ -144,4 +143,4 @@ def _imports(source: bytes, name: str, package: bool) -> tuple[tuple[str, str], 
 def _policy_modules() -> dict[str, tuple[str, ...]]:
     """Return the module of each policy of fbl-gym, by the policy's name."""
     external = {point.name for point in registry.entry_points() if point.module.partition(".")[0] not in PACKAGES}
-    return {name: (controllers.factory(name).__module__,) for name in controllers.names() if name not in external}
+    return {name: (module,) for name, module in registry.modules().items() if name not in external}

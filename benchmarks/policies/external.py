@@ -285,7 +285,7 @@ def _locate(module: str) -> tuple[Path | None, list[str]]:
 
 def entry_module(name: str) -> str:
     """Return the module by which another package registers a policy; empty: there is none."""
-    point = registry.entry_point(name)
+    point = registry.external().get(name)
     return "" if point is None or point.module.partition(".")[0] in PACKAGES else point.module
 
 

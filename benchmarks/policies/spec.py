@@ -223,16 +223,14 @@ def _with_gains(text: str) -> PolicySpec:
 def resolve_apart(text: str) -> PolicySpec:
     """Return the specification of a policy; code of an external one runs in its own process."""
     _check(text)
-    runs_code = (
-        external.entry_module(external.split_gains(text)[0]) if _form(text) == "name" else not external.weights(text)
-    )
-    if not runs_code:
+    code = external.split_gains(text)[0]
+    if not (external.entry_module(code) if _form(text) == "name" else not external.weights(text)):
         return resolve(text)
     try:
         spec: PolicySpec = call_apart(text, "benchmarks.policies.spec:resolve", text)
+        return spec
     except Failed as problem:
         return PolicySpec(text, "classical", "nominal", external=True, problem=f"{problem}, while it was loaded")
-    return spec
 
 
 def is_unchanged(spec: PolicySpec) -> bool:
@@ -264,18 +262,17 @@ def _with_seed(text: str) -> tuple[str, dict[str, int]]:
 
 def _check(text: str) -> None:
     code, gains = external.split_gains(text)
-    for folder in gains if _form(code) == "name" else ():
-        if folder.isidentifier() and not Path(folder).is_dir():  # a misspelt "tuned", rather
-            raise unknown("policy", text, names())
-    text = code
-    if _form(text) != "name":
-        external.check(text)
-    elif is_composed(text):
-        controllers.factory(text)  # refuses parts that do not fit
-    elif _with_seed(text)[0] not in names():
-        if (Path(text) / "agent.json").is_file():
-            raise ValueError(f"unknown policy {text!r}; the folder of that name is named by its path, ./{text}")
+    if _form(code) != "name":
+        external.check(code)
+        return
+    if any(folder.isidentifier() and not Path(folder).is_dir() for folder in gains):  # a misspelt "tuned", rather
         raise unknown("policy", text, names())
+    if is_composed(code):
+        controllers.factory(code)  # refuses parts that do not fit
+    elif _with_seed(code)[0] not in names():
+        if (Path(code) / "agent.json").is_file():
+            raise ValueError(f"unknown policy {code!r}; the folder of that name is named by its path, ./{code}")
+        raise unknown("policy", code, names())
 
 
 def _state(text: str, spec: PolicySpec | None = None) -> str:

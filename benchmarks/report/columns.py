@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from benchmarks.analysis.board import Board, meaning_of
-from benchmarks.analysis.generalization import MEANING, RangeErrors
 from benchmarks.analysis.statistics import Estimate
 
 Value: TypeAlias = float | str | None
@@ -92,8 +91,8 @@ def percent(x: float) -> str:
     return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
 
 
-def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
-    """Return the columns of a board, from left to right, one for each generalization range."""
+def columns(board: Board) -> list[Column]:
+    """Return the columns of a board, from left to right."""
     count = len(board.policies)
     rank: list[Value] = [None] * count
     ends: list[list[Value]] = [rank[:], rank[:]]
@@ -157,14 +156,6 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
                       board.family_errors[family], best=-1, place="table" if places[0] in board.main else "page")
             for family, places in board.families.items()
         ),
-        *(
-            estimated(
-                f"range-{name}", name, f"Error % on {MEANING[name]}, and the share of runs that diverged. An agent counts "
-                "with all its training seeds.", errors.error, best=-1, form="{:.3f}".format, place="table", ends="interval",
-                notes=[f"{100 * share:.2g} % diverged" if share else "" for share in errors.diverged],
-            )
-            for name, errors in ranges.items()
-        ),
         Column(
             "access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",
             [spec.access for spec in board.specs], place="table",
@@ -181,6 +172,14 @@ def columns(board: Board, ranges: Mapping[str, RangeErrors]) -> list[Column]:
             "variation", "torque variation kN m/s",
             "Total variation of the torque per second, both joints, median of the runs.",
             (np.median(board.runs["variation"][:, board.main], axis=(1, 2)) / 1e3).tolist(),
+        ),
+        *(
+            Column(
+                f"metric-{metric.name}", metric.name, f"{metric.meaning}: median of the runs {here}.",
+                [float(np.median(runs[~np.isnan(runs)])) if not np.isnan(runs).all() else None
+                 for runs in board.runs[metric.name][:, board.main]], place="table",
+            )
+            for metric in board.metrics
         ),
         Column(
             "preview", "preview", "Part of the reference's future that the policy reads.",

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.analysis.board import Board
-from benchmarks.analysis.generalization import RangeErrors
 from benchmarks.files import write_text
 from benchmarks.run.current import current_keys, current_runs
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
 
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
+"""Columns of every table of runs. Those of external metrics follow."""
 
 APART = ("key", "current", "seeds", "code", "time")
 """Columns that only the table `all_results` has."""
@@ -34,6 +33,11 @@ def _row(result: Result, i: int) -> dict[str, Any]:
     return {**task, "seed": cell.seeds[i], **result.rows[i]}
 
 
+def _columns(results: Sequence[Result]) -> list[str]:
+    """Return `COLUMNS`, and the names of external metrics."""
+    return [*COLUMNS, *dict.fromkeys(metric.name for result in results for metric in result.cell.metrics)]
+
+
 def _short(row: dict[str, Any]) -> dict[str, Any]:
     return {name: f"{value:.7g}" if isinstance(value, float) else value for name, value in row.items()}
 
@@ -41,27 +45,23 @@ def _short(row: dict[str, Any]) -> dict[str, Any]:
 def write_csv(path: Path, results: Iterable[Result]) -> None:
     """Write the rows as CSV, with seven digits of each number; the store has all digits."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    stored = list(results)
+    writer = csv.DictWriter(text, _columns(stored), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(map(_short, rows(results)))
-    write_text(path, text.getvalue())
-
-
-def write_generalization(path: Path, board: Board, ranges: Mapping[str, RangeErrors]) -> None:
-    """Write each policy's error in % at each radius, its interval and its diverged share as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["policy", *(f"{name}{part}" for name in ranges for part in ("", ": low", ": high", ": diverged"))])
-    for i in board.order:
-        numbers = (x[i] for s in ranges.values() for x in (s.error.value, s.error.low, s.error.high, s.diverged))
-        writer.writerow([board.policies[i], *(f"{x:.7g}" for x in numbers)])
+    writer.writerows(map(_short, rows(stored)))
     write_text(path, text.getvalue())
 
 
 def query(
-    results: Iterable[Result], sql: str, files: bool = False, looks: Mapping[tuple[str, str], int] | None = None
+    results: Iterable[Result],
+    sql: str,
+    files: bool = False,
+    looks: Mapping[tuple[str, str], int] | None = None,
+    short: bool = False,
 ) -> str | None:
-    """Return DuckDB's answer to a question about stored results; None for a command.
+    """Return DuckDB's answer to a question about stored results as CSV; None for a command.
+
+    A short answer is a table that fits into a terminal instead.
 
     The table `results` has each run of the current results once, with the columns of the CSV. The
     table `all_results` has every stored run, those of older code and other sets of seeds among
@@ -81,9 +81,10 @@ def query(
          "code": result.cell.policy.digest[:12], "time": result.provenance.get("time", "")}
         for result in stored for i in range(len(result.rows))
     ]  # fmt: skip
+    columns = _columns(stored)
     connection = duckdb.connect()
-    connection.register("results", pd.DataFrame.from_records(current, columns=list(COLUMNS)))
-    connection.register("all_results", pd.DataFrame.from_records(every, columns=[*COLUMNS, *APART]))
+    connection.register("results", pd.DataFrame.from_records(current, columns=columns))
+    connection.register("all_results", pd.DataFrame.from_records(every, columns=[*columns, *APART]))
     counts = [(*names, number) for names, number in (looks or {}).items()]
     connection.register("looks", pd.DataFrame.from_records(counts, columns=["policy", "scenario", "looks"]))
     try:
@@ -91,7 +92,11 @@ def query(
             connection.execute("SET enable_external_access = false")
         connection.execute("SET lock_configuration = true")
         answer = connection.sql(sql)
-        return None if answer is None else str(answer)
+        if answer is None or short:
+            return None if answer is None else str(answer)
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([answer.columns, *answer.fetchall()])
+        return text.getvalue().rstrip("\n")
     except duckdb.Error as problem:
-        columns = f"The table results has the columns {', '.join(COLUMNS)}"
-        raise ValueError(f"{problem}\n{columns}; all_results has {', '.join(APART)} too") from None
+        known = f"The table results has the columns {', '.join(columns)}; all_results has {', '.join(APART)} too"
+        raise ValueError(f"{problem}\n{known}") from None

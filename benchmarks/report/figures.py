@@ -6,15 +6,14 @@ figure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import MOST_DIVERGED, Board
-from benchmarks.analysis.robustness import DIRECTIONS
-from benchmarks.analysis.statistics import Estimate, Radius
+from benchmarks.analysis.statistics import Estimate
 from benchmarks.rl.policy import curves, shipped
 from fbl_gym.arm import Array
 
@@ -78,10 +77,17 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 
 
 def degradation(board: Board) -> list[Figure]:
-    """Return error against severity, a figure for each arm and family."""
+    """Return error against severity, a figure for each arm and family.
+
+    A severity without runs leaves a gap in the curves.
+    """
     figures = []
     for title, (text, severities, estimate) in board.degradation.items():
-        data, axes = _curves(board, severities, estimate), {"xaxis": {"dtick": 1}, "yaxis": LOG}
+        x = np.arange(severities[0], severities[-1] + 1.0)
+        gaps = [np.full((len(board.policies), len(x)), np.nan) for _ in range(3)]
+        for gap, numbers in zip(gaps, (estimate.value, estimate.low, estimate.high), strict=True):
+            gap[:, np.isin(x, severities)] = numbers
+        data, axes = _curves(board, x, Estimate(*gaps)), {"xaxis": {"dtick": 1}, "yaxis": LOG}
         figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
     return figures
 
@@ -173,40 +179,6 @@ def profiles(board: Board) -> list[Figure]:
     data = _curves(board, tau, estimate)
     text = "Share of all runs with a tracking error of at most the value on the x axis."
     return [_figure("All scenarios", text, data, "tracking error [%]", "share of runs", xaxis=LOG)]
-
-
-def radius(board: Board, radii: Mapping[tuple[str, str], Radius], arm: str) -> list[Figure]:
-    """Return radii as bars, and the shares of seeds at the radii that were tried.
-
-    `arm` names the arm and the rate.
-    """
-    figures = []
-    for direction in DIRECTIONS:
-        bars, lines = [], []
-        for place, i in reversed(list(enumerate(board.order))):
-            policy = board.policies[i]
-            if (policy, direction) not in radii:
-                continue
-            result = radii[policy, direction]
-            tried = np.array(result.tried).reshape(-1, 2)
-            bars.append(
-                {
-                    "type": "bar", "orientation": "h", "name": policy, "legendgroup": policy, "y": [policy],
-                    "base": [1.0], "x": [0.0 if np.isnan(result.value) else result.value], "text": [str(result)],
-                    "textposition": "outside", "marker": {"color": style(place)[0]}, "cliponaxis": False,
-                    "hovertemplate": f"{policy}: r = {result}<extra></extra>",
-                }
-            )  # fmt: skip
-            none = np.empty((1, 0))
-            lines += _curve(policy, place, 1.0 + tried[:, 0], Estimate(tried[None, :, 1], none, none), 0)
-        if bars:
-            title, text = f"Real parameters: {direction}", f"On {arm}. Largest r, drawn as 1 + r."
-            largest = _figure(title, text, bars, "1 + r", "", xaxis={"type": "log", "range": [0, 1.25]})
-            title = f"Shares of seeds: {direction}"
-            text = "Share of seeds that track within the bound, at the radii that were tried."
-            shares = _figure(title, text, lines, "1 + r", "share of seeds", xaxis={"type": "log"})
-            figures += [{**largest, "height": 110 + 22 * len(bars)}, shares]
-    return figures
 
 
 def pairs(board: Board) -> list[Figure]:

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
-
-import numpy as np
 
 from benchmarks.analysis.board import Board
-from benchmarks.analysis.generalization import RangeErrors
-from benchmarks.analysis.learned import Learned
 from benchmarks.paper.claim import Claim
 from benchmarks.report.columns import Column, columns
 
@@ -56,13 +51,13 @@ def claims(measured: Mapping[str, Claim]) -> str:
     return "".join(sections)
 
 
-def leaderboard(board: Board, ranges: Mapping[str, RangeErrors] = MappingProxyType({}), *, short: bool = False) -> str:
+def leaderboard(board: Board, *, short: bool = False) -> str:
     """Return the board as a table, the best policy first, and its remarks.
 
     A short one has the best ten rows with the main columns, and no remarks on a complete board.
     """
     places = ("short",) if short else ("short", "table")
-    selected = [column for column in columns(board, ranges) if column.place in places]
+    selected = [column for column in columns(board) if column.place in places]
     rows = [[_cell(column, i) for column in selected] for i in (board.order[:ROWS] if short else board.order)]
     remarks = "".join(f"\n{plain(remark)}\n" for remark in (board.gaps if short else board.remarks))
     return table([plain(column.title) for column in selected], rows) + remarks
@@ -72,20 +67,6 @@ def _cell(column: Column, i: int) -> str:
     if column.key == "policy":
         return code(column.text(i)) + (f" {column.notes[i]}" if column.notes[i] else "")
     return plain(column.cell(i)) or "not ranked"
-
-
-def learned_table(rows: Sequence[Learned]) -> str:
-    """Return a table of agents over all their training seeds."""
-    variance = ("of the variance of log error: training", "world", "neither")
-    header = ("policy", "scenario", "training seeds", "error %", *variance)
-    lines = []
-    for row in rows:
-        parts = np.array([row.parts.training, row.parts.world, row.parts.rest])
-        shares = [f"{100 * share:.0f} %" for share in parts / parts.sum()]
-        label = f", {row.error.label}" if row.error.label else ""
-        error = f"{row.error.value:.3f} ({row.error.low:.3f}–{row.error.high:.3f}{label})"
-        lines.append((code(row.policy), plain(row.scenario), str(row.training_seeds), error, *shares))
-    return table(header, lines)
 
 
 def replace_between(text: str, table: str) -> str:

@@ -19,9 +19,6 @@ from plotly.offline import get_plotlyjs
 
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
-from benchmarks.analysis.generalization import RangeErrors
-from benchmarks.analysis.robustness import task
-from benchmarks.analysis.statistics import Radius
 from benchmarks.files import write_text
 from benchmarks.report import figures
 from benchmarks.report.columns import Column, Value, columns
@@ -40,11 +37,6 @@ _SECTIONS = {
     "degradation": (
         "Degradation",
         "Error against severity, one family of uncertainty each. Severity 0 is the nominal arm. Bars are intervals.",
-    ),
-    "radius": (
-        "Uncertainty radius",
-        "The largest radius r at which 95 % of the seeds track within 5 %. At a radius r, real masses and lengths are off by "
-        "factors of up to 1 + r.",
     ),
     "profiles": (
         "Performance profiles",
@@ -81,18 +73,11 @@ class Page(TypedDict):
     scenes: list[dict[str, Any]]
 
 
-def contents(
-    board: Board,
-    results: Sequence[Result],
-    traces: Sequence[Mapping[str, Trace]],
-    radii: Mapping[tuple[str, str], Radius],
-    ranges: Mapping[str, RangeErrors],
-    command: str,
-) -> Page:
-    """Return the page's content; traces, radii and ranges may be empty.
+def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[str, Trace]], command: str) -> Page:
+    """Return the page's content.
 
     The results are those of the board's cells, for their provenance. Each scene has the traces of
-    one seed by policy; a radius belongs to a policy and a direction.
+    one seed by policy; there may be none.
     """
     latest = max(results, key=lambda result: result.provenance.get("time", ""))
     return {
@@ -116,13 +101,12 @@ def contents(
         "summaries": [spec.summary for spec in board.specs],
         "order": [board.policies[i] for i in board.order],
         "ranked": [board.policies[i] for i in board.ranked],
-        "columns": columns(board, ranges),
+        "columns": columns(board),
         "figures": {
             "pareto": figures.pareto(board),
             "tiers": figures.tiers(board),
             "recovery": figures.recovery(board),
             "degradation": figures.degradation(board),
-            "radius": figures.radius(board, radii, task(results[0].cell.scenario).description),
             "profiles": figures.profiles(board),
             "pairs": figures.pairs(board),
             "learning": figures.learning(board),

@@ -1,28 +1,62 @@
-"""Matplotlib figures for the commands: the trace of one seed, and panels of lines.
+"""Matplotlib figures in one style, as wide as one or two columns of a journal.
 
-A path's ending gives the format.
+A path's ending gives the format. A figure's title is stored in the file and not drawn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from benchmarks.analysis.linear import LinearLoop
 from benchmarks.files import replacing
+from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import Array
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 """Okabe and Ito's colours, which colour-blind readers tell apart."""
+
+MARKERS = "osD^vx+"
+DASHES = ("-", "--", "-.", ":")
+"""Markers and dashes tell lines apart in grey print: those of 28 lines differ."""
+
+WIDTHS = {1: 3.5, 2: 7.16}
+"""Width of a figure over one or two columns of the IEEE's journals [in]."""
+
+STYLE: dict[Any, Any] = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.5,
+    "axes.linewidth": 0.6,
+    "axes.xmargin": 0.0,
+    "axes.grid": True,
+    "grid.linewidth": 0.4,
+    "grid.alpha": 0.4,
+    "savefig.dpi": 300,
+    "pdf.fonttype": 42,  # TrueType: publishers accept it, and text stays text
+    "svg.fonttype": "none",
+}
+"""Matplotlib's settings for every figure."""
+
+QUANTILES = (0.1, 0.5, 0.9)
+"""A band's lower edge, its line and its upper edge, as quantiles of the seeds."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +65,9 @@ class Line:
 
     Attributes:
         x, y: points [n].
-        color: None for the next of `COLORS`.
-        style: Matplotlib's line style, such as "-", "--" or ":".
+        label: of the legend, which leaves out one that begins with "_".
+        color: None for the next of `COLORS`, with the next marker.
+        style: Matplotlib's line style, such as "-"; None for the next of `DASHES`.
         low, high: edges of a band [n], or None.
     """
 
@@ -40,7 +75,7 @@ class Line:
     y: Array
     label: str
     color: str | None = None
-    style: str = "-"
+    style: str | None = None
     low: Array | None = None
     high: Array | None = None
 
@@ -65,23 +100,64 @@ class Panel:
     marks: tuple[tuple[float, str], ...] = ()
 
 
-def plot_lines(title: str, panels: Sequence[Panel], path: Path) -> None:
-    """Draw panels side by side, two in a row, with one legend where all have the same labels."""
-    rows, columns = -(-len(panels) // 2), min(len(panels), 2)
-    figure = Figure(figsize=(5.5 * columns + 1, 3.6 * rows + 0.8), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.subplots(rows, columns, squeeze=False)
-    shared = len(panels) > 1 and len({tuple(line.label for line in panel.lines) for panel in panels}) == 1
-    for axes, panel in zip(grid.ravel(), panels, strict=False):
-        _draw(axes, panel)
-        if not shared:
-            axes.legend(fontsize="small")
-    for axes in grid.ravel()[len(panels) :]:
-        axes.set_visible(False)
-    if shared:
-        handles, labels = grid[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
-    _save(figure, title, path)
+@contextmanager
+def _figure(title: str, path: Path, size: tuple[float, float]) -> Iterator[Figure]:
+    """Yield a figure of some size [in], and write it to a path at the end."""
+    with rc_context(STYLE), replacing(path) as beside:
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
+        figure.savefig(beside, metadata={"Title": title})
+
+
+def plot_lines(title: str, panels: Sequence[Panel], path: Path, columns: int = 2, across: int | None = None) -> None:
+    """Draw panels, with one legend where the first has all labels.
+
+    Args:
+        title: of the file.
+        panels: from left to right, row by row.
+        path: of the figure.
+        columns: of the page that the figure spans, 1 or 2.
+        across: panels in a row; None: as many as columns.
+    """
+    across = min(across or columns, len(panels))
+    rows = -(-len(panels) // across)
+    labels = [line.label for line in panels[0].lines if not line.label.startswith("_")]
+    shared = all({line.label for line in panel.lines} <= {*labels, "_"} for panel in panels)
+    in_row = min(max(1, int(WIDTHS[columns] / (0.065 * max(map(len, labels)) + 0.5))), len(labels))
+    height = rows * (2.2 if rows == 1 else 1.5) + (0.16 * -(-len(labels) // in_row) if shared else 0.0)
+    same_x = len({(panel.x, line.x[0], line.x[-1]) for panel in panels for line in panel.lines}) == 1
+    with _figure(title, path, (WIDTHS[columns], height)) as figure:
+        grid = figure.subplots(rows, across, squeeze=False, sharex=same_x)
+        for i, (axes, panel) in enumerate(zip(grid.ravel(), panels, strict=False)):
+            _draw(axes, panel)
+            if not (same_x and i + across < len(panels)):
+                axes.set_xlabel(panel.x)
+                axes.tick_params(labelbottom=True)
+            if not shared:
+                axes.legend()
+        for axes in grid.ravel()[len(panels) :]:
+            axes.set_visible(False)
+        if shared and len(labels) > 1:
+            figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=in_row)
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    for i, line in enumerate(panel.lines):
+        color = line.color or COLORS[i % len(COLORS)]
+        many = len(line.x) > 24
+        axes.plot(
+            line.x, line.y, color=color, linestyle=line.style or DASHES[i % len(DASHES)], label=line.label,
+            marker=None if line.color else MARKERS[i % len(MARKERS)],
+            markevery=(i * len(line.x) // 40 % (len(line.x) // 6), len(line.x) // 6) if many else None,
+        )  # fmt: skip
+        if line.low is not None and line.high is not None:
+            axes.fill_between(line.x, line.low, line.high, color=color, alpha=0.15, linewidth=0)
+    for height, label in panel.marks:
+        axes.axhline(height, color="0.4", linestyle="--", linewidth=0.8)
+        axes.annotate(label, (1.0, height), xycoords=("axes fraction", "data"), ha="right", va="bottom")
+    axes.set(title=panel.title, ylabel=panel.y, xscale=panel.scales[0], yscale=panel.scales[1])
+    if panel.bounds is not None:
+        axes.set_ylim(panel.bounds)
 
 
 def plot_maps(
@@ -90,106 +166,106 @@ def plot_maps(
     values: Sequence[Sequence[float]],
     maps: Mapping[str, Array],
     path: Path,
+    columns: int = 2,
 ) -> None:
-    """Draw numbers over two options as maps with one colour scale, two in a row.
+    """Draw errors over two options as maps with one scale of grey, as many in a row as columns.
 
     Args:
-        title: of the figure.
+        title: of the file.
         names: of the options, on the x and the y axis.
         values: of each option.
-        maps: the numbers [number of x values, number of y values], by the title of each map.
+        maps: the errors [number of x values, number of y values] in %, by the title of each map.
         path: of the figure.
+        columns: of the page that the figure spans, 1 or 2.
     """
-    rows, columns = -(-len(maps) // 2), min(len(maps), 2)
-    figure = Figure(figsize=(5.0 * columns + 1, 3.8 * rows + 0.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.subplots(rows, columns, squeeze=False)
-    norm = LogNorm(*np.nanquantile(np.array(list(maps.values())), (0.0, 1.0)))
-    for axes, (label, numbers) in zip(grid.ravel(), maps.items(), strict=False):
-        image = axes.imshow(numbers.T, origin="lower", norm=norm, cmap="cividis", aspect="auto")
-        axes.set(title=label, xlabel=names[0], ylabel=names[1])
-        axes.set_xticks(range(len(values[0])), [f"{value:g}" for value in values[0]], rotation=45)
-        axes.set_yticks(range(len(values[1])), [f"{value:g}" for value in values[1]])
-    for axes in grid.ravel()[len(maps) :]:
-        axes.set_visible(False)
-    figure.colorbar(image, ax=grid, label="error [%]")
-    _save(figure, title, path)
+    across = min(columns, len(maps))
+    rows = -(-len(maps) // across)
+    limits = np.nanquantile(np.array(list(maps.values())), (0.0, 1.0))
+    with _figure(title, path, (WIDTHS[columns], 2.5 * rows)) as figure:
+        grid = figure.subplots(rows, across, squeeze=False)
+        for axes, (label, numbers) in zip(grid.ravel(), maps.items(), strict=False):
+            image = axes.imshow(numbers.T, origin="lower", norm=LogNorm(*limits), cmap="cividis", aspect="auto")
+            axes.set(title=label, xlabel=names[0], ylabel=names[1])
+            axes.grid(visible=False)
+            axes.set_xticks(range(len(values[0])), [f"{value:g}" for value in values[0]], rotation=45)
+            axes.set_yticks(range(len(values[1])), [f"{value:g}" for value in values[1]])
+        for axes in grid.ravel()[len(maps) :]:
+            axes.set_visible(False)
+        ticks = np.geomspace(limits[0], limits[1], 5)
+        bar = figure.colorbar(image, ax=grid, label="error [%]", location="top", aspect=40, ticks=ticks, format="%.2g")
+        bar.minorticks_off()
 
 
-def _draw(axes: Axes, panel: Panel) -> None:
-    for i, line in enumerate(panel.lines):
-        color = line.color or COLORS[i % len(COLORS)]
-        axes.plot(line.x, line.y, color=color, linestyle=line.style, label=line.label)
-        if line.low is not None and line.high is not None:
-            axes.fill_between(line.x, line.low, line.high, color=color, alpha=0.15, linewidth=0)
-    for height, label in panel.marks:
-        axes.axhline(height, color="0.4", linestyle="--", linewidth=1.0)
-        axes.annotate(
-            label, (1.0, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small"
-        )
-    axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y, xscale=panel.scales[0], yscale=panel.scales[1])
-    if panel.bounds is not None:
-        axes.set_ylim(panel.bounds)
-    axes.margins(x=0)
-    axes.grid(alpha=0.25)
+def _band(x: Array, signal: Array, label: str) -> Line:
+    """Return the median over the seeds with its band, or the line of a single seed.
+
+    Args:
+        x: points [k].
+        signal: of n seeds [k x n]; NaN where a seed has no value.
+        label: of the line.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # no seed has a value
+        low, median, high = np.nanquantile(signal, QUANTILES, axis=-1)
+    return Line(x, median, label) if signal.shape[-1] == 1 else Line(x, median, label, low=low, high=high)
 
 
-def plot_trace(trace: Trace, title: str, path: Path, lane: int = 0) -> None:
-    """Draw reference and motion, tracking error, torque and disturbance of both joints."""
-    end = int(trace.alive[:, lane].sum())
-    t = trace.time[:end]
-    figure = Figure(figsize=(11, 8.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(4, 2, sharex=True)
-    limit = None if trace.scenario.actuator.torque_limit is None else np.array(trace.scenario.actuator.torque_limit)
-    signals = (trace.reference, trace.position, trace.torque, trace.disturbance)
-    for joint in (0, 1):
-        reference, position, torque, disturbance = (signal[:end, lane, joint] for signal in signals)
-        first, second, third, fourth = axes[:, joint]
-        first.set(title=f"joint {joint + 1}", ylabel="angle [rad]")
-        first.plot(t, reference, color="tab:blue", label="reference")
-        first.plot(t, position, color="tab:red", linestyle="--", label="motion")
-        second.set(ylabel="error [mrad]")
-        second.plot(t, 1e3 * (reference - position), color="tab:purple")
-        second.axhline(0.0, color="0.7", linewidth=0.8)
-        third.set(ylabel="torque [N m]")
-        third.step(t, torque, color="tab:orange", where="pre")
-        if limit is not None and np.abs(torque).max() > 0.8 * limit[joint]:
-            for bound in (-limit[joint], limit[joint]):
-                third.axhline(bound, color="0.5", linestyle=":", linewidth=1.0)
-        fourth.set(ylabel="disturbance [N m]", xlabel="time [s]")
-        fourth.step(t, disturbance, color="tab:green", where="post")
-        for axis in axes[:, joint]:
-            axis.grid(alpha=0.25)
-            axis.margins(x=0)
-    ended = "" if end == len(trace.time) else f", diverged at {t[-1]:.2f} s"
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
-    _save(figure, f"{title}, seed {trace.seeds[lane]}{ended}", path)
+def caption(seeds: int) -> str:
+    """Return the words that the caption of a figure over some seeds needs."""
+    return "seed 0" if seeds == 1 else f"medians and bands from 10 to 90 % of {seeds} seeds"
 
 
-def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, lane: int = 0) -> None:
-    """Draw the reference and the tracking errors of several policies on one seed."""
+def plot_trace(trace: Trace, title: str, path: Path, columns: int = 2) -> None:
+    """Draw angle, tracking error, torque and disturbance over the time, over each other.
+
+    Several seeds give medians and bands, of the runs that have not diverged. The angles are those
+    of the first seed if the seeds have different references.
+    """
+    same = np.ptp(trace.reference, axis=1).max() < 1e-9
+    angle = trace.position if same else trace.position[:, :1]
+    signals = {
+        "angle [rad]": angle,
+        "error [mrad]": 1e3 * (trace.reference - trace.position),
+        "torque [N m]": trace.torque,
+        "disturbance [N m]": trace.disturbance,
+    }
+    panels = []
+    for label, signal in signals.items():
+        known = np.where(trace.alive[:, : signal.shape[1], None], signal, np.nan)
+        lines = [_band(trace.time, known[..., joint], f"joint {joint + 1}") for joint in (0, 1)]
+        if signal is angle:
+            names = ("reference", "_")
+            lines += [Line(trace.time, trace.reference[:, 0, j], names[j], "black", ":") for j in (0, 1)]
+        if signal is not trace.disturbance or signal.any():
+            panels.append(Panel("", "time [s]", label, tuple(lines)))
+    plot_lines(title, panels, path, columns, across=1)
+
+
+def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns: int = 2) -> None:
+    """Draw the tracking errors of several policies over the time.
+
+    Several seeds give medians and bands of the mean absolute error in each fiftieth of the episode,
+    in which a diverged run has the worst error.
+    """
     first = next(iter(traces.values()))
-
-    def errors(joint: int) -> tuple[Line, ...]:
+    single = len(first.seeds) == 1
+    count = len(first.time) if single else min(50, len(first.time))
+    starts = np.arange(count) * len(first.time) // count
+    sizes = np.diff([*starts, len(first.time)])
+    time = np.add.reduceat(first.time, starts) / sizes
+    label, scale = ("error [mrad]", "linear") if single else ("mean |error| [mrad]", "log")
+    panels = []
+    for joint in (0, 1):
         lines = []
         for policy, trace in traces.items():
-            error = 1e3 * (trace.reference[:, lane, joint] - trace.position[:, lane, joint])
-            lines.append(Line(trace.time, np.where(trace.alive[:, lane], error, np.nan), policy))
-        return tuple(lines)
-
-    panels = tuple(Panel(f"joint {joint + 1}", "time [s]", "tracking error [mrad]", errors(joint)) for joint in (0, 1))
-    plot_lines(f"{title}, seed {first.seeds[lane]}", panels, path)
-
-
-def _save(figure: Figure, title: str, path: Path) -> None:
-    figure.suptitle(title, x=0.01, horizontalalignment="left")
-    # TrueType fonts in a PDF: text stays text, and publishers accept it.
-    with rc_context({"pdf.fonttype": 42}), replacing(path) as beside:
-        figure.savefig(beside, dpi=100)
+            signed = np.where(trace.alive[..., None], trace.reference - trace.position, np.nan)
+            error = 1e3 * (signed if single else errors(trace))[..., joint]
+            lines.append(_band(time, np.add.reduceat(error, starts) / sizes[:, None], policy))
+        panels.append(Panel(f"joint {joint + 1}", "time [s]", label, tuple(lines), ("linear", scale)))
+    plot_lines(title, panels, path, columns)
 
 
-def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path) -> None:
+def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path, columns: int = 2) -> None:
     """Draw |L| and |S| of each joint over the frequency, for loops by their labels."""
     responses = [{name: loop.response(joint) for name, loop in loops.items()} for joint in (0, 1)]
     panels = []
@@ -199,4 +275,4 @@ def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path) -> None:
             panels.append(
                 Panel(f"joint {joint + 1}", "frequency [rad/s]", label, lines, ("log", "log"), marks=((1.0, ""),))
             )
-    plot_lines(title, panels, path)
+    plot_lines(title, panels, path, columns)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -11,10 +11,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.analysis.board import Board
-from benchmarks.analysis.generalization import RADII, TRAINED_ON, RangeErrors
 from benchmarks.paper.claim import Claim
-from benchmarks.report.columns import Column, columns, number
-from benchmarks.run.metrics import describe, summarize
+from benchmarks.report.columns import Column, columns
+from benchmarks.run.metrics import Metric, counted_errors, describe, summarize
 from benchmarks.speed.environments import Speed
 
 MEANING = (
@@ -24,6 +23,16 @@ MEANING = (
 )
 
 
+def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """Return a table whose first column is text and whose others are numbers; no text is cut."""
+    drawn = Table(title=escape(title), title_style="bold", box=SIMPLE_HEAD)
+    for i, name in enumerate(header):
+        drawn.add_column(escape(name), justify="right" if i else "left", overflow="fold")
+    for row in rows:
+        drawn.add_row(*map(escape, row))
+    return drawn
+
+
 def leaderboard(console: Console, board: Board) -> None:
     """Print one row per policy, the best first.
 
@@ -31,7 +40,7 @@ def leaderboard(console: Console, board: Board) -> None:
     fit follow in further tables.
     """
     text_width = console.width
-    left = [column for column in columns(board, {}) if column.place != "page" and column.key != "policy"]
+    left = [column for column in columns(board) if column.place != "page" and column.key != "policy"]
     if not console.is_terminal:
         console.width = max(console.width, _width(console, _board(board, left)))
     title: str | None = f"{_count(board.scenarios, 'scenario')}, {_count(board.seeds, 'seed')} each"
@@ -72,46 +81,22 @@ def _board(board: Board, selected: Sequence[Column]) -> Table:
     return table
 
 
-def generalization(console: Console, board: Board, measured: Mapping[str, RangeErrors]) -> None:
-    """Print each policy's error within and beyond the radius that agents are trained on."""
-    table = Table(title="Error % over the uncertainty radius", title_style="bold", box=SIMPLE_HEAD)
-    table.add_column("policy", no_wrap=True)
-    for name, radius in RADII.items():
-        table.add_column(f"{name}\nradius {radius:g}", justify="right", no_wrap=True)
-    for i in board.order:
-        privileged = not board.specs[i].ranked
-        cells = []
-        for errors in measured.values():
-            value, low, high = (number(x[i]) for x in (errors.error.value, errors.error.low, errors.error.high))
-            diverged = f" [red]{100 * errors.diverged[i]:.2g} %[/red]" if errors.diverged[i] else ""
-            cells.append(f"{value} [dim]{low}-{high}[/dim]{diverged}")
-        table.add_row(
-            escape(f"({board.policies[i]})" if privileged else board.policies[i]),
-            *cells,
-            style="dim" if privileged else "",
-        )
-    console.print(table)
-    console.print(
-        f"{TRAINED_ON} with other radii of the parameters' error; agents are trained on 0.5. Geometric means with 95 % "
-        "intervals. An agent's interval covers its training seeds too, and is optimistic with fewer than ten. In red: the "
-        "share of runs that diverged."
-    )
-
-
 def _count(things: Sequence[object], name: str) -> str:
     """Return a number of things in words, such as "1 seed"."""
     return f"{len(things)} {name}{'' if len(things) == 1 else 's'}"
 
 
-def evaluation(console: Console, title: str, rows: list[dict[str, float]], decision_us: float) -> None:
+def evaluation(
+    console: Console, title: str, rows: list[dict[str, float]], decision_us: float, more: Sequence[Metric] = ()
+) -> None:
     """Print the metrics of one policy on one scenario: mean and largest value over the seeds."""
     table = Table(title=escape(title), title_style="bold")
     for name, justify in (("metric", "left"), ("mean", "right"), ("largest", "right"), ("meaning", "left")):
         table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
-    errors = [max(row["error_pct"], row["resolution_pct"]) for row in rows]
+    errors = counted_errors(rows)
     error, largest = f"{np.exp(np.log(errors).mean()):.4g}", f"{max(errors):.4g}"
     table.add_row("error", error, largest, escape("the board's error: geometric mean over the seeds [%]"))
-    for name, value, meaning in describe(summarize(rows)):
+    for name, value, meaning in describe(summarize(rows), more):
         known = [row[name] for row in rows if not np.isnan(row[name])]
         table.add_row(name, value, f"{max(known):.4g}" if known else "-", escape(meaning))
     table.add_row("decision_us", f"{decision_us:.3g}", "", escape("wall time of one decision of one lane [us]"))

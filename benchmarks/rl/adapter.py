@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +15,7 @@ from controllers.registry import is_composed
 from fbl_gym.arm import Array, inertia_matrix
 from fbl_gym.batch import Truth
 from fbl_gym.checks import check_choice, check_number
-from fbl_gym.interface import Interface, Layout
+from fbl_gym.interface import Interface
 from fbl_gym.records import Record, choice, choices, declared, number, pair, whole
 from fbl_gym.wrappers import ErrorScales
 
@@ -112,9 +111,7 @@ class AgentAdapter:
 
     def __init__(self, settings: AdapterSettings, interface: Interface) -> None:
         self.settings, self.interface = settings, interface
-        observed = (*settings.sensors, *(f"reference_{name}" for name in SENSORS))
-        layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in observed))
-        self._errors = ErrorScales(dataclasses.replace(interface, layout=layout), *settings.scales)
+        self._errors = ErrorScales(interface, settings.sensors, settings.scales)
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
         self._drive = np.array([*interface.delay, *interface.lag] if settings.drive else []) / DRIVE_SCALE
         context_size = len(CONTEXT) if settings.context else 0

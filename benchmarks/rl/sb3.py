@@ -12,8 +12,13 @@ from typing import Any
 import numpy as np
 
 from controllers.policy import Policy
+from fbl_gym.arm import Array, gravity_torque
 from fbl_gym.checks import check_choice
 from fbl_gym.interface import Interface
+from fbl_gym.wrappers import ErrorScales
+
+MOTION = ("position", "velocity")
+"""The sensors that a model of the error coordinates observes."""
 
 ALGORITHMS = {
     "ppo": "stable_baselines3:PPO",
@@ -31,6 +36,7 @@ _BY_NETWORK = {
     "sb3_contrib.crossq.policies": "sb3_contrib:CrossQ",
     "sb3_contrib.ars.policies": "sb3_contrib:ARS",
     "sb3_contrib.common.recurrent.policies": "sb3_contrib:RecurrentPPO",
+    **{f"sbx.{name.lower()}.policies": f"sbx:{name}" for name in ("PPO", "SAC", "TD3", "DDPG", "TQC", "CrossQ")},
 }
 """The class that loads an archive, by the module of the archive's network."""
 
@@ -51,14 +57,16 @@ def _import(user: str, place: str) -> Any:
     try:
         return getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as problem:
-        raise ValueError(f"{user} needs {module}, which is not installed: pip install 'fbl-gym[rl]'") from problem
+        package = "sbx-rl" if module == "sbx" else "'fbl-gym[rl]'"
+        raise ValueError(f"{user} needs {problem.name}, which is not installed: pip install {package}") from problem
 
 
 def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
     """Return an archive of SB3's `save` as a policy.
 
-    The model must be trained on the environment's observations and actions, without a wrapper.
-    Loading it runs the pickled code in it: `trust` says that you trust its source.
+    The model must be trained on the observations and actions of `fbl_gym/TwoLinkArmTracking-v0` or
+    `fbl_gym/TwoLinkArm-v0`. Loading it runs the pickled code in it: `trust` says that you trust its
+    source.
     """
     if not trust:
         raise ValueError(
@@ -67,12 +75,61 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     algorithm = _class_of(path)
     try:
         model = algorithm.load(path, device="cpu")
+    except ModuleNotFoundError as problem:
+        raise ValueError(f"{path} needs the module {problem.name}, which is not installed") from problem
     except Exception as problem:  # of SB3, torch, zipfile, pickle or the archive's code
         raise ValueError(
             f"{path} must be an archive that stable-baselines3's save wrote ({type(problem).__name__}: {problem})"
         ) from None
+    if (past_actions := _tracked(model, interface)) is not None:
+        return TrackingModel(model, interface, past_actions)
     _check_spaces(model, interface)
     return model
+
+
+class TrackingModel:
+    """A model of `fbl_gym/TwoLinkArmTracking-v0` as a policy of `fbl_gym/TwoLinkArm-v0`.
+
+    It works with every arm, drive and sensor that has a position, since it remembers its previous
+    actions by itself. Its state is these actions [n x 2 k], and the model's own state.
+    """
+
+    def __init__(self, model: Any, interface: Interface, past_actions: int) -> None:
+        self._model, self._interface, self._past_actions = model, interface, past_actions
+        self._errors = ErrorScales(interface, MOTION)
+
+    def predict(
+        self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Array, Any]:
+        """Return the action and the next state, as `controllers.policy.Policy.predict`."""
+        batch = np.atleast_2d(np.asarray(observation, dtype=float))
+        past, inner = (self._first_actions(batch), None) if state is None else state
+        if state is not None and episode_start is not None:
+            starts = np.broadcast_to(np.asarray(episode_start, dtype=bool), len(batch))
+            past = np.where(starts[:, None], self._first_actions(batch), past)
+        errors = np.concatenate([self._errors(batch), past], axis=-1).astype(np.float32)
+        action, inner = self._model.predict(errors, inner, episode_start, deterministic)
+        past = np.concatenate([action, past], axis=-1)[:, : past.shape[1]]
+        return (action if np.ndim(observation) == 2 else action[0]), (past, inner)
+
+    def _first_actions(self, observation: Array) -> Array:
+        """Return the action that holds the nominal arm still, as often as it is observed."""
+        position = observation[:, self._interface.layout["position"]]
+        torque = gravity_torque(self._interface.nominal, position)
+        action = self._interface.action_from_torque(torque, position, np.zeros_like(position))
+        return np.tile(action, self._past_actions)
+
+
+def _tracked(model: Any, interface: Interface) -> int | None:
+    """Return the number of previous actions in a model's error coordinates; None: it has others."""
+    bound = np.ravel(getattr(model.observation_space, "high", ()))
+    errors = ErrorScales(interface, MOTION).space.high
+    past_actions, odd = divmod(len(bound) - len(errors), 2)
+    expected = np.append(errors, np.ones(max(2 * past_actions, 0)))
+    if odd or interface.action != "normalized" or not np.array_equal(bound, expected):
+        return None
+    _check_space(model, interface, "action_space", 'action="normalized"')
+    return past_actions
 
 
 def _class_of(path: str | Path) -> Any:
@@ -97,21 +154,23 @@ def _class_of(path: str | Path) -> Any:
 
 def _check_spaces(model: Any, interface: Interface) -> None:
     """Refuse a model with other observations or actions; their precision may differ."""
-    advice = {
-        "observation_space": "observations as the environment gives them, without a wrapper such as ErrorCoordinates",
-        "action_space": f'action="{interface.action}"',
-    }
-    for name, right in advice.items():
-        given, expected = getattr(model, name), getattr(interface, name)
-        if given.shape != expected.shape:
-            raise ValueError(
-                f"the model's {name} must have the environment's shape {expected.shape}, got {given.shape}"
-            )
-        if not all(np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")):
-            raise ValueError(
-                f"the model's {name} must have the environment's bounds, {_bounds(expected)}, got {_bounds(given)}: "
-                f"train it with {right}"
-            )
+    observations = "the observations of fbl_gym/TwoLinkArmTracking-v0 or fbl_gym/TwoLinkArm-v0, without other wrappers"
+    _check_space(model, interface, "observation_space", observations)
+    _check_space(model, interface, "action_space", f'action="{interface.action}"')
+
+
+def _check_space(model: Any, interface: Interface, name: str, advice: str) -> None:
+    given, expected = getattr(model, name), getattr(interface, name)
+    if given.shape != expected.shape:
+        raise ValueError(
+            f"the model's {name} must have the environment's shape {expected.shape}, got {given.shape}: "
+            f"train it with {advice}"
+        )
+    if not all(np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")):
+        raise ValueError(
+            f"the model's {name} must have the environment's bounds, {_bounds(expected)}, got {_bounds(given)}: "
+            f"train it with {advice}"
+        )
 
 
 def _bounds(space: Any) -> str:

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import util
 from pathlib import Path
+from typing import Any
 
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
@@ -40,7 +41,7 @@ except ImportError:  # Windows
 def train(
     settings: TrainingSettings, folder: Path, command: str = "", evaluations: int = 40, wandb: str | None = None
 ) -> Path:
-    """Train an agent, or resume a run of the same settings that was killed.
+    """Train an agent, or continue a run of the same settings that was killed or shall be longer.
 
     `command` is written to `agent.json`. There are as many checkpoints as evaluations. `wandb` is a
     project of Weights & Biases to report to. The folder is returned, with the agent whose
@@ -72,12 +73,21 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
 
 
+def _without_length(text: str) -> dict[str, Any] | None:
+    """Return the settings of a run without its length; None: the text has none."""
+    try:
+        return {**json.loads(text), "steps": None, "minutes": None}
+    except (ValueError, TypeError):
+        return None
+
+
 def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: int, wandb: str | None) -> None:
     text = json.dumps(asdict(settings), indent=1) + "\n"
     run_file = folder / "run.json"
-    if run_file.exists() and run_file.read_bytes() != text.encode():
+    if run_file.exists() and _without_length(run_file.read_text(encoding="utf-8")) != _without_length(text):
         raise ValueError(
-            f"folder must be new or hold a run of the same settings, got {str(folder)!r}, whose run.json has others"
+            f"folder must be new or hold a run of the same settings, got {str(folder)!r}, whose run.json has others; "
+            "only steps and minutes may change"
         )
     write_text(run_file, text)
 
@@ -119,3 +129,5 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
     remaining = (settings.steps or sys.maxsize) - model.num_timesteps
     if remaining > 0:
         model.learn(remaining, callback=progress, reset_num_timesteps=False, tb_log_name="run")
+    else:
+        print(f"the run has {model.num_timesteps:,} steps already; more --steps extend it", file=sys.stderr)

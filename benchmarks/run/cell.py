@@ -41,34 +41,32 @@ def run_cell(cell: Cell, command: str = "") -> Result:
         cell: to run.
         command: the command that was typed, for the record.
     """
+    from threadpoolctl import threadpool_limits
+
     begin = time.perf_counter()
     try:
         if cell.policy.problem:
             raise ValueError(cell.policy.problem)
-        with external.watch() as reads:
+        with external.watch() as reads, threadpool_limits(1):
             trace = rollout(cell.policy, cell.scenario, cell.seeds)
         cell.policy.check(reads)
-        rows, decision, error = tuple(measure(trace)), 1e6 * trace.decision_time, ""
+        rows, decision = tuple(measure(trace, more=cell.metrics)), 1e6 * trace.decision_time
     except (Exception, SystemExit) as problem:  # an external policy may raise anything, and other cells must not suffer
-        rows, decision, error = (), float("nan"), reason_of(problem)
-    return Result(cell, rows, decision, time.perf_counter() - begin, error, provenance(command))
+        return Result.failure(cell, reason_of(problem), time.perf_counter() - begin, command)
+    return Result(cell, rows, decision, time.perf_counter() - begin, provenance=provenance(command))
 
 
 def compute(cell: Cell, store: Store, command: str, limited: Limits | None = None) -> Outcome:
     """Run a cell and write its result into the store, unless it is there.
 
-    Args:
-        cell: to run.
-        store: for the result.
-        command: the command that was typed, for the record.
-        limited: limits of the cell; None: those of this process.
+    `limited` are the limits of the cell; None: those of this process.
     """
     end_with_parent()
     limit(limited or limits())
     if store.find(cell) is not None:
         return Outcome(cell.id, "found")
     apart = cell.policy.external or external.has_loaded() or limits() != Limits()
-    result = run_apart(cell, command) if apart else run_on_one_thread(cell, command)
+    result = run_apart(cell, command) if apart else run_cell(cell, command)
     store.save(result)
     return Outcome(cell.id, "failed" if result.error else "computed", result.wall_s, result.error)
 
@@ -78,19 +76,15 @@ def run_apart(cell: Cell, command: str = "") -> Result:
     begin = time.perf_counter()
     owner = cell.policy.name if cell.policy.external else ""
     try:
-        function = "run_checked" if owner else "run_on_one_thread"
+        function = "run_checked" if owner else "run_cell"
         result: Result = call_apart(owner, f"benchmarks.run.cell:{function}", cell, command)
     except (Failed, ValueError) as problem:
-        return Result(cell, (), float("nan"), time.perf_counter() - begin, str(problem), provenance(command))
+        return Result.failure(cell, str(problem), time.perf_counter() - begin, command)
     return result
 
 
 def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> Trace:
-    """Return the trace of `rollout`.
-
-    The code of an external policy runs in a process that only this policy uses, so that it cannot
-    change the trace of another one.
-    """
+    """Return the trace of `rollout`; that of an external policy from a process of its own."""
     if not (policy.external or external.has_loaded()):
         return rollout(policy, scenario, seeds)
     owner = policy.name if policy.external else ""
@@ -98,21 +92,13 @@ def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) ->
     return trace
 
 
-def run_on_one_thread(cell: Cell, command: str) -> Result:
-    """Run a cell as `run_cell` does, with linear algebra on one thread."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):
-        return run_cell(cell, command)
-
-
 def run_checked(cell: Cell, command: str) -> Result:
     """Run a cell of an external policy, unless the policy breaks a promise."""
     if cell.policy not in _BROKEN:
         _BROKEN[cell.policy] = "" if cell.policy.problem else broken(cell.policy, cell.scenario)
     if reason := _BROKEN[cell.policy]:
-        return Result(cell, (), float("nan"), 0.0, reason, provenance(command))
-    return run_on_one_thread(cell, command)
+        return Result.failure(cell, reason, command=command)
+    return run_cell(cell, command)
 
 
 _BROKEN: dict[PolicySpec, str] = {}

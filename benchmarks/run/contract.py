@@ -49,12 +49,10 @@ class Broken(AssertionError):
 def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -> Iterator[Check]:
     """Check each promise of a policy in turn.
 
-    Args:
-        policy: its specification, or the text that names it.
-        scenario: the task that the policy is checked on.
+    The policy is its specification, or the text that names it.
     """
     spec, task = resolve(policy), as_scenario(scenario)
-    for promise, test in _promises():
+    for promise, test in _PROMISES.items():
         try:
             yield Check(promise, True, test(spec, task))
         except Broken as broken:
@@ -65,7 +63,7 @@ def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -
 
 def broken(policy: PolicySpec, scenario: Scenario) -> str:
     """Return the first promise that a policy breaks, and how; empty: none before an error."""
-    for promise, test in _promises()[:-2]:  # nothing can break the last two, which take longest
+    for promise, test in [*_PROMISES.items()][:-2]:  # nothing can break the last two, which take longest
         try:
             test(policy, scenario)
         except Broken as problem:
@@ -75,19 +73,6 @@ def broken(policy: PolicySpec, scenario: Scenario) -> str:
     return ""
 
 
-def _promises() -> tuple[tuple[str, Callable[[PolicySpec, Scenario], str]], ...]:
-    return (
-        ("is made from the interface alone", _made_from_the_interface),
-        ("actions have the observations' shape, are finite and lie in the box", _shapes),
-        ("a lane of a batch acts as a single policy", _lanes),
-        ("episode_start begins exactly those lanes afresh", _resets),
-        ("predict is a function of its arguments, and leaves them alone", _pure),
-        ("hidden parameters do not reach it", _blind),
-        ("runs an episode to its end", _episode),
-        ("time of a decision", _speed),
-    )
-
-
 def _place(policy: PolicySpec, problem: BaseException) -> str:
     """Return the place of an error in an external policy's files, such as " (my_law.py:12)"."""
     files = {str(file) for file in external.sources(policy.name).values()} if policy.external else set()
@@ -95,7 +80,7 @@ def _place(policy: PolicySpec, problem: BaseException) -> str:
     return f" ({os.path.relpath(lines[-1].filename)}:{lines[-1].lineno})" if lines else ""
 
 
-def _expect(kept: bool, otherwise: str) -> None:
+def _expect(kept: Any, otherwise: str) -> None:
     if not kept:
         raise Broken(otherwise)
 
@@ -107,20 +92,24 @@ def _env(policy: PolicySpec, scenario: Scenario, lanes: int | None, action: str 
     return TwoLinkArmEnv(scenario, **options) if lanes is None else TwoLinkArmVectorEnv(lanes, scenario, **options)
 
 
+def _act(policy: Any, observation: Array, state: Any, start: Any = None) -> tuple[Array, Any]:
+    action, after = policy.predict(observation, state=state, episode_start=start, deterministic=True)
+    return action, after
+
+
 def _loop(policy: Any, env: Any, steps: int = STEPS, seed: int = 0) -> list[tuple[Array, Array, Any]]:
     """Return observations, actions and states of a closed loop."""
     observation, _ = env.reset(seed=seed)
     state, log = None, []
     for _ in range(steps):
-        action, state = policy.predict(observation, state=state, episode_start=None, deterministic=True)
+        action, state = _act(policy, observation, state)
         log.append((observation, action, state))
         observation = env.step(action)[0]
     return log
 
 
 def _made_from_the_interface(policy: PolicySpec, scenario: Scenario) -> str:
-    if policy.problem:
-        raise Broken(policy.problem)
+    _expect(not policy.problem, policy.problem)
     if not policy.ranked:
         return "no: it knows the truth, so the board shows it without a rank"
     return f"{type(policy.make(_env(policy, scenario, 1).interface)).__name__}, access: {policy.access}"
@@ -130,17 +119,14 @@ def _shapes(policy: PolicySpec, scenario: Scenario) -> str:
     usual = action_of(scenario)
     kinds = dict.fromkeys((usual, "torque", "acceleration")) if policy.any_action else (usual,)
     for action in kinds:
-        env = _env(policy, scenario, LANES, action)
+        env, single = _env(policy, scenario, LANES, action), _env(policy, scenario, None, action)
         box = env.interface.action_space
         for _, actions, _ in _loop(policy.make(env), env):
-            _expect(
-                np.shape(actions) == (LANES, 2), f"got shape {np.shape(actions)} for {LANES} observations ({action})"
-            )
-            _expect(bool(np.isfinite(actions).all()), f"got {actions} ({action})")
-            _expect(
-                bool(np.all((actions >= box.low) & (actions <= box.high))), f"got {actions}, outside the box ({action})"
-            )
-        single = _env(policy, scenario, None, action)
+            shape = np.shape(actions)
+            _expect(shape == (LANES, 2), f"got shape {shape} for {LANES} observations ({action})")
+            _expect(np.isfinite(actions).all(), f"got {actions} ({action})")
+            inside = (actions >= box.low) & (actions <= box.high)
+            _expect(inside.all(), f"got {actions}, outside the box ({action})")
         for _, one, _ in _loop(policy.make(single), single, 3):
             _expect(np.shape(one) == (2,), f"got shape {np.shape(one)} for one observation ({action})")
     return f"{', '.join(kinds)}, single and batched"
@@ -157,7 +143,7 @@ def _lanes(policy: PolicySpec, scenario: Scenario) -> str:
         env.reset(seed=10 + lane)
         alone, state = policy.make(env), None
         for observations, actions, _ in log:
-            action, state = alone.predict(observations[lane], state=state, episode_start=None, deterministic=True)
+            action, state = _act(alone, observations[lane], state)
             worst = max(worst, float(np.abs(actions[lane] - action).max()))
             if env.step(actions[lane])[2]:  # it diverged
                 break
@@ -173,10 +159,10 @@ def _resets(policy: PolicySpec, scenario: Scenario) -> str:
     _, _, old = _loop(actor, env)[-1]
     observation, _ = env.reset(seed=5)
     some = np.array([False, True, False])
-    kept, _ = actor.predict(observation, state=old, episode_start=~np.ones(3, dtype=bool), deterministic=True)
-    fresh, _ = actor.predict(observation, state=None, episode_start=None, deterministic=True)
-    mixed, _ = actor.predict(observation, state=old, episode_start=some, deterministic=True)
-    _expect(np.array_equal(mixed[~some], kept[~some]), "lanes that go on began afresh too")
+    going, _ = _act(actor, observation, old, np.zeros(3, dtype=bool))
+    fresh, _ = _act(actor, observation, None)
+    mixed, _ = _act(actor, observation, old, some)
+    _expect(np.array_equal(mixed[~some], going[~some]), "lanes that go on began afresh too")
     _expect(np.array_equal(mixed[some], fresh[some]), "a lane that begins still knows the last episode")
     return "as promised"
 
@@ -186,8 +172,7 @@ def _pure(policy: PolicySpec, scenario: Scenario) -> str:
     actor = policy.make(env)
     observation, _, state = _loop(actor, env)[-1]
     before = observation.copy(), _copies(state)
-    one, _ = actor.predict(observation, state=state, episode_start=None, deterministic=True)
-    two, _ = actor.predict(observation, state=state, episode_start=None, deterministic=True)
+    one, two = (_act(actor, observation, state)[0] for _ in range(2))
     _expect(np.array_equal(one, two), "the same arguments gave two different actions")
     _expect(np.array_equal(before[0], observation), "it changed the observation")
     same = all(np.array_equal(a, b) for a, b in zip(before[1], _copies(state), strict=True))
@@ -204,13 +189,11 @@ def _blind(policy: PolicySpec, scenario: Scenario) -> str:
         return "no: it knows the truth"
     env, *others = (_env(policy, scenario.replace(parameter_error=ratio), 1) for ratio in (1.0, 0.9, 1.1))
     actors = [policy.make(other) for other in others]
-    log = _loop(actors[0], env)
     state = None
-    for observation, action, _ in log:
-        other, state = actors[1].predict(observation, state=state, episode_start=None, deterministic=True)
-        _expect(
-            np.array_equal(action, other), "two arms with one nominal model and the same readings got different actions"
-        )
+    for observation, action, _ in _loop(actors[0], env):
+        other, state = _act(actors[1], observation, state)
+        same = np.array_equal(action, other)
+        _expect(same, "two arms with one nominal model and the same readings got different actions")
     return "the same readings gave the same actions"
 
 
@@ -228,7 +211,19 @@ def _speed(policy: PolicySpec, scenario: Scenario) -> str:
         waits = []
         for _ in range(50):
             begin = time.perf_counter()
-            actor.predict(observation, state=state, episode_start=None, deterministic=True)
+            _act(actor, observation, state)
             waits.append(time.perf_counter() - begin)
         times.append(f"{1e6 * float(np.median(waits)) / lanes:.3g} us a lane of {lanes}")
     return ", ".join(times)
+
+
+_PROMISES: dict[str, Callable[[PolicySpec, Scenario], str]] = {
+    "is made from the interface alone": _made_from_the_interface,
+    "actions have the observations' shape, are finite and lie in the box": _shapes,
+    "a lane of a batch acts as a single policy": _lanes,
+    "episode_start begins exactly those lanes afresh": _resets,
+    "predict is a function of its arguments, and leaves them alone": _pure,
+    "hidden parameters do not reach it": _blind,
+    "runs an episode to its end": _episode,
+    "time of a decision": _speed,
+}

@@ -18,7 +18,11 @@ def current_keys(results: Sequence[Result]) -> set[str]:
         policy = result.cell.policy
         if policy not in unchanged:
             unchanged[policy] = is_unchanged(policy)
-    return {r.cell.key for r in results if r.rows and unchanged[r.cell.policy] and _is_known(r.cell.scenario)}
+    metrics = {metric: metric.unchanged for metric in {metric for r in results for metric in r.cell.metrics}}
+    return {
+        r.cell.key for r in results
+        if r.rows and unchanged[r.cell.policy] and _is_known(r.cell.scenario) and all(map(metrics.get, r.cell.metrics))
+    }  # fmt: skip
 
 
 def _is_known(scenario: Scenario) -> bool:
@@ -34,8 +38,8 @@ def current_runs(results: Sequence[Result]) -> Iterator[tuple[Result, int]]:
     """Yield each run of the current results once: a result, and the index of a seed in it."""
     keys = current_keys(results)
     seen: set[tuple[str, str, int]] = set()
-    # Suites of different sizes share seeds.
-    for result in sorted(results, key=lambda result: -len(result.rows)):
+    # Suites of different sizes share seeds; a result with external metrics has more columns.
+    for result in sorted(results, key=lambda result: (-len(result.cell.metrics), -len(result.rows))):
         if result.cell.key in keys:
             scenario = _options(result.cell.scenario)
             for i, seed in enumerate(result.cell.seeds):

@@ -1,4 +1,4 @@
-"""Metrics of a trace, one row for each seed. Pure functions.
+"""Metrics of a trace, one row for each seed: pure functions, and external ones from a file.
 
 A diverged run counts: from the sample at which it ended on, the error of both joints is half a
 turn, the largest error of any sample. No policy gains by diverging.
@@ -6,12 +6,21 @@ turn, the largest error of any sample. No policy gains by diverging.
 
 from __future__ import annotations
 
+import ast
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.policies import external
+from benchmarks.policies.apart import reason_of
+from benchmarks.policies.digest import code_digest
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import Array
+from fbl_gym.checks import unknown
 from fbl_gym.references import FilteredSteps, Steps
 
 WORST_ERROR = np.pi
@@ -61,6 +70,95 @@ METRICS: dict[str, str] = {
 }
 """Name and meaning of each metric, in the order of the columns."""
 
+GROUP = "fbl_gym.metrics"
+"""The entry points by which other packages register metrics."""
+
+OTHER_COLUMNS = ("policy", "scenario", "control_dt", "seed", "key", "current", "seeds", "code", "time")
+"""Names of a result's other columns, which no metric may have."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """An external metric: a function of a trace that returns a number for each seed.
+
+    Args:
+        name: of the function, and of the column.
+        meaning: first line of its docstring.
+        place: of the function, such as "my_metrics.py:power".
+        digest: hash of its code.
+    """
+
+    name: str
+    meaning: str
+    place: str
+    digest: str
+
+    @property
+    def unchanged(self) -> bool:
+        """True if the function still exists and has the same code."""
+        try:
+            return self.digest in [metric.digest for metric in find_metrics(self.place)]
+        except (ValueError, OSError):
+            return False
+
+    def __call__(self, trace: Trace) -> Array:
+        """Return the metric of each seed [n]; NaN where it does not apply.
+
+        Raises:
+            ValueError: the function raises an error, or returns anything but n numbers.
+        """
+        function: Callable[[Trace], Any] = external.load(self.place)
+        try:
+            answer = function(trace)
+        except Exception as problem:
+            raise ValueError(f"the metric {self.place} raises {reason_of(problem)}") from problem
+        try:
+            numbers = np.asarray(answer, dtype=float)
+        except (TypeError, ValueError):
+            numbers = np.array(np.inf)
+        if numbers.shape != (len(trace.seeds),) or np.isinf(numbers).any():
+            raise ValueError(
+                f"the metric {self.place} must return a number for each seed, {len(trace.seeds)} in all, got {answer!r:.200}"
+            )
+        return numbers
+
+
+def find_metrics(text: str) -> tuple[Metric, ...]:
+    """Return external metrics: the functions of a file or module whose names begin without "_".
+
+    No code is run.
+
+    Args:
+        text: a file, "my_metrics.py", a module and a function, "package.module:power", or the name
+            of an entry point. A file may have a function too, "my_metrics.py:power".
+
+    Raises:
+        ValueError: there are none, or one has the name of a built-in metric or another column.
+    """
+    points = {point.name: point.value for point in metadata.entry_points(group=GROUP)}
+    source, chosen = external.split(points.get(text, text))
+    is_file = external.form_of(source) == "file"
+    modules = external.sources(source) if not is_file or Path(source).is_file() else {}
+    if not modules:
+        known = f" or an entry point ({', '.join(points)})" if points else ""
+        raise ValueError(f"metrics must be a Python file that exists, module:function{known}, got {text!r}")
+    try:
+        code = ast.parse(next(iter(modules.values())).read_bytes())
+    except SyntaxError as problem:
+        raise ValueError(f"{source} must be Python code: {problem}") from None
+    functions = {node.name: ast.get_docstring(node) or "" for node in code.body if isinstance(node, ast.FunctionDef)}
+    names = [chosen] if chosen else [name for name in functions if not name.startswith("_")]
+    if not names:
+        raise ValueError(f"{source} must have a function of a trace, a metric, whose name does not begin with _")
+    if chosen and chosen not in functions:
+        raise unknown(f"metric of {source}", chosen, functions)
+    for name in names:
+        if name.lower() in (*METRICS, *OTHER_COLUMNS):
+            raise ValueError(f"a metric of {source} must have a name that no other column has, got {name!r}")
+    digest = code_digest(modules)
+    meanings = {name: functions[name].partition("\n")[0].rstrip(".") for name in names}
+    return tuple(Metric(name, meaning, f"{source}:{name}", digest) for name, meaning in meanings.items())
+
 
 def errors(trace: Trace) -> Array:
     """Return the absolute tracking error [T + 1 x n x 2] rad; diverged runs have the worst."""
@@ -77,12 +175,26 @@ def amplitude(trace: Trace) -> Array:
     return np.where(size > 1e-9, size, 1.0)
 
 
-def measure(trace: Trace) -> list[dict[str, float]]:
+def departure(trace: Trace) -> Array:
+    """Return the reference's largest distance from the arm's start [n x 2] rad: the size of a step.
+
+    It is 1 for a joint that shall stand still. The paper's errors are shares of it.
+    """
+    size = np.abs(trace.reference - trace.position[0]).max(axis=0)
+    return np.where(size > 1e-9, size, 1.0)
+
+
+def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()) -> list[dict[str, float]]:
     """Return the metrics of each seed, in the seeds' order.
 
     A metric that does not apply to the trace is NaN.
+
+    Args:
+        trace: of a rollout.
+        size: 100 % of an error [n x 2] rad; left out: the `amplitude`.
+        more: external metrics to add.
     """
-    error, size = errors(trace), amplitude(trace)
+    error, size = errors(trace), amplitude(trace) if size is None else size
     alive = trace.alive[..., None]
     dt, mean_error = trace.scenario.control_dt, error.mean(axis=-1)
     count = np.maximum(trace.alive.sum(axis=0), 1)
@@ -95,7 +207,7 @@ def measure(trace: Trace) -> list[dict[str, float]]:
     at_limit = np.zeros_like(torque) if limit is None else np.abs(torque) >= np.array(limit) * (1 - 1e-9)
     encoder = trace.scenario.encoder
     counts = np.array(FINEST if encoder is None or encoder.counts is None else encoder.counts)
-    columns = {
+    columns: dict[str, Array] = {
         "error_pct": 100 * (error.mean(axis=0) / size).mean(axis=-1),
         "error_mrad": 1e3 * mean_error.mean(axis=0),
         "rms_mrad": 1e3 * np.sqrt((error**2).mean(axis=(0, 2))),
@@ -117,7 +229,13 @@ def measure(trace: Trace) -> list[dict[str, float]]:
         "stay_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
         "resolution_pct": 100 * (2 * np.pi / counts / size).mean(axis=-1),
     }
-    return [{name: float(columns[name][i]) for name in METRICS} for i in range(len(trace.seeds))]
+    columns |= {metric.name: metric(trace) for metric in more}
+    return [{name: float(column[i]) for name, column in columns.items()} for i in range(len(trace.seeds))]
+
+
+def counted_errors(rows: Sequence[dict[str, float]]) -> list[float]:
+    """Return the error of each run [%] on the board: at least the encoder's resolution."""
+    return [max(row["error_pct"], row["resolution_pct"]) for row in rows]
 
 
 def _recovery(trace: Trace, error: Array) -> tuple[Array, Array, Array]:
@@ -196,7 +314,7 @@ def _steps(trace: Trace) -> tuple[Array, Array]:
 
 def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
     """Return the mean of each metric over all seeds; NaN where it applies to none."""
-    return {name: _mean([row[name] for row in rows]) for name in METRICS}
+    return {name: _mean([row[name] for row in rows]) for name in rows[0]}
 
 
 def _mean(values: list[float]) -> float:
@@ -204,9 +322,10 @@ def _mean(values: list[float]) -> float:
     return float(np.mean(known)) if known else float("nan")
 
 
-def describe(summary: dict[str, float]) -> list[tuple[str, str, str]]:
+def describe(summary: dict[str, float], more: Sequence[Metric] = ()) -> list[tuple[str, str, str]]:
     """Return name, value and meaning of each metric, for a table."""
-    return [(name, _format(summary[name]), meaning) for name, meaning in METRICS.items()]
+    meanings = METRICS | {metric.name: metric.meaning for metric in more}
+    return [(name, _format(summary[name]), meaning) for name, meaning in meanings.items()]
 
 
 def _format(value: Any) -> str:

@@ -125,7 +125,7 @@ def rollout(
     # The statistics of a lane that diverged need the reference to the end of its episode, and the
     # lane's next episode has another one.
     if not alive.all():
-        signals["reference"] = _reference(scenario, seeds)
+        signals["reference"] = reference_motion(scenario, seeds)[0]
     return Trace(
         scenario=scenario,
         seeds=tuple(seeds),
@@ -139,25 +139,23 @@ def rollout(
     )
 
 
-def _reference(scenario: Scenario, seeds: Sequence[int]) -> Array:
-    """Return the reference of each seed over the whole episode [T + 1 x n x 2]."""
-    calm = scenario.replace(
-        plant=None,
-        parameter_error=None,
-        friction=None,
-        disturbance=None,
-        events=(),
-        actuator=None,
-        initial_error=0.0,
-        limits={"position": 1e9, "velocity": 1e9},
-    )
+def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
+    """Return the reference of each seed over the whole episode [3 x T + 1 x n x 2].
+
+    It has position, velocity and acceleration.
+    """
+    bare = dict.fromkeys(("plant", "parameter_error", "noise", "friction", "disturbance", "joint", "actuator"))
+    limits = {"position": 1e9, "velocity": 1e9}
+    calm = scenario.replace(**bare, events=(), initial_error=0.0, initial_velocity=0.0, limits=limits)
     env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
     env.reset(seed=list(seeds))
-    rows = [env.truth.reference]
-    for _ in range(scenario.steps):
-        env.step(np.zeros((len(seeds), 2)))
-        rows.append(env.truth.reference)
-    return np.array(rows)
+    motion = np.empty((3, scenario.steps + 1, len(seeds), 2))
+    for k in range(scenario.steps + 1):
+        truth = env.truth
+        motion[:, k] = truth.reference, truth.reference_velocity, truth.reference_acceleration
+        if k < scenario.steps:
+            env.step(np.zeros((len(seeds), 2)))
+    return motion
 
 
 def _record(signals: dict[str, Array], k: int, env: TwoLinkArmVectorEnv) -> None:

@@ -7,6 +7,7 @@ cluster's shared file system too. A result that is there is not computed again.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime
 import hashlib
@@ -25,7 +26,7 @@ from typing import Any
 
 from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import METRICS
+from benchmarks.run.metrics import Metric
 from benchmarks.run.suite import Cell
 from controllers.policy import ACCESS
 from fbl_gym import Scenario
@@ -75,6 +76,11 @@ class Result:
     error: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
 
+    @classmethod
+    def failure(cls, cell: Cell, error: str, wall_s: float = 0.0, command: str = "") -> Result:
+        """Return the result of a cell that failed."""
+        return cls(cell, (), math.nan, wall_s, error, provenance(command))
+
 
 def provenance(command: str) -> dict[str, Any]:
     """Return packages, Python, machine, time and the command that was typed."""
@@ -108,10 +114,12 @@ class Store:
         """Write a result into its place. A failed one does not count as finished."""
         path = self.path(result.cell)
         failed = path.with_suffix(".error")
-        if not result.error:
+        text = json.dumps(_document(result), separators=(",", ":"), allow_nan=False) + "\n"
+        if result.error:
+            write_text(failed, text)
+        else:
             self.look(result.cell.policy, result.cell.scenario)
-        _write(failed if result.error else path, _document(result))
-        if not result.error:
+            write_text(path, text)
             failed.unlink(missing_ok=True)
         return path
 
@@ -141,29 +149,44 @@ class Store:
         return dict(Counter(names))  # type: ignore[arg-type]
 
     def find(self, cell: Cell) -> Result | None:
-        """Return the result of a cell, or None.
-
-        A damaged one is moved aside, with a warning. One of another format counts as absent.
-        """
+        """Return the result of a cell, or None; a damaged one is moved aside, with a warning."""
         path = self.path(cell)
-        if not path.exists():
-            return None
-        try:
-            result = self.load(path)
-            if result.cell.key != cell.key:
-                raise Damaged(f"{path} is damaged (it holds the result of another cell, {result.cell.id})")
-        except OtherFormat:
-            return None
-        except Damaged as problem:
-            self._set_aside(path, problem)
-            return None
-        return dataclasses.replace(result, cell=cell)
+        result = self._read(path) if path.exists() else None
+        return result and dataclasses.replace(result, cell=cell)
 
     def find_failure(self, cell: Cell) -> Result | None:
         """Return the result of a cell that failed when it last ran, or None."""
         try:
             return dataclasses.replace(self.load(self.path(cell).with_suffix(".error")), cell=cell)
         except (OSError, Damaged):
+            return None
+
+    def results(self) -> Iterator[Result]:
+        """Yield every result, in the order of the files' names; damaged ones are moved aside."""
+        for path in self.files():
+            if (result := self._read(path)) is not None:
+                yield result
+
+    def files(self) -> list[Path]:
+        """Return the files of the results, sorted."""
+        return sorted(path for path in self.folder.glob("*--*.json") if not path.name.startswith("."))
+
+    def _read(self, path: Path) -> Result | None:
+        """Return the result in a file; None if it is of another format, or damaged and moved."""
+        try:
+            result = self.load(path)
+            if (right := self.path(result.cell)).name != path.name:
+                raise Damaged(f"{path} is damaged (it holds the result {right.name})")
+            return result
+        except OtherFormat:
+            return None
+        except Damaged as problem:
+            target = self.folder / DAMAGED / path.name
+            target.parent.mkdir(exist_ok=True)
+            with contextlib.suppress(FileNotFoundError):  # another process was faster
+                path.replace(target)
+                text = f"{problem}; moved to {target}; `fbl-gym leaderboard` computes its cell again"
+                warnings.warn(text, stacklevel=3)
             return None
 
     def load(self, path: Path) -> Result:
@@ -179,62 +202,26 @@ class Store:
                 raise OtherFormat(f"{path} has format {document.get('format')}, this version reads {FORMAT}")
             if document.pop("sha256") != _digest(document):
                 raise ValueError("its checksum is wrong")
-            cell = Cell(PolicySpec.from_dict(document["policy"]), document["scenario"], tuple(document["seeds"]))
+            metrics = tuple(Metric(**metric) for metric in document.get("metrics", ()))
+            cell = Cell(
+                PolicySpec.from_dict(document["policy"]), document["scenario"], tuple(document["seeds"]), metrics
+            )
             check_choice("access", cell.policy.access, ACCESS)
             if cell.key != document["key"]:
                 raise ValueError("its key is not that of its content")
             columns = document["rows"]
-            if set(columns) != set(METRICS):
-                others = ", ".join(sorted(set(columns) ^ set(METRICS)))
+            if set(columns) != set(cell.columns):
+                others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
                 raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
-            rows = [
-                {name: math.nan if (value := columns[name][i]) is None else value for name in METRICS}
-                for i in range(len(columns["error_pct"]))
-            ]
-            return Result(
-                cell, tuple(rows), math.nan if document["decision_us"] is None else document["decision_us"],
-                document["wall_s"], document["error"], document["provenance"],
-            )  # fmt: skip
+            names = cell.columns
+            rows = zip(*([math.nan if x is None else x for x in columns[name]] for name in names), strict=True)
+            decision = math.nan if document["decision_us"] is None else document["decision_us"]
+            rest = (document[name] for name in ("wall_s", "error", "provenance"))
+            return Result(cell, tuple(dict(zip(names, row, strict=True)) for row in rows), decision, *rest)
         except OtherFormat:
             raise
         except (ValueError, KeyError, TypeError, AttributeError) as problem:
             raise Damaged(f"{path} is damaged ({problem})") from None
-
-    def results(self, failed: bool = False) -> Iterator[Result]:
-        """Yield every result, in the order of the files' names.
-
-        A damaged one is moved aside, with a warning.
-
-        Args:
-            failed: whether failed cells are included.
-        """
-        for path in self.files(failed):
-            try:
-                result = self.load(path)
-                if self.path(result.cell).stem != path.stem:
-                    raise Damaged(
-                        f"{path} is no result of this store (its name should be {self.path(result.cell).name})"
-                    )
-            except OtherFormat:
-                continue
-            except Damaged as problem:
-                self._set_aside(path, problem)
-                continue
-            yield result
-
-    def files(self, failed: bool = False) -> list[Path]:
-        """Return the files of the results, sorted, with those of failed cells if asked for."""
-        paths = [*self.folder.glob("*.json"), *(self.folder.glob("*.error") if failed else ())]
-        return sorted(path for path in paths if "--" in path.name and not path.name.startswith("."))
-
-    def _set_aside(self, path: Path, problem: Damaged) -> None:
-        target = self.folder / DAMAGED / path.name
-        target.parent.mkdir(exist_ok=True)
-        try:
-            path.replace(target)
-        except FileNotFoundError:  # another process was faster
-            return
-        warnings.warn(f"{problem}; moved to {target}; `fbl-gym leaderboard` computes its cell again", stacklevel=3)
 
 
 def _file_part(text: str) -> str:
@@ -250,7 +237,8 @@ def _document(result: Result) -> dict[str, Any]:
         "policy": cell.policy.to_dict(),
         "scenario": cell.scenario.to_dict(),
         "seeds": list(cell.seeds),
-        "rows": {name: [_json(row[name]) for row in result.rows] for name in METRICS},
+        **({"metrics": [dataclasses.asdict(metric) for metric in cell.metrics]} if cell.metrics else {}),
+        "rows": {name: [_json(row[name]) for row in result.rows] for name in cell.columns},
         "decision_us": _json(result.decision_us),
         "wall_s": result.wall_s,
         "error": result.error,
@@ -265,7 +253,3 @@ def _json(value: float) -> float | None:
 
 def _digest(document: Any) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
-
-
-def _write(path: Path, document: dict[str, Any]) -> None:
-    write_text(path, json.dumps(document, indent=None, separators=(",", ":"), allow_nan=False) + "\n")

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from benchmarks.policies.external import entry_module as is_plugin
+from benchmarks.policies.external import entry_module
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_apart
+from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, check_whole, unknown
@@ -31,11 +32,13 @@ class Cell:
         policy: its specification, or the text that names it.
         scenario: a Scenario, its name, or the plain data that makes one.
         seeds: every policy meets the same ones, so comparisons are paired.
+        metrics: external ones to measure, too.
     """
 
     policy: PolicySpec
     scenario: Scenario
     seeds: tuple[int, ...]
+    metrics: tuple[Metric, ...] = ()
 
     def __post_init__(self) -> None:
         set_fields(self, policy=resolve(self.policy), scenario=as_scenario(self.scenario), seeds=tuple(self.seeds))
@@ -52,7 +55,13 @@ class Cell:
             **self.policy.identity,
             "scenario": plain_options(self.scenario, "description"),
             "seeds": list(self.seeds),
+            **({"metrics": {metric.name: metric.digest for metric in self.metrics}} if self.metrics else {}),
         }
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the metrics, the built-in ones first."""
+        return (*METRICS, *(metric.name for metric in self.metrics))
 
     @cached_property
     def key(self) -> str:
@@ -81,12 +90,14 @@ class Suite:
         policies: their specifications, or the texts that name them.
         scenarios: the tasks.
         seeds: how many of the test seeds, from 0 on.
+        metrics: external ones to measure, too.
     """
 
     name: str
     policies: tuple[PolicySpec | str, ...]
     scenarios: tuple[Scenario, ...]
     seeds: int
+    metrics: tuple[Metric, ...] = ()
 
     def __post_init__(self) -> None:
         set_fields(
@@ -100,8 +111,12 @@ class Suite:
     def cells(self) -> list[Cell]:
         """The cells, scenario by scenario, each with every policy."""
         seeds = tuple(SPLITS["test"][: self.seeds])
-        policies = [resolve_apart(policy) if isinstance(policy, str) else policy for policy in self.policies]
-        return [Cell(policy, scenario, seeds) for scenario in self.scenarios for policy in policies]
+        policies = [*map(_resolved, self.policies)]
+        return [Cell(policy, scenario, seeds, self.metrics) for scenario in self.scenarios for policy in policies]
+
+
+def _resolved(policy: PolicySpec | str) -> PolicySpec:
+    return resolve_apart(policy) if isinstance(policy, str) else policy
 
 
 def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
@@ -119,24 +134,6 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
         for content, task in same.items():
             distinct.append(task if content == catalogue else task.replace(name=f"{name}~{content[:6]}"))
     return tuple(distinct)
-
-
-def leaderboard_scenarios(arms: Sequence[str] = (), severities: Sequence[int] = scenarios.SEVERITIES[1:]) -> list[str]:
-    """Return the names of the leaderboard's scenarios.
-
-    For each arm, the nominal scenario comes first, then every family at the severities.
-
-    Args:
-        arms: out of `scenarios.arms()`; empty: all.
-        severities: 0 to 3 each.
-    """
-    members = []
-    for arm in arms or scenarios.arms():
-        members.append(scenarios.family("nominal", 0, arm).name)
-        for family in scenarios.families():
-            if family != "nominal":
-                members.extend(scenarios.family(family, severity, arm).name for severity in severities)
-    return members
 
 
 PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
@@ -159,10 +156,7 @@ def at_rate(scenario: Scenario, control_dt: float) -> Scenario:
 def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
     """Return the scenario with another value of an option, which becomes part of its name.
 
-    Args:
-        scenario: to start from.
-        option: its path, such as "noise.position", as `fbl-gym list options` prints it.
-        value: of the option.
+    `option` is its path, such as "noise.position", as `fbl-gym list options` prints it.
     """
     changes: Any = value
     for part in reversed(option.split(".")):
@@ -172,7 +166,7 @@ def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
 
 
 def named(name: str) -> Suite:
-    """Return the suite of a name, one of `SUITES`."""
+    """Return one of `SUITES`."""
     if name not in SUITES:
         raise unknown("suite", name, SUITES)
     # A law with tuned gains appears with them; the paper's controllers appear as printed too.
@@ -180,7 +174,7 @@ def named(name: str) -> Suite:
     severities = scenarios.SEVERITIES[1:] if name == "full" else (2,)
     tasks = [*scenarios.in_tier("hardware", severities), *scenarios.in_tier("surprise")] if name != "ideal" else []
     if name != "hardware":
-        tasks += leaderboard_scenarios(["table-1"], severities)
+        tasks += [task for task in scenarios.in_tier("ideal", severities) if not task.startswith("section-2-2/")]
     if name == "hardware":  # an agent that needs an accelerometer was trained for the tier ideal
         policies = tuple(p for p in policies if not (_learned(p) and "acceleration" in resolve_apart(p).needs))
     if name != "ideal":  # nmpc takes as long as all others together
@@ -189,7 +183,7 @@ def named(name: str) -> Suite:
 
 
 def _learned(policy: str) -> bool:
-    return (resolve_apart(policy).kind if is_plugin(policy) else controllers.kind(policy)) == "learned"
+    return (resolve_apart(policy).kind if entry_module(policy) else controllers.kind(policy)) == "learned"
 
 
 def load(name: str) -> Suite:
@@ -204,10 +198,11 @@ def load(name: str) -> Suite:
     if path.suffix != ".toml":
         return named(name)
     data = read_toml(path)
+    entries = ("policies", "scenarios", "seeds", "control_dt")
     for key in data:
-        if key not in ("policies", "scenarios", "seeds", "control_dt"):
-            raise unknown(f"entry of {path}", key, ("policies", "scenarios", "seeds", "control_dt"))
-    policies, tasks = data.get("policies", []), data.get("scenarios", leaderboard_scenarios())
+        if key not in entries:
+            raise unknown(f"entry of {path}", key, entries)
+    policies, tasks = data.get("policies", []), data.get("scenarios", list(scenarios.in_tier("ideal")))
     if not isinstance(policies, list) or not all(isinstance(policy, str) for policy in policies):
         raise ValueError(f"policies of {path} must be a list of names, got {policies!r}")
     if not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
@@ -241,7 +236,7 @@ def narrow(
             those on one arm.
         seeds: how many test seeds; None: the suite's.
     """
-    specs = tuple(resolve_apart(policy) if isinstance(policy, str) else policy for policy in policies)
+    specs = tuple(map(_resolved, policies))
     chosen: list[Scenario] = []
     for name in tasks:
         if not isinstance(name, str) or split_file(name)[0] or name.partition("@")[0] in scenarios.names():

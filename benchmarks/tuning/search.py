@@ -18,8 +18,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import os
-import platform
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -147,39 +145,27 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
     return every[:trial], every[-fresh:]
 
 
-def tune(
-    task: Task, trials: int, folder: Path, also: Mapping[str, float] | None = None, sampler_seed: int | None = None
-) -> optuna.Study:
+def tune(task: Task, trials: int, folder: Path, also: Mapping[str, float] | None = None) -> optuna.Study:
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
     Other code, scenarios or seeds begin another study. Several processes may share it. The gains
-    `also`, such as those of an earlier study, are one of the trials. Without a `sampler_seed`, each
-    run and process has a new one, so that no trial is repeated.
-
-    Args:
-        task: to be tuned.
-        trials: how many.
-        folder: of the studies' files.
-        also: gains to try.
-        sampler_seed: of Optuna's sampler.
+    `also`, such as those of an earlier study, are one of the trials. Each run and process has
+    another sampler seed, so that no trial is repeated.
     """
     task.check(also or {})
     ranges = task.ranges
     storage = study_path(task, folder)
     storage.parent.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.ERROR)  # a stopped trial is a warning with a traceback
-    study = _study(task.policy.name, storage, optuna.samplers.TPESampler(seed=sampler_seed))
-    _close_stale(study)
+    study = _study(task.policy.name, storage)
 
     def objective(trial: optuna.Trial) -> float:
         begin = time.process_time()
-        trial.set_user_attr("process", _process())
         # The first trial is that of the default gains.
         gains = {} if trial.number == 0 else {n: trial.suggest_float(n, *ends, log=True) for n, ends in ranges.items()}
-        try:
-            return task.cost(gains)[0]
-        finally:
-            trial.set_user_attr("cpu_s", time.process_time() - begin)
+        cost, _ = task.cost(gains)
+        trial.set_user_attr("cpu_s", time.process_time() - begin)
+        return cost
 
     try:
         while len(finished(study)) < trials:
@@ -190,8 +176,6 @@ def tune(
         if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial
             raise problem.__context__ from None
         raise
-    finally:
-        _close_stale(study, including=_process())
     return study
 
 
@@ -200,40 +184,17 @@ def study_path(task: Task, folder: Path) -> Path:
     return folder / f"{gains_file(task.policy.code, folder).stem}-{task.digest}.db"
 
 
-def _study(name: str, path: Path, sampler: optuna.samplers.BaseSampler, attempts: int = 30) -> optuna.Study:
-    """The study of a file. If another process creates the same file now, SQLite raises an error."""
-    for _ in range(attempts):
+def _study(name: str, path: Path) -> optuna.Study:
+    """Return the study of a file; wait while another process creates the file."""
+    for _ in range(30):
         with contextlib.suppress(sqlalchemy.exc.SQLAlchemyError):
             storage = optuna.storages.RDBStorage(f"sqlite:///{path}", engine_kwargs={"connect_args": {"timeout": 60.0}})
+            sampler = optuna.samplers.TPESampler()
             return optuna.create_study(study_name=name, storage=storage, load_if_exists=True, sampler=sampler)
         time.sleep(0.2)
     raise ValueError(
         f"{path} must be a study of Optuna that can be written, and is none; remove it, or name another folder"
     )
-
-
-def _process() -> str:
-    return f"{platform.node()} {os.getpid()}"
-
-
-def _close_stale(study: optuna.Study, including: str = "") -> None:
-    """Mark trials as failed whose process has ended, and those of one that ends now."""
-    for trial in study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.RUNNING,)):
-        process = trial.user_attrs.get("process", "")
-        machine, _, pid = process.rpartition(" ")
-        if process == including or (machine == platform.node() and not _lives(int(pid))):
-            with contextlib.suppress(ValueError, RuntimeError):  # another process closed it
-                study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
-
-
-def _lives(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
-    return True
 
 
 def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
@@ -256,13 +217,9 @@ def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, An
             begin = time.process_time()
             cost, diverged = task.cost(values)
             verdict = {
-                "trial": trial,
-                "gains": values,
-                "objective": cost,
-                "diverged_pct": diverged,
-                "cpu_s": time.process_time() - begin,
-                "on": task.digest,
-            }
+                "trial": trial, "gains": values, "objective": cost, "diverged_pct": diverged,
+                "cpu_s": time.process_time() - begin, "on": task.digest,
+            }  # fmt: skip
             study.set_user_attr(f"judged {trial}", verdict)
         verdicts.append(verdict)
     return sorted(verdicts, key=lambda verdict: verdict["objective"])
@@ -271,9 +228,9 @@ def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, An
 def summary(
     task: Task, study: optuna.Study, judging: Task, verdicts: list[dict[str, Any]], command: str
 ) -> dict[str, Any]:
-    """Return the gains that are judged best, with their verdict and cost, as plain data."""
-    done = finished(study)
-    columns = ("trial", "objective", "diverged_pct")
+    """Return the gains that are judged best, with their verdict, that of the defaults, and cost."""
+    done, columns = finished(study), ("trial", "objective", "diverged_pct")
+    judged = [{name: verdict[name] for name in columns} for verdict in verdicts]
     return {
         "policy": task.policy.name,
         "gains": verdicts[0]["gains"] or task.defaults,
@@ -284,7 +241,9 @@ def summary(
             **task.described,
         },
         "judged": {
-            "best_first": [{name: verdict[name] for name in columns} for verdict in verdicts],
+            "count": len(verdicts),
+            "best": judged[0],
+            "defaults": next(verdict for verdict in judged if verdict["trial"] == 0),
             "environment_steps": judging.steps * len(verdicts),
             "cpu_s": round(sum(verdict["cpu_s"] for verdict in verdicts), 1),
             **judging.described,
@@ -295,20 +254,11 @@ def summary(
 
 
 def write_gains(summary: dict[str, Any], folder: Path) -> Path:
-    """Write the result of `summary` to a file, for use as POLICY@FOLDER.
+    """Write a summary to a file in a folder, for use as POLICY@FOLDER; return the file.
 
-    Of the judged trials, the file has the number and the errors of the best and of the defaults.
-
-    Args:
-        summary: to be written.
-        folder: of the file, or a .json file. In `TUNED`, the gains are those of POLICY@tuned.
+    In the folder `TUNED`, the gains are those of POLICY@tuned.
     """
-    verdicts = summary["judged"]["best_first"]
-    (defaults,) = (verdict for verdict in verdicts if verdict["trial"] == 0)
-    judged = {"count": len(verdicts), "best": verdicts[0], "defaults": defaults, **summary["judged"]}
-    del judged["best_first"]
-    entries = {**summary, "judged": judged}
-    lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in entries.items())
+    lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in summary.items())
     path = gains_file(split_gains(summary["policy"])[0], folder)
     write_text(path, f"{{\n{lines}\n}}\n")
     return path

@@ -3,7 +3,8 @@
 Every scenario has an encoder with a velocity computed from it, no accelerometer, a sample of
 computation delay, a lag of the drives, friction, a start beside the reference, wrong parameters and
 a payload. Each episode draws their numbers. A family pushes one of them further, at severities 1 to
-3. The rate is 100 Hz: at 200 Hz with half the delay and lag, simple laws are as good as the oracle.
+3. The rate is 100 Hz: at 200 Hz with half the delay and lag, computed torque with stiff gains is
+within 10 % of an oracle that knows the arm.
 
 The board is measured on `hardware`, after which `surprise` changes the arm during an episode or
 brings another arm. Tuning and training use `practice`: other motions, and other draws of the same

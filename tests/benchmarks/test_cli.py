@@ -13,8 +13,8 @@ from benchmarks.cli import names
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import number
 from benchmarks.run.cell import run_cell
-from benchmarks.run.suite import leaderboard_scenarios, narrow
 from benchmarks.run.suite import load as load_suite
+from benchmarks.run.suite import narrow
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,6 @@ from benchmarks.run.suite import load as load_suite
         ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
         ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
-        ("leaderboard --arm tabel-1", "did you mean 'table-1'"),
         ("leaderboard --workers 0", "must be a whole number, 1 or more, got '0'"),
         ("list policy", "did you mean 'policies'"),
         ("query 'SELECT polcy FROM results'", "The table results has the columns policy, scenario, control_dt, seed"),
@@ -69,8 +68,6 @@ def test_a_list_of_many_names_is_short(capsys):
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_the_example_of_a_command_is_right(name):
-    if name == "train":
-        pytest.importorskip("torch")
     parser, _ = cli.prepare(name)
     example = cli.COMMANDS[name].example
     assert example in parser.format_help()
@@ -79,7 +76,7 @@ def test_the_example_of_a_command_is_right(name):
 
 @pytest.fixture(scope="module")
 def board():
-    tasks = [s for s in leaderboard_scenarios(["table-1"], [2]) if s != "everything-2"]
+    tasks = [s for s in load_suite("ideal").scenarios if s.name != "everything-2"]
     suite = narrow(load_suite("ideal"), ["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
     return assemble([run_cell(cell) for cell in suite.cells])
 
@@ -142,6 +139,17 @@ def test_a_film_without_its_extra_is_refused_before_the_work(capsys, monkeypatch
     monkeypatch.setattr("benchmarks.cli.evaluate.rollout", None)
     assert cli.main(["evaluate", "zero", "--video", str(tmp_path / "arm.mp4")]) == 2
     assert "pip install 'fbl-gym[render]'" in capsys.readouterr().err
+
+
+def test_help_on_training_needs_no_extra(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    for name in ("torch", "stable_baselines3"):
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "benchmarks.cli.train", raising=False)
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["train", "--help"])
+    assert cli.main(["train", "ppo", "--steps", "10"]) == 2
+    assert "pip install 'fbl-gym[rl]'" in capsys.readouterr().err
 
 
 def test_what_takes_no_interface_makes_no_policy(capsys):

@@ -51,7 +51,7 @@ def test_commands_and_options_complete(offered):
     assert set(offered("fbl-gym ")) == set(cli.COMMANDS)
     assert offered("fbl-gym ev") == ["evaluate"]
     assert offered("fbl-gym evaluate pid-flm --sc") == ["--scenario"]
-    assert offered("fbl-gym leaderboard --backend r") == ["ray"]
+    assert offered("fbl-gym transfer --world mujoco-be") == ["mujoco-bend"]
 
 
 def test_names_complete_where_they_are_expected(offered):

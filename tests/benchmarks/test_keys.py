@@ -348,3 +348,14 @@ def test_a_law_in_a_folder_with_a_colon_runs(tmp_path):
     (tmp_path / "a:b" / "law.py").write_text(LAW)
     for text in (f"{tmp_path}/a:b/law.py", f"{tmp_path}/a:b/law.py:make_policy"):
         assert run_cell(Cell(text, "nominal", (0,))).error == ""
+
+
+def test_an_agent_has_a_key_without_the_packages_of_other_policies():
+    """An agent names its base law as text, so that the digest asks for every policy's module."""
+    code = (
+        "import sys; sys.modules |= dict.fromkeys(('casadi', 'torch', 'mujoco', 'pygame'))\n"
+        "from benchmarks.policies.spec import resolve\n"
+        "print(resolve('ppo-residual').digest)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == resolve("ppo-residual").digest

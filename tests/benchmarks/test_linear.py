@@ -139,7 +139,7 @@ def test_a_pause_of_the_motion_is_a_point_of_rest():
         ("pid-flm", {"joint": {"stiffness": 1e4, "rotor_inertia": 100.0}}, "elastic"),
         ("pid-flm", {"encoder": {"difference": 1}}, "computes the velocity"),
         ("zero", {}, "does not come to rest"),
-        ("time-delay", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
+        ("computed-torque-tde", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
     ],
 )
 def test_a_loop_without_margins_says_why(policy, options, reason):

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.run.metrics import METRICS, WORST_ERROR, amplitude, errors, measure, summarize
+from benchmarks.run.metrics import METRICS, WORST_ERROR, amplitude, departure, errors, measure, summarize
 from benchmarks.run.rollout import Trace, rollout
 from fbl_gym import Actuator, MinimumJerk, Scenario, Steps
 
@@ -49,6 +49,16 @@ def test_tracking_error():
 def test_perfect_tracking_is_zero():
     (row,) = measure(trace(ramp(50), ramp(50)))
     assert row["error_pct"] == row["rms_mrad"] == row["max_mrad"] == row["torque_rms"] == row["variation"] == 0.0
+
+
+def test_the_papers_errors_are_shares_of_the_departure_from_the_start():
+    """A step of 0.5 rad is 100 %, not half of it."""
+    reference = np.tile((0.5, -0.25), (10, 1))
+    reference[0] = 0.0
+    step = trace(0.9 * reference, reference)
+    np.testing.assert_allclose(departure(step), [[0.5, 0.25]])
+    (row,) = measure(step, departure(step))
+    assert row["error_pct"] == pytest.approx(9.0)
 
 
 def test_errors_are_shares_of_half_the_range_of_the_reference():

@@ -11,6 +11,7 @@ from benchmarks.cli import reproduce
 from benchmarks.paper import claims, radius
 from benchmarks.paper.claim import Case, Claim, judged
 from benchmarks.paper.claims import CLAIMS
+from fbl_gym import TwoLinkArmVectorEnv
 
 R, U, N, NONE = "reproduced", "under assumptions", "not reproduced", "–"
 VERDICTS = {
@@ -51,11 +52,11 @@ def test_one_rule_gives_every_verdict():
     assert not Case("", np.arange(64) < 62).holds
     assert Case("", True).holds
     assert not Case("", False).holds
-    fields = dict.fromkeys(("figure", "claim", "paper", "measured", "assumptions", "scenario", "seed"), "")
+    fields = dict.fromkeys(("figure", "claim", "paper", "measured", "assumptions", "scenario"), "")
     yes, no, shown = Case("yes", True), Case("no", np.zeros(8, dtype=bool)), Case("shown")
     for cases, verdict in (([yes, shown], R), ([yes, no], U), ([no], N), ([shown], NONE)):
-        assert judged(cases, **fields).verdict == verdict
-    assert judged([yes, no], **fields).cases[1] == ("no", "", "0 of 8, 0–37 %", "no")
+        assert judged(cases, print, **fields)[0].verdict == verdict
+    assert judged([yes, no], print, **fields)[0].cases[1] == ("no", "", "0 of 8, 0–37 %", "no")
 
 
 def test_a_radius_has_the_interval_of_its_share():
@@ -66,6 +67,17 @@ def test_a_radius_has_the_interval_of_its_share():
     assert value == pytest.approx(np.expm1(0.5 / 0.95), abs=0.02)
     assert 0.6 < low < value < high < 0.8
     assert radius.radius(r, 0.0 * error, 5.0) == (np.inf,) * 3
+
+
+@pytest.mark.parametrize(("direction", "low", "high"), [("larger", 1, 4), ("smaller", 0.25, 1), ("both", 0.25, 4)])
+def test_a_radius_has_directions(direction, low, high):
+    """Radius 3: the real parameters lie within [1, 4], [1/4, 1] and [1/4, 4] times the nominal ones, and fill them."""
+    env = TwoLinkArmVectorEnv(500, radius.with_radius(radius.task("Table 1"), 3.0, direction), action="torque")
+    env.reset(seed=0)
+    ratios = np.hstack([env.truth.masses / [20.0, 15.0], env.truth.lengths / [0.7, 0.5]])
+    assert np.all((ratios > low - 1e-9) & (ratios < high + 1e-9))
+    assert ratios.min() < low * 1.05
+    assert ratios.max() > high / 1.05
 
 
 def test_every_claim_has_a_verdict():

@@ -10,7 +10,7 @@ from benchmarks.run.suite import Cell
 
 
 def count(store, table):
-    return int(str(query(store.results(), f"SELECT count(*) AS n FROM {table}")).splitlines()[-2].strip("│ "))
+    return int(query(store.results(), f"SELECT count(*) AS n FROM {table}").splitlines()[-1])
 
 
 def test_older_code_and_other_sets_of_seeds_do_not_count_twice(tmp_path, capsys):
@@ -26,6 +26,16 @@ def test_older_code_and_other_sets_of_seeds_do_not_count_twice(tmp_path, capsys)
     assert count(store, "all_results WHERE current") == 2 + 5
     assert cli.main(["query", "SELECT count(DISTINCT key) FROM all_results", "--store", str(tmp_path)]) == 0
     assert "4" in capsys.readouterr().out
+
+
+def test_an_answer_in_a_file_is_whole(tmp_path, capsys, monkeypatch):
+    question = ["query", "SELECT i, i + 0.5 AS half FROM range(200) t(i)", "--store", str(tmp_path)]
+    assert cli.main(question) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert (len(lines), lines[0], lines[200]) == (201, "i,half", "199,199.5")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert cli.main(question) == 0
+    assert "200 rows" in capsys.readouterr().out
 
 
 def test_a_query_runs_no_code_of_a_file(tmp_path):

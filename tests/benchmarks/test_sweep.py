@@ -6,6 +6,7 @@ import shlex
 import pytest
 
 from benchmarks import cli
+from benchmarks.rl.training_settings import at_radius
 from benchmarks.run.suite import with_option
 from benchmarks.run.traces import FORMATS
 from fbl_gym import scenarios
@@ -30,6 +31,10 @@ def test_an_option_changes_where_its_path_leads():
     assert scenario.noise.velocity == base.noise.velocity
     assert scenario.noise.position == base.replace(noise={"position": 0.01}).noise.position
     assert with_option(base, "arm.m1", 7.0).arm.m1 == 7.0
+    # Ranges that agents generalise over are values of the radius.
+    trained_on = scenarios.get("everything-2")
+    swept = with_option(trained_on, "parameter_error.radius", 2.0)
+    assert swept.replace(name="") == at_radius(trained_on, 2.0).replace(name="")
 
 
 def test_one_option(folder):
@@ -101,7 +106,5 @@ def test_a_trace_of_another_format_is_refused_before_the_run(capsys):
 
 @pytest.mark.parametrize("command", ["tune pid-flm", "train ppo --steps 10"])
 def test_a_judged_scenario_is_neither_tuned_nor_trained_on(command, capsys):
-    if command.startswith("train"):
-        pytest.importorskip("torch")
     assert cli.main([*command.split(), "--scenario", "hardware-noise-2"]) == 2
     assert "hardware-noise-2 is for judging alone: its motion is the board's" in capsys.readouterr().err

@@ -9,13 +9,13 @@ EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
 
 
 def closed_loop(name, scenario, lanes=8, **gains):
-    """Estimates or None, s, q and the true parameters, sample by sample."""
+    """Return the law, the real lumped parameters, and by sample: the estimates or None, s, q and the error."""
     env = TwoLinkArmVectorEnv(lanes, scenario, action="torque")
-    policy, state = controllers.make(name, env, **gains), None
+    policy = controllers.make(name, env, **gains)
     observation, _ = env.reset(seed=0)
-    log = []
+    state, log = policy.initial(observation), []
     for _ in range(scenario.steps - 1):
-        before = state[0].copy() if state else np.broadcast_to(policy.interface.nominal.lumped, (lanes, 5))
+        before = state[0] if state else None
         q, v = policy.read(observation, "position", "velocity")
         r, dr = policy.read(observation, "reference_position", "reference_velocity")
         s = dr - v + np.array(policy.slope) * (r - q)

@@ -42,7 +42,7 @@ def test_friction_is_estimated():
     friction = {"viscous": (20.0, 5.0), "coulomb": (30.0, 10.0)}
     scenario = scenarios.get("nominal").replace(reference=EXCITING, friction=friction)
     _, state = learn("adaptive-flm-ls", scenario)
-    estimate = np.median(state[8][:, 5:], axis=0)
+    estimate = np.median(state[7][:, 5:], axis=0)
     np.testing.assert_allclose(estimate, [20.0, 5.0, 30.0, 10.0], rtol=0.15)
 
 
@@ -54,7 +54,7 @@ def test_estimates_are_held_at_rest():
     for _ in range(200):
         action, state = policy.predict(observation, state)
         observation = env.step(action)[0]
-    a_sum, estimate = state[6], state[8]
+    a_sum, estimate = state[5], state[7]
     assert not a_sum.any()
     np.testing.assert_array_equal(estimate[0, :5], env.nominal.lumped)
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 import controllers
-from controllers.ceiling import regulator
+from controllers.oracle import regulator
 from controllers.true_arm import TrueArm
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from tests.controllers.closed_loop import tracking

@@ -130,10 +130,10 @@ def test_a_composition_has_the_gains_of_law_and_parts():
     spec = resolve("pid-flm+high-gain+predictor")
     assert (spec.access, spec.needs, spec.tuning, spec.problem) == ("nominal", ("position",), "default gains", "")
     assert spec.summary.endswith("; with high-gain and predictor")
-    assert spec.configuration["high_gain_bandwidth"] == 150.0
+    assert spec.configuration["high_gain_bandwidth"] == [150.0, 150.0]
     assert {"kp", "high_gain_bandwidth", "predictor_lead"} <= set(tuning_ranges(spec.factory()))
     law = spec.make(TwoLinkArmEnv(actuator={"lag": 0.01}), kp=30.0, high_gain_bandwidth=70.0, predictor_lead=1.0)
-    assert (law.inside.kp, law.observer.bandwidth, law.predictor.lead) == ((30.0, 30.0), 70.0, 1.0)
+    assert (law.inside.kp, law.observer.bandwidth, law.predictor.lead) == ((30.0, 30.0), (70.0, 70.0), 1.0)
 
 
 def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):

@@ -65,6 +65,7 @@ def test_a_declaration_in_a_subclass_replaces_that_of_its_parent():
         ("computed-torque-dob", "bandwidth", 0, "bandwidth must be"),
         ("slotine-li", "reach", 1.0, "reach must be"),
         ("slotine-li", "damping", -1.0, "damping must be"),
+        ("slotine-li", "friction", -1.0, "friction must be"),
         ("slotine-li-composite", "composite", -1.0, "composite must be"),
         ("spong-robust", "epsilon", 0.0, "epsilon must be"),
         ("spong-robust", "slope", 0.0, "slope must be"),

@@ -36,13 +36,20 @@ def test_the_converged_gain_solves_the_discrete_riccati_equation(acceleration, p
     np.testing.assert_allclose(gains(dt, acceleration, position)[-1], k, rtol=1e-5)
 
 
+def started(filter_, q, v):
+    """Return the state of a filter after the first observation, which ends no sample."""
+    estimate, count, _ = filter_.update(*filter_.initial(q, v), q, np.zeros_like(q))
+    np.testing.assert_array_equal(estimate, np.stack([q, v], axis=-1))
+    return estimate, count
+
+
 def test_the_batched_update_agrees_with_filterpy():
     """Random measurements through ours, all joints and lanes at once, and through filterpy one by one."""
     dt, n, steps = 0.01, 3, 200
     rng = np.random.default_rng(0)
     y, u = rng.normal(size=(steps, n, 2)), rng.normal(size=(steps, n, 2))
     ours = JointKalman(dt, 0.5, 0.02)
-    estimate, count = ours.initial(np.zeros((n, 2)), np.zeros((n, 2)))
+    estimate, count = started(ours, np.zeros((n, 2)), np.zeros((n, 2)))
     theirs = []
     for _ in range(2 * n):
         kalman = KalmanFilter(dim_x=2, dim_z=1, dim_u=1)
@@ -66,7 +73,7 @@ def test_innovations_are_white_at_the_designed_noise():
     true_a = np.sin(3 * t[:-1])[:, None, None] * np.ones((1, n, 2))
     q, v = np.zeros((n, 2)), np.zeros((n, 2))
     filter_ = JointKalman(dt, sa, sp)
-    estimate, count = filter_.initial(q + sp * rng.normal(size=(n, 2)), v)
+    estimate, count = started(filter_, q + sp * rng.normal(size=(n, 2)), v)
     innovations = []
     for k in range(steps):
         q, v = q + dt * v + dt * dt / 2 * true_a[k], v + dt * true_a[k]
@@ -84,7 +91,7 @@ def test_innovations_are_white_at_the_designed_noise():
 def test_an_accelerometer_bias_gives_the_error_of_the_errata():
     """A bias b gives a position error of about b, and a velocity error of 1.41 b, for the paper's two sigmas alike."""
     filter_ = JointKalman(1e-3, PAPER_SIGMA, PAPER_SIGMA)
-    estimate, count = filter_.initial(np.zeros((1, 2)), np.zeros((1, 2)))
+    estimate, count = started(filter_, np.zeros((1, 2)), np.zeros((1, 2)))
     for _ in range(20_000):
         estimate, count, _ = filter_.update(estimate, count, np.zeros((1, 2)), np.full((1, 2), 0.1))
     np.testing.assert_allclose(estimate[0, :, 0], 0.1, rtol=5e-3)

@@ -9,7 +9,7 @@ from fbl_gym import ArmParameters, TwoLinkArmVectorEnv
 
 ROTORS = ArmParameters(rotor=(8.0, 4.0))
 LAWS = ("computed-torque", "cascade-flm", "adaptive-flm", "adaptive-flm-ls", "slotine-li", "slotine-li-composite",
-        "spong-robust", "time-delay", "rbf-adaptive", "computed-torque-dob", "nmpc")  # fmt: skip
+        "spong-robust", "computed-torque-tde", "rbf-adaptive", "computed-torque-dob", "nmpc")  # fmt: skip
 
 
 def mean_error(name, arm, **real):
@@ -45,5 +45,5 @@ def test_estimates_are_those_of_the_links(law):
         action, state = policy.predict(observation, state=state, episode_start=first)
         observation, *_ = env.step(action)
         first = np.zeros(2, dtype=bool)
-    lumped = state[5] if isinstance(policy, AdaptiveFlm) else state[8][:, :5]
+    lumped = state[5] if isinstance(policy, AdaptiveFlm) else state[7][:, :5]
     np.testing.assert_allclose(lumped, env.truth.lumped, rtol=0.05)

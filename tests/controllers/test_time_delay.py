@@ -1,4 +1,4 @@
-"""Time-delay control against the incremental law, the pole of its estimate and its error equation."""
+"""Time-delay control and computed torque with time-delay estimation: stability, poles and error equations."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ AT_ONCE = 1e6
 def test_without_the_filter_the_law_is_incremental():
     """tau = tau_0 + M(q) (a - a_0): nominal Coriolis and gravity torques cancel (Sieberling, Chu and Mulder 2010, eq. 9)."""
     env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
-    policy = controllers.make("time-delay", env, bandwidth=AT_ONCE, frequency=8.0)
+    policy = controllers.make("computed-torque-tde", env, bandwidth=AT_ONCE, frequency=8.0)
     observation, _ = env.reset(seed=0)
     state = None
     before = gravity_torque(env.nominal, policy.read(observation, "position")[0])
@@ -37,7 +37,7 @@ def test_the_estimate_has_its_pole(k):
     g, q = 15.0, np.array([-1.0, 0.5])
     env = TwoLinkArmEnv(reference=STILL, actuator=None, action="torque")
     real = ArmParameters(TABLE_1.m1 / k, TABLE_1.m2 / k, TABLE_1.L1, TABLE_1.L2)
-    policy = controllers.make("time-delay", env, bandwidth=g)
+    policy = controllers.make("computed-torque-tde", env, bandwidth=g)
     observation, _ = env.reset(seed=0)
     torque, state, log = gravity_torque(env.nominal, q), None, []
     for _ in range(60):
@@ -58,7 +58,7 @@ def test_the_error_equation_under_a_constant_load():
     env = TwoLinkArmEnv(
         reference=STILL, control_dt=1e-3, physics_dt=1e-3, disturbance={"kind": "array", "torque": (tuple(load),)}
     )
-    policy = controllers.make("time-delay", env, frequency=w, bandwidth=g)
+    policy = controllers.make("computed-torque-tde", env, frequency=w, bandwidth=g)
     errors, _ = tracking(policy, env, 2000)
     # x = (e, e', what is left to find), each per joint, in units of M^-1 d.
     step = expm(np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * w, 1.0], [0.0, 0.0, -g]]) * 1e-3)
@@ -72,34 +72,65 @@ def test_the_error_equation_under_a_constant_load():
     assert np.abs(errors[-1]).max() < 1e-5
 
 
+def last_error(name, masses, **gains):
+    """Return the largest error of the last of nine seconds, at 100 Hz, of an arm of `masses` times the nominal ones."""
+    env = TwoLinkArmEnv(
+        reference=STILL,
+        initial_error=(-0.01, 0.0),
+        parameter_error={"ratio": {"m1": masses, "m2": masses}},
+        actuator=None,
+        action="torque",
+        limits={"velocity": 1e3},
+    )
+    policy = controllers.make(name, env, **gains)
+    observation, _ = env.reset(seed=0)
+    state, log = None, []
+    for _ in range(900):
+        action, state = policy.predict(observation, state)
+        observation, _, terminated, _, _ = env.step(action)
+        log.append(np.abs(env.truth.reference - env.truth.position).max())
+        if terminated:
+            return np.inf
+    return max(log[-100:])
+
+
 @pytest.mark.parametrize(("bandwidth", "frequency"), [(AT_ONCE, 5.0), (12.0, 5.0), (12.0, 15.0)])
-def test_the_loop_is_stable_up_to_its_limit_of_inertia(bandwidth, frequency):
+def test_estimation_is_stable_up_to_its_limit_of_inertia(bandwidth, frequency):
     """Masses 1 / k of the nominal ones: stable for k < 2 / (h + 2 w dt - h w dt), h = 1 - exp(-g dt), and not beyond.
 
-    h = 1 and w dt -> 0 is Hsia's condition, k < 2.
+    h = 1 and w dt -> 0 is the condition of time-delay control, k < 2.
     """
-
-    def last(k):
-        env = TwoLinkArmEnv(
-            reference=STILL,
-            initial_error=(-0.01, 0.0),
-            parameter_error={"ratio": {"m1": 1 / k, "m2": 1 / k}},
-            actuator=None,
-            action="torque",
-            limits={"velocity": 1e3},
-        )
-        policy = controllers.make("time-delay", env, bandwidth=bandwidth, frequency=frequency)
-        observation, _ = env.reset(seed=0)
-        state, log = None, []
-        for _ in range(900):
-            action, state = policy.predict(observation, state)
-            observation, _, terminated, _, _ = env.step(action)
-            log.append(np.abs(env.truth.reference - env.truth.position).max())
-            if terminated:
-                return np.inf
-        return max(log[-100:])
-
     h = -np.expm1(-bandwidth * 0.01)
     most = 2.0 / (h + 2.0 * frequency * 0.01 - h * frequency * 0.01)
-    assert last(0.9 * most) < 1e-3
-    assert last(1.1 * most) > 1e-2
+    gains = {"bandwidth": bandwidth, "frequency": frequency}
+    assert last_error("computed-torque-tde", 1.0 / (0.9 * most), **gains) < 1e-3
+    assert last_error("computed-torque-tde", 1.0 / (1.1 * most), **gains) > 1e-2
+
+
+@pytest.mark.parametrize("frequency", [2.0, 8.0])
+def test_time_delay_control_is_stable_up_to_its_limit_of_inertia(frequency):
+    """The eigenvalues of M^-1 Mbar must be below 2 / (1 + w dt); a wrong gravity torque leaves no error."""
+    stretched = np.diag(np.diagonal(inertia_matrix(TABLE_1, (0.0, 0.0))))
+    largest = np.linalg.eigvals(np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), stretched)).real.max()
+    limit = 2.0 / (1.0 + frequency * 0.01)
+    for share, stable in ((0.9, True), (1.1, False)):
+        error = last_error("time-delay", 0.5, inertia=share * limit * 0.5 / largest, frequency=frequency)
+        assert (error < 1e-3) if stable else (error > 1e-2)
+
+
+def test_time_delay_control_differences_the_velocity():
+    """tau = tau_0 + Mbar (a - (v - v_0) / L), whatever the sensors' noise."""
+    env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
+    policy = controllers.make("time-delay", env, frequency=8.0, inertia=(0.1, 0.2))
+    observation, _ = env.reset(seed=0)
+    state, before, v0 = None, gravity_torque(env.nominal, policy.read(observation, "position")[0]), None
+    inertia = np.diagonal(inertia_matrix(env.nominal, (0.0, 0.0))) * (0.1, 0.2)
+    for _ in range(50):
+        q, v, r, dr, ddr = policy.read(
+            observation, "position", "velocity", "reference_position", "reference_velocity", "reference_acceleration"
+        )
+        v0 = v if v0 is None else v0
+        expected = before + inertia * (ddr + 64.0 * (r - q) + 16.0 * (dr - v) - (v - v0) / 0.01)
+        torque, state = policy.predict(observation, state)
+        np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
+        observation, before, v0 = env.step(torque)[0], torque, v

@@ -13,8 +13,6 @@ from tests.fbl_gym.episodes import ID
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"threads": 2}, "'threads' is an option of the vector environment"),
-        ({"frictionn": 1}, "unknown option 'frictionn'; did you mean 'friction'"),
         ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean"),
         ({"scenario": 3}, "scenario must be"),
         ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
@@ -64,31 +62,25 @@ def test_bad_options_are_named(options, message):
         TwoLinkArmEnv(**options)
 
 
-@pytest.mark.parametrize("wrong", [{"acton": "torque"}, {"rewards": {}}, {"prevew": 2}, {"scenaro": "nominal"}])
-def test_a_mistyped_argument_of_the_environment_is_recognised(wrong):
-    """Action, reward, preview and scenario are options of `gym.make`, like the scenario's fields."""
-    meant = {"acton": "action", "rewards": "reward", "prevew": "preview", "scenaro": "scenario"}
-    (name,) = wrong
-    with pytest.raises(ValueError, match=f"did you mean '{meant[name]}'"):
-        gym.make(ID, **wrong)
-
-
 @pytest.mark.parametrize(
-    ("name", "suggestion"),
+    ("name", "advice"),
     [
-        ("torque_limit", "actuator={'torque_limit': ...}"),
-        ("radius", "parameter_error={'radius': ...}"),
-        ("mass", "parameter_error={'payload': {'mass': ...}}"),
-        ("m1", "arm={'m1': ...}"),
-        ("snr_db", "noise={'position': {'snr_db': ...}} or noise={'velocity': {'snr_db': ...}} or "),
-        ("bandwidth", "reference={'kind': 'filtered-steps', 'bandwidth': ...}"),
-        ("weight_effort", "reward={'weight_effort': ...}"),
+        ("frictionn", "did you mean 'friction'?"),
+        ("acton", "did you mean 'action'?"),
+        ("rewards", "did you mean 'reward'?"),
+        ("scenaro", "did you mean 'scenario'?"),
+        ("threads", "it is an option of the vector environment"),
+        ("torque_limit", "did you mean actuator={'torque_limit': ...}"),
+        ("mass", "did you mean parameter_error={'payload': {'mass': ...}}"),
+        ("snr_db", "did you mean noise={'position': {'snr_db': ...}} or noise={'velocity': {'snr_db': ...}} or "),
+        ("bandwidth", "did you mean reference={'kind': 'filtered-steps', 'bandwidth': ...}"),
+        ("weight_effort", "did you mean reward={'weight_effort': ...}"),
     ],
 )
-def test_a_field_of_an_option_suggests_the_option(name, suggestion):
-    for environment in (TwoLinkArmEnv, TwoLinkArmVectorEnv):
-        with pytest.raises(ValueError, match=re.escape(f"unknown option {name!r}; did you mean {suggestion}")):
-            environment(**{name: 100})
+def test_an_unknown_option_is_a_type_error_in_pythons_words(name, advice):
+    """TorchRL tries `frameskip` on every environment, and goes on after this error alone."""
+    with pytest.raises(TypeError, match=re.escape(f"got an unexpected keyword argument {name!r}; {advice}")):
+        gym.make(ID, **{name: 100})
 
 
 @pytest.mark.parametrize("sensors", [None, 5])
@@ -129,8 +121,6 @@ def test_sensors_of_the_wrong_type_are_named(sensors):
         ),
         (lambda: Scenario(limits={"postion": 1}), "unknown field of limits 'postion'; did you mean 'position'"),
         (lambda: TwoLinkArmEnv(reward={"wight_effort": 1}), "unknown field of reward 'wight_effort'.*'weight_effort'"),
-        (lambda: TwoLinkArmEnv(contol_dt=0.01), "unknown option 'contol_dt'; did you mean 'control_dt'"),
-        (lambda: TwoLinkArmVectorEnv(2, referense="sine"), "unknown option 'referense'; did you mean 'reference'"),
         (lambda: TwoLinkArmEnv("mixed-eror-2"), "unknown scenario 'mixed-eror-2'; did you mean 'mixed-error-2'"),
         (lambda: TwoLinkArmEnv(action="accelaration"), "unknown action 'accelaration'; did you mean 'acceleration'"),
         (lambda: TwoLinkArmEnv().layout["referense_position"], "did you mean 'reference_position'"),

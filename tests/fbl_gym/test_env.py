@@ -31,7 +31,7 @@ def test_an_episode_is_truncated_after_its_duration_and_then_needs_a_reset():
     env.step((0, 0))
 
 
-def test_reset_takes_no_options():
+def test_reset_refuses_unknown_options():
     with pytest.raises(ValueError, match="unknown reset option 'low'"):
         TwoLinkArmEnv().reset(options={"low": 1})
 

@@ -15,12 +15,13 @@ from tests.fbl_gym.episodes import EVENTFUL
         ({"num_envs": 2.5}, "num_envs must be"),
         ({"num_envs": 2, "autoreset_mode": "Nextstep"}, "did you mean 'NextStep'"),
         ({"num_envs": 2, "max_episode_steps": 0}, "max_episode_steps must be"),
-        ({"num_envs": 2, "nois": 3}, "did you mean 'noise'"),
     ],
 )
 def test_bad_arguments_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
         TwoLinkArmVectorEnv(**arguments)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'nois'; did you mean 'noise'"):
+        TwoLinkArmVectorEnv(2, nois=3)
 
 
 @pytest.mark.parametrize("num_envs", [0, -1, 2.5, True, "2", None])

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import sys
 import zipfile
 
 import gymnasium
@@ -13,8 +14,7 @@ from stable_baselines3.common.monitor import Monitor
 from benchmarks.policies import external
 from benchmarks.policies.spec import resolve
 from benchmarks.rl.sb3 import load_zip
-from fbl_gym import TwoLinkArmEnv
-from fbl_gym.wrappers import ErrorCoordinates
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmVectorEnv
 
 
 def test_an_archive_is_loaded_only_with_trust(tmp_path):
@@ -44,10 +44,11 @@ def save_model(folder, env, algorithm="PPO", module="stable_baselines3", **setti
     ("env", "message"),
     [
         (
-            lambda: ErrorCoordinates(TwoLinkArmEnv()),
-            "observation_space .* -25.1327 to 25.1327, .* got -10 to 10: train it",
+            lambda: gymnasium.wrappers.RescaleObservation(TwoLinkArmEnv(), np.float64(-1), np.float64(1)),
+            "observation_space .* -25.1327 to 25.1327, .* got -1 to 1: train it with .*TwoLinkArmTracking-v0",
         ),
         (lambda: TwoLinkArmEnv(action="torque"), 'got -2000 to 2000, -800 to 800: train it with action="normalized"'),
+        (lambda: TwoLinkArmTrackingEnv(action="torque"), "got -2000 to 2000, -800 to 800: train it with action="),
         (lambda: TwoLinkArmEnv(action="acceleration"), 'got -100 to 100: train it with action="normalized"'),
     ],
 )
@@ -97,10 +98,46 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, t
     )
 
 
-def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path):
+@pytest.mark.parametrize("algorithm", ["PPO", "RecurrentPPO"])
+@pytest.mark.parametrize("options", [{}, {"scenario": "hardware-delay-2"}, {"past_actions": 0}])
+def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(algorithm, options, tmp_path):
+    module, policy = ("stable_baselines3", "MlpPolicy")
+    if algorithm == "RecurrentPPO":
+        pytest.importorskip("sb3_contrib")
+        module, policy = ("sb3_contrib", "MlpLstmPolicy")
+    tracking = TwoLinkArmTrackingEnv(**options)
+    model, path = save_model(tmp_path, tracking, algorithm, module, policy=policy)
+    lanes = TwoLinkArmVectorEnv(2, options.get("scenario"), autoreset_mode="SameStep")
+    archive = load_zip(path, lanes.interface, trust=True)
+    a, b = tracking.reset(seed=1)[0], lanes.reset(seed=0)[0]
+    mine = theirs = starts = None
+    for _ in range(20):
+        action, mine = model.predict(a, mine, None if starts is None else starts[1:], deterministic=True)
+        actions, theirs = archive.predict(b, theirs, starts, deterministic=True)
+        np.testing.assert_allclose(actions[1], action, atol=2e-3)  # the first action is from measured positions
+        a, b = tracking.step(action)[0], lanes.step(actions)[0]
+        starts = np.zeros(2, dtype=bool)
+    restarted = archive.predict(b, theirs, np.array([True, False]), deterministic=True)[1][0]
+    np.testing.assert_array_equal(restarted[1, :2], archive.predict(b, theirs, deterministic=True)[1][0][1, :2])
+
+
+def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
+    _, path = save_model(tmp_path, TwoLinkArmTrackingEnv())
+    external.trust(str(path))
+    for scenario in ("everything-2", "hardware-everything-2"):
+        env = TwoLinkArmEnv(scenario)
+        action, _ = resolve(str(path)).make(env).predict(env.reset(seed=0)[0])
+        assert env.action_space.contains(action)
+    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+        load_zip(path, TwoLinkArmEnv(sensors=("position",)).interface, trust=True)
+
+
+def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sbx", None)  # as if it were not installed
     path = tmp_path / "model.zip"
     for data, message in (
-        ({"policy_class": {"__module__": "sbx.sac.policies"}}, "A2C, .* got one whose network is of sbx.sac.policies"),
+        ({"policy_class": {"__module__": "mine.policies"}}, "A2C, .* got one whose network is of mine.policies"),
+        ({"policy_class": {"__module__": "sbx.sac.policies"}}, "needs sbx, which is not .*: pip install sbx-rl"),
         ({}, "must be an archive that stable-baselines3's save wrote"),
     ):
         with zipfile.ZipFile(path, "w") as archive:

@@ -106,8 +106,26 @@ def test_a_killed_run_resumes(algorithm, tmp_path, monkeypatch):
     assert curve(tmp_path) == after
 
 
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_a_finished_run_is_extended(algorithm, tmp_path, capsys):
+    short = settings(algorithm)
+    train(short, tmp_path, evaluations=2)
+    before = curve(tmp_path)
+    train(short, tmp_path, evaluations=2)
+    assert f"the run has {short.steps:,} steps already" in capsys.readouterr().err
+    train(settings(algorithm, steps=2 * short.steps), tmp_path, evaluations=2)
+    after = curve(tmp_path)
+    assert after[: len(before)] == before
+    assert after[-1][0] == 2 * short.steps
+
+
 def test_a_folder_with_other_settings_is_refused(tmp_path):
     train(settings(), tmp_path, evaluations=1)
+    (tmp_path / "run.json").write_text("{")
+    with pytest.raises(ValueError, match="folder must be new or hold a run of the same settings"):
+        train(settings(), tmp_path)
+    (tmp_path / "run.json").unlink()
+    train(settings(), tmp_path)
     with pytest.raises(ValueError, match="folder must be new or hold a run of the same settings"):
         train(settings(seed=1), tmp_path)
 

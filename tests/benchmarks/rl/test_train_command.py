@@ -40,6 +40,7 @@ def test_options_reach_the_agent(folder, capsys):
 def test_an_agent_can_have_context(folder):
     assert train("--context") == 0
     assert describe(folder / "runs" / "ppo-torque-context-0")["interface"]["context"] is True
+    assert (folder / "runs" / "ppo-torque-context-0" / "curve.png").stat().st_size > 1000
 
 
 @pytest.mark.usefixtures("folder")

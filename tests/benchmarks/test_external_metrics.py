@@ -1,0 +1,104 @@
+"""Metrics from a file: on the board, in the store and in queries; errors before the first run."""
+
+import shlex
+from importlib import metadata
+
+import numpy as np
+import pytest
+
+from benchmarks import cli
+from benchmarks.report.export import query
+from benchmarks.run.metrics import METRICS, find_metrics, measure
+from benchmarks.run.rollout import rollout
+from benchmarks.run.store import Store
+from benchmarks.run.suite import Cell
+from fbl_gym import scenarios
+
+CODE = '''
+import numpy as np
+
+def peak_torque(trace):
+    """Largest torque of joint 1 [N m]."""
+    return _size(trace)[..., 0].max(axis=0)
+
+def _size(trace):
+    return np.abs(trace.torque)
+'''
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(CODE)
+    return tmp_path
+
+
+def test_a_metric_is_a_function_of_a_trace():
+    (metric,) = find_metrics("mine.py")
+    assert (metric.name, metric.meaning) == ("peak_torque", "Largest torque of joint 1 [N m]")
+    trace = rollout("pd-gravity", scenarios.get("nominal").replace(duration=0.5), range(3))
+    rows = measure(trace, more=[metric])
+    assert list(rows[0]) == [*METRICS, "peak_torque"]
+    np.testing.assert_array_equal([row["peak_torque"] for row in rows], np.abs(trace.torque[..., 0]).max(axis=0))
+
+
+def test_an_entry_point_names_a_metric(monkeypatch):
+    point = metadata.EntryPoint("peak", "mine:peak_torque", "fbl_gym.metrics")
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [point] if group == "fbl_gym.metrics" else [])
+    assert find_metrics("peak")[0].place == "mine:peak_torque"
+    assert find_metrics("peak")[0].digest == find_metrics("mine.py")[0].digest
+
+
+def test_the_code_of_a_metric_is_part_of_the_key(folder):
+    def key():
+        return Cell("zero", "nominal", (0,), find_metrics("mine.py")).key
+
+    before = key()
+    assert before != Cell("zero", "nominal", (0,)).key
+    (folder / "mine.py").write_text(CODE.replace("Largest", "The largest"))
+    assert key() == before
+    (folder / "mine.py").write_text(CODE.replace("np.abs", "np.square"))
+    assert key() != before
+
+
+def test_a_metric_is_a_column_of_each_table(folder, capsys):
+    line = "--scenarios nominal --policies zero pd-gravity --seeds 2 --metrics mine.py"
+    assert cli.main(shlex.split(f"leaderboard {line} --workers 1")) == 0
+    assert "peak_torque" in capsys.readouterr().out
+    assert cli.main(shlex.split(f"report {line} --out .")) == 0
+    assert (folder / "board.csv").read_text().splitlines()[0].endswith(",peak_torque")
+    assert "Largest torque of joint 1 [N m]: median of the runs" in (folder / "board.html").read_text()
+    assert cli.main(shlex.split("compare zero pd-gravity --seeds 2 --metrics mine.py:peak_torque")) == 0
+    assert cli.main(shlex.split("evaluate zero --seeds 1 --metrics mine.py")) == 0
+    shown = capsys.readouterr().out
+    assert shown.count("peak_torque") == 3
+    assert cli.main(shlex.split("leaderboard --scenarios nominal --policies zero --seeds 3 --workers 1")) == 0
+    question = "SELECT count(*) AS runs, count(peak_torque) AS known FROM results"
+    results = list(Store(folder / "results/board").results())
+    assert query(results, question) == "runs,known\n5,4"
+    (folder / "mine.py").write_text(CODE.replace("np.abs", "np.square"))
+    assert query(results, question) == "runs,known\n3,0"  # those without metrics
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("def iae(trace): return 1", "mine.py must have a name that no other column has, got 'iae'"),
+        ("def Policy(trace): return 1", "mine.py must have a name that no other column has, got 'Policy'"),
+        (
+            "def power(trace): return trace.power",
+            "mine.py:power raises AttributeError: 'Trace' object has no attribute",
+        ),
+        ("def power(trace): return trace.torque.max()", "must return a number for each seed, 3 in all, got "),
+        ("def power(trace): return ['high'] * 3", "must return a number for each seed, 3 in all, got ['high', "),
+        ("def power(trace): return [float('inf')] * 3", "must return a number for each seed, 3 in all, got [inf, "),
+        ("power = 1", "mine.py must have a function of a trace"),
+        ("def power(trace) return 1", "mine.py must be Python code"),
+        (None, "metrics must be a Python file that exists, module:function, got 'mine.py'"),
+    ],
+)
+def test_a_wrong_metric_is_refused_before_the_first_run(folder, capsys, code, message):
+    (folder / "mine.py").unlink() if code is None else (folder / "mine.py").write_text(code)
+    with pytest.raises(SystemExit):
+        cli.main(shlex.split("evaluate zero --metrics mine.py"))
+    assert message in capsys.readouterr().err

@@ -1,0 +1,75 @@
+"""`fbl_gym/TwoLinkArmTracking-v0`: the observation of learning agents, single and in batches."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+
+from fbl_gym import TwoLinkArmEnv
+from fbl_gym.wrappers import ErrorCoordinates
+from tests.fbl_gym.episodes import ID, RECORDS
+
+TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
+
+
+@pytest.mark.parametrize("options", [{}, RECORDS, {"scenario": "hardware-delay-2"}], ids=["default", "many", "delay"])
+def test_checkers_pass_without_a_warning(options):
+    env = gym.make(TRACKING, **options)
+    check_env(env.unwrapped)
+    pytest.importorskip("stable_baselines3.common.env_checker").check_env(env)
+
+
+@pytest.mark.parametrize("scenario", ["nominal", "everything-2", "hardware-nominal"])
+def test_the_observation_is_that_of_the_error_coordinates_with_the_previous_action(scenario):
+    env = gym.make(TRACKING, scenario=scenario)
+    twin = ErrorCoordinates(TwoLinkArmEnv(scenario, past_actions=1))
+    assert env.observation_space == twin.observation_space
+    assert env.observation_space.dtype == np.float32
+    observation = env.reset(seed=3)[0]
+    np.testing.assert_array_equal(observation, twin.reset(seed=3)[0])
+    for k in range(5):
+        action = np.array([0.1 * k, -0.3], dtype=np.float32)
+        observation = env.step(action)[0]
+        np.testing.assert_array_equal(observation, twin.step(action)[0])
+        np.testing.assert_array_equal(observation[10:12], action)
+        assert env.observation_space.contains(observation)
+
+
+def test_the_shape_is_the_same_with_and_without_an_acceleration_sensor():
+    assert gym.make(TRACKING).observation_space.shape == (12,)
+    assert gym.make(TRACKING, sensors=("position", "velocity")).observation_space.shape == (12,)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_each_lane_equals_the_single_environment(mode):
+    options = {"scenario": "everything-2", "duration": 0.3, "preview": 1}
+    ours = gym.make_vec(TRACKING, 3, "vector_entry_point", autoreset_mode=mode, **options)
+    theirs = gym.vector.SyncVectorEnv([lambda: gym.make(TRACKING, **options)] * 3, autoreset_mode=mode)
+    np.testing.assert_array_equal(ours.reset(seed=4)[0], theirs.reset(seed=4)[0])
+    rng = np.random.default_rng(0)
+    for _ in range(70):
+        actions = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
+        a, b = ours.step(actions), theirs.step(actions)
+        np.testing.assert_array_equal(a[0], b[0])
+        for lane in np.flatnonzero(a[4].get("_final_obs", ())):
+            np.testing.assert_array_equal(a[4]["final_obs"][lane], b[4]["final_obs"][lane])
+        if mode == "Disabled" and (done := a[2] | a[3]).any():
+            a, b = (env.reset(options={"reset_mask": done})[0] for env in (ours, theirs))
+            np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("name", [ID, TRACKING])
+def test_the_spec_has_the_episodes_length_and_survives_json(name):
+    assert gym.make(name).spec.max_episode_steps == 1000
+    env = gym.make(name, duration=0.3, control_dt=0.005)
+    assert env.spec.max_episode_steps == 60
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    np.testing.assert_array_equal(env.reset(seed=0)[0], again.reset(seed=0)[0])
+    for _ in range(60):
+        a, b = env.step(np.zeros(2)), again.step(np.zeros(2))
+        assert a[1:4] == b[1:4]
+    assert a[3]
+    batch = gym.make_vec(name, 2, "vector_entry_point", duration=0.3, max_episode_steps=20)
+    assert batch.spec.max_episode_steps == 20
+    assert gym.make(name, max_episode_steps=50).spec.max_episode_steps == 50
