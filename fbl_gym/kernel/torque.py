@@ -17,7 +17,7 @@ def command(block, rows, queue, settings, actions, count):
     """Set the torque commands of a block's first `count` lanes from their actions."""
     for age in range(settings.delay_steps, 0, -1):
         for lane in range(count):
-            put(queue[age], lane, pair(queue[age - 1], lane))
+            queue[age, 0, lane], queue[age, 1, lane] = queue[age - 1, 0, lane], queue[age - 1, 1, lane]
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
     for joint in range(2):
         for lane in range(count):
