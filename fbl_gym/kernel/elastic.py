@@ -46,11 +46,13 @@ def _stage(x, v, load, numbers):
 
 @inline_njit
 def _moved(x, h, rate):
+    """Return x + h rate."""
     return x[0] + h * rate[0], x[1] + h * rate[1], x[2] + h * rate[2], x[3] + h * rate[3]
 
 
 @inline_njit
 def _weighted(a, b, c, d):
+    """Return a + 2 (b + c) + d."""
     return (
         a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
         a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],

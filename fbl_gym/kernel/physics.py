@@ -50,11 +50,13 @@ def make_runge_kutta(stage, moved, weighted):
 
 @inline_njit
 def _moved(x, h, rate):
+    """Return x + h rate."""
     return x[0] + h * rate[0], x[1] + h * rate[1]
 
 
 @inline_njit
 def _weighted(a, b, c, d):
+    """Return a + 2 (b + c) + d."""
     return a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1]
 
 
