@@ -248,12 +248,9 @@ class ArmBatch:
         api.inspect(self._memory, _TRUE_ROWS, table)
         fields = {name: table[:, columns].copy() for name, columns in _TRUE.items()}
         fields["commands"] = table[:, _TRUE_COLUMNS:].reshape(self.lanes, -1, 2).copy()
-        for name, unit in (
-            ("delay", self._physics_dt),
-            ("lag", self._physics_dt),
-            ("rate_limit", 1 / self._physics_dt),
-        ):
-            fields[name] *= unit
+        fields["delay"] *= self._physics_dt  # a block counts physics steps
+        fields["lag"] *= self._physics_dt
+        fields["rate_limit"] *= 1 / self._physics_dt
         fields["backlash"] *= 2.0  # a block has half of it
         if not self._settings["elastic"]:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}

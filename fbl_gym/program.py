@@ -480,6 +480,5 @@ def _pack_reward(settings: Settings, reward: Reward) -> None:
     settings["reward_logarithmic"] = logarithmic
     settings["reward_scale"] = 1 / reward.resolution if logarithmic else 1 / reward.worst
     settings["reward_norm"] = 1 / _log1p(reward.worst / reward.resolution) if logarithmic else 0.0
-    settings["weight_tracking"] = reward.weight_tracking / total
-    settings["weight_effort"] = reward.weight_effort / total
-    settings["weight_chatter"] = reward.weight_chatter / total
+    for name in ("weight_tracking", "weight_effort", "weight_chatter"):
+        settings[name] = getattr(reward, name) / total
