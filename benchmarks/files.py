@@ -1,7 +1,5 @@
 """Files that are complete or absent: each is written beside its place and renamed into it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import uuid
@@ -11,11 +9,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a place to write a file to. The file is renamed to its path if the block succeeds.
-
-    Args:
-        path: of the file; its folder is created.
-    """
+    """Yield a place to write a file to. The file is renamed to its path if the block succeeds."""
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{uuid.uuid4().hex}{path.suffix[:20]}")
     try:
@@ -28,11 +22,6 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file as UTF-8.
-
-    Args:
-        path: the file; its folder is created.
-        text: its content. A character that UTF-8 lacks is written as its escape.
-    """
+    """Write a text file as UTF-8. A character that UTF-8 lacks is written as its escape."""
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")

@@ -1,10 +1,22 @@
-"""Regressors: torques linear in five lumped parameters p, or in four parameters of friction."""
+"""Passivity-based laws, whose torque is linear in parameters: Slotine and Li's, and Spong's."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
-from fbl_gym.arm import Array
+from controllers.policy import State, TorqueLaw
+from fbl_gym.arm import Array, inertia_matrix
+from fbl_gym.checks import Pair
+from fbl_gym.records import number, pair
+
+TURN = 0.05
+"""Speed over which Coulomb friction changes its sign [rad/s]."""
+
+MOST = 5.0
+"""Largest estimate of a friction, over the stretched arm's inertia [1/s and rad/s^2]."""
 
 
 def slotine_li_regressor(q: Array, v: Array, v_r: Array, a_r: Array) -> Array:
@@ -44,3 +56,181 @@ def friction_regressor(v: Array, turn: float) -> Array:
     p has both joints' viscous friction, then both joints' Coulomb friction.
     """
     return np.concatenate([v[..., None] * np.eye(2), np.tanh(v / turn)[..., None] * np.eye(2)], axis=-1)
+
+
+@dataclass(frozen=True)
+class SlotineLi(TorqueLaw):
+    """Slotine and Li's adaptive law, with friction among the unknowns.
+
+        torque = Y p^ + K s,    p^' = Gamma Y' s,    s = e' + slope e
+
+    Y is the regressor along the reference motion v_r = r' + slope e, a_r = r'' + slope e'. p has
+    the five lumped parameters, and of each joint the viscous and the Coulomb friction, whose torque
+    is p_6 v_r + p_8 tanh(v_r / TURN) at the first one. Gains scale with the nominal arm:
+    K = damping M(q), Gamma_i = adaptation p_i^2 / p_1, and for the frictions of joint j it is
+    friction M_jj of the stretched arm. The inertia of the rotors is known: they add their torque to
+    Y p^.
+
+    V = s'Ms/2 + (p^ - p)'Gamma^-1 (p^ - p)/2 has V' <= -s'Ks, so the error goes to zero for every
+    constant arm without disturbance whose friction has the form above. Friction that sticks or
+    falls with speed has another form. The estimates need an exciting motion to converge. They are
+    clipped to a box: lumped parameters within a factor `reach` of the nominal ones, friction
+    between 0 and `MOST`. As Gamma is diagonal, that is the projection in the norm of Gamma^-1, so V
+    does not rise by it while the real parameters lie in the box. Where the torque saturates, the
+    estimates are held, and V may rise.
+
+    Sensors: position and velocity. Source: Slotine and Li, "On the adaptive control of robot
+    manipulators", Int. J. Robotics Research 6(3), 1987; "Applied Nonlinear Control", 1991, §9.2.
+
+    Args:
+        slope: of the sliding surface [1/s], per joint.
+        damping: K over the nominal inertia [1/s].
+        adaptation: gain of the lumped parameters' estimates.
+        friction: gain of the friction's estimates [1/s^2]; 0: no friction is estimated. Along a
+            motion in one direction it acts as an integrator: s'' + damping s' + friction s = 0 for
+            a joint alone.
+        reach: largest factor between an estimate and its nominal value.
+    """
+
+    slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
+    damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
+    adaptation: float = number(1.0, low=0, tune=(0.1, 300.0))
+    friction: float = number(3.0, unit="1/s^2", low=0, tune=(0.5, 50.0))
+    reach: float = number(16.0, above=1)
+
+    @cached_property
+    def rates(self) -> Array:
+        """Diagonal of Gamma [9]."""
+        lumped = self.interface.nominal.lumped
+        return np.concatenate([self.adaptation * lumped**2 / lumped[0], self.friction * np.tile(self.stretched, 2)])
+
+    @cached_property
+    def box(self) -> tuple[Array, Array]:
+        """Least and largest estimates, [9] each."""
+        lumped = self.interface.nominal.lumped
+        low, high = np.sort([lumped / self.reach, lumped * self.reach], axis=0)
+        return np.concatenate([low, np.zeros(4)]), np.concatenate([high, MOST * np.tile(self.stretched, 2)])
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: the estimates [n x 9], nominal and without friction."""
+        start = np.concatenate([self.interface.nominal.lumped, np.zeros(4)])
+        return (np.tile(start, (len(observation), 1)),)
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m, and the next estimates."""
+        torque, estimate = self.adapt(observation, state[0])
+        return torque, (estimate,)
+
+    def adapt(self, observation: Array, estimate: Array, prediction: Array | float = 0.0) -> tuple[Array, Array]:
+        """Return the torque [n x 2] N m, and the next estimates [n x 9].
+
+        `prediction` [n x 9] is added to Y's: p^' = Gamma (Y's + prediction).
+        """
+        q, v = self.read(observation, "position", "velocity")
+        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        slope, nominal = np.array(self.slope), self.interface.nominal
+        v_r, a_r = r_dot + slope * (r - q), r_ddot + slope * (r_dot - v)
+        s = v_r - v
+        y = np.concatenate([slotine_li_regressor(q, v, v_r, a_r), friction_regressor(v_r, TURN)], axis=-1)
+        gain = self.damping * inertia_matrix(nominal, q)
+        torque = np.einsum("nij,nj->ni", y, estimate) + np.einsum("nij,nj->ni", gain, s) + np.array(nominal.rotor) * a_r
+        change = self.rates * (np.einsum("nij,ni->nj", y, s) + prediction)
+        free = np.all(self.interface.saturate(torque) == torque, axis=-1, keepdims=True)
+        return torque, np.clip(estimate + self.interface.control_dt * np.where(free, change, 0.0), *self.box)
+
+
+@dataclass(frozen=True)
+class CompositeSlotineLi(SlotineLi):
+    """`SlotineLi` with estimates that the error of predicting the torque drives too.
+
+        p^' = Gamma (Y' s - composite W' (W p^ - LP(torque)) / (1 + tr(W Gamma W')))
+
+    W is the low-pass filtered regressor of the torque, with the momentum's difference in place of
+    acceleration: torque = d/dt (M v) + G - C'v + friction.
+
+    Sensors: position and velocity. Source: Slotine and Li, "Composite adaptive control of robot
+    manipulators", Automatica 25(4), 1989.
+
+    Args:
+        slope, damping, adaptation, friction, reach: as in `SlotineLi`.
+        composite: gain of the prediction error [1/s].
+        filtering: bandwidth of the filter of the prediction [rad/s].
+    """
+
+    composite: float = number(3.0, unit="1/s", low=0, tune=(0.1, 100.0))
+    filtering: float = number(20.0, unit="rad/s", above=0)
+
+    def initial(self, observation: Array) -> State:
+        """Return the state; see the comments for its parts."""
+        n = len(observation)
+        q, v = self.read(observation, "position", "velocity")
+        return (
+            *super().initial(observation),  # estimates
+            q,  # at the last sample
+            v,  # at the last sample
+            np.zeros((n, 2, 9)),  # W
+            np.zeros((n, 2)),  # filtered torque, without the rotors' part
+            np.zeros((n, 2)),  # torque applied since the last sample
+            np.zeros(n, dtype=bool),  # False before the first sample
+        )
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
+        estimate, q0, v0, w, filtered, applied, started = state
+        q, v = self.read(observation, "position", "velocity")
+        dt = self.interface.control_dt
+        # Over the interval that ends now, torque = d/dt (M v) + (G - C'v) + friction.
+        mean = 0.5 * (drift_regressor(q, v) + drift_regressor(q0, v0))
+        mean += (momentum_regressor(q, v) - momentum_regressor(q0, v0)) / dt
+        friction = 0.5 * (friction_regressor(v, TURN) + friction_regressor(v0, TURN))
+        keep = np.where(started, np.exp(-self.filtering * dt), 1.0)[:, None]
+        w = keep[..., None] * w + (1.0 - keep[..., None]) * np.concatenate([mean, friction], axis=-1)
+        filtered = keep * filtered + (1.0 - keep) * (applied - np.array(self.interface.nominal.rotor) * (v - v0) / dt)
+        missed = np.einsum("nij,nj->ni", w, estimate) - filtered
+        size = 1.0 + np.einsum("nij,nij,j->n", w, w, self.rates)[:, None]
+        prediction = -self.composite * np.einsum("nij,ni->nj", w, missed) / size
+        torque, estimate = self.adapt(observation, estimate, prediction)
+        return torque, (estimate, q, v, w, filtered, self.interface.saturate(torque), np.ones_like(started))
+
+
+@dataclass(frozen=True)
+class SpongRobust(TorqueLaw):
+    """Spong's robust law, with a bound for each lumped parameter.
+
+        torque = Y (p^ + u) + K s,    s = e' + slope e
+        u_i = bound p^_i sat((Y's)_i p^_i / (epsilon p1))
+
+    Y is the regressor along the reference motion v_r = r' + slope e, p^ the nominal lumped
+    parameters, and sat clips to [-1, 1]. A known rotor inertia adds its torque rotor a_r. Where
+    every parameter is within its bound, V = s'Ms/2 has V' <= -s'Ks + (5/4) bound epsilon p1, so s
+    ends in a set that shrinks with epsilon.
+
+    Sensors: position and velocity. Source: Spong, "On the robust control of robot manipulators",
+    IEEE TAC 37(11), 1992.
+
+    Args:
+        slope: of the surface s = e' + slope e [1/s], per joint.
+        damping: K over the nominal inertia [1/s].
+        bound: largest deviation of a lumped parameter, as a share of the nominal one.
+        epsilon: width of the boundary layer over the nominal inertia p1 [1/s^3]. A small one tracks
+            closer and chatters more.
+    """
+
+    slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
+    damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
+    bound: float = number(1.0, low=0, tune=(0.1, 8.0))
+    epsilon: float = number(20.0, unit="1/s^3", above=0, tune=(0.03, 100.0))
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m; there is no state."""
+        q, v = self.read(observation, "position", "velocity")
+        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        slope, nominal = np.array(self.slope), self.interface.nominal.lumped
+        v_r, a_r = r_dot + slope * (r - q), r_ddot + slope * (r_dot - v)
+        s = v_r - v
+        y = slotine_li_regressor(q, v, v_r, a_r)
+        power = np.einsum("nij,ni->nj", y, s) * nominal
+        u = self.bound * nominal * np.clip(power / (self.epsilon * nominal[0]), -1.0, 1.0)
+        gain = self.damping * inertia_matrix(self.interface.nominal, q)
+        torque = np.einsum("nij,nj->ni", y, nominal + u) + np.einsum("nij,nj->ni", gain, s)
+        return torque + np.array(self.interface.nominal.rotor) * a_r, state

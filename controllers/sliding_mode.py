@@ -1,4 +1,4 @@
-"""Super-twisting sliding mode on the nominal linearisation."""
+"""Super-twisting and integral sliding mode on the nominal linearisation."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.computed_torque import ComputedTorque
 from controllers.feedback_linearization import linearize, winds_up
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array
+from fbl_gym.arm import Array, forward_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import number, pair
 
@@ -56,3 +57,44 @@ class SuperTwisting(TorqueLaw):
         torque = linearize(self.interface.nominal, q, v, a)
         pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, sign)
         return torque, (z + np.where(pause, 0.0, 1.1 * bound * sign * self.interface.control_dt),)
+
+
+@dataclass(frozen=True)
+class IntegralSlidingMode(ComputedTorque):
+    """Integral sliding mode: computed torque, and a sliding mode that takes the perturbation off.
+
+        torque = M (a + a_1) + C v + G,    a = r'' + w^2 (r - q) + 2 w (r' - v)
+        a_1 = -bound sat(s / layer),    s = v - v(0) - int(a) dt
+
+    The surface begins at s = 0, so there is no phase of reaching. Without a layer and in continuous
+    time s stays zero while every perturbation of the acceleration is below `bound`, and the error
+    obeys e'' + 2 w e' + w^2 e = 0. Within the layer s' = f - (bound / layer) s: the law is a
+    disturbance observer with the bandwidth bound / layer, whose estimate never exceeds `bound`. A
+    delay limits that bandwidth. Where the torque saturates, the integral takes the acceleration
+    that is left.
+
+    Sensors: position and velocity. Source: Utkin and Shi, "Integral sliding mode in systems
+    operating under uncertainty conditions", CDC 1996.
+
+    Args:
+        frequency: w [rad/s], per joint.
+        bound: of the perturbation [rad/s^2], per joint.
+        layer: half width of the boundary layer [rad/s].
+    """
+
+    frequency: Pair | float = 10.0
+    bound: Pair | float = pair(10.0, unit="rad/s^2", above=0, tune=(1.0, 100.0))
+    layer: float = number(1.0, unit="rad/s", above=0, tune=(0.01, 10.0))
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: v less s [n x 2]."""
+        return self.read(observation, "velocity")
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m, and the next v less s."""
+        (wanted,) = state
+        q, v = self.read(observation, "position", "velocity")
+        extra = -np.array(self.bound) * np.clip((v - wanted) / self.layer, -1.0, 1.0)
+        torque = linearize(self.interface.nominal, q, v, self.acceleration(observation, q, v) + extra)
+        left = forward_dynamics(self.interface.nominal, q, v, self.interface.saturate(torque)) - extra
+        return torque, (wanted + self.interface.control_dt * left,)

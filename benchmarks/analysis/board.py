@@ -1,7 +1,5 @@
 """The board: score, error, diverged share, effort and rank of each policy of a suite."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterable, Sequence

@@ -6,8 +6,6 @@ difference quotients of `predict`. A margin is the smallest gain, phase or delay
 input at which an eigenvalue of the closed loop leaves the unit circle.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ is twice as large. The order is that of the mean logarithm of the errors, plus t
 runs as in the score. The scenario itself counts as much as all its conditions together.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -84,23 +82,21 @@ def push(base: Scenario, kind: str, factor: float) -> Scenario:
             changes = {"actuator": _replaced(actuator, delay=round(delay / base.physics_dt) * base.physics_dt)}
         case "lag":
             changes = {"actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or 0.01 * more)}
+        case "friction" if base.friction is None:
+            usual = conditions(base.arm)["friction"]
+            changes = {"friction": {name: _times(value, more) for name, value in usual.items()}}
         case "friction":
-            if base.friction is None:
-                given = conditions(base.arm)["friction"]
-                changes = {"friction": {name: _times(value, more) for name, value in given.items()}}
-            else:
-                levels = ("viscous", "coulomb", "stiction")
-                larger = {name: _times(getattr(base.friction, name), factor) for name in levels}
-                changes = {"friction": _replaced(base.friction, **larger)}
+            levels = ("viscous", "coulomb", "stiction")
+            larger = {name: _times(getattr(base.friction, name), factor) for name in levels}
+            changes = {"friction": _replaced(base.friction, **larger)}
+        case "disturbance" if base.disturbance is None:
+            usual = conditions(base.arm, "disturbance", 2)["disturbance"]
+            changes = {"disturbance": usual | {"amplitude": _times(usual["amplitude"], more)}}
         case "disturbance":
-            if base.disturbance is None:
-                given = conditions(base.arm, "disturbance", 2)["disturbance"]
-                changes = {"disturbance": given | {"amplitude": _times(given["amplitude"], more)}}
-            elif hasattr(base.disturbance, "amplitude"):
-                amplitude = _times(base.disturbance.amplitude, factor)
-                changes = {"disturbance": _replaced(base.disturbance, amplitude=amplitude)}
-            else:
-                changes = {}
+            amplitude = getattr(base.disturbance, "amplitude", None)
+            if amplitude is None:
+                return base
+            changes = {"disturbance": _replaced(base.disturbance, amplitude=_times(amplitude, factor))}
         case "noise":
             noise = getattr(base.noise, "position", None) or SensorError()
             sigma = _times(noise.sigma, factor) if ends(noise.sigma)[1] > 0 else 3e-4 * more

@@ -14,8 +14,6 @@ Smaller errors are better. A run that diverged counts with its worst error and i
 NaN is refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Agreement between the orders of policies in two worlds, and the best of one in the other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,18 +15,16 @@ from fbl_gym.arm import Array
 
 @dataclass(frozen=True)
 class Runs:
-    """The runs of policies in one world; numbers are [policies x scenarios x runs].
+    """The runs of policies in one world, [policies x scenarios x runs].
 
-    Args:
-        error: in %, at least the encoder's resolution.
-        diverged: 1 where a run diverged, else 0.
+    The errors are in %, at least the encoder's resolution; `diverged` is 1 where a run diverged.
     """
 
     error: Array
     diverged: Array
 
     @classmethod
-    def of(cls, results: Sequence[Sequence[Result]]) -> Runs:
+    def of(cls, results: Sequence[Sequence[Result]]) -> "Runs":
         """Return the runs of results [policies x scenarios]."""
         columns = ("error_pct", "resolution_pct", "diverged")
         error, resolution, diverged = (
@@ -58,7 +54,7 @@ class Runs:
         half = stats.t.ppf(1 - TAIL, runs - 1) * means.std(axis=-1, ddof=1) / np.sqrt(runs)
         return means.mean(axis=-1) - half, means.mean(axis=-1) + half
 
-    def __getitem__(self, part: Any) -> Runs:
+    def __getitem__(self, part: Any) -> "Runs":
         """Return some of the policies, scenarios and runs."""
         return Runs(self.error[part], self.diverged[part])
 

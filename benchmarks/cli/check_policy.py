@@ -1,7 +1,5 @@
 """The command `fbl-gym check-policy`."""
 
-from __future__ import annotations
-
 import argparse
 
 from benchmarks.cli.common import add_policy, add_trust, trust

@@ -1,13 +1,12 @@
 """Arguments and output that several commands share."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import os
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +53,7 @@ def policy_name(text: str) -> str:
     return text
 
 
-def _file(text: str, *endings: str) -> Path:
+def _file(text: str, endings: Sequence[str]) -> Path:
     path = Path(text)
     if path.suffix not in endings:
         raise argparse.ArgumentTypeError(f"must end in {', '.join(endings[:-1])} or {endings[-1]}, got {text!r}")
@@ -69,9 +68,8 @@ def _file(text: str, *endings: str) -> Path:
     return path
 
 
-def picture(text: str) -> Path:
-    """Return a file that a plot can be written to."""
-    return _file(text, ".png", ".svg", ".pdf")
+picture = partial(_file, endings=(".png", ".svg", ".pdf"))
+trace_file = partial(_file, endings=FORMATS)
 
 
 def metrics(text: str) -> tuple[Metric, ...]:
@@ -84,14 +82,9 @@ def metrics(text: str) -> tuple[Metric, ...]:
         raise argparse.ArgumentTypeError(str(problem)) from None
 
 
-def trace_file(text: str) -> Path:
-    """Return a file that a trace can be written to."""
-    return _file(text, *FORMATS)
-
-
 def film(text: str) -> Path:
     """Return a file that a film can be written to."""
-    path = _file(text, ".mp4", ".gif")
+    path = _file(text, (".mp4", ".gif"))
     importlib.import_module("benchmarks.report.video")  # if its extra is missing, the error comes before the work
     return path
 

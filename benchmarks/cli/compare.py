@@ -1,27 +1,22 @@
 """The command `fbl-gym compare`."""
 
-from __future__ import annotations
-
 import argparse
-
-from rich.box import SIMPLE_HEAD
-from rich.markup import escape
-from rich.table import Table
 
 from benchmarks.analysis.statistics import estimate, resample, wins
 from benchmarks.cli.common import (
     add_metrics,
     add_plot,
+    add_policies,
     add_scenario,
     add_store,
     add_trust,
     console,
     episodes,
     film,
-    policy_name,
     trust,
 )
 from benchmarks.policies.spec import resolve_apart
+from benchmarks.report import terminal
 from benchmarks.report.plot import caption, plot_comparison
 from benchmarks.run.cell import trace_apart
 from benchmarks.run.metrics import counted_errors, measure, summarize
@@ -30,9 +25,7 @@ from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "policies", nargs="+", type=policy_name, metavar="POLICY", help="two or more, as for `fbl-gym evaluate`"
-    )
+    add_policies(parser, use="two or more")
     add_scenario(parser)
     parser.add_argument(
         "--seeds", type=episodes, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)"
@@ -56,23 +49,22 @@ def run(arguments: argparse.Namespace) -> int:
     rows = {policy: measure(trace, more=arguments.metrics) for policy, trace in traces.items()}
     errors = {policy: [counted_errors(runs)] for policy, runs in rows.items()}
     first, counts = arguments.policies[0], resample(arguments.seeds, 0)
-    table = Table(title=escape(f"{scenario.name}, {arguments.seeds} seeds"), title_style="bold", box=SIMPLE_HEAD)
-    table.add_column("policy")
     more = [metric.name for metric in arguments.metrics]
-    for name in ("error %", "worst seed", "diverged %", "torque variation", *more, f"errs less than {first}"):
-        table.add_column(escape(name), justify="right")
+    header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *more, f"errs less than {first}")
+    lines = []
     for policy, runs in rows.items():
         better, mean = wins(errors[policy], errors[first], counts), summarize(runs)
-        table.add_row(
-            escape(policy),
-            f"{estimate(errors[policy], counts).value:.3g}",
-            f"{max(errors[policy][0]):.3g}",
-            f"{100 * mean['diverged']:.2g}",
-            *(f"{mean[name]:.3g}" for name in ("variation", *more)),
-            "" if policy == first else f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})",
+        error = estimate(errors[policy], counts).value
+        numbers = (
+            error,
+            max(errors[policy][0]),
+            100 * mean["diverged"],
+            *(mean[name] for name in ("variation", *more)),
         )
+        share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})"
+        lines.append((policy, *map("{:.3g}".format, numbers), share if policy != first else ""))
     screen = console()
-    screen.print(table)
+    screen.print(terminal.table(f"{scenario.name}, {arguments.seeds} seeds", header, lines))
     if arguments.plot is not None:
         plot_comparison(traces, f"Tracking errors on {scenario.name}", arguments.plot, arguments.columns)
         screen.print(f"plot: {arguments.plot}, {caption(arguments.seeds)}", markup=False)

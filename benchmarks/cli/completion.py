@@ -1,7 +1,5 @@
 """The command `fbl-gym completion`."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any

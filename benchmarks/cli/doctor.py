@@ -1,7 +1,5 @@
 """The command `fbl-gym doctor`."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

@@ -1,7 +1,5 @@
 """The command `fbl-gym evaluate`."""
 
-from __future__ import annotations
-
 import argparse
 
 from benchmarks.cli.common import (

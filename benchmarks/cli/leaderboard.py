@@ -1,7 +1,5 @@
 """The command `fbl-gym leaderboard`."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import math
@@ -95,11 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
         terminal.leaderboard(console(), assemble(results))
         print(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
     if stopped is not None:
-        print(
-            f"fbl-gym: stopped with {len(results)} of {len(cells)} cells in {arguments.store}; "
-            "the same command goes on from there",
-            file=sys.stderr,
-        )
+        place = f"{len(results)} of {len(cells)} cells in {arguments.store}"
+        print(f"fbl-gym: stopped with {place}; the same command goes on from there", file=sys.stderr)
         return stopped_status(stopped)
     return 1 if any(counts(outcome.error) for outcome in outcomes) else 0
 

@@ -1,7 +1,5 @@
 """`fbl-gym margins`."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 

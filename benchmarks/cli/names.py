@@ -1,7 +1,5 @@
 """`fbl-gym list`: all names with one line each, and the documentation's page of options."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import itertools

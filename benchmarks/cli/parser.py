@@ -1,7 +1,5 @@
 """The command line, `fbl-gym`."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import importlib
@@ -24,14 +22,7 @@ from fbl_gym.checks import nearest, unknown
 
 @dataclass(frozen=True)
 class Command:
-    """A command.
-
-    Args:
-        module: its file.
-        help: one line.
-        example: of its arguments.
-        kept: what a stopped run has stored.
-    """
+    """A command: its file, one line of help, example arguments, and what a stopped run keeps."""
 
     module: str
     help: str

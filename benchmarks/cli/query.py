@@ -1,7 +1,5 @@
 """The command `fbl-gym query`."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

@@ -1,7 +1,5 @@
 """`fbl-gym recommend`."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """`fbl-gym reproduce`."""
 
-from __future__ import annotations
-
 import argparse
 
 from rich.console import Console

@@ -1,7 +1,5 @@
 """The command `fbl-gym sweep`: the error over the values of one or two options."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import io
@@ -14,6 +12,7 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.cli.common import add_metrics, add_plot, add_run, add_scenario, command_line, count, policy_name, trust
+from benchmarks.cli.names import options
 from benchmarks.files import write_text
 from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines, plot_maps
 from benchmarks.run.metrics import counted_errors
@@ -94,14 +93,16 @@ def run(arguments: argparse.Namespace) -> int:
     path = arguments.plot or arguments.out.with_suffix(".png")
     title = f"Error on {arguments.scenario}, {arguments.seeds} seeds"
     bands = {policy: np.array(bands) for policy, bands in curves.items()}
+    units = {option.path: option.unit for option in options()}
+    labels = [f"{name} [{units[name]}]" if units.get(name) else name for name in names]
     if len(names) == 1:
         (x,) = map(np.array, values)
         lines = tuple(Line(x, band[:, 1], policy, low=band[:, 0], high=band[:, 2]) for policy, band in bands.items())
-        panel = Panel("", names[0], "error [%]", lines, (scales[0], "log"))
+        panel = Panel("", labels[0], "error [%]", lines, (scales[0], "log"))
         plot_lines(title, [panel], path, arguments.columns)
     else:
         shape = tuple(map(len, values))
         maps = {policy: band[:, 1].reshape(shape) for policy, band in bands.items()}
-        plot_maps(title, names, values, maps, path, arguments.columns)
+        plot_maps(title, labels, values, maps, path, arguments.columns)
     print(f"runs: {arguments.out}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0

@@ -1,7 +1,5 @@
 """`fbl-gym transfer`."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

@@ -1,7 +1,5 @@
 """The command `fbl-gym verify`."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`fbl-gym warm-up`."""
 
-from __future__ import annotations
-
 import argparse
 import time
 

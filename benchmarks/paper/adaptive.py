@@ -1,7 +1,5 @@
 """Section 4: the parameter estimator, stiction and gain scheduling; figures 5 to 10."""
 
-from __future__ import annotations
-
 import dataclasses
 from itertools import product
 from typing import Any

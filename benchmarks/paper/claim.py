@@ -1,7 +1,5 @@
 """The record of a claim, and helpers to measure one."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """All claims by name, in the paper's order, and their files."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import json

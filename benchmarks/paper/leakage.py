@@ -1,7 +1,5 @@
 """Section 2: the linearised plant, the leakage of a wrong model, and PID; figures 2 and 3."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

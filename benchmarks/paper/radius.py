@@ -1,7 +1,5 @@
 """The uncertainty radius of the paper's controllers: the share of seeds that track, against it."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Section 3: the cascade and the Kalman filter; figure 4, equations (10) and (19) to (21)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache

@@ -5,8 +5,6 @@ take all memory or die: `limit` sets how long a call may take, and how much memo
 end with their parent.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import ctypes
@@ -44,12 +42,7 @@ class Failed(RuntimeError):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one call.
-
-    Args:
-        seconds: longest time.
-        gigabytes: most memory; None: as much as there is.
-    """
+    """Longest time of one call [s], and most memory [GB]; None: as much as there is."""
 
     seconds: float = 3600.0
     gigabytes: float | None = None

@@ -1,7 +1,5 @@
 """The gains of a policy: those that its text gives, and all of them as exact data for a key."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -4,8 +4,6 @@ The modules that a result depends on are found by reading import statements, wit
 anything.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import hashlib

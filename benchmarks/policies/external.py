@@ -6,8 +6,6 @@ policy's factory, so that it is part of the digest too. Reads by C libraries, th
 and environment variables are not noticed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import importlib
@@ -17,6 +15,7 @@ import site
 import sys
 import sysconfig
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, SourceFileLoader
@@ -139,15 +138,14 @@ def load(text: str) -> Callable[..., Any]:
 def _no_factory(source: str, name: str, module: ModuleType) -> str:
     """Return the error of a file or module without a factory; imported names are no factories."""
     top = module.__name__.partition(".")[0]
-    factories = [
-        attribute for attribute, value in vars(module).items()
+    factories = {
+        attribute: value for attribute, value in vars(module).items()
         if callable(value) and not attribute.startswith("_")
         and str(getattr(value, "__module__", "")).partition(".")[0] == top
-    ]  # fmt: skip
+    }  # fmt: skip
     if name or not factories:
         return str(unknown(f"factory of {source}", name or ATTRIBUTE, factories))
-    classes = [attribute for attribute in factories if isinstance(getattr(module, attribute), type)]
-    last = [*factories, *classes][-1]
+    last = [*factories, *(attribute for attribute, value in factories.items() if isinstance(value, type))][-1]
     return f"{source} has no {ATTRIBUTE}: add `{ATTRIBUTE} = {last}`, or give {source}:{last}"
 
 
@@ -217,11 +215,11 @@ def _importing_from(folder: Path, modules: Mapping[str, Path] | None = None) -> 
         sys.meta_path.remove(finder)
 
 
+@dataclass
 class _Finder(MetaPathFinder):
     """A finder of some modules by their files."""
 
-    def __init__(self, modules: Mapping[str, Path]) -> None:
-        self.modules = modules
+    modules: Mapping[str, Path]
 
     def find_spec(self, fullname: str, *_: object) -> ModuleSpec | None:
         return _spec(fullname, self.modules[fullname]) if fullname in self.modules else None

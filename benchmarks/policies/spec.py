@@ -22,8 +22,6 @@ policy is made once for an example, while `external.watch` collects the files th
 `PolicySpec.make` makes the policy for an environment, unless any of these has changed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import math
@@ -172,7 +170,7 @@ class PolicySpec:
         return plain
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> PolicySpec:
+    def from_dict(cls, data: Mapping[str, Any]) -> "PolicySpec":
         """Return the specification that `to_dict` gave."""
         return cls(**{**data, "needs": tuple(data["needs"])})
 

@@ -1,7 +1,5 @@
 """The columns of the board, declared once for the page, the Markdown tables and the terminal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Results as rows: CSV, Parquet, and questions in SQL."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence

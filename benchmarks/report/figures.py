@@ -4,8 +4,6 @@ The `legendgroup` of a Plotly trace is its policy, so that the page can hide a p
 figure.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 

@@ -1,7 +1,5 @@
 """Tables in Markdown, for the README and the documentation."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -35,11 +33,7 @@ def plain(text: str) -> str:
 
 
 def claims(measured: Mapping[str, Claim]) -> str:
-    """Return a table of the paper's claims and their verdicts, and a section on each.
-
-    Args:
-        measured: Claims, by name.
-    """
+    """Return a table of the paper's claims and their verdicts, and a section on each."""
     header = ("figure", "claim", "paper", "verdict", "holds in cases", "details")
     rows = [(c.figure, c.claim, c.paper, c.verdict, c.holds, f"[{name}](#{name})") for name, c in measured.items()]
     sections = [table(header, rows)]

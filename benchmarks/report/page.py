@@ -3,8 +3,6 @@
 `contents` returns the page's content as plain data, and `write_page` writes it.
 """
 
-from __future__ import annotations
-
 import html
 import json
 import math

@@ -3,8 +3,6 @@
 A path's ending gives the format. A figure's title is stored in the file and not drawn.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -37,10 +35,6 @@ WIDTHS = {1: 3.5, 2: 7.16}
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8,
-    "axes.labelsize": 8,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "legend.fontsize": 8,
     "legend.frameon": False,
     "lines.linewidth": 1.0,
     "lines.markersize": 3.5,
@@ -168,7 +162,7 @@ def plot_maps(
     path: Path,
     columns: int = 2,
 ) -> None:
-    """Draw errors over two options as maps with one scale of grey, as many in a row as columns.
+    """Draw errors over two options as maps with one colour scale, which grey print keeps in order.
 
     Args:
         title: of the file.
@@ -176,7 +170,7 @@ def plot_maps(
         values: of each option.
         maps: the errors [number of x values, number of y values] in %, by the title of each map.
         path: of the figure.
-        columns: of the page that the figure spans, 1 or 2.
+        columns: of the page that the figure spans, and maps in a row, 1 or 2.
     """
     across = min(columns, len(maps))
     rows = -(-len(maps) // across)
@@ -187,8 +181,8 @@ def plot_maps(
             image = axes.imshow(numbers.T, origin="lower", norm=LogNorm(*limits), cmap="cividis", aspect="auto")
             axes.set(title=label, xlabel=names[0], ylabel=names[1])
             axes.grid(visible=False)
-            axes.set_xticks(range(len(values[0])), [f"{value:g}" for value in values[0]], rotation=45)
-            axes.set_yticks(range(len(values[1])), [f"{value:g}" for value in values[1]])
+            axes.set_xticks(range(len(values[0])), [f"{value:.3g}" for value in values[0]], rotation=45)
+            axes.set_yticks(range(len(values[1])), [f"{value:.3g}" for value in values[1]])
         for axes in grid.ravel()[len(maps) :]:
             axes.set_visible(False)
         ticks = np.geomspace(limits[0], limits[1], 5)

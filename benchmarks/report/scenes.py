@@ -1,7 +1,5 @@
 """The page's moving arms: one seed of a few scenarios, by every policy, as plain data."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

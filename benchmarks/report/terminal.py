@@ -1,20 +1,22 @@
 """The leaderboard and the evaluation of one policy, as tables on a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from benchmarks.analysis.board import Board
 from benchmarks.paper.claim import Claim
 from benchmarks.report.columns import Column, columns
 from benchmarks.run.metrics import Metric, counted_errors, describe, summarize
 from benchmarks.speed.environments import Speed
+
+Justify: TypeAlias = Literal["left", "right"]
 
 MEANING = (
     "score: 0 for an arm that stays at its start, 100 for the best law that knows the truth. error: geometric mean of the mean "
@@ -23,13 +25,13 @@ MEANING = (
 )
 
 
-def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    """Return a table whose first column is text and whose others are numbers; no text is cut."""
+def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | Text]], justify: Justify = "right") -> Table:
+    """Return a table whose columns after the first are aligned by `justify`; no text is cut."""
     drawn = Table(title=escape(title), title_style="bold", box=SIMPLE_HEAD)
     for i, name in enumerate(header):
-        drawn.add_column(escape(name), justify="right" if i else "left", overflow="fold")
+        drawn.add_column(escape(name), justify=justify if i else "left", overflow="fold")
     for row in rows:
-        drawn.add_row(*map(escape, row))
+        drawn.add_row(*(escape(cell) if isinstance(cell, str) else cell for cell in row))
     return drawn
 
 
@@ -43,7 +45,8 @@ def leaderboard(console: Console, board: Board) -> None:
     left = [column for column in columns(board) if column.place != "page" and column.key != "policy"]
     if not console.is_terminal:
         console.width = max(console.width, _width(console, _board(board, left)))
-    title: str | None = f"{_count(board.scenarios, 'scenario')}, {_count(board.seeds, 'seed')} each"
+    counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
+    title: str | None = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items()) + " each"
     while left:
         fits = [n for n in range(len(left) + 1) if _width(console, _board(board, left[:n])) <= console.width]
         n = max([*fits, 1])
@@ -81,54 +84,38 @@ def _board(board: Board, selected: Sequence[Column]) -> Table:
     return table
 
 
-def _count(things: Sequence[object], name: str) -> str:
-    """Return a number of things in words, such as "1 seed"."""
-    return f"{len(things)} {name}{'' if len(things) == 1 else 's'}"
-
-
 def evaluation(
     console: Console, title: str, rows: list[dict[str, float]], decision_us: float, more: Sequence[Metric] = ()
 ) -> None:
     """Print the metrics of one policy on one scenario: mean and largest value over the seeds."""
-    table = Table(title=escape(title), title_style="bold")
-    for name, justify in (("metric", "left"), ("mean", "right"), ("largest", "right"), ("meaning", "left")):
-        table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
     errors = counted_errors(rows)
-    error, largest = f"{np.exp(np.log(errors).mean()):.4g}", f"{max(errors):.4g}"
-    table.add_row("error", error, largest, escape("the board's error: geometric mean over the seeds [%]"))
+    mean = f"{np.exp(np.log(errors).mean()):.4g}"
+    lines = [("error", mean, f"{max(errors):.4g}", "the board's error: geometric mean over the seeds [%]")]
     for name, value, meaning in describe(summarize(rows), more):
         known = [row[name] for row in rows if not np.isnan(row[name])]
-        table.add_row(name, value, f"{max(known):.4g}" if known else "-", escape(meaning))
-    table.add_row("decision_us", f"{decision_us:.3g}", "", escape("wall time of one decision of one lane [us]"))
-    console.print(table)
+        lines.append((name, value, f"{max(known):.4g}" if known else "-", meaning))
+    lines.append(("decision_us", f"{decision_us:.3g}", "", "wall time of one decision of one lane [us]"))
+    console.print(table(title, ("metric", "mean", "largest", "meaning"), lines, "left"))
 
 
 def claims(console: Console, measured: Sequence[Claim]) -> None:
     """Print the paper's claims: claim, measurement and verdict."""
-    table = Table(title="The paper's claims, measured", title_style="bold", box=SIMPLE_HEAD)
-    for name in ("figure", "claim", "paper", "measured", "holds", "verdict"):
-        table.add_column(name, overflow="fold")
     colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red", "–": "default"}
-    for claim in measured:
-        verdict = f"[{colour[claim.verdict]}]{claim.verdict}[/]"
-        table.add_row(
-            claim.figure, escape(claim.claim), escape(claim.paper), escape(claim.measured), claim.holds, verdict
-        )
-    console.print(table)
+    header = ("figure", "claim", "paper", "measured", "holds", "verdict")
+    rows = [(c.figure, c.claim, c.paper, c.measured, c.holds, Text(c.verdict, colour[c.verdict])) for c in measured]
+    console.print(table("The paper's claims, measured", header, rows, "left"))
 
 
 def speed(console: Console, rows: Sequence[Speed]) -> None:
     """Print steps per second, and their ratio to the peer's."""
-    table = Table(title="Environment steps per second, one thread, median of the rounds", title_style="bold")
-    table.add_column("environment", no_wrap=True)
-    for name in ("median", "spread", "x peer"):
-        table.add_column(name, justify="right", no_wrap=True)
+    lines = []
     for row in rows:
-        ratio = f"{row.ratio:.3g}" if row.peer else ""
-        table.add_row(row.name, f"{row.median:,.0f}", f"{100 * (row.high - row.low) / row.median:.0f} %", ratio)
-    console.print(table)
+        spread = f"{100 * (row.high - row.low) / row.median:.0f} %"
+        lines.append((row.name, f"{row.median:,.0f}", spread, f"{row.ratio:.3g}" if row.peer else ""))
+    title = "Environment steps per second, one thread, median of the rounds"
+    console.print(table(title, ("environment", "median", "spread", "x peer"), lines))
     console.print(
         "x peer: to Acrobot-v1 through gym.make for a single environment, to SyncVectorEnv of 256 for a batch, to the same "
-        "arms in C (physics alone) for a batch of 4,096. busy: "
-        "stick-slip friction, noise on every sensor and a disturbance. One step is ten Runge-Kutta steps of 1 ms."
+        "arms in C (physics alone) for a batch of 4,096. busy: stick-slip friction, noise on every sensor and a disturbance. "
+        "One step is ten Runge-Kutta steps of 1 ms."
     )

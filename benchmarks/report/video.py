@@ -1,7 +1,5 @@
 """Traces as a film: the arms of several policies side by side, in real time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any

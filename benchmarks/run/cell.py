@@ -1,7 +1,5 @@
 """One cell: run it, in this process or in one that no other policy shares, and store its result."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,9 +35,7 @@ class Outcome:
 def run_cell(cell: Cell, command: str = "") -> Result:
     """Run one cell in this process and return its result, or its error where the policy fails.
 
-    Args:
-        cell: to run.
-        command: the command that was typed, for the record.
+    `command` is the command that was typed, for the record.
     """
     from threadpoolctl import threadpool_limits
 

@@ -1,8 +1,5 @@
 """The promises of a policy, checked on any policy: `fbl-gym check-policy`."""
 
-from __future__ import annotations
-
-import math
 import os
 import time
 import traceback
@@ -15,8 +12,8 @@ import numpy as np
 from benchmarks.policies import external
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import action_of, rollout
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from benchmarks.run.rollout import action_of, make_env, rollout
+from fbl_gym import Scenario
 from fbl_gym.arm import Array
 from fbl_gym.scenarios import as_scenario
 
@@ -29,13 +26,7 @@ network in single precision rounds differently for matrices of different sizes."
 
 @dataclass(frozen=True)
 class Check:
-    """The check of one promise.
-
-    Args:
-        promise: in words.
-        kept: whether the policy keeps it.
-        detail: the observation behind that.
-    """
+    """The check of one promise: whether the policy keeps it, and the observation behind that."""
 
     promise: str
     kept: bool
@@ -47,10 +38,7 @@ class Broken(AssertionError):
 
 
 def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -> Iterator[Check]:
-    """Check each promise of a policy in turn.
-
-    The policy is its specification, or the text that names it.
-    """
+    """Check each promise of a policy in turn."""
     spec, task = resolve(policy), as_scenario(scenario)
     for promise, test in _PROMISES.items():
         try:
@@ -85,13 +73,6 @@ def _expect(kept: Any, otherwise: str) -> None:
         raise Broken(otherwise)
 
 
-def _env(policy: PolicySpec, scenario: Scenario, lanes: int | None, action: str | None = None) -> Any:
-    """Return the environment of an evaluation, with lanes or of one arm (None)."""
-    preview = math.ceil(policy.preview / scenario.control_dt - 1e-9)
-    options: dict[str, Any] = {"action": action or action_of(scenario), "preview": preview}
-    return TwoLinkArmEnv(scenario, **options) if lanes is None else TwoLinkArmVectorEnv(lanes, scenario, **options)
-
-
 def _act(policy: Any, observation: Array, state: Any, start: Any = None) -> tuple[Array, Any]:
     action, after = policy.predict(observation, state=state, episode_start=start, deterministic=True)
     return action, after
@@ -112,34 +93,34 @@ def _made_from_the_interface(policy: PolicySpec, scenario: Scenario) -> str:
     _expect(not policy.problem, policy.problem)
     if not policy.ranked:
         return "no: it knows the truth, so the board shows it without a rank"
-    return f"{type(policy.make(_env(policy, scenario, 1).interface)).__name__}, access: {policy.access}"
+    return f"{type(policy.make(make_env(policy, scenario, 1).interface)).__name__}, access: {policy.access}"
 
 
 def _shapes(policy: PolicySpec, scenario: Scenario) -> str:
     usual = action_of(scenario)
     kinds = dict.fromkeys((usual, "torque", "acceleration")) if policy.any_action else (usual,)
     for action in kinds:
-        env, single = _env(policy, scenario, LANES, action), _env(policy, scenario, None, action)
+        env, single = make_env(policy, scenario, LANES, action), make_env(policy, scenario, None, action)
         box = env.interface.action_space
         for _, actions, _ in _loop(policy.make(env), env):
             shape = np.shape(actions)
             _expect(shape == (LANES, 2), f"got shape {shape} for {LANES} observations ({action})")
             _expect(np.isfinite(actions).all(), f"got {actions} ({action})")
-            inside = (actions >= box.low) & (actions <= box.high)
-            _expect(inside.all(), f"got {actions}, outside the box ({action})")
+            rounded = np.asarray(actions, box.dtype)  # as a torque limit is
+            _expect(((rounded >= box.low) & (rounded <= box.high)).all(), f"got {actions}, outside the box ({action})")
         for _, one, _ in _loop(policy.make(single), single, 3):
             _expect(np.shape(one) == (2,), f"got shape {np.shape(one)} for one observation ({action})")
     return f"{', '.join(kinds)}, single and batched"
 
 
 def _lanes(policy: PolicySpec, scenario: Scenario) -> str:
-    batch = _env(policy, scenario, LANES)
+    batch = make_env(policy, scenario, LANES)
     log = _loop(policy.make(batch), batch, seed=10)
     worst = 0.0
     for lane in range(LANES):
         # The single arm repeats the lane's actions and the policy gets the lane's readings: a
         # closed loop would amplify the last bits, in which a batch may differ.
-        env = _env(policy, scenario, None)
+        env = make_env(policy, scenario, None)
         env.reset(seed=10 + lane)
         alone, state = policy.make(env), None
         for observations, actions, _ in log:
@@ -154,7 +135,7 @@ def _lanes(policy: PolicySpec, scenario: Scenario) -> str:
 def _resets(policy: PolicySpec, scenario: Scenario) -> str:
     if not policy.ranked:
         return "not checked: it reads the environment"
-    env = _env(policy, scenario, 3)
+    env = make_env(policy, scenario, 3)
     actor = policy.make(env)
     _, _, old = _loop(actor, env)[-1]
     observation, _ = env.reset(seed=5)
@@ -168,7 +149,7 @@ def _resets(policy: PolicySpec, scenario: Scenario) -> str:
 
 
 def _pure(policy: PolicySpec, scenario: Scenario) -> str:
-    env = _env(policy, scenario, 2)
+    env = make_env(policy, scenario, 2)
     actor = policy.make(env)
     observation, _, state = _loop(actor, env)[-1]
     before = observation.copy(), _copies(state)
@@ -187,7 +168,7 @@ def _copies(state: Any) -> list[Array]:
 def _blind(policy: PolicySpec, scenario: Scenario) -> str:
     if not policy.ranked:
         return "no: it knows the truth"
-    env, *others = (_env(policy, scenario.replace(parameter_error=ratio), 1) for ratio in (1.0, 0.9, 1.1))
+    env, *others = (make_env(policy, scenario.replace(parameter_error=ratio), 1) for ratio in (1.0, 0.9, 1.1))
     actors = [policy.make(other) for other in others]
     state = None
     for observation, action, _ in _loop(actors[0], env):
@@ -205,7 +186,7 @@ def _episode(policy: PolicySpec, scenario: Scenario) -> str:
 def _speed(policy: PolicySpec, scenario: Scenario) -> str:
     times = []
     for lanes in (1, 256):
-        env = _env(policy, scenario, lanes)
+        env = make_env(policy, scenario, lanes)
         actor = policy.make(env)
         observation, _, state = _loop(actor, env, 5)[-1]
         waits = []

@@ -1,7 +1,5 @@
 """The stored results that the present code would give again; `fbl-gym query` asks for them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 

@@ -4,8 +4,6 @@ A diverged run counts: from the sample at which it ended on, the error of both j
 turn, the largest error of any sample. No policy gains by diverging.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

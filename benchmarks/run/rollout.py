@@ -1,7 +1,5 @@
 """Closed loop of a policy and a batch of arms in lockstep; every lane is one seed."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.policies.spec import PolicySpec, resolve
 from fbl_gym.arm import Array
+from fbl_gym.env import TwoLinkArmEnv
 from fbl_gym.scenarios import Scenario
 from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
@@ -57,16 +56,14 @@ class Trace:
     watched: dict[str, Array] = field(default_factory=dict)
 
 
-def make_env(policy: PolicySpec, scenario: Scenario, lanes: int) -> TwoLinkArmVectorEnv:
+def make_env(policy: PolicySpec, scenario: Scenario, lanes: int | None, action: str | None = None) -> Any:
     """Return the environment of an evaluation, with the preview that the policy declares.
 
-    Args:
-        policy: to be evaluated.
-        scenario: the task.
-        lanes: how many arms.
+    It has lanes, or one arm where `lanes` is None.
     """
     preview = math.ceil(policy.preview / scenario.control_dt - 1e-9)
-    return TwoLinkArmVectorEnv(lanes, scenario, action=action_of(scenario), preview=preview)
+    options: Any = {"action": action or action_of(scenario), "preview": preview}
+    return TwoLinkArmEnv(scenario, **options) if lanes is None else TwoLinkArmVectorEnv(lanes, scenario, **options)
 
 
 Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
@@ -87,14 +84,9 @@ def rollout(
     gains: Mapping[str, Any] | None = None,
     watch: Mapping[str, Watch] | None = None,
 ) -> Trace:
-    """Run one episode for each seed and return the trace.
+    """Run one episode for each seed, a lane each, and return the trace.
 
-    Args:
-        policy: its specification, or the text that names it.
-        scenario: the task.
-        seeds: one lane each.
-        gains: arguments of the policy.
-        watch: more signals to record after each step, by name.
+    `gains` are arguments of the policy. `watch` has more signals to record after each step.
     """
     n, steps = len(seeds), scenario.steps
     spec = resolve(policy)

@@ -5,8 +5,6 @@ the run itself. A run goes on until no cell is missing or no further cell gets d
 share a store divide the cells: each takes them in its own order and skips those that are stored.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import random

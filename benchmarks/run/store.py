@@ -5,8 +5,6 @@ on. A file is written under a temporary name and then renamed, so it is complete
 cluster's shared file system too. A result that is there is not computed again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import datetime
@@ -77,7 +75,7 @@ class Result:
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def failure(cls, cell: Cell, error: str, wall_s: float = 0.0, command: str = "") -> Result:
+    def failure(cls, cell: Cell, error: str, wall_s: float = 0.0, command: str = "") -> "Result":
         """Return the result of a cell that failed."""
         return cls(cell, (), math.nan, wall_s, error, provenance(command))
 
@@ -95,11 +93,7 @@ def provenance(command: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results, shared by any number of processes.
-
-    Args:
-        folder: is created when a result is written first.
-    """
+    """A folder of results, shared by any number of processes; it is created with its first file."""
 
     folder: Path
 

@@ -1,7 +1,5 @@
 """Cells as data, each one policy on one scenario over a batch of seeds; and suites."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
@@ -226,15 +224,10 @@ def narrow(
     tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
     seeds: int | None = None,
 ) -> Suite:
-    """Return the suite with other policies, scenarios or seeds.
+    """Return the suite with other policies, scenarios or seeds; empty ones and None: the suite's.
 
-    Args:
-        suite: to start from.
-        policies: specifications, or texts that `resolve` understands; empty: the suite's.
-        tasks: all that `as_scenario` takes, or names of families; empty: the suite's. A family such
-            as "noise" stands for its severities 1 to 3 on both arms, and "section-2-2/noise" for
-            those on one arm.
-        seeds: how many test seeds; None: the suite's.
+    The tasks are all that `as_scenario` takes, or names of families. A family such as "noise"
+    stands for its severities 1 to 3 on both arms, "section-2-2/noise" for those on one arm.
     """
     specs = tuple(map(_resolved, policies))
     chosen: list[Scenario] = []

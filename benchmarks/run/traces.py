@@ -1,7 +1,5 @@
 """Traces: stored beside the results for the report's moving arms, or written for other programs."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

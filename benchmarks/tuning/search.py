@@ -11,8 +11,6 @@ same objective on more scenarios, and on tuning seeds that no trial used. The ga
 best are written to a file.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import hashlib
@@ -60,13 +58,7 @@ JUDGED = scenarios.in_tier("practice")
 
 @dataclass(frozen=True)
 class Task:
-    """A policy to tune, with scenarios and the seeds of each.
-
-    Args:
-        policy: its specification, or the text that names it.
-        scenarios: the tasks.
-        seeds: of each scenario.
-    """
+    """A policy to tune, with scenarios and the seeds of each."""
 
     policy: PolicySpec
     scenarios: tuple[Scenario, ...]

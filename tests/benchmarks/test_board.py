@@ -22,7 +22,7 @@ from benchmarks.run.contract import check
 from benchmarks.run.metrics import METRICS, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import Store
-from benchmarks.run.suite import Cell, leaderboard_scenarios, named, narrow
+from benchmarks.run.suite import Cell, named, narrow
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 
@@ -67,7 +67,7 @@ def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
 
 
 def test_the_scenarios_cover_every_family_on_both_arms():
-    names = leaderboard_scenarios()
+    names = scenarios.in_tier("ideal")
     assert len(names) == len(set(names)) == 2 * (1 + 3 * (len(scenarios.families()) - 1))
     stiction = [scenario.name for scenario in narrow(named("ideal"), ["zero"], ["stiction"]).scenarios]
     assert stiction == [f"{arm}stiction-{s}" for arm in ("", "section-2-2/") for s in (1, 2, 3)]
@@ -445,7 +445,7 @@ def make_policy(interface):
 
 
 def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
-    """Of two laws with a `helper` each, each has its own; nothing of that stays on the path."""
+    """Two laws with a `helper` each import their own; nothing of that stays on the path."""
     before = list(sys.path)
     for gain in (11.0, 12.0):
         folder = tmp_path / f"of_{gain:g}"

@@ -30,7 +30,7 @@ def scripts(tmp_path_factory):
 
 @pytest.fixture
 def offered(scripts, tmp_path):
-    """What bash offers for the last word of a line. No program is found but bash itself, so no Python is started."""
+    """Return the completions that bash offers for the last word of a line. Only bash is on the path, so no Python starts."""
     if BASH is None:
         pytest.skip("needs bash")
 

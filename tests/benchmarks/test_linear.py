@@ -41,7 +41,7 @@ def test_margins_of_pid_on_double_integrators_are_those_of_python_control():
 
 
 def settles(policy, **options):
-    """Whether a small error dies out in the environment."""
+    """Return True if a small error dies out in the environment."""
     scenario = Scenario(reference=AT_REST, initial_error=1e-6, physics_dt=2.5e-4, duration=12.0, **options)
     spec = resolve(policy)
     env = make_env(spec, scenario, 1)

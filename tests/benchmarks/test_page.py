@@ -265,7 +265,8 @@ def test_a_figure_is_saved_as_svg(page, tmp_path):
     page.execute_script("document.querySelector(arguments[0]).dispatchEvent(new Event('click'))", button)
     WebDriverWait(page, 5).until(lambda _: list(tmp_path.glob("*.svg")))
     (saved,) = tmp_path.glob("*.svg")
-    assert "<svg" in saved.read_text()[:100]
+    assert 'class="legendtext"' in saved.read_text()
+    assert saved.read_text().count(">pid-flm<") == 1
 
 
 def test_the_pareto_front_and_the_recovery_are_drawn(page, data):

@@ -3,14 +3,16 @@
 import dataclasses
 
 import gymnasium as gym
+import numpy as np
 import pytest
 
 import controllers
 from benchmarks.policies.configuration import configuration
+from benchmarks.policies.spec import resolve
 from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.network import Actor
-from benchmarks.run.contract import check
-from fbl_gym import Interface, TwoLinkArmEnv
+from benchmarks.run.contract import broken, check
+from fbl_gym import Interface, TwoLinkArmEnv, scenarios
 
 NAMES = controllers.names()
 
@@ -45,3 +47,10 @@ def test_sb3_evaluates_a_policy(name):
     reward, spread = evaluation.evaluate_policy(controllers.make(name, env), env, n_eval_episodes=2)
     assert 0.0 <= reward <= 100.0
     assert spread >= 0.0
+
+
+def test_a_torque_at_a_limit_that_float32_rounds_down_lies_in_the_box():
+    limit = 0.7
+    assert float(np.float32(limit)) < limit
+    scenario = scenarios.get("nominal").replace(actuator={"torque_limit": limit}, duration=0.5)
+    assert broken(resolve("pd-gravity"), scenario) == ""

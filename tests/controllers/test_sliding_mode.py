@@ -8,6 +8,8 @@ import controllers
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.arm import inertia_matrix
+from tests.controllers.closed_loop import tracking
+from tests.controllers.linear import response
 
 POSE = (-np.pi / 2, 0.4)
 
@@ -73,3 +75,16 @@ def test_the_boundary_layer_reduces_chatter():
         trace = rollout("sliding-mode", scenario, range(4), {"layer": layer})
         variation[layer] = np.abs(np.diff(trace.torque, axis=0)).sum()
     assert variation[0.1] < 0.5 * variation[0.0]
+
+
+def test_integral_sliding_mode_keeps_the_nominal_error_equation():
+    """A load below the bound is taken off from the start: e'' + 2 w e' + w^2 e = 0 at 1 kHz, up to the layer's load / gain."""
+    still = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+    fast = {"control_dt": 1e-3, "physics_dt": 1e-3, "actuator": None, "action": "torque"}
+    load = {"kind": "array", "torque": ((40.0, 10.0),)}
+    env = TwoLinkArmEnv(reference=still, initial_error=(-0.2, 0.1), disturbance=load, **fast)
+    gains = {"frequency": 6.0, "bound": 20.0, "layer": 0.05}
+    errors, _ = tracking(controllers.make("integral-sliding-mode", env, **gains), env, 2000)
+    expected = np.outer(response([[0.0, 1.0], [-36.0, -12.0]], [1.0, 0.0], 1e-3, 2000), errors[0])
+    plain, _ = tracking(controllers.make("computed-torque", env, frequency=6.0), env, 2000)
+    assert np.abs(errors - expected).max() < 0.06 * np.abs(plain - expected).max()

@@ -1,0 +1,104 @@
+"""Computed torque with a sparse Gaussian process that learns the torque that the model misses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from controllers.computed_torque import ComputedTorque
+from controllers.parts import Drive
+from controllers.policy import State
+from fbl_gym.arm import Array, gravity_torque, inverse_dynamics
+from fbl_gym.checks import Pair
+from fbl_gym.records import number
+
+FEATURES = 40
+"""Random features."""
+
+LENGTHS = np.array([1.0, 1.0, 2.0, 2.0, 5.0, 5.0])
+"""Length scales of the kernel: angles [rad], velocities [rad/s], accelerations [rad/s^2]."""
+
+SIGNAL = 3.0
+"""Standard deviation of the process: the torque missed, over the stretched inertia [rad/s^2]."""
+
+
+@dataclass(frozen=True)
+class ComputedTorqueGp(ComputedTorque):
+    """Computed torque plus the mean of a Gaussian process, learned online.
+
+        torque = M a + C v + G + f^(r, r', r''),    a = r'' + w^2 (r - q) + 2 w (r' - v)
+        f^ = mean of a Gaussian process given the samples y = torque - (M q'' + C v + G)
+
+    A sample y is the mean torque of an interval less that of the model, with q'' the velocity's
+    difference, over the stretched inertia. The covariance of two samples is
+    SIGNAL^2 z(x)'z(x') exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near
+    exp(-|x - x'|^2 / 2), and x is the reference motion in units of `LENGTHS`: free of noise, and
+    close to the real motion. A Kalman filter of the cosines' weights gives the exact mean. Without
+    data f^ is zero. Delay and lag of the drive are known: each torque is counted where it acts.
+
+    No theorem covers the closed loop; its feedback is that of computed torque.
+
+    Sensors: position and velocity. Source: Nguyen-Tuong and Peters, "Using model knowledge for
+    learning inverse dynamics", ICRA 2010; Gijsberts and Metta, "Real-time model learning using
+    incremental sparse spectrum Gaussian process regression", Neural Networks 41, 2013; Hartikainen
+    and Sarkka, "Kalman filtering and smoothing solutions to temporal Gaussian process regression
+    models", MLSP 2010.
+
+    Args:
+        frequency: w [rad/s], per joint.
+        memory: correlation time of the missing torque [s]; older samples count less.
+        noise: standard deviation of y's noise [rad/s^2].
+    """
+
+    frequency: Pair | float = 10.0
+    memory: float = number(20.0, unit="s", above=0, tune=(2.0, 100.0))
+    noise: float = number(3.0, unit="rad/s^2", above=0, tune=(0.3, 30.0))
+
+    @cached_property
+    def spectrum(self) -> tuple[Array, Array]:
+        """Frequencies [6 x FEATURES] and phases [FEATURES] of the cosines, always the same."""
+        rng = np.random.default_rng(0)
+        return rng.normal(size=(6, FEATURES)) / LENGTHS[:, None], rng.uniform(0.0, 2.0 * np.pi, FEATURES)
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The drive of the interface."""
+        return Drive.of(self.interface)
+
+    def initial(self, observation: Array) -> State:
+        """Return the state; see the comments for its parts."""
+        n = len(observation)
+        q, v = self.read(observation, "position", "velocity")
+        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        return (
+            np.repeat(hold[:, None], self.drive.whole + 1, axis=1),  # commands under way
+            hold,  # torque on the joints
+            inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v)),  # its mean over the last interval
+            v,  # at the last sample
+            np.zeros((n, 2, FEATURES)),  # mean of the weights
+            np.tile(SIGNAL**2 * np.eye(FEATURES), (n, 1, 1)),  # their covariance
+        )
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
+        queue, present, mean, last, weights, covariance = state
+        q, v = self.read(observation, "position", "velocity")
+        motion = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        nominal, dt = self.interface.nominal, self.interface.control_dt
+        frequencies, phases = self.spectrum
+        z = np.sqrt(2.0 / FEATURES) * np.cos(np.concatenate(motion, axis=-1) @ frequencies + phases)
+        y = (mean - inverse_dynamics(nominal, q, 0.5 * (v + last), (v - last) / dt)) / self.stretched
+        # The weights decay towards the prior, then the sample corrects them.
+        keep = np.exp(-dt / self.memory)
+        covariance = keep**2 * covariance + (1.0 - keep**2) * SIGNAL**2 * np.eye(FEATURES)
+        spread = (covariance @ z[:, :, None])[..., 0]
+        gain = spread / (self.noise**2 + (z * spread).sum(axis=-1, keepdims=True))
+        covariance = covariance - gain[:, :, None] * spread[:, None, :]
+        weights = keep * weights
+        weights = weights + (y - (weights @ z[:, :, None])[..., 0])[:, :, None] * gain[:, None, :]
+        learned = (weights @ z[:, :, None])[..., 0]
+        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + self.stretched * learned
+        queue, present, mean = self.drive.pass_interval(queue, present, self.interface.saturate(torque))
+        return torque, (queue, present, mean, v, weights, covariance)

@@ -1,0 +1,61 @@
+"""L1 adaptive control: fast estimation, and a low-pass filter on all that it adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.computed_torque import ComputedTorque
+from controllers.policy import State
+from fbl_gym.arm import Array, forward_dynamics, inverse_dynamics
+from fbl_gym.checks import Pair
+from fbl_gym.records import pair
+
+
+@dataclass(frozen=True)
+class L1Adaptive(ComputedTorque):
+    """L1 adaptive control on the nominal linearisation, with the piecewise constant adaptive law.
+
+        torque = M (a - C(s) f^) + C v + G,    a = r'' + w^2 (r - q) + 2 w (r' - v)
+        v^' = u + f^ - p (v^ - v),    f^ = -p / (exp(p dt) - 1) (v^ - v) over the next interval
+
+    Each joint of the nominally linearised arm is v' = u + f: u is the nominal acceleration under
+    the torque within its limits, and f all the rest. v^ is the predictor's velocity, and
+    C(s) = bandwidth / (s + bandwidth) the filter that gives the method its robustness. At the
+    samples, f^ is the mean f of the last interval times p dt / (exp(p dt) - 1). The law is
+    therefore close to a disturbance observer of that bandwidth, and a constant load leaves a small
+    error.
+
+    The theorem bounds error and torque for a bounded f whose Lipschitz constant is below one over
+    the L1 norm of the loop with 1 - C(s), for a short sampling time and without a delay.
+
+    Sensors: position and velocity. Source: Hovakimyan and Cao, "L1 Adaptive Control Theory", 2010,
+    §3.3 (piecewise constant adaptive law).
+
+    Args:
+        frequency: w [rad/s], per joint: both poles of the error's reference model are -w.
+        bandwidth: of the filter C(s) [rad/s], per joint.
+        pole: p, the pole of the predictor is -p [rad/s], per joint.
+    """
+
+    frequency: Pair | float = 10.0
+    bandwidth: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 200.0))
+    pole: Pair | float = pair(5.0, unit="rad/s", above=0)
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: the predictor's velocity, and C(s) f^, zero."""
+        (v,) = self.read(observation, "velocity")
+        return v, np.zeros_like(v)
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
+        predicted, filtered = state
+        q, v = self.read(observation, "position", "velocity")
+        nominal, dt, pole = self.interface.nominal, self.interface.control_dt, np.array(self.pole)
+        f = -pole / np.expm1(pole * dt) * (predicted - v)
+        filtered = filtered - np.expm1(-np.array(self.bandwidth) * dt) * (f - filtered)
+        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v) - filtered)
+        u = forward_dynamics(nominal, q, v, self.interface.saturate(torque))
+        keep = np.exp(-pole * dt)
+        return torque, (v + dt * u + keep * (predicted - v) + (1.0 - keep) / pole * f, filtered)

@@ -1,0 +1,55 @@
+"""The online Gaussian process against its textbook form, and what it learns."""
+
+import numpy as np
+
+import controllers
+from controllers.gaussian_process import SIGNAL
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.arm import inverse_dynamics
+from tests.controllers.closed_loop import tracking
+
+EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
+
+
+def test_the_torque_has_the_mean_of_a_gaussian_process():
+    """k' (K + s^2 I)^-1 y over all samples, kernel of random cosines and time (Rasmussen and Williams 2006, (2.25))."""
+    env = TwoLinkArmEnv(parameter_error={"radius": 0.3}, actuator=None, action="torque", reference=EXCITING)
+    policy = controllers.make("computed-torque-gp", env, memory=0.5, noise=2.0)
+    frequencies, phases = policy.spectrum
+    observation, _ = env.reset(seed=0)
+    state, rows, targets = None, [], []
+    torque, last = None, None
+    for step in range(60):
+        q, v, *reference = policy.read(
+            observation, "position", "velocity", "reference_position", "reference_velocity", "reference_acceleration"
+        )
+        rows.append(np.cos(np.concatenate(reference) @ frequencies + phases) * np.sqrt(2 / len(phases)))
+        if step:
+            model = inverse_dynamics(env.nominal, q, 0.5 * (v + last), (v - last) / 0.01)
+            targets.append((torque - model) / policy.stretched)
+        else:
+            targets.append(np.zeros(2))
+        torque, state = policy.predict(observation, state)
+        z, last = np.array(rows), v
+        time = 0.01 * np.arange(len(z))
+        kernel = SIGNAL**2 * z @ z.T * np.exp(-np.abs(time[:, None] - time) / 0.5)
+        mean = kernel[-1] @ np.linalg.solve(kernel + 2.0**2 * np.eye(len(z)), np.array(targets))
+        plain = inverse_dynamics(env.nominal, q, v, policy.acceleration(observation[None], q[None], v[None])[0])
+        np.testing.assert_allclose(torque, plain + policy.stretched * mean, rtol=1e-6, atol=1e-6)
+        observation = env.step(torque)[0]
+
+
+def test_it_learns_what_the_model_misses():
+    """On a wrong arm behind a delayed drive, the error falls to a fraction of that of computed torque."""
+    options = {
+        "reference": EXCITING,
+        "parameter_error": {"radius": 0.2},
+        "duration": 30.0,
+        "friction": {"viscous": 10.0},
+    }
+    env = TwoLinkArmVectorEnv(4, actuator={"delay_samples": 1, "lag": 0.01}, **options)
+    left = {
+        name: np.abs(tracking(controllers.make(name, env, frequency=10.0), env, 2900)[0][-1000:]).mean()
+        for name in ("computed-torque", "computed-torque-gp")
+    }
+    assert left["computed-torque-gp"] < 0.4 * left["computed-torque"]
