@@ -10,8 +10,10 @@ from numba.core import caching
 
 from fbl_gym import compile_cache
 from fbl_gym.compile_cache import CompileCache
-from fbl_gym.env_common import configure
 from fbl_gym.kernel import api
+from fbl_gym.program import make_program
+from fbl_gym.reward import Reward
+from fbl_gym.scenarios import Scenario
 
 WITHOUT_CACHE = """
 from numba.core import caching
@@ -117,5 +119,5 @@ def test_compiled_code_is_kept_outside_the_package():
     ],
 )
 def test_a_scenario_gets_the_step_of_its_class(options, number):
-    _, program = configure(None, "normalized", None, 0, options)
+    program = make_program(Scenario(**options), action="normalized", reward=Reward(), preview=0)
     assert api.class_of(program.settings) == number
