@@ -139,8 +139,7 @@ class ArmBatch:
         self._actions = self._parts["actions"]
         self._first_action = self._actions.start
         self.lanes = lanes
-        rare = any(settings[name] > 0 for name in ("events", "euler_steps", "history"))
-        self._class = 2 if settings["elastic"] else int(rare)
+        self._class = api.class_of(settings)
         self.threads = min(threads, blocks)
         self._depth, self._physics_dt = int(settings["delay_steps"]) + 1, float(settings["physics_dt"])
         self._memory = np.zeros(ends[-1])
@@ -249,14 +248,11 @@ class ArmBatch:
         api.inspect(self._memory, _TRUE_ROWS, table)
         fields = {name: table[:, columns].copy() for name, columns in _TRUE.items()}
         fields["commands"] = table[:, _TRUE_COLUMNS:].reshape(self.lanes, -1, 2).copy()
-        for name, unit in (
-            ("delay", self._physics_dt),
-            ("lag", self._physics_dt),
-            ("rate_limit", 1 / self._physics_dt),
-        ):
-            fields[name] *= unit
+        fields["delay"] *= self._physics_dt  # a block counts physics steps
+        fields["lag"] *= self._physics_dt
+        fields["rate_limit"] *= 1 / self._physics_dt
         fields["backlash"] *= 2.0  # a block has half of it
-        if self._class < 2:
+        if not self._settings["elastic"]:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
         settings = self._settings
         numbers = self._memory[self._parts["blocks"]].reshape(len(self._blocks), -1, LANES)

@@ -19,14 +19,14 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
-from fbl_gym.compile_cache import CompileCache
+from fbl_gym.compile_cache import CompileCache, KernelCompiler
 
 # Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) leaves no exits
 # in the loops over lanes: a loop with an exit is not vectorised.
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
-_INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
+_INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "_nrt": False}
 
-inline_njit = njit(forceinline=True, **_OPTIONS)
+inline_njit = njit(forceinline=True, **_INNER)
 """Compile a function that becomes part of its callers, which leaves their loops free of calls."""
 
 kernel_njit = njit(**_INNER)
@@ -87,6 +87,13 @@ _SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # sqrt(1/2) as a double
 
 
 @inline_njit
+def clip(x, bound):
+    """Return x clipped to [-bound, bound]; NaN becomes -bound."""
+    x = x if x > -bound else -bound
+    return x if x < bound else bound
+
+
+@inline_njit
 def sincos(x):
     """Return sine and cosine of x [rad].
 
@@ -113,7 +120,7 @@ def sincos(x):
 @inline_njit
 def exp(x):
     """Return e**x within 3e-16 relative; x is clipped to [-700, 700]."""
-    x = max(min(x, 700.0), -700.0)
+    x = clip(x, 700.0)
     shifted = fma(x, _ONE_OVER_LN2, _ROUND)
     exponent = np.float64(shifted).view(np.int64)
     k = shifted - _ROUND

@@ -36,7 +36,7 @@ _NUMBERS = (
 """Fields of a block from which a lane's model is made; it is made again when one changes."""
 
 _MOTION = ("position", "velocity", "motor_position", "motor_velocity")
-"""Fields of a block with a lane's state; rigid joints have the first two."""
+"""Fields of a block with a lane's state."""
 
 _HINGE = 0.15
 """Place of the hinge of a link that bends, as a fraction of its length."""
@@ -70,7 +70,7 @@ class MuJoCoBatch(ArmBatch):
     @property
     def _step(self) -> Any:
         """The compiled step, of which only the start of episodes and the observation are used."""
-        return api.STEPS[1]
+        return api.STEPS[2]
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
@@ -95,8 +95,9 @@ class MuJoCoBatch(ArmBatch):
                 if not np.array_equal(arm.numbers, numbers[lane]):
                     arm = self._arms[lane] = arm.changed(numbers[lane])
                 arm.advance(velocity[lane], motor_velocity[lane], torque[lane], load[lane], steps)
-            for name in _MOTION if self._settings["elastic"] else _MOTION[:2]:
-                blocks[name][place] = [getattr(arm, name) for arm in self._arms.values()]
+            motions = [arm.motion for arm in self._arms.values()]
+            for name in motions[0]:
+                blocks[name][place] = [motion[name] for motion in motions]
         if self._senses_acceleration:
             blocks["acceleration"][place] = self._accelerate()[0]
         api.end(memory)
@@ -228,26 +229,16 @@ class _Arm:
         return acceleration, -(data.qfrc_passive + data.qfrc_constraint)[joints]
 
     @property
-    def motor_position(self) -> Array:
-        """Angles of the motors, [2] rad."""
-        return self._data.qpos[self._joints]
-
-    @property
-    def motor_velocity(self) -> Array:
-        """Velocities of the motors, [2] rad/s."""
-        return self._data.qvel[self._joints]
-
-    @property
-    def position(self) -> Array:
-        """Joint angles, [2] rad."""
-        motor = self.motor_position
-        return motor if self._scenario.joint is None else motor + self._data.qpos[self._springs]
-
-    @property
-    def velocity(self) -> Array:
-        """Joint velocities, [2] rad/s."""
-        motor = self.motor_velocity
-        return motor if self._scenario.joint is None else motor + self._data.qvel[self._springs]
+    def motion(self) -> dict[str, Array]:
+        """Return angles [rad] and velocities [rad/s] of joints and motors, [2] each."""
+        position, velocity = self._data.qpos[self._joints], self._data.qvel[self._joints]
+        if self._scenario.joint is None:
+            return {"position": position, "velocity": velocity}
+        links = {
+            "position": position + self._data.qpos[self._springs],
+            "velocity": velocity + self._data.qvel[self._springs],
+        }
+        return {**links, "motor_position": position, "motor_velocity": velocity}
 
 
 def _plant(scenario: Scenario) -> MuJoCo:

@@ -100,7 +100,7 @@ def draw(picture: Picture, size: int = 480) -> Frame:
     canvas = Canvas(size, size)
     reach = functools.partial(project, lengths=picture.lengths, size=size)
     base, elbow, tip = _points(reach(joints(picture.lengths, picture.position)))
-    canvas.ring(base, REACH * size, 0.003 * size, RULE)
+    canvas.disc(base, (REACH + 0.0015) * size, RULE, 0.003 * size)
     canvas.line([base, (base[0], base[1] + 0.085 * size)], [0.06 * size] * 2, RULE)
     _draw_scale(canvas, picture.lengths, size)
     if len(picture.trail) > 1:
@@ -192,14 +192,11 @@ class Canvas:
         width, height = self._size
         return np.frombuffer(bytearray(pygame.image.tobytes(surface, "RGB")), np.uint8).reshape(height, width, 3)
 
-    def disc(self, centre: Point, radius: float, colour: Colour) -> None:
-        """Draw a filled circle."""
-        pygame.draw.circle(self._surface, colour, self._fine(centre), round(self.FINER * radius))
-
-    def ring(self, centre: Point, radius: float, width: float, colour: Colour) -> None:
-        """Draw a circle."""
-        outer, inner = self.FINER * (radius + width / 2), self.FINER * (radius - width / 2)
-        pygame.draw.circle(self._surface, colour, self._fine(centre), round(outer), max(round(outer - inner), 1))
+    def disc(self, centre: Point, radius: float, colour: Colour, width: float = 0.0) -> None:
+        """Draw a circle: filled, or a ring of a width within the radius."""
+        pygame.draw.circle(
+            self._surface, colour, self._fine(centre), round(self.FINER * radius), round(self.FINER * width)
+        )
 
     def line(self, points: Sequence[Point], widths: Sequence[float], colour: Colour) -> None:
         """Draw a line through points, with its width at each, and round ends."""

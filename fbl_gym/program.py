@@ -24,7 +24,6 @@ from fbl_gym.references import (
     FourierReference,
     MinimumJerk,
     SineReference,
-    Steps,
 )
 from fbl_gym.reward import Reward
 from fbl_gym.scenarios import Scenario
@@ -36,8 +35,6 @@ from fbl_gym.uncertainty import (
     ArrayDisturbance,
     ParameterError,
     Payload,
-    PiecewiseConstantDisturbance,
-    PulseDisturbance,
     SensorError,
     SineDisturbance,
 )
@@ -156,19 +153,18 @@ class _Numbers:
         The value is a number, a distribution, or a pair of them. The option's path names the random
         stream.
         """
-        for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
-            row, each = memory.rows(field)[first + joint], scaled(each, scale)
-            if not isinstance(each, Distribution):
-                self.fixed[row - FIRST_VARIED] = each
-            else:
-                self._draw(row, joint, each, path)
+        self.set_row(memory.rows(field)[first], value, path, scale)
 
-    def draw(self, row: int, value: Any, path: str, *, scale: float = 1.0) -> None:
-        """Set rows of a block outside of `memory.VARIED`, as `set` does."""
+    def set_row(self, row: int, value: Any, path: str, scale: float = 1.0) -> None:
+        """Set a row of a block, or the rows of both joints, as `set` does."""
         for joint, each in enumerate(value if isinstance(value, tuple) else (value,)):
-            # A fixed number is the draw between itself and itself.
-            each = each if isinstance(each, Distribution) else Distribution(uniform=(each, each))
-            self._draw(row + joint, joint, scaled(each, scale), path)
+            place, each = row + joint - FIRST_VARIED, scaled(each, scale)
+            if not isinstance(each, Distribution):
+                if place < len(self.fixed):
+                    self.fixed[place] = each
+                    continue
+                each = Distribution(uniform=(each, each))  # other rows have no fixed value
+            self._draw(row + joint, joint, each, path)
 
     def _draw(self, row: int, joint: int, each: Distribution, path: str) -> None:
         values = each.values
@@ -379,33 +375,29 @@ def _pack_actuator(settings: Settings, numbers: _Numbers, scenario: Scenario) ->
     settings["torque_varies"] = steps > 0 or slow
 
 
+_TIMES = ("dt", "period", "width", "start")
+"""Times of disturbances, which are counted in physics steps."""
+
+
 def _pack_disturbance(settings: Settings, numbers: _Numbers, tables: list[float], scenario: Scenario) -> None:
     disturbance, h, n = scenario.disturbance, scenario.physics_dt, scenario.substeps
     if disturbance is None:
         return
+    times = {name: round(vars(disturbance)[name] / h) for name in _TIMES if name in vars(disturbance)}
+    settings["disturbance_kind"] = memory.DISTURBANCES[disturbance.kind]
+    for name, time in times.items():
+        settings["disturbance_period" if name == "dt" else f"disturbance_{name}"] = time
+    settings["torque_varies"] |= any(time % n for time in times.values())
     if isinstance(disturbance, ArrayDisturbance):
-        kind, period = memory.ARRAY, round(disturbance.dt / h)
-        varies = period % n != 0
         settings["disturbance_table"], settings["disturbance_samples"] = len(tables), len(disturbance.torque)
         tables.extend(value for sample in disturbance.torque for value in sample)
-    elif isinstance(disturbance, PiecewiseConstantDisturbance):
-        kind, period = memory.PIECEWISE_CONSTANT, round(disturbance.period / h)
-        varies = period % n != 0
-    elif isinstance(disturbance, PulseDisturbance):
-        kind, period = memory.PULSES, round(disturbance.period / h)
-        width, start = round(disturbance.width / h), round(disturbance.start / h)
-        settings["disturbance_width"], settings["disturbance_start"] = width, start
-        varies = any(time % n for time in (period, width, start))
-    else:
-        assert isinstance(disturbance, SineDisturbance)
-        kind, period, varies = memory.SINE, 0, True
+        return
+    numbers.set("disturbance_amplitude", disturbance.amplitude, "disturbance.amplitude")
+    if isinstance(disturbance, SineDisturbance):
         numbers.set("disturbance_rate", disturbance.frequency, "disturbance.frequency", scale=2 * np.pi)
         settings["disturbance_phase_drawn"] = disturbance.phase is None
         settings["disturbance_phase"] = 0.0 if disturbance.phase is None else disturbance.phase
-    if not isinstance(disturbance, ArrayDisturbance):
-        numbers.set("disturbance_amplitude", disturbance.amplitude, "disturbance.amplitude")
-    settings["disturbance_kind"], settings["disturbance_period"] = kind, period
-    settings["torque_varies"] |= varies
+        settings["torque_varies"] = True
 
 
 def _pack_events(settings: Settings, numbers: _Numbers, tables: list[float], scenario: Scenario) -> None:
@@ -417,9 +409,9 @@ def _pack_events(settings: Settings, numbers: _Numbers, tables: list[float], sce
     for i, event in enumerate(scenario.events):
         for name, value in vars(event).items():
             if name == "time":
-                numbers.draw(first, value, f"events.{i}.time", scale=1 / scenario.physics_dt)
+                numbers.set_row(first, value, f"events.{i}.time", 1 / scenario.physics_dt)
             elif name != "kind":
-                numbers.draw(first + 1, value, f"events.{i}.{name}")
+                numbers.set_row(first + 1, value, f"events.{i}.{name}")
         first += memory.EVENT_ROWS
     settings["block_size"] = first * LANES
     settings["torque_varies"] |= any(isinstance(event, DriveChange) for event in scenario.events)
@@ -428,13 +420,13 @@ def _pack_events(settings: Settings, numbers: _Numbers, tables: list[float], sce
 def _pack_reference(settings: Settings, tables: list[float], scenario: Scenario) -> int:
     """Pack the reference; return the number of way-points, levels or phases that a block holds."""
     reference, steps = scenario.reference, scenario.steps
-    settings["reference_table"] = len(tables)
+    settings["reference_kind"], settings["reference_table"] = memory.REFERENCES[reference.kind], len(tables)
     if isinstance(reference, ArrayReference):
         # One row more than the episode. Its last sample is held for previews beyond it.
         _check_size("duration", scenario.duration, " s", 6 * (steps + 2))
         samples = reference.samples(scenario.control_dt * np.arange(steps + 2))
         samples[-1, 2:] = 0.0
-        settings["reference_kind"], settings["reference_points"] = memory.SAMPLES, len(samples)
+        settings["reference_points"] = len(samples)
         tables.extend(samples.ravel())
         return 0
     if isinstance(reference, SineReference | FourierReference):
@@ -443,14 +435,16 @@ def _pack_reference(settings: Settings, tables: list[float], scenario: Scenario)
         _check_size("reference.harmonics", n, "", _PAIR * n)
         weights = 1.0 / np.arange(1, n + 1)
         amplitudes = np.outer(weights / weights.sum(), reference.amplitude)
-        settings["reference_kind"], settings["reference_points"] = memory.HARMONICS, n
-        settings["reference_middle"] = reference.centre
+        settings["reference_points"], settings["reference_middle"] = n, reference.centre
         settings["base_rate"] = 2 * np.pi * reference.frequency
         settings["reference_phases_drawn"] = phase is None
         tables.extend(amplitudes.ravel())
         tables.extend((0.0, 0.0) if phase is None else phase)  # type: ignore[arg-type]
         return n
-    period = reference.move_time + reference.hold_time if isinstance(reference, MinimumJerk) else reference.period
+    if isinstance(reference, MinimumJerk):
+        period, settings["move_time"] = reference.move_time + reference.hold_time, reference.move_time
+    else:
+        period, settings["bandwidth"] = reference.period, getattr(reference, "bandwidth", 0.0)
     settings["point_time"] = period
     settings["reference_low"], settings["reference_high"] = reference.low, reference.high
     # Each segment of filtered steps also holds the filter's state at its start.
@@ -463,12 +457,6 @@ def _pack_reference(settings: Settings, tables: list[float], scenario: Scenario)
         n = len(reference.points)
         tables.extend(value for point in reference.points for value in point)
     settings["reference_points"] = n
-    if isinstance(reference, MinimumJerk):
-        settings["reference_kind"], settings["move_time"] = memory.MINIMUM_JERK, reference.move_time
-    elif isinstance(reference, Steps):
-        settings["reference_kind"] = memory.STEPS
-    else:
-        settings["reference_kind"], settings["bandwidth"] = memory.FILTERED_STEPS, reference.bandwidth
     return pairs * n
 
 
@@ -492,6 +480,5 @@ def _pack_reward(settings: Settings, reward: Reward) -> None:
     settings["reward_logarithmic"] = logarithmic
     settings["reward_scale"] = 1 / reward.resolution if logarithmic else 1 / reward.worst
     settings["reward_norm"] = 1 / _log1p(reward.worst / reward.resolution) if logarithmic else 0.0
-    settings["weight_tracking"] = reward.weight_tracking / total
-    settings["weight_effort"] = reward.weight_effort / total
-    settings["weight_chatter"] = reward.weight_chatter / total
+    for name in ("weight_tracking", "weight_effort", "weight_chatter"):
+        settings[name] = getattr(reward, name) / total

@@ -108,10 +108,9 @@ def number(
     **bounds: Any,
 ) -> Any:
     """Declare a finite number."""
-    check = _check_varying if varies else check_number
-    convert = lambda name, value: check(name, value, **bounds)  # noqa: E731
+    check = functools.partial(_check_varying if varies else check_number, **bounds)
     form = ("a number or distribution" if varies else "a number") + bounds_text(**bounds)
-    return declared(default, convert, form, unit, tune=tune, optional=optional)
+    return declared(default, check, form, unit, tune=tune, optional=optional)
 
 
 def pair(
@@ -124,10 +123,9 @@ def pair(
     **bounds: Any,
 ) -> Any:
     """Declare one number per joint; a single number or distribution stands for both joints."""
-    check = _check_varying if varies else check_number
-    convert = lambda name, value: check_pair(name, value, check, **bounds)  # noqa: E731
+    check = functools.partial(check_pair, check=_check_varying if varies else check_number, **bounds)
     form = ("one or two numbers or distributions" if varies else "one or two numbers") + bounds_text(**bounds)
-    return declared(default, convert, form, unit, tune=tune, optional=optional)
+    return declared(default, check, form, unit, tune=tune, optional=optional)
 
 
 def whole(default: Any = MISSING, *, low: int = 0, varies: bool = False) -> Any:

@@ -13,7 +13,7 @@ import hashlib
 
 import numpy as np
 
-from fbl_gym.fastmath import inline_njit, log, sincos
+from fbl_gym.fastmath import inline_njit, kernel_njit, log, sincos
 
 _MULTIPLIER_0 = np.uint64(0xD2E7470EE14C6C93)
 _MULTIPLIER_1 = np.uint64(0xCA5A826395121157)
@@ -62,7 +62,7 @@ def _unit(word):
     return np.uint64((word >> _12) | _ONE_BITS).view(np.float64) - 1.0
 
 
-@inline_njit
+@kernel_njit
 def uniforms(seed, stream, episode, step, slot):
     """Return four independent numbers, uniform in [0, 1)."""
     a, b, c, d = philox(seed, stream, step, slot, episode)

@@ -11,6 +11,7 @@ from fbl_gym import TwoLinkArmVectorEnv
 def run(_arguments: argparse.Namespace) -> int:
     begin = time.perf_counter()
     for options in (
+        {"friction": {"coulomb": 1.0}},
         {"events": [{"kind": "drop", "time": 1.0}]},
         {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
     ):

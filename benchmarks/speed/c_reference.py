@@ -85,14 +85,15 @@ class Reference:
 def stepper(arm: ArmParameters, lanes: int, *, elastic: bool = False) -> Callable[[], int] | None:
     """Return a function that advances a batch by one control step; None without a C compiler.
 
-    Elastic joints have 2,000 N m/rad, 5 N m s/rad and rotors of 0.5 kg m^2.
+    Elastic joints have 2,000 N m/rad, 5 N m s/rad and rotors of 0.5 kg m^2, and physics steps of
+    half the length, as in the tier `hardware`.
     """
     if load() is None:
         return None
     reference = Reference(arm, lanes, joint=(2000.0, 5.0, 0.5) if elastic else None)
 
     def step() -> int:
-        reference.step()
+        reference.step(*((20, 5e-4) if elastic else (10, 1e-3)))
         return lanes
 
     return step

@@ -47,6 +47,9 @@ _BUSY: dict[str, Any] = {
 }
 """Options of the contestants named "busy"."""
 
+_HARDWARE = {"scenario": "hardware-elastic-2"}
+"""Options of an arm with elastic joints, delay, lag, encoders and friction."""
+
 _ARM = "fbl_gym:fbl_gym/TwoLinkArm-v0"
 _C, _C_ELASTIC = "C, physics alone, 4096", "C, physics of elastic joints alone, 4096"
 _ACROBOT, _ACROBOTS = "Acrobot-v1", "SyncVectorEnv(Acrobot-v1), 256"
@@ -76,9 +79,9 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
         if reference is not None:
             contestants[name] = (reference, "")
     for lanes in (16, 256, 4096):
-        for suffix, options in (("", {}), (", busy", _BUSY)):
+        for suffix, options, peer in (("", {}, _C), (", busy", _BUSY, _C), (", hardware", _HARDWARE, _C_ELASTIC)):
             env = gym.make_vec(_ARM, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
-            peer = _C if lanes == 4096 and _C in contestants else _ACROBOTS
+            peer = peer if lanes == 4096 and peer in contestants else _ACROBOTS
             contestants[f"TwoLinkArm-v0 batch, {lanes}{suffix}"] = (batch(env, np.zeros((lanes, 2))), peer)
     threads = os.cpu_count() or 1
     if threads > 1:

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fbl_gym.fastmath import cached_njit, kernel_njit, merged_njit
-from fbl_gym.kernel.elastic import advance_elastic, feel_joints
+from fbl_gym.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.elastic import advance_elastic, hang_motors
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.events import carry_payload, happen
 from fbl_gym.kernel.motion import refer
-from fbl_gym.kernel.physics import acceleration_and_friction, advance, advance_implicitly
-from fbl_gym.kernel.readings import encode, limit_readings, observe, sense
-from fbl_gym.kernel.torque import apply_torque, command, nominal_acceleration
-from fbl_gym.kernel.views import array_at, record_at
+from fbl_gym.kernel.physics import acceleration_and_friction, advance
+from fbl_gym.kernel.readings import observe, sense
+from fbl_gym.kernel.torque import apply_torque, command, disturb, nominal_acceleration, start_disturbance
+from fbl_gym.kernel.views import array_at, pair, record_at
 from fbl_gym.memory import (
     BLOCK,
     BLOCK_SIZE,
@@ -46,6 +46,34 @@ def _fingerprint() -> int:
     return int.from_bytes(digest.digest()[:7], "big")
 
 
+@inline_njit
+def _count(settings, number):
+    """Return the number of arms in a block."""
+    return min(LANES, settings.lanes - number * LANES)
+
+
+@merged_njit
+def _views(memory, settings, number):
+    """Return a block, the same memory as rows, its last torque commands, and its way-points."""
+    place, depth = settings.blocks + number * settings.block_size, settings.delay_steps + 1
+    rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+    queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
+    waypoints = array_at(memory, place + BLOCK_SIZE + 2 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
+    return record_at(memory, place, BLOCK), rows, queue, waypoints
+
+
+@merged_njit
+def _tables(memory, settings):
+    """Return the arrays that the scenario contains, one after the other."""
+    return array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+
+
+@merged_njit
+def _actions(memory, settings, number, count):
+    """Return the actions of a block."""
+    return array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+
+
 @kernel_njit
 def _check(memory):
     settings = record_at(memory, 0, SETTINGS)
@@ -62,48 +90,37 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic, rare):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, elastic):
     """Advance a block by one control step."""
     command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
-        _load(block, rows, queue, settings, tables, width, substep, rare)
+        _load(block, rows, queue, settings, tables, width, substep, real, rare)
         if elastic:
             advance_elastic(block, settings, width)
-        elif rare and settings.euler_steps > 0:
-            advance_implicitly(block, settings, width)
         else:
-            advance(block, settings, width)
-    _end(block, rows, waypoints, settings, tables, width, elastic, rare)
+            advance(block, settings, width, real, rare)
+    _end(block, rows, waypoints, settings, tables, width, real, rare, elastic)
 
 
 @merged_njit
-def _load(block, rows, queue, settings, tables, width, substep, rare):
+def _load(block, rows, queue, settings, tables, width, substep, real, rare):
     """Let events happen, and set torques and payload of a block, for one physics step."""
     if rare and settings.events > 0:
         happen(block, rows, settings, tables, width, substep)
     if substep == 0 or settings.torque_varies:
-        apply_torque(block, queue, settings, tables, width, substep)
-    if settings.has_payload:
+        apply_torque(block, queue, settings, width, substep)
+        if real:
+            disturb(block, settings, tables, width, substep)
+    if real and settings.has_payload:
         carry_payload(block, settings, width, substep)
 
 
 @merged_njit
-def _sense(block, rows, settings, width, elastic, rare):
-    """Take the readings of a block."""
-    if elastic:
-        feel_joints(block, settings, width)
-    sense(block, settings, width)
-    if rare and settings.history > 0:
-        encode(block, rows, settings, width)
-    limit_readings(block, settings, width)
-
-
-@merged_njit
-def _end(block, rows, waypoints, settings, tables, width, elastic, rare):
+def _end(block, rows, waypoints, settings, tables, width, real, rare, elastic):
     """End the control step of a block, after its physics."""
     for lane in range(width):
         block.step[lane] += _ONE
-    _sense(block, rows, settings, width, elastic, rare)
+    sense(block, rows, settings, width, real, rare, elastic)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
@@ -139,11 +156,12 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _compile_step(fingerprint, elastic, rare):
+def _compile_step(fingerprint, real, rare, elastic):
     """Return the step of a class of scenarios, without the code that only other classes use.
 
-    `elastic`: joints are elastic. `rare`: there may be events, encoders, or viscous friction that
-    needs implicit steps. Each step is compiled when it is first called.
+    `real`: there may be payloads, disturbances, dry friction and errors of the sensors. `rare`:
+    also events, encoders, viscous friction that needs implicit steps, and another engine.
+    `elastic`: joints are elastic. Each step is compiled when it is first called.
     """
 
     @cached_njit
@@ -169,23 +187,16 @@ def _compile_step(fingerprint, elastic, rare):
                 return problem, 0.0, False, False
         moves, parts = parts > 0, max(parts, 1)
         settings = record_at(memory, 0, SETTINGS)
-        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
-        lanes, size = settings.lanes, settings.observation_size
-        depth, points = settings.delay_steps + 1, settings.waypoints
+        lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
         blocks = (lanes + LANES - 1) // LANES
         for number in range(blocks * part // parts, blocks * (part + 1) // parts):
-            place = settings.blocks + number * settings.block_size
-            block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
-            queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
-            waypoints = array_at(memory, place + BLOCK_SIZE + queue.size, (points, 2, LANES), np.float64)
-            first = number * LANES
-            count = min(LANES, lanes - first)
+            block, rows, queue, waypoints = _views(memory, settings, number)
+            first, count = number * LANES, _count(settings, number)
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
-                actions = array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
-                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, elastic, rare)
+                actions = _actions(memory, settings, number, count)
+                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, elastic)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
             for lane in range(width):
@@ -194,8 +205,12 @@ def _compile_step(fingerprint, elastic, rare):
                 for lane in range(width):
                     if block.status[lane] == RESTART:
                         start(block, rows, queue, waypoints, settings, tables, lane)
+                        if real:
+                            start_disturbance(block, settings, tables, lane)
+                        if rare and settings.elastic:
+                            hang_motors(block, lane)
             if restarts > 0 or not moves:
-                _sense(block, rows, settings, width, elastic, rare)
+                sense(block, rows, settings, width, real, rare, elastic)
             observations = array_at(out, first * size, (count, size), np.float64)
             observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
@@ -228,9 +243,8 @@ def _compile(fingerprint):
         _ = fingerprint
         settings, column = record_at(memory, 0, SETTINGS), len(shown)
         for i in range(len(out)):
-            place, lane = settings.blocks + i // LANES * settings.block_size, i % LANES
-            block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+            block, rows, _, _ = _views(memory, settings, i // LANES)
+            lane = i % LANES
             for k in range(column):
                 out[i, k] = rows[shown[k], lane]
             for k in range(column + 7, out.shape[1]):
@@ -238,8 +252,7 @@ def _compile(fingerprint):
             law = settings.friction_law
             a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
             if settings.elastic:
-                a1, a2 = block.acceleration[0, lane], block.acceleration[1, lane]
-                friction1, friction2 = block.motor_friction[0, lane], block.motor_friction[1, lane]
+                (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
             expected1, expected2 = nominal_acceleration(block, settings, lane)
             out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
             out[i, column + 1], out[i, column + 2] = a1, a2
@@ -267,17 +280,14 @@ def _compile(fingerprint):
             if problem >= 0:
                 return problem
         settings = record_at(memory, 0, SETTINGS)
-        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        tables = _tables(memory, settings)
         for number in range((settings.lanes + LANES - 1) // LANES):
-            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
-            count = min(LANES, count)
-            block = record_at(memory, place, BLOCK)
-            queue = array_at(memory, place + BLOCK_SIZE, (settings.delay_steps + 1, 2, LANES), np.float64)
-            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
+            block, rows, queue, _ = _views(memory, settings, number)
+            count = _count(settings, number)
             if substep == 0:
-                actions = array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+                actions = _actions(memory, settings, number, count)
                 command(block, rows, queue, settings, actions, count)
-            _load(block, rows, queue, settings, tables, count, substep, True)
+            _load(block, rows, queue, settings, tables, count, substep, True, True)
         return -1
 
     @cached_njit
@@ -285,23 +295,33 @@ def _compile(fingerprint):
         """End a control step after its physics: clock, readings, reference, reward and flags."""
         _ = fingerprint
         settings = record_at(memory, 0, SETTINGS)
-        tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+        tables = _tables(memory, settings)
         for number in range((settings.lanes + LANES - 1) // LANES):
-            place, count = settings.blocks + number * settings.block_size, settings.lanes - number * LANES
-            count = min(LANES, count)
-            block = record_at(memory, place, BLOCK)
-            rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
-            place += BLOCK_SIZE + 2 * LANES * (settings.delay_steps + 1)
-            waypoints = array_at(memory, place, (settings.waypoints, 2, LANES), np.float64)
-            _end(block, rows, waypoints, settings, tables, count, False, True)
+            block, rows, _, waypoints = _views(memory, settings, number)
+            count = _count(settings, number)
+            _end(block, rows, waypoints, settings, tables, count, True, True, False)
             _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
 
     return check, inspect, load, end
 
 
 _KEY = _fingerprint()
-STEPS = _compile_step(_KEY, False, False), _compile_step(_KEY, False, True), _compile_step(_KEY, True, True)
-"""The steps of plain scenarios, of those with rare options, and of those with elastic joints."""
+STEPS = (
+    _compile_step(_KEY, False, False, False),
+    _compile_step(_KEY, True, False, False),
+    _compile_step(_KEY, True, True, False),
+    _compile_step(_KEY, True, True, True),
+)
+"""The steps of plain scenarios, of real ones, of those with rare options, and of elastic joints."""
 
-step = STEPS[0]
+_REAL = ("has_payload", "disturbance_kind", "friction_law", "noisy")
+_RARE = ("events", "euler_steps", "history")
+
+
+def class_of(settings):
+    """Return the index in `STEPS` of the step that a scenario needs."""
+    rare = any(settings[name] > 0 for name in _RARE)
+    return 3 if settings["elastic"] else 2 if rare else int(any(settings[name] > 0 for name in _REAL))
+
+
 check, inspect, load, end = _compile(_KEY)

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import exp, kernel_njit, log, sincos
-from fbl_gym.kernel.elastic import hang_motors
+from fbl_gym.fastmath import clip, exp, kernel_njit, log
 from fbl_gym.kernel.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.physics import lump
-from fbl_gym.kernel.torque import nominal_torque, pick_disturbance
+from fbl_gym.kernel.torque import nominal_torque
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import (
     CHOICE,
     DRAW_SIZE,
@@ -15,30 +15,18 @@ from fbl_gym.memory import (
     LOG_UNIFORM,
     NORMALIZED,
     RUNNING,
-    SINE,
     STEPS,
     TORQUE,
 )
-from fbl_gym.streams import TWO_PI, stream_key, uniforms
+from fbl_gym.streams import stream_key, uniforms
 
 _PARAMETERS = stream_key("parameter error")
-_DISTURBANCE = stream_key("disturbance")
 _ZERO = np.uint64(0)
 
 
 @kernel_njit
 def start(block, rows, queue, waypoints, settings, tables, lane):
-    """Start an episode in a lane: draw its arm and reference, and put the arm on its reference.
-
-    Args:
-        block: record of the type `BLOCK`.
-        rows: the same memory as an array [ROWS x LANES].
-        queue: last torque commands of the block [depth x joint x lane].
-        waypoints: of the block [points x joint x lane].
-        settings: record of the type `SETTINGS`.
-        tables: arrays of the scenario, one after the other.
-        lane: of the block.
-    """
+    """Start an episode in a lane: draw its arm and reference, and put the arm on its reference."""
     seed, episode = block.seed[lane], block.episode[lane]
     block.step[lane] = _ZERO
     block.status[lane] = RUNNING
@@ -57,28 +45,15 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, np.int64(0))
     store_reference(block, lane, (q1, q2, v1, v2, a1, a2))
     if settings.reference_kind == STEPS:  # they jump at once, away from the arm's start
-        q1, q2 = waypoints[0, 0, lane], waypoints[0, 1, lane]
-    q1, q2 = q1 + block.initial_error[0, lane], q2 + block.initial_error[1, lane]
-    if block.initial_velocity[0, lane] != 0.0 or block.initial_velocity[1, lane] != 0.0:  # else keep the sign of -0.0
-        v1, v2 = v1 + block.initial_velocity[0, lane], v2 + block.initial_velocity[1, lane]
-    block.position[0, lane], block.position[1, lane] = q1, q2
-    block.start_position[0, lane], block.start_position[1, lane] = q1, q2
-    block.velocity[0, lane], block.velocity[1, lane] = v1, v2
+        q1, q2 = pair(waypoints[0], lane)
+    (error1, error2), (more1, more2) = pair(block.initial_error, lane), pair(block.initial_velocity, lane)
+    if more1 != 0.0 or more2 != 0.0:  # else keep the sign of -0.0
+        v1, v2 = v1 + more1, v2 + more2
+    put(block.position, lane, (q1 + error1, q2 + error2))
+    put(block.start_position, lane, (q1 + error1, q2 + error2))
+    put(block.velocity, lane, (v1, v2))
     _hold_still(block, rows, queue, settings, lane)
-    if settings.elastic:
-        hang_motors(block, lane)
     block.far[lane] = 0.0
-
-    torque1, torque2 = pick_disturbance(block, settings, tables, lane, np.int64(0))
-    if settings.disturbance_kind == SINE:
-        phase1, phase2 = settings.disturbance_phase[0], settings.disturbance_phase[1]
-        if settings.disturbance_phase_drawn:
-            draw1, draw2, _, _ = uniforms(seed, _DISTURBANCE, episode, _ZERO, _ZERO)
-            phase1, phase2 = TWO_PI * draw1, TWO_PI * draw2
-        block.disturbance_phase[0, lane], block.disturbance_phase[1, lane] = phase1, phase2
-        torque1 = block.disturbance_amplitude[0, lane] * sincos(phase1)[0]
-        torque2 = block.disturbance_amplitude[1, lane] * sincos(phase2)[0]
-    block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
 
 
 @kernel_njit
@@ -118,25 +93,25 @@ def _draw(block, rows, settings, tables, lane):
 @kernel_njit
 def _hold_still(block, rows, queue, settings, lane):
     """Apply the torque that holds the nominal arm still at its start, within the limit."""
-    block.measured_position[0, lane] = block.position[0, lane]
-    block.measured_position[1, lane] = block.position[1, lane]
-    block.measured_velocity[0, lane], block.measured_velocity[1, lane] = 0.0, 0.0
+    put(block.measured_position, lane, pair(block.position, lane))
+    put(block.measured_velocity, lane, (0.0, 0.0))
     tau1, tau2 = nominal_torque(block, settings, lane, 0.0, 0.0)
     kind = settings.action_kind
     # The box of torque actions has bounds even if the torque has no limit.
     limit = settings.action_limit if kind == TORQUE else settings.torque_limit
-    tau1, tau2 = max(min(tau1, limit[0]), -limit[0]), max(min(tau2, limit[1]), -limit[1])
-    block.command[0, lane], block.command[1, lane] = tau1, tau2
-    block.target[0, lane], block.target[1, lane] = tau1, tau2
-    block.torque[0, lane], block.torque[1, lane] = block.gain[0, lane] * tau1, block.gain[1, lane] * tau2
+    tau1, tau2 = clip(tau1, limit[0]), clip(tau2, limit[1])
+    put(block.command, lane, (tau1, tau2))
+    put(block.target, lane, (tau1, tau2))
+    gain1, gain2 = pair(block.gain, lane)
+    put(block.torque, lane, (gain1 * tau1, gain2 * tau2))
     for age in range(settings.delay_steps + 1):
-        queue[age, 0, lane], queue[age, 1, lane] = tau1, tau2
+        put(queue[age], lane, (tau1, tau2))
     action1, action2 = 0.0, 0.0  # no acceleration
     if kind == NORMALIZED:
         action1, action2 = tau1 / limit[0], tau2 / limit[1]
     elif kind == TORQUE:
         action1, action2 = tau1, tau2
-    block.action[0, lane], block.action[1, lane] = action1, action2
+    put(block.action, lane, (action1, action2))
     for row in range(settings.past_row, settings.past_row + 2 * settings.past_actions, 2):
         rows[row, lane], rows[row + 1, lane] = action1, action2
 
@@ -152,20 +127,22 @@ def judge(block, settings, width):
     logarithmic, last = settings.reward_logarithmic, np.uint64(settings.last_step)
     max_position, max_velocity = settings.max_position, settings.max_velocity
     for lane in range(width):
-        q1, q2 = block.position[0, lane], block.position[1, lane]
-        error1, error2 = abs(block.reference_position[0, lane] - q1), abs(block.reference_position[1, lane] - q2)
+        (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
+        (r1, r2), (start1, start2) = pair(block.reference_position, lane), pair(block.start_position, lane)
+        error1, error2 = abs(r1 - q1), abs(r2 - q2)
         block.far[lane] = block.far[lane] + 1.0 if max(error1, error2) > settings.max_error else 0.0
         stays = (
-            (abs(q1 - block.start_position[0, lane]) <= max_position)
-            & (abs(q2 - block.start_position[1, lane]) <= max_position)
-            & (abs(block.velocity[0, lane]) <= max_velocity)
-            & (abs(block.velocity[1, lane]) <= max_velocity)
+            (abs(q1 - start1) <= max_position)
+            & (abs(q2 - start2) <= max_position)
+            & (abs(v1) <= max_velocity)
+            & (abs(v2) <= max_velocity)
             & (block.far[lane] < settings.error_steps)
         )
         tracking = settings.reward_scale * (error1 + error2)
         logarithm = settings.reward_norm * log(1.0 + tracking)
         tracking = logarithm if logarithmic else tracking
-        effort = 0.5 * (abs(block.command[0, lane]) / limit1 + abs(block.command[1, lane]) / limit2)
+        tau1, tau2 = pair(block.command, lane)
+        effort = 0.5 * (abs(tau1) / limit1 + abs(tau2) / limit2)
         chatter = 0.25 * block.chatter[lane]
         loss = (
             settings.weight_tracking * min(tracking, 1.0)

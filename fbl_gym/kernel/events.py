@@ -4,6 +4,7 @@ import numpy as np
 
 from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.physics import inertia_terms, lump, solve_terms
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import DRIVE_CHANGE, DROP, EVENT_ROWS, FRICTION_CHANGE, KNOCK, PICK_UP
 
 
@@ -21,15 +22,14 @@ def _inertia(block, settings, lane):
 def change_payload(block, settings, lane, payload):
     """Let a lane carry another payload; the velocities after a grasp conserve momentum."""
     m11, m12, m22 = _inertia(block, settings, lane)
-    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    v1, v2 = pair(block.velocity, lane)
     grasps = payload > block.payload[lane]
     block.payload[lane] = payload
     lump(block, settings, lane)
     if grasps:
         momentum1, momentum2 = m11 * v1 + m12 * v2, m12 * v1 + m22 * v2
         m11, m12, m22 = _inertia(block, settings, lane)
-        v1, v2 = solve_terms(m11, m12, m22, momentum1, momentum2)
-        block.velocity[0, lane], block.velocity[1, lane] = v1, v2
+        put(block.velocity, lane, solve_terms(m11, m12, m22, momentum1, momentum2))
 
 
 @kernel_njit

@@ -3,6 +3,7 @@
 import numpy as np
 
 from fbl_gym.fastmath import exp, inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import FILTERED_STEPS, HARMONICS, MINIMUM_JERK, SAMPLES, STEPS
 from fbl_gym.streams import TWO_PI, stream_key, uniforms
 
@@ -13,13 +14,6 @@ _ZERO = np.uint64(0)
 @kernel_njit
 def reference(waypoints, settings, tables, lane, step):
     """Return the reference of a lane at a control step.
-
-    Args:
-        waypoints: way-points, levels or phases of a block [points x joint x lane].
-        settings: record of the type `SETTINGS`.
-        tables: arrays of the scenario, one after the other.
-        lane: of the block.
-        step: control step, from 0.
 
     Returns:
         Position of both joints [rad], then velocity [rad/s], then acceleration [rad/s^2].
@@ -35,16 +29,15 @@ def reference(waypoints, settings, tables, lane, step):
     if kind == HARMONICS:
         return _harmonics(waypoints, settings, tables, lane, time)
     if kind == MINIMUM_JERK:
-        return _minimum_jerk(waypoints, settings, lane, time)
+        return _along(waypoints, lane, _profile(settings, time))
     i, j, tau = _segment(settings, time)
-    to1, to2 = waypoints[j, 0, lane], waypoints[j, 1, lane]
+    to1, to2 = pair(waypoints[j], lane)
     if kind == STEPS:
         return to1, to2, 0.0, 0.0, 0.0, 0.0
     # Filtered steps: r = to + (a + c tau) exp(-w tau).
     w = settings.bandwidth
     fade = exp(-w * tau)
-    a1, a2 = waypoints[points + 2 * i, 0, lane], waypoints[points + 2 * i, 1, lane]
-    c1, c2 = waypoints[points + 2 * i + 1, 0, lane], waypoints[points + 2 * i + 1, 1, lane]
+    (a1, a2), (c1, c2) = pair(waypoints[points + 2 * i], lane), pair(waypoints[points + 2 * i + 1], lane)
     r1, r2 = (a1 + c1 * tau) * fade, (a2 + c2 * tau) * fade
     v1, v2 = c1 * fade - w * r1, c2 * fade - w * r2
     return to1 + r1, to2 + r2, v1, v2, -2.0 * w * v1 - w * w * r1, -2.0 * w * v2 - w * w * r2
@@ -59,14 +52,11 @@ def _segment(settings, time):
 
 
 @inline_njit
-def _minimum_jerk(waypoints, settings, lane, time):
-    """Return the reference along polynomials of fifth order from one way-point to the next."""
-    return _along(waypoints, lane, _profile(settings, time))
-
-
-@inline_njit
 def _profile(settings, time):
-    """Return the way-points around a time, and the share of the way made, its rate and its bend."""
+    """Return the way-points around a time, and the share of the way made, its rate and its bend.
+
+    The share is the polynomial of fifth order that begins and ends at rest.
+    """
     i, j, tau = _segment(settings, time)
     move = settings.move_time
     s = min(tau / move, 1.0)
@@ -80,8 +70,8 @@ def _profile(settings, time):
 def _along(waypoints, lane, profile):
     """Return the reference of a lane on the way between two way-points."""
     i, j, share, rate, bend = profile
-    from1, from2 = waypoints[i, 0, lane], waypoints[i, 1, lane]
-    way1, way2 = waypoints[j, 0, lane] - from1, waypoints[j, 1, lane] - from2
+    (from1, from2), (to1, to2) = pair(waypoints[i], lane), pair(waypoints[j], lane)
+    way1, way2 = to1 - from1, to2 - from2
     return from1 + share * way1, from2 + share * way2, rate * way1, rate * way2, bend * way1, bend * way2
 
 
@@ -105,9 +95,9 @@ def _harmonics(waypoints, settings, tables, lane, time):
 @inline_njit
 def store_reference(block, lane, values):
     """Store the six values of `reference` as the reference of a lane."""
-    block.reference_position[0, lane], block.reference_position[1, lane] = values[0], values[1]
-    block.reference_velocity[0, lane], block.reference_velocity[1, lane] = values[2], values[3]
-    block.reference_acceleration[0, lane], block.reference_acceleration[1, lane] = values[4], values[5]
+    put(block.reference_position, lane, values[:2])
+    put(block.reference_velocity, lane, values[2:4])
+    put(block.reference_acceleration, lane, values[4:])
 
 
 @kernel_njit
@@ -124,7 +114,7 @@ def refer(block, waypoints, settings, tables, width):
             return
         for lane in range(width):
             time = np.int64(block.step[lane]) * settings.control_dt
-            store_reference(block, lane, _minimum_jerk(waypoints, settings, lane, time))
+            store_reference(block, lane, _along(waypoints, lane, _profile(settings, time)))
     else:
         for lane in range(width):
             step = np.int64(block.step[lane])

@@ -1,8 +1,9 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
 from fbl_gym import arm
-from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.fastmath import inline_njit, kernel_njit, merged_njit, sincos
 from fbl_gym.friction import dry_friction, resist, sign
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 
 inertia_terms = inline_njit(arm.inertia_terms)
@@ -23,149 +24,215 @@ def load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2):
     return m11, m12, m22, tau1 - coriolis1 - gravity1, tau2 - coriolis2 - gravity2
 
 
+def make_runge_kutta(stage, moved, weighted):
+    """Return a function that makes a fourth-order Runge-Kutta step of positions q and velocities v.
+
+    Args:
+        stage: (q, v, load, numbers) -> acceleration.
+        moved: (x, h, rate) -> x + h rate.
+        weighted: (a, b, c, d) -> a + 2 (b + c) + d.
+    """
+
+    @inline_njit
+    def runge_kutta(h, q, v, load_start, load_half, load_end, numbers):
+        half, sixth = 0.5 * h, h / 6.0
+        a = stage(q, v, load_start, numbers)
+        q_2, v_2 = moved(q, half, v), moved(v, half, a)
+        a_2 = stage(q_2, v_2, load_half, numbers)
+        q_3, v_3 = moved(q, half, v_2), moved(v, half, a_2)
+        a_3 = stage(q_3, v_3, load_half, numbers)
+        q_4, v_4 = moved(q, h, v_3), moved(v, h, a_3)
+        a_4 = stage(q_4, v_4, load_end, numbers)
+        return moved(q, sixth, weighted(v, v_2, v_3, v_4)), moved(v, sixth, weighted(a, a_2, a_3, a_4))
+
+    return runge_kutta
+
+
 @inline_njit
-def _stage(tau1, tau2, lumped, friction, held, q1, q2, v1, v2, law):
-    """Return the acceleration at one stage of a physics step."""
-    p1, p2, p3, p4, p5, r1, r2 = lumped
+def _moved(x, h, rate):
+    """Return x + h rate."""
+    return x[0] + h * rate[0], x[1] + h * rate[1]
+
+
+@inline_njit
+def _weighted(a, b, c, d):
+    """Return a + 2 (b + c) + d."""
+    return a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1]
+
+
+@inline_njit
+def _stage(q, v, tau, numbers):
+    """Return the acceleration at one stage of a physics step; see `_hold` for `held`."""
+    (p1, p2, p3, p4, p5), (r1, r2), friction, held, law = numbers
     viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
-    dry1, dry2, free1, free2 = held
-    tau1, tau2 = tau1 - viscous1 * v1 - dry1, tau2 - viscous2 * v2 - dry2
+    dry1, dry2, free1, free2, _, _ = held
+    v1, v2 = v
+    tau1, tau2 = tau[0] - viscous1 * v1 - dry1, tau[1] - viscous2 * v2 - dry2
     if law == LITERAL_FRICTION:
         tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1) * sign(v1)
         tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2) * sign(v2)
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
+    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q[0], q[1], v1, v2, tau1, tau2)
     if law == EXACT_FRICTION:
         # A stuck joint carries any reaction: the other moves as if alone.
         load1, load2, m12 = load1 * free1, load2 * free2, m12 * (free1 * free2)
     return solve_terms(m11, m12, m22, load1, load2)
 
 
+_runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
+
+
 @inline_njit
-def _runge_kutta(block, lane, h, rotor, law):
-    """Advance one lane by one physics step h: fourth-order Runge-Kutta, friction by its law.
+def lumped_of(block, lane):
+    """Return the lumped parameters p1 to p5 of a lane."""
+    lumped = block.lumped
+    return lumped[0, lane], lumped[1, lane], lumped[2, lane], lumped[3, lane], lumped[4, lane]
 
-    Exact friction is a torque held over the step. It solves the two joints' box-constrained problem
-    v+ = v + h M^-1 (load - f), |f_i| <= F_i(v), at the step's start. A joint at rest under a load
-    below breakaway has no acceleration at all, at any step size. A joint that the problem brings to
-    rest ends the step at rest. Sliding under Coulomb friction keeps the fourth order; where
-    stiction fades, or a joint stops, the step is of first order.
 
-    A name's first number is the joint, its second the stage: a1_3 is joint 1's acceleration at
-    stage 3.
-    """
-    q1, q2 = block.position[0, lane], block.position[1, lane]
-    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
-    p1, p2, p3 = block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane]
-    p4, p5 = block.lumped[3, lane], block.lumped[4, lane]
-    r1, r2 = rotor
-    friction = (
+@inline_njit
+def friction_of(block, lane):
+    """Return viscous friction, Coulomb friction, stiction and v_s, both joints of each."""
+    return (
         block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
         block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
     )  # fmt: skip
-    tau_start1, tau_start2 = block.tau_start[0, lane], block.tau_start[1, lane]
-    dry1, dry2 = 0.0, 0.0  # friction torque held over the step
-    free1, free2 = 1.0, 1.0  # 0 where a joint sticks throughout the step
-    rest1, rest2 = False, False  # whether a joint ends the step at rest
 
+
+FREE = (0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
+"""Result of `_hold` without friction that is held over a step."""
+
+
+@inline_njit
+def _hold(h, q, v, tau, lumped, rotor, friction):
+    """Return the exact friction over a physics step h.
+
+    It solves the two joints' box-constrained problem v+ = v + h M^-1 (load - f), |f_i| <= F_i(v),
+    at the step's start. A joint at rest under a load below breakaway has no acceleration at all, at
+    any step size. A joint that the problem brings to rest ends the step at rest. Sliding under
+    Coulomb friction keeps Runge-Kutta's fourth order; where stiction fades, or a joint stops, the
+    step is of first order.
+
+    Returns:
+        Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; 0 if
+        it ends the step at rest, else 1.
+    """
+    (p1, p2, p3, p4, p5), (r1, r2), (q1, q2), (v1, v2), (tau1, tau2) = lumped, rotor, q, v, tau
+    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
+    m11, m12, m22, load1, load2 = load_on_joints(
+        p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - viscous1 * v1, tau2 - viscous2 * v2
+    )
+    bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
+    bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
+    momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
+    next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
+    # Only friction can hold a joint: one without any merely has no velocity just now.
+    rest1, rest2 = (next1 == 0.0) & (bound1 > 0.0), (next2 == 0.0) & (bound2 > 0.0)
+    free1 = 0.0 if rest1 & (v1 == 0.0) else 1.0
+    free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
+    return dry1 / h, dry2 / h, free1, free2, 0.0 if rest1 else 1.0, 0.0 if rest2 else 1.0
+
+
+@inline_njit
+def _advance(block, lane, h, rotor, law):
+    """Advance one lane by one physics step h."""
+    q, v, tau_start = pair(block.position, lane), pair(block.velocity, lane), pair(block.tau_start, lane)
+    lumped, friction, held = lumped_of(block, lane), friction_of(block, lane), FREE
     if law == EXACT_FRICTION:
-        viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
-        m11, m12, m22, load1, load2 = load_on_joints(
-            p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau_start1 - viscous1 * v1, tau_start2 - viscous2 * v2
-        )
-        bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
-        bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
-        momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
-        next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
-        dry1, dry2 = dry1 / h, dry2 / h
-        # Only friction can hold a joint: one without any merely has no velocity just now.
-        rest1, rest2 = (next1 == 0.0) & (bound1 > 0.0), (next2 == 0.0) & (bound2 > 0.0)
-        free1 = 0.0 if rest1 & (v1 == 0.0) else 1.0
-        free2 = 0.0 if rest2 & (v2 == 0.0) else 1.0
-
-    half, sixth = 0.5 * h, h / 6.0
-    lumped = (p1, p2, p3, p4, p5, r1, r2)
-    held = (dry1, dry2, free1, free2)
-    tau_half1, tau_half2 = block.tau_half[0, lane], block.tau_half[1, lane]
-    a1_1, a2_1 = _stage(tau_start1, tau_start2, lumped, friction, held, q1, q2, v1, v2, law)
-    v1_2, v2_2 = v1 + half * a1_1, v2 + half * a2_1
-    q1_2, q2_2 = q1 + half * v1, q2 + half * v2
-    a1_2, a2_2 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_2, q2_2, v1_2, v2_2, law)
-    v1_3, v2_3 = v1 + half * a1_2, v2 + half * a2_2
-    q1_3, q2_3 = q1 + half * v1_2, q2 + half * v2_2
-    a1_3, a2_3 = _stage(tau_half1, tau_half2, lumped, friction, held, q1_3, q2_3, v1_3, v2_3, law)
-    v1_4, v2_4 = v1 + h * a1_3, v2 + h * a2_3
-    q1_4, q2_4 = q1 + h * v1_3, q2 + h * v2_3
-    tau_end1, tau_end2 = block.tau_end[0, lane], block.tau_end[1, lane]
-    a1_4, a2_4 = _stage(tau_end1, tau_end2, lumped, friction, held, q1_4, q2_4, v1_4, v2_4, law)
-    block.position[0, lane] = q1 + sixth * (v1 + 2.0 * (v1_2 + v1_3) + v1_4)
-    block.position[1, lane] = q2 + sixth * (v2 + 2.0 * (v2_2 + v2_3) + v2_4)
-    v1 += sixth * (a1_1 + 2.0 * (a1_2 + a1_3) + a1_4)
-    v2 += sixth * (a2_1 + 2.0 * (a2_2 + a2_3) + a2_4)
-    block.velocity[0, lane] = 0.0 if rest1 else v1
-    block.velocity[1, lane] = 0.0 if rest2 else v2
+        held = _hold(h, q, v, tau_start, lumped, rotor, friction)
+    tau_half, tau_end = pair(block.tau_half, lane), pair(block.tau_end, lane)
+    q, (v1, v2) = _runge_kutta(h, q, v, tau_start, tau_half, tau_end, (lumped, rotor, friction, held, law))
+    put(block.position, lane, q)
+    put(block.velocity, lane, (v1 if held[4] != 0.0 else 0.0, v2 if held[5] != 0.0 else 0.0))
 
 
 @kernel_njit
-def advance_implicitly(block, settings, width):
+def _advance_implicitly(block, settings, width):
     """Advance lanes by one physics step where viscous friction B makes Runge-Kutta unstable.
 
     Each of the step's parts h solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
     q+ = q + h v+. It is stable for any B, and of first order.
     """
     law = settings.friction_law
-    h = settings.physics_dt / settings.euler_steps
+    h, r1, r2 = settings.physics_dt / settings.euler_steps, settings.rotor[0], settings.rotor[1]
     for lane in range(width):
         # The mean torque has the impulse of the whole step.
         tau1 = (block.tau_start[0, lane] + 4.0 * block.tau_half[0, lane] + block.tau_end[0, lane]) / 6.0
         tau2 = (block.tau_start[1, lane] + 4.0 * block.tau_half[1, lane] + block.tau_end[1, lane]) / 6.0
-        q1, q2 = block.position[0, lane], block.position[1, lane]
-        v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+        (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
+        p1, p2, p3, p4, p5 = lumped_of(block, lane)
+        viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction_of(block, lane)
         for _ in range(settings.euler_steps):
-            m11, m12, m22, load1, load2 = load_on_joints(
-                block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-                block.lumped[4, lane], settings.rotor[0], settings.rotor[1], q1, q2, v1, v2, tau1, tau2,
-            )  # fmt: skip
-            bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
-            bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
+            m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
+            bound1 = dry_friction(v1, coulomb1, stiction1, v_s1)
+            bound2 = dry_friction(v2, coulomb2, stiction2, v_s2)
             if law == LITERAL_FRICTION:
                 load1, load2 = load1 - bound1 * sign(v1), load2 - bound2 * sign(v2)
             if law != EXACT_FRICTION:
                 bound1, bound2 = 0.0, 0.0
             momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
-            m11, m22 = m11 + h * block.viscous[0, lane], m22 + h * block.viscous[1, lane]
+            m11, m22 = m11 + h * viscous1, m22 + h * viscous2
             v1, v2, _, _ = resist(m11, m12, m22, momentum1, momentum2, h * bound1, h * bound2)
             q1, q2 = q1 + h * v1, q2 + h * v2
-        block.position[0, lane], block.position[1, lane] = q1, q2
-        block.velocity[0, lane], block.velocity[1, lane] = v1, v2
+        put(block.position, lane, (q1, q2))
+        put(block.velocity, lane, (v1, v2))
 
 
 @kernel_njit
-def advance(block, settings, width):
-    """Advance the first `width` lanes of a block by one physics step."""
+def _advance_smoothly(block, settings, width):
+    h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
+    for lane in range(width):
+        _advance(block, lane, h, rotor, NO_FRICTION)
+
+
+@kernel_njit
+def _advance_by_law(block, settings, width):
     h, law = settings.physics_dt, settings.friction_law
     rotor = (settings.rotor[0], settings.rotor[1])
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
-        for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, NO_FRICTION)
+        _advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, EXACT_FRICTION)
+            _advance(block, lane, h, rotor, EXACT_FRICTION)
     else:
         for lane in range(width):
-            _runge_kutta(block, lane, h, rotor, LITERAL_FRICTION)
+            _advance(block, lane, h, rotor, LITERAL_FRICTION)
+
+
+@merged_njit
+def advance(block, settings, width, real, rare):
+    """Advance the first `width` lanes of a block by one physics step; see `api.STEPS`."""
+    if rare and settings.euler_steps > 0:
+        _advance_implicitly(block, settings, width)
+    elif real:
+        _advance_by_law(block, settings, width)
+    else:
+        _advance_smoothly(block, settings, width)
+
+
+@inline_njit
+def _load_now(block, settings, lane):
+    """Return the inertia matrix of a lane at this instant, and the load on its joints."""
+    p1, p2, p3, p4, p5 = lumped_of(block, lane)
+    (q1, q2), (v1, v2), (tau1, tau2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
+    push1, push2 = pair(block.disturbance, lane)
+    r1, r2 = settings.rotor[0], settings.rotor[1]
+    return load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - push1, tau2 - push2)
+
+
+@inline_njit
+def smooth_acceleration(block, settings, lane):
+    """Return a lane's acceleration at this instant without dry friction, [2]."""
+    m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
+    load1 -= block.viscous[0, lane] * block.velocity[0, lane]
+    load2 -= block.viscous[1, lane] * block.velocity[1, lane]
+    return solve_terms(m11, m12, m22, load1, load2)
 
 
 @inline_njit
 def acceleration_and_friction(block, settings, lane, law):
     """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
-    m11, m12, m22, load1, load2 = load_on_joints(
-        block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], block.lumped[3, lane],
-        block.lumped[4, lane], settings.rotor[0], settings.rotor[1],
-        block.position[0, lane], block.position[1, lane], v1, v2,
-        block.torque[0, lane] - block.disturbance[0, lane], block.torque[1, lane] - block.disturbance[1, lane],
-    )  # fmt: skip
+    m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
     bound1, bound2 = 0.0, 0.0
     if law != NO_FRICTION:
         bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
@@ -185,8 +252,7 @@ def acceleration_and_friction(block, settings, lane, law):
 @kernel_njit
 def lump(block, settings, lane):
     """Compute the real lumped parameters of a lane, with the payload that it carries."""
-    m1, m2 = block.parameters[0, lane], block.parameters[1, lane]
-    length1, length2 = block.parameters[2, lane], block.parameters[3, lane]
+    (m1, m2), length1, length2 = pair(block.parameters, lane), block.parameters[2, lane], block.parameters[3, lane]
     payload, gravity = block.payload[lane], settings.gravity
     p1, p2, p3, p4, p5 = lumped_terms(m1, m2, length1, length2, gravity, settings.centre, settings.inertia)
     block.lumped[0, lane] = p1 + payload * length1 * length1

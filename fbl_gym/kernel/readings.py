@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import inline_njit, kernel_njit
+from fbl_gym.fastmath import clip, kernel_njit, merged_njit
+from fbl_gym.kernel.elastic import feel_joints
 from fbl_gym.kernel.motion import reference
-from fbl_gym.kernel.physics import acceleration_and_friction
+from fbl_gym.kernel.physics import acceleration_and_friction, smooth_acceleration
+from fbl_gym.kernel.views import put
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.streams import normals, stream_key
 
@@ -15,19 +17,55 @@ _POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # rows of the settings' `noi
 _ZERO = np.uint64(0)
 
 
-@inline_njit
-def _within(value, bound):
-    """Return `value` clipped to [-bound, bound]; NaN becomes -bound."""
-    value = value if value > -bound else -bound
-    return value if value < bound else bound
+@merged_njit
+def sense(block, rows, settings, width, real, rare, elastic):
+    """Take the readings of a block, which depend on its state alone; see `api.STEPS`."""
+    if elastic:
+        feel_joints(block, settings, width)
+    elif real:
+        _accelerate_by_law(block, settings, width)
+    else:
+        _accelerate_smoothly(block, settings, width)
+    _read(block, settings, width)
+    if real and settings.noisy:
+        _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
+        _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
+        if settings.senses_acceleration:
+            _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
+    if rare and settings.history > 0:
+        _encode(block, rows, settings, width)
+    _limit(block, settings, width)
 
 
 @kernel_njit
-def sense(block, settings, width):
-    """Take the readings of a block; they depend on its state alone. `limit_readings` ends them."""
-    senses_acceleration = settings.senses_acceleration
-    if senses_acceleration and not (settings.elastic or settings.external_physics):
-        _accelerate(block, settings, width)
+def _accelerate_smoothly(block, settings, width):
+    """Compute the acceleration without dry friction, if a sensor reads it."""
+    if settings.senses_acceleration:
+        for lane in range(width):
+            put(block.acceleration, lane, smooth_acceleration(block, settings, lane))
+
+
+@kernel_njit
+def _accelerate_by_law(block, settings, width):
+    """Compute the acceleration, if a sensor reads it."""
+    law = settings.friction_law
+    if not settings.senses_acceleration or settings.external_physics:
+        return
+    if law == NO_FRICTION:
+        _accelerate_smoothly(block, settings, width)
+    elif law == EXACT_FRICTION:
+        for lane in range(width):
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
+            put(block.acceleration, lane, (a1, a2))
+    else:
+        for lane in range(width):
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
+            put(block.acceleration, lane, (a1, a2))
+
+
+@kernel_njit
+def _read(block, settings, width):
+    """Take the exact readings."""
     position, velocity = block.position, block.velocity
     if settings.encoder_on_motor:
         position, velocity = block.motor_position, block.motor_velocity
@@ -35,46 +73,23 @@ def sense(block, settings, width):
         for lane in range(width):
             block.measured_position[joint, lane] = position[joint, lane]
             block.measured_velocity[joint, lane] = velocity[joint, lane]
-            if senses_acceleration:
+            if settings.senses_acceleration:
                 block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
-    if settings.noisy:
-        _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
-        _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
-        if senses_acceleration:
-            _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
 
 
 @kernel_njit
-def limit_readings(block, settings, width):
+def _limit(block, settings, width):
     """Clip the readings of a block: a sensor reads no further than its range."""
     senses_acceleration = settings.senses_acceleration
     max_position, max_velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
     acceleration = settings.max_acceleration
     for joint in range(2):
         for lane in range(width):
-            block.measured_position[joint, lane] = _within(block.measured_position[joint, lane], max_position)
-            block.measured_velocity[joint, lane] = _within(block.measured_velocity[joint, lane], max_velocity)
+            block.measured_position[joint, lane] = clip(block.measured_position[joint, lane], max_position)
+            block.measured_velocity[joint, lane] = clip(block.measured_velocity[joint, lane], max_velocity)
             if senses_acceleration:
                 reading = block.measured_acceleration[joint, lane]
-                block.measured_acceleration[joint, lane] = _within(reading, acceleration)
-
-
-@kernel_njit
-def _accelerate(block, settings, width):
-    """Compute the acceleration of a block's lanes."""
-    law = settings.friction_law
-    if law == NO_FRICTION:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
-    elif law == EXACT_FRICTION:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
-    else:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
-            block.acceleration[0, lane], block.acceleration[1, lane] = a1, a2
+                block.measured_acceleration[joint, lane] = clip(reading, acceleration)
 
 
 @kernel_njit
@@ -97,7 +112,7 @@ def _disturb_reading(block, measured, settings, width, sensor, stream):
 
 
 @kernel_njit
-def encode(block, rows, settings, width):
+def _encode(block, rows, settings, width):
     """Compute the velocity from the position readings, and show both as late as they are.
 
     The readings of a control step are at the place (step % history). Therefore sensing twice at the
@@ -131,23 +146,12 @@ def encode(block, rows, settings, width):
 
 @kernel_njit
 def observe(block, rows, waypoints, settings, tables, out, first, last):
-    """Write the observations of a block's lanes from `first` up to `last` to `out`.
-
-    Args:
-        block: record of the type `BLOCK`.
-        rows: the same memory as an array [ROWS x LANES].
-        waypoints: of the block [points x joint x lane].
-        settings: record of the type `SETTINGS`.
-        tables: arrays of the scenario, one after the other.
-        out: observations of the block's lanes [lanes x size].
-        first: lane of the block.
-        last: lane of the block, the first one left out.
-    """
+    """Write the observations of the lanes from `first` up to `last` to `out` [lanes x size]."""
     for column in range(0, settings.observed, 2):  # both joints, which lie side by side in both arrays
         row, bound = settings.observed_row[column], settings.observed_bound[column]
         for lane in range(first, last):
-            out[lane, column] = _within(rows[row, lane], bound)
-            out[lane, column + 1] = _within(rows[row + 1, lane], settings.observed_bound[column + 1])
+            out[lane, column] = clip(rows[row, lane], bound)
+            out[lane, column + 1] = clip(rows[row + 1, lane], settings.observed_bound[column + 1])
     for column in range(2 * settings.past_actions):
         for lane in range(first, last):
             out[lane, settings.observed + column] = rows[settings.past_row + column, lane]
@@ -158,6 +162,6 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
             step = np.int64(block.step[lane]) + ahead + 1
             q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, step)
             column = settings.observed + 2 * settings.past_actions + 6 * ahead
-            out[lane, column], out[lane, column + 1] = _within(q1, position), _within(q2, position)
-            out[lane, column + 2], out[lane, column + 3] = _within(v1, velocity), _within(v2, velocity)
-            out[lane, column + 4], out[lane, column + 5] = _within(a1, acceleration), _within(a2, acceleration)
+            out[lane, column], out[lane, column + 1] = clip(q1, position), clip(q2, position)
+            out[lane, column + 2], out[lane, column + 3] = clip(v1, velocity), clip(v2, velocity)
+            out[lane, column + 4], out[lane, column + 5] = clip(a1, acceleration), clip(a2, acceleration)

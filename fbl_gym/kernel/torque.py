@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.fastmath import clip, inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.physics import load_on_joints, lumped_terms, solve_terms
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import ACCELERATION, ARRAY, NO_DISTURBANCE, NORMALIZED, PIECEWISE_CONSTANT, PULSES, SINE
-from fbl_gym.streams import stream_key, uniforms
+from fbl_gym.streams import TWO_PI, stream_key, uniforms
 
 _STREAM = stream_key("disturbance")
 _ZERO = np.uint64(0)
@@ -17,11 +18,10 @@ def command(block, rows, queue, settings, actions, count):
     for age in range(settings.delay_steps, 0, -1):
         for lane in range(count):
             queue[age, 0, lane], queue[age, 1, lane] = queue[age - 1, 0, lane], queue[age - 1, 1, lane]
-    bound1, bound2 = settings.action_limit[0], settings.action_limit[1]
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
-    for lane in range(count):
-        block.action[0, lane] = max(min(actions[lane, 0], bound1), -bound1)
-        block.action[1, lane] = max(min(actions[lane, 1], bound2), -bound2)
+    for joint in range(2):
+        for lane in range(count):
+            block.action[joint, lane] = clip(actions[lane, joint], settings.action_limit[joint])
     if settings.past_actions > 0:
         first = settings.past_row
         for row in range(first + 2 * settings.past_actions - 1, first + 1, -1):
@@ -32,16 +32,16 @@ def command(block, rows, queue, settings, actions, count):
                 rows[first + joint, lane] = block.action[joint, lane]
     kind = settings.action_kind
     for lane in range(count):
-        tau1, tau2 = block.action[0, lane], block.action[1, lane]
+        tau1, tau2 = pair(block.action, lane)
         if kind == NORMALIZED:
             tau1, tau2 = tau1 * limit1, tau2 * limit2
         elif kind == ACCELERATION:
             tau1, tau2 = nominal_torque(block, settings, lane, tau1, tau2)
-        tau1, tau2 = max(min(tau1, limit1), -limit1), max(min(tau2, limit2), -limit2)
-        change1, change2 = tau1 - block.command[0, lane], tau2 - block.command[1, lane]
-        block.chatter[lane] = abs(change1) / limit1 + abs(change2) / limit2
-        block.command[0, lane], block.command[1, lane] = tau1, tau2
-        queue[0, 0, lane], queue[0, 1, lane] = tau1, tau2
+        tau1, tau2 = clip(tau1, limit1), clip(tau2, limit2)
+        before1, before2 = pair(block.command, lane)
+        block.chatter[lane] = abs(tau1 - before1) / limit1 + abs(tau2 - before2) / limit2
+        put(block.command, lane, (tau1, tau2))
+        put(queue[0], lane, (tau1, tau2))
 
 
 @inline_njit
@@ -58,8 +58,7 @@ def _nominal_parameters(settings):
 def nominal_torque(block, settings, lane, a1, a2):
     """Return the nominal feedback linearisation mapping at the measured state (figure 2)."""
     p1, p2, p3, p4, p5, r1, r2 = _nominal_parameters(settings)
-    q1, q2 = block.measured_position[0, lane], block.measured_position[1, lane]
-    v1, v2 = block.measured_velocity[0, lane], block.measured_velocity[1, lane]
+    (q1, q2), (v1, v2) = pair(block.measured_position, lane), pair(block.measured_velocity, lane)
     m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, 0.0, 0.0)
     return m11 * a1 + m12 * a2 - load1, m12 * a1 + m22 * a2 - load2
 
@@ -68,38 +67,14 @@ def nominal_torque(block, settings, lane, a1, a2):
 def nominal_acceleration(block, settings, lane):
     """Return the nominal model's acceleration under the applied torque at the true state."""
     p1, p2, p3, p4, p5, r1, r2 = _nominal_parameters(settings)
-    q1, q2 = block.position[0, lane], block.position[1, lane]
-    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
-    tau1, tau2 = block.torque[0, lane], block.torque[1, lane]
+    (q1, q2), (v1, v2), (tau1, tau2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
     m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
     return solve_terms(m11, m12, m22, load1, load2)
 
 
-@inline_njit
-def pick_disturbance(block, settings, tables, lane, substep):
-    """Return the disturbance of the kinds that are constant over a physics step."""
-    kind, period = settings.disturbance_kind, settings.disturbance_period
-    amplitude1, amplitude2 = block.disturbance_amplitude[0, lane], block.disturbance_amplitude[1, lane]
-    now = float(np.int64(block.step[lane])) * settings.substeps + substep
-    if kind == PIECEWISE_CONSTANT:
-        level = np.uint64(np.floor(now / period))
-        draw1, draw2, _, _ = uniforms(block.seed[lane], _STREAM, block.episode[lane], level, _ZERO)
-        return (2.0 * draw1 - 1.0) * amplitude1, (2.0 * draw2 - 1.0) * amplitude2
-    if kind == PULSES:
-        since = now - settings.disturbance_start
-        phase = since - np.floor(since / period) * period
-        on = 1.0 if since >= 0.0 and phase < settings.disturbance_width else 0.0
-        return on * amplitude1, on * amplitude2
-    if kind == ARRAY:
-        sample = int(min(np.floor(now / period), settings.disturbance_samples - 1.0))
-        place = settings.disturbance_table + 2 * sample
-        return tables[place], tables[place + 1]
-    return 0.0, 0.0
-
-
 @kernel_njit
-def apply_torque(block, queue, settings, tables, width, substep):
-    """Set the applied torque, and the torque less disturbance over a physics step."""
+def apply_torque(block, queue, settings, width, substep):
+    """Set the applied torque over a physics step."""
     # The command that the delay lets through now, then the rate limit, the lag and the gain.
     for joint in range(2):
         for lane in range(width):
@@ -124,6 +99,11 @@ def apply_torque(block, queue, settings, tables, width, substep):
             block.tau_half[joint, lane] = base + 0.5 * rise + half * gap
             block.tau_end[joint, lane] = base + rise + end * gap
             block.torque[joint, lane] = base + rise + end * gap
+
+
+@kernel_njit
+def disturb(block, settings, tables, width, substep):
+    """Subtract the disturbance from the torque over a physics step."""
     tau_start, tau_half, tau_end = block.tau_start, block.tau_half, block.tau_end
     if settings.elastic:  # a disturbance loads the links, not the drives
         tau_start, tau_half, tau_end = block.load_start, block.load_half, block.load_end
@@ -135,7 +115,7 @@ def apply_torque(block, queue, settings, tables, width, substep):
         _subtract_sine(block, tau_half, settings, width, substep + 0.5)
         _subtract_sine(block, tau_end, settings, width, substep + 1.0)
     elif settings.disturbance_kind != NO_DISTURBANCE:
-        _renew_disturbance(block, settings, tables, width, substep)
+        _renew(block, settings, tables, width, substep)
         for joint in range(2):
             for lane in range(width):
                 disturbance = block.disturbance[joint, lane]
@@ -144,8 +124,41 @@ def apply_torque(block, queue, settings, tables, width, substep):
                 tau_end[joint, lane] -= disturbance
 
 
+@inline_njit
+def _sine(block, settings, lane, joint, substep):
+    """Return a sine disturbance at a time counted in physics steps."""
+    amplitude, rate = block.disturbance_amplitude[joint, lane], block.disturbance_rate[joint, lane]
+    steps = float(np.int64(block.step[lane])) * settings.substeps + substep
+    sine, _ = sincos(rate * (steps * settings.physics_dt) + block.disturbance_phase[joint, lane])
+    return amplitude * sine
+
+
+@inline_njit
+def _pick(block, settings, tables, lane, substep):
+    """Return the disturbance at the start of a physics step."""
+    kind, period = settings.disturbance_kind, settings.disturbance_period
+    amplitude1, amplitude2 = pair(block.disturbance_amplitude, lane)
+    if kind == SINE:
+        return _sine(block, settings, lane, 0, substep), _sine(block, settings, lane, 1, substep)
+    now = float(np.int64(block.step[lane])) * settings.substeps + substep
+    if kind == PIECEWISE_CONSTANT:
+        level = np.uint64(np.floor(now / period))
+        draw1, draw2, _, _ = uniforms(block.seed[lane], _STREAM, block.episode[lane], level, _ZERO)
+        return (2.0 * draw1 - 1.0) * amplitude1, (2.0 * draw2 - 1.0) * amplitude2
+    if kind == PULSES:
+        since = now - settings.disturbance_start
+        phase = since - np.floor(since / period) * period
+        on = 1.0 if since >= 0.0 and phase < settings.disturbance_width else 0.0
+        return on * amplitude1, on * amplitude2
+    if kind == ARRAY:
+        sample = int(min(np.floor(now / period), settings.disturbance_samples - 1.0))
+        place = settings.disturbance_table + 2 * sample
+        return tables[place], tables[place + 1]
+    return 0.0, 0.0
+
+
 @kernel_njit
-def _renew_disturbance(block, settings, tables, width, substep):
+def _renew(block, settings, tables, width, substep):
     """Set the disturbance of the kinds that are constant over a physics step."""
     if settings.disturbance_kind == PIECEWISE_CONSTANT:
         changes, period = 0, settings.disturbance_period
@@ -155,17 +168,25 @@ def _renew_disturbance(block, settings, tables, width, substep):
         if changes == 0:  # the levels of the last step stay: a draw is slow
             return
     for lane in range(width):
-        torque1, torque2 = pick_disturbance(block, settings, tables, lane, substep)
-        block.disturbance[0, lane], block.disturbance[1, lane] = torque1, torque2
+        put(block.disturbance, lane, _pick(block, settings, tables, lane, substep))
 
 
 @kernel_njit
 def _subtract_sine(block, tau, settings, width, substep):
-    """Subtract a sine disturbance from `tau`, the torque at a time counted in physics steps."""
+    """Subtract a sine disturbance from `tau`, the torque at a time."""
     for joint in range(2):
         for lane in range(width):
-            amplitude, rate = block.disturbance_amplitude[joint, lane], block.disturbance_rate[joint, lane]
-            steps = float(np.int64(block.step[lane])) * settings.substeps + substep
-            sine, _ = sincos(rate * (steps * settings.physics_dt) + block.disturbance_phase[joint, lane])
-            tau[joint, lane] -= amplitude * sine
-            block.disturbance[joint, lane] = amplitude * sine
+            torque = _sine(block, settings, lane, joint, substep)
+            tau[joint, lane] -= torque
+            block.disturbance[joint, lane] = torque
+
+
+@kernel_njit
+def start_disturbance(block, settings, tables, lane):
+    """Set the disturbance at the start of an episode."""
+    phase1, phase2 = settings.disturbance_phase[0], settings.disturbance_phase[1]
+    if settings.disturbance_phase_drawn:
+        draw1, draw2, _, _ = uniforms(block.seed[lane], _STREAM, block.episode[lane], _ZERO, _ZERO)
+        phase1, phase2 = TWO_PI * draw1, TWO_PI * draw2
+    put(block.disturbance_phase, lane, (phase1, phase2))
+    put(block.disturbance, lane, _pick(block, settings, tables, lane, np.int64(0)))

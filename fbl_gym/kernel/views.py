@@ -5,6 +5,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from fbl_gym.fastmath import inline_njit
+
 
 @intrinsic
 def record_at(_context, memory, _place, dtype):
@@ -40,3 +42,15 @@ def array_at(_context, memory, _place, shape, dtype):
         return view._getvalue()
 
     return array_type(memory, types.intp, shape, dtype), emit
+
+
+@inline_njit
+def pair(rows, lane):
+    """Return both joints' numbers of a lane."""
+    return rows[0, lane], rows[1, lane]
+
+
+@inline_njit
+def put(rows, lane, values):
+    """Set both joints' numbers of a lane."""
+    rows[0, lane], rows[1, lane] = values

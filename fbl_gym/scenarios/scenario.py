@@ -24,14 +24,11 @@ from fbl_gym.uncertainty import (
     DISTURBANCES,
     SENSORS,
     Actuator,
-    ArrayDisturbance,
     Disturbance,
     Encoder,
     Friction,
     Noise,
     ParameterError,
-    PiecewiseConstantDisturbance,
-    PulseDisturbance,
     SensorError,
     SineDisturbance,
 )
@@ -216,22 +213,15 @@ class Scenario(Record):
     def _check_disturbance(self) -> None:
         """Refuse times that are no multiples of a physics step."""
         disturbance = self.disturbance
-        names: tuple[str, ...] = ()
-        if isinstance(disturbance, PiecewiseConstantDisturbance):
-            names = ("period",)
-        elif isinstance(disturbance, PulseDisturbance):
-            names = ("period", "width", "start")
-        elif isinstance(disturbance, ArrayDisturbance):
-            names = ("dt",)
-        elif isinstance(disturbance, SineDisturbance):
+        if isinstance(disturbance, SineDisturbance):
             fastest, limit = ends(disturbance.frequency)[1], 0.25 / self.physics_dt
             if fastest > limit * (1 + 1e-9):
                 raise ValueError(
                     f"disturbance.frequency must be at most {limit:g} Hz, a quarter of 1 / physics_dt, got {fastest:g} Hz"
                 )
-        for name in names:
-            least = 0 if name == "start" else 1
-            self._check_multiple(f"disturbance.{name}", getattr(disturbance, name), "physics_dt", least)
+        for name, least in (("period", 1), ("width", 1), ("start", 0), ("dt", 1)):
+            if hasattr(disturbance, name):
+                self._check_multiple(f"disturbance.{name}", getattr(disturbance, name), "physics_dt", least)
 
     def _check_multiple(self, name: str, duration: float, dt_name: str, least: int = 0) -> None:
         """Refuse a duration that is no multiple of a time step, or less than `least` steps."""

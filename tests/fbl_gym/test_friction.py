@@ -7,7 +7,11 @@ import pytest
 from numba import njit
 from scipy.optimize import lsq_linear
 
-from fbl_gym.friction import dry_friction, resist
+from fbl_gym import friction
+from fbl_gym.friction import resist
+
+dry_friction = njit(friction.dry_friction.py_func)
+"""For Python; the package's own is compiled for compiled callers alone."""
 
 
 @njit

@@ -9,6 +9,9 @@ from scipy import stats
 
 from fbl_gym import streams
 
+# The package's functions are compiled for compiled callers alone.
+philox, uniforms, normals = (njit(f.py_func) for f in (streams.philox, streams.uniforms, streams.normals))
+
 U = np.uint64
 WORD = 2**64
 
@@ -23,7 +26,7 @@ def numpys_words(k0, k1, c0, c1, c2):
 
 
 def our_words(*key_and_counter):
-    return [int(w) for w in streams.philox(*map(U, key_and_counter))]
+    return [int(w) for w in philox(*map(U, key_and_counter))]
 
 
 def test_words_are_those_of_numpys_philox():
@@ -70,8 +73,8 @@ def test_a_streams_key_is_the_start_of_its_names_hash():
 @njit
 def draw(seed, stream, uniform, normal):
     for i in range(len(uniform)):
-        uniform[i] = streams.uniforms(seed, stream, U(0), U(i), U(0))
-        normal[i] = streams.normals(seed, stream, U(0), U(i), U(1))
+        uniform[i] = uniforms(seed, stream, U(0), U(i), U(0))
+        normal[i] = normals(seed, stream, U(0), U(i), U(1))
 
 
 def test_uniforms_and_normals_have_their_distributions():
@@ -92,7 +95,7 @@ def test_uniforms_are_the_words_upper_bits():
     """52 bits, which excludes 1; four numbers from one block."""
     key = streams.stream_key("a")
     words = numpys_words(1, int(key), 3, 4, 2)
-    drawn = streams.uniforms(U(1), key, U(2), U(3), U(4))
+    drawn = uniforms(U(1), key, U(2), U(3), U(4))
     assert list(drawn) == [(w >> 12) / 2**52 for w in words]
     assert max((LAST >> 12) / 2**52, *drawn) < 1.0
 
@@ -101,7 +104,7 @@ def test_normals_are_box_and_mullers():
     words = numpys_words(1, int(streams.stream_key("a")), 3, 4, 2)
     u, angle = (words[0] >> 12) / 2**52, 2 * np.pi * (words[1] >> 12) / 2**52
     radius = np.sqrt(-2 * np.log1p(-u))
-    drawn = streams.normals(U(1), streams.stream_key("a"), U(2), U(3), U(4))
+    drawn = normals(U(1), streams.stream_key("a"), U(2), U(3), U(4))
     np.testing.assert_allclose(drawn, [radius * np.cos(angle), radius * np.sin(angle)], rtol=1e-13)
 
 
@@ -116,13 +119,13 @@ def test_streams_of_different_names_are_independent():
 
 def test_each_coordinate_changes_the_number():
     key = streams.stream_key("a")
-    base = streams.uniforms(U(1), key, U(2), U(3), U(4))
+    base = uniforms(U(1), key, U(2), U(3), U(4))
     others = [
-        streams.uniforms(U(9), key, U(2), U(3), U(4)),
-        streams.uniforms(U(1), streams.stream_key("b"), U(2), U(3), U(4)),
-        streams.uniforms(U(1), key, U(9), U(3), U(4)),
-        streams.uniforms(U(1), key, U(2), U(9), U(4)),
-        streams.uniforms(U(1), key, U(2), U(3), U(9)),
+        uniforms(U(9), key, U(2), U(3), U(4)),
+        uniforms(U(1), streams.stream_key("b"), U(2), U(3), U(4)),
+        uniforms(U(1), key, U(9), U(3), U(4)),
+        uniforms(U(1), key, U(2), U(9), U(4)),
+        uniforms(U(1), key, U(2), U(3), U(9)),
     ]
     assert all(not set(base) & set(other) for other in others)
-    assert base == streams.uniforms(U(1), key, U(2), U(3), U(4))
+    assert base == uniforms(U(1), key, U(2), U(3), U(4))
