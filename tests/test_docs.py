@@ -12,6 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium as gym
 import pytest
 
 import controllers
@@ -96,6 +97,9 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, text in named_files().items():
         Path(name).write_text(text)
+    if any("model.zip" in command for command in commands(page)):
+        sb3 = pytest.importorskip("stable_baselines3")
+        sb3.PPO("MlpPolicy", gym.make("fbl_gym/TwoLinkArmTracking-v0"), device="cpu").save("model.zip")
     for command in commands(page):
         parser_of(command[0]).parse_args(command[1:])
         if command[0] not in ELSEWHERE:

@@ -70,7 +70,12 @@ def _factory(
 ppo_torque = _factory("ppo-torque", "PPO on torques, without memory; trained on everything-2")
 ppo_residual = _factory(
     "ppo-residual",
-    "PPO with memory on top of computed-torque; trained on the tier practice, for hardware",
+    "PPO with memory on top of computed-torque-dob; trained on the tier practice, for hardware",
+    needs=("position", "velocity"),
+)
+ppo_residual_predictor = _factory(
+    "ppo-residual-predictor",
+    "ppo-residual on computed-torque-dob+predictor",
     needs=("position", "velocity"),
 )
 ppo_memory = _factory("ppo-memory", "PPO on torques that observes its last steps and actions; trained on everything-2")
