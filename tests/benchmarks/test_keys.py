@@ -316,8 +316,8 @@ def test_a_name_of_the_package_wins_over_a_folder_of_that_name(tmp_path, monkeyp
     agent = file_of("benchmarks.rl.policy").parent / "agents" / "ppo-residual" / "1"
     for name in ("oracle-flm", "mine"):
         (tmp_path / name).mkdir()
-        for file in ("agent.json", "weights.npz"):
-            (tmp_path / name / file).write_bytes((agent / file).read_bytes())
+        for file in agent.iterdir():
+            (tmp_path / name / file.name).write_bytes(file.read_bytes())
     assert resolve("oracle-flm").access == "privileged"
     assert not resolve("oracle-flm").external
     assert resolve("./oracle-flm").access == "nominal"
