@@ -87,14 +87,11 @@ __all__ = [
     "scenarios",
 ]
 
-for name, classes, options in (
-    ("TwoLinkArm", ("env:TwoLinkArmEnv", "vector_env:TwoLinkArmVectorEnv"), {}),
-    ("TwoLinkArmMuJoCo", ("env:TwoLinkArmEnv", "vector_env:TwoLinkArmVectorEnv"), {"plant": "mujoco"}),
-    ("TwoLinkArmTracking", ("tracking:TwoLinkArmTrackingEnv", "tracking:TwoLinkArmTrackingVectorEnv"), {}),
-):
-    register(
-        id=f"fbl_gym/{name}-v0",
-        entry_point=f"fbl_gym.{classes[0]}",
-        vector_entry_point=f"fbl_gym.{classes[1]}",
-        kwargs=options,
-    )
+_ENV, _VECTOR_ENV = "fbl_gym.env:TwoLinkArmEnv", "fbl_gym.vector_env:TwoLinkArmVectorEnv"
+register(id="fbl_gym/TwoLinkArm-v0", entry_point=_ENV, vector_entry_point=_VECTOR_ENV)
+register(id="fbl_gym/TwoLinkArmMuJoCo-v0", entry_point=_ENV, vector_entry_point=_VECTOR_ENV, kwargs={"plant": "mujoco"})
+register(
+    id="fbl_gym/TwoLinkArmTracking-v0",
+    entry_point="fbl_gym.tracking:TwoLinkArmTrackingEnv",
+    vector_entry_point="fbl_gym.tracking:TwoLinkArmTrackingVectorEnv",
+)

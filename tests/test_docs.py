@@ -75,19 +75,7 @@ def commands(page):
 
 
 SHORT = {
-    # One worker: those of an earlier test would look for a policy's file in that test's folder.
-    "leaderboard": [
-        "--workers",
-        "1",
-        "--seeds",
-        "1",
-        "--scenarios",
-        "mass-error-2",
-        "--policies",
-        "zero",
-        "cascade-flm",
-        "oracle-flm",
-    ],
+    "leaderboard": ["--seeds", "1", "--scenarios", "mass-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"],
     "report": ["--seeds", "1", "--scenarios", "mass-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"],
     "speed": ["--rounds", "1"],
     "evaluate": ["--seeds", "2"],

@@ -10,7 +10,7 @@ import platform
 import random
 from collections.abc import Iterator, Sequence
 
-from benchmarks.policies.apart import ATTEMPTS, limits, parent_decides
+from benchmarks.policies.apart import ATTEMPTS, Limits, limits, parent_decides
 from benchmarks.run.cell import Outcome, compute
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
@@ -73,11 +73,17 @@ def _pool(cells: Sequence[Cell], store: Store, workers: int, command: str) -> It
     """Run cells in one pool of workers. It ends early, with an exception, if a worker dies."""
     from joblib import Parallel, delayed, parallel_config
 
-    jobs = [delayed(compute)(cell, store, command, limits()) for cell in cells]
+    jobs = [delayed(_compute_in)(os.getcwd(), cell, store, command, limits()) for cell in cells]
     with parallel_config(backend="loky", n_jobs=workers, inner_max_num_threads=1):
         with parent_decides():
             outcomes = Parallel(return_as="generator_unordered")(jobs)
         yield from outcomes
+
+
+def _compute_in(folder: str, cell: Cell, store: Store, command: str, limited: Limits) -> Outcome:
+    """Compute a cell in a folder: a worker outlives a run, and a policy's path may be relative."""
+    os.chdir(folder)
+    return compute(cell, store, command, limited)
 
 
 def _deaths() -> tuple[type[BaseException], ...]:

@@ -162,6 +162,17 @@ REASONS = {
 }  # fmt: skip
 
 
+def test_a_process_that_changes_its_folder_runs_the_policies_of_the_new_one(tmp_path, monkeypatch):
+    """The workers of the first board are still there when the second one starts."""
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / f"{name}.py").write_text("from controllers.simple import Zero as make_policy\n")
+        monkeypatch.chdir(folder)
+        (outcome,) = run([Cell(f"{name}.py", "nominal", (0,))], Store(folder / "store"), workers=2)
+        assert (outcome.done, outcome.error) == ("computed", "")
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits memory, and uses any file name")
 def test_no_bad_policy_stops_the_board(tmp_path):
     """Each failure is listed with its reason, and names of any kind have their rows, in a report too."""

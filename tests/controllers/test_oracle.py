@@ -8,7 +8,7 @@ from tests.controllers.closed_loop import tracking
 
 
 def test_the_oracle_tracks_best():
-    """Where parameters, load and friction are wrong, the oracle tracks far better than any law without privileged access."""
+    """The oracle tracks far better than any law without privileged access if parameters, load and friction are wrong."""
     mean = {}
     for name in ("oracle-flm", "cascade-flm", "pid-flm", "pd-gravity"):
         env = TwoLinkArmVectorEnv(8, "everything-3")

@@ -69,7 +69,7 @@ def test_the_network_learns_the_gravity_of_a_load():
 
 
 def test_learning_reduces_the_error():
-    """Of the error that the same law has without learning, less than an eighth is left."""
+    """Learning leaves less than an eighth of the error that the same law has without it."""
 
     def error(**gains):
         env = TwoLinkArmVectorEnv(4, "payload-3")

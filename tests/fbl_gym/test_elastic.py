@@ -208,7 +208,7 @@ def test_a_motor_sticks_while_its_link_swings():
 
 
 def test_the_literal_law_is_the_printed_formula():
-    """Where a motor turns one way, the formula is smooth, and the motion agrees with the solver's."""
+    """The motion agrees with the solver's while a motor turns one way, since the formula is smooth there."""
     friction = {"coulomb": 4.0, "law": "literal", "viscous": 1.0}
     env = TwoLinkArmEnv(**OPTIONS, joint=JOINT, friction=friction, physics_dt=5e-4)
     env.reset(seed=0)

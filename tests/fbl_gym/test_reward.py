@@ -82,7 +82,7 @@ def test_reward_has_a_slope_at_zero_error(form):
     weights = {"weight_effort": 0.0, "weight_chatter": 0.0}
 
     def reward(error):
-        """Of an arm that floats beside its reference."""
+        """Return the reward of an arm that floats beside its reference."""
         env = TwoLinkArmEnv(
             reward={"tracking": form, **weights},
             reference={"kind": "minimum-jerk", "points": [(0.0, 0.0)]},
