@@ -143,9 +143,12 @@ def stopped_status(stop: KeyboardInterrupt) -> int:
 @contextlib.contextmanager
 def _signals() -> Iterator[None]:
     """Raise `Stopped` at the signals of `kill` and of a terminal that closes, the first time."""
+    process = os.getpid()
 
     def stop(number: int, _frame: object) -> None:
         signal.signal(number, signal.SIG_DFL)
+        if os.getpid() != process:  # a process that inherited this handler, such as one of AsyncVectorEnv
+            os.kill(os.getpid(), number)
         raise Stopped(number)
 
     main = threading.current_thread() is threading.main_thread()
