@@ -1,7 +1,7 @@
-"""Composed laws: a law with an observer for the sensors that it lacks, and a predictor.
+"""Composed laws: a law with an observer for the sensors that it lacks, predictor, safety filter.
 
 `compose(ComputedTorque, "kalman", "predictor")` is a class like that of any law. Its name as text
-is "computed-torque+kalman+predictor".
+is "computed-torque+kalman+predictor". `Filtered` is the safety filter around any other policy.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from controllers.parts import OBSERVERS, Drive, Observer, Predictor
-from controllers.policy import State, TorqueLaw, reference_at
+from controllers.parts import OBSERVERS, Barrier, Drive, Observer, Predictor
+from controllers.policy import Policy, State, TorqueLaw, reference_at
 from fbl_gym.arm import Array, forward_dynamics, gravity_torque
 from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, Limits, make_layout
 from fbl_gym.records import declarations, declared
 from fbl_gym.uncertainty import SENSORS
 
-PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor}
+PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "barrier": Barrier}
 """The parts, by name."""
 
 DEFAULT = "eso"
@@ -35,7 +35,8 @@ class Composed(TorqueLaw):
     The law inside works on its own interface: it has each sensor that the law needs, and, with a
     predictor, neither delay nor lag. A named observer replaces the measured position and velocity.
     An acceleration is estimated only if no sensor measures it. Without a named observer, measured
-    signals are used as they are, and the observer `DEFAULT` gives the missing ones.
+    signals are used as they are, and the observer `DEFAULT` gives the missing ones. A barrier
+    filters the law's torque at the motion that the law gets.
 
     The composition supposes that the torque it returns is the one that is commanded.
 
@@ -92,6 +93,11 @@ class Composed(TorqueLaw):
         return Predictor(self.drive, **self._gains("predictor")) if "predictor" in self.parts else None
 
     @cached_property
+    def barrier(self) -> Barrier | None:
+        """The safety filter; None: there is none."""
+        return Barrier(self.inside.interface, **self._gains("barrier")) if "barrier" in self.parts else None
+
+    @cached_property
     def observer(self) -> Observer:
         """The observer that is named, or else the default one."""
         name = next((name for name in self.parts if name in OBSERVERS), DEFAULT)
@@ -116,6 +122,8 @@ class Composed(TorqueLaw):
         queue, present, _, *inner = state
         seen, estimate, due = self.look(observation, state)
         torque, after = self.inside.torque(seen, tuple(inner))
+        if self.barrier is not None:
+            torque = self.barrier.filtered(torque, *self.inside.measured_motion(seen))
         if self.predictor is not None:
             torque = due + self.predictor.gain * (self.interface.saturate(torque) - due)
         measured = self.measured_motion(observation)
@@ -163,16 +171,43 @@ class Composed(TorqueLaw):
         return np.clip(seen, *inside.layout.bounds), estimate, due
 
 
+class Filtered:
+    """A policy behind the safety filter `Barrier`, at the measured motion.
+
+    Where the filter changes nothing, the action is that of the policy, bit for bit.
+
+    Args:
+        policy: anything with stable-baselines3's `predict`, such as an agent.
+        interface: of its environment; it measures position and velocity.
+        **gains: of `Barrier`.
+    """
+
+    def __init__(self, policy: Policy, interface: Interface, **gains: Any) -> None:
+        self.policy, self.interface, self.barrier = policy, interface, Barrier(interface, **gains)
+
+    def predict(
+        self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Array, Any]:
+        """Return the action and the next state, as `controllers.policy.Policy.predict`."""
+        action, state = self.policy.predict(observation, state, episode_start, deterministic)
+        observation = np.asarray(observation, dtype=float)
+        motion = [observation[..., self.interface.layout[name]] for name in ("position", "velocity")]
+        wanted = self.interface.torque_from_action(np.asarray(action, dtype=float), *motion)
+        torque = self.barrier.filtered(wanted, *motion)
+        changes = (torque != wanted).any(axis=-1, keepdims=True)
+        return np.where(changes, self.interface.action_from_torque(torque, *motion), action), state
+
+
 @lru_cache(maxsize=256)
 def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
     """Return the class of a law with parts.
 
     Its fields are the gains of the law and, with the part's name before, those of each part:
-    `kalman_bandwidth`, `high_gain_bandwidth`, `predictor_lead`.
+    `kalman_bandwidth`, `high_gain_bandwidth`, `predictor_lead`, `barrier_decay`.
 
     Args:
         law: a subclass of `TorqueLaw`.
-        *parts: names out of `PARTS`: at most one observer, and "predictor".
+        *parts: names out of `PARTS`: at most one observer, "predictor" and "barrier".
 
     Raises:
         ValueError: the law is no `TorqueLaw`, or a part is unknown or given twice.

@@ -12,7 +12,7 @@ from fbl_gym.arm import SECTION_2_2, TABLE_1, ArmParameters
 from fbl_gym.batch import Truth
 from fbl_gym.env import TwoLinkArmEnv
 from fbl_gym.events import DriveChange, Drop, FrictionChange, Knock, PickUp
-from fbl_gym.interface import Interface, Layout, Limits
+from fbl_gym.interface import Constraints, Interface, Layout, Limits
 from fbl_gym.joints import ElasticJoint
 from fbl_gym.plants import MuJoCo
 from fbl_gym.records import Distribution
@@ -51,6 +51,7 @@ __all__ = [
     "ArmParameters",
     "ArrayDisturbance",
     "ArrayReference",
+    "Constraints",
     "Distribution",
     "DriveChange",
     "Drop",

@@ -90,7 +90,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     * Truncation: after `duration`, 10 s by default.
     * Termination, with reward 0: a joint has turned more than 4 pi from its start, or is faster
       than 100 rad/s, or has been farther than `error` from its reference for `error_time`, if that
-      is given (`limits`). At the last step, an episode can be both terminated and truncated.
+      is given (`limits`); or it violates one of the `constraints` with `violation="end"`. At the
+      last step, an episode can be both terminated and truncated.
 
     ## Options
 
@@ -99,7 +100,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`,
       `noise`, `encoder`, `friction`, `disturbance`, `actuator`, `joint`, `events`, `sensors`,
       `reference`, `control_dt`, `physics_dt`, `duration`, `initial_error`, `initial_velocity`,
-      `limits`, `plant`. Each is a record or the plain data that makes one. Most numbers may be a
+      `limits`, `constraints`, `plant`. Each is a record or the plain data that makes one. Most numbers may be a
       `Distribution`, drawn per episode. None switches an option off. `fbl-gym list options` prints
       their fields.
     * `action`: "normalized", "torque" or "acceleration".
@@ -110,6 +111,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     * `info`: True adds to each step's info `tracking_error` (real, [2] rad); `tracking_loss`,
       `effort_loss` and `chatter_loss`, whose sum is 1 less the reward; and `saturation`, the share
       of the joints whose torque is at its limit. A step then takes some 40 microseconds more.
+      With `constraints`, each step's info has `cost`, with and without this option: 1.0 if the step
+      ended beyond a bound, else 0.0.
     * `render_mode`: "human" shows a window in real time, "rgb_array" returns a frame for each
       `render()`. Both need pygame (`pip install 'fbl-gym[render]'`).
     * `render_size`: width and height of a frame [pixels], 480 by default.
@@ -151,7 +154,6 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
             render_mode=render_mode, render_size=render_size,
         )  # fmt: skip
-        self._reports = info or render_mode == "human"
         self.observation_space = self.interface.observation_space
         self.action_space = self.interface.action_space
 
@@ -215,10 +217,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         """Show the arm in the window, and return the step's info."""
         if self.render_mode == "human":
             self.render()
-        if not self._info:
-            return {}
-        error, *numbers = self._measures().items()
-        return {error[0]: error[1][0], **{name: float(value[0]) for name, value in numbers}}
+        measures = self._measures().items()
+        return {name: value[0] if value.ndim > 1 else float(value[0]) for name, value in measures}
 
     @property
     def truth(self) -> Truth:

@@ -56,20 +56,25 @@ class TaskProperties:
         self._reward = Reward() if reward is None else build("reward", reward, Reward)
         self._options, self._task = options, {**task, "reward": self._reward}
         self._lanes, self._threads = lanes, threads
-        self._scenario, program = configure(scenario, options, **self._task)
+        built, program = configure(scenario, options, **self._task)
         _check_memory(lanes, program)
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
+        self._info = info
         self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
         # A film with one frame per step then runs in real time.
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
-        self.interface = program.interface
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / built.control_dt))}
         self._size = program.interface.layout.size
-        self._info = info
-        self._seeded = self._begun = False
+        self._seeded = False
         self._views: list[Any] = []  # of `render.View`
-        self._batch = make_batch(self._scenario, program, lanes, threads)
+        self._take(built, program.interface, make_batch(built, program, lanes, threads))
+
+    def _take(self, scenario: Scenario, interface: Interface, batch: ArmBatch) -> None:
+        """Make a scenario the task; it begins with the next reset."""
+        self._scenario, self.interface, self._batch, self._begun = scenario, interface, batch, False
+        self._constrained = scenario.constraints is not None
+        self._reports = self._info or self._constrained or self.render_mode == "human"
 
     @property
     def scenario(self) -> Scenario:
@@ -91,7 +96,7 @@ class TaskProperties:
             )
         batch = make_batch(built, program, self._lanes, self._threads)
         batch.take_seeds(self._batch)
-        self._scenario, self.interface, self._batch, self._begun = built, new, batch, False
+        self._take(built, new, batch)
         self._close_views()
 
     def _close_views(self) -> None:
@@ -100,14 +105,17 @@ class TaskProperties:
         self._views = []
 
     def _measures(self) -> dict[str, Array]:
-        """Return the quantities of the last step that training logs, of each lane."""
+        """Return the quantities of the last step that go into its info, of each lane."""
+        costs = {"cost": self._batch.field("cost")[:, 0]} if self._constrained else {}
+        if not self._info:
+            return costs
         fields = ("reference_position", "position", "command", "chatter")
         reference, position, command, chatter = map(self._batch.field, fields)
         limit = self.torque_limit or (np.inf, np.inf)
         use = np.abs(command) / limit
         error = reference - position
         losses = self._reward.losses(error, use, chatter[:, 0] / 4)
-        return {"tracking_error": error, **losses, "saturation": (use >= 1.0).mean(axis=-1)}
+        return {"tracking_error": error, **losses, "saturation": (use >= 1.0).mean(axis=-1), **costs}
 
     @property
     def spec(self) -> EnvSpec | None:

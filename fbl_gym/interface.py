@@ -14,7 +14,7 @@ from gymnasium import spaces
 
 from fbl_gym.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair, unknown
-from fbl_gym.records import Record, number
+from fbl_gym.records import Record, choice, number, pair
 
 ACTIONS = ("normalized", "torque", "acceleration")
 
@@ -39,6 +39,45 @@ class Limits(Record):
     command: float = number(100.0, unit="rad/s^2", above=0)
     error: float | None = number(None, unit="rad", above=0)
     error_time: float = number(1.0, unit="s", above=0)
+
+
+@dataclass(frozen=True)
+class Constraints(Record):
+    """Bounds that the arm shall keep. A step whose end is beyond one of them costs 1.
+
+    The bounds are those of the real links, also with elastic joints. A policy knows them.
+
+    Args:
+        low: smallest position of each joint; None: no bound.
+        high: largest position of each joint; None: no bound.
+        velocity: largest velocity of each joint, of either sign; None: no bound.
+        violation: consequence beyond a bound: "cost" alone, or "end", which also ends the episode.
+    """
+
+    low: Pair | float | None = pair(None, unit="rad")
+    high: Pair | float | None = pair(None, unit="rad")
+    velocity: Pair | float | None = pair(None, unit="rad/s", above=0)
+    violation: str = choice("cost", ("cost", "end"))
+
+    def validate(self) -> None:
+        """Refuse an empty range of positions."""
+        low, high, _ = self.bounds
+        if (low >= high).any():
+            raise ValueError(f"low must be below high, got low={self.low} and high={self.high}")
+
+    @property
+    def bounds(self) -> tuple[Array, Array, Array]:
+        """Return the lowest and highest position and the largest velocity [2]; infinite: no bound."""
+        low, high, velocity = (
+            np.full(2, none) if given is None else np.array(given)
+            for given, none in ((self.low, -np.inf), (self.high, np.inf), (self.velocity, np.inf))
+        )
+        return low, high, velocity
+
+    def violated(self, position: Array, velocity: Array) -> Array:
+        """Return True where a bound is violated [...], from position and velocity [... x 2]."""
+        low, high, fastest = self.bounds
+        return ~((low <= position) & (position <= high) & (np.abs(velocity) <= fastest)).all(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -144,6 +183,7 @@ class Interface:
         rotor_inertia: inertia of each rotor behind its spring [kg m^2].
         backlash: largest width of each joint's gap [rad].
         encoder: side of the springs on which position and velocity are measured, "motor" or "link".
+        constraints: bounds that the arm shall keep; None: there are none.
     """
 
     nominal: ArmParameters
@@ -163,6 +203,7 @@ class Interface:
     rotor_inertia: Pair = (0.0, 0.0)
     backlash: Pair = (0.0, 0.0)
     encoder: str = "motor"
+    constraints: Constraints | None = None
 
     @property
     def action_space(self) -> spaces.Box:

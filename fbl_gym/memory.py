@@ -164,6 +164,10 @@ SETTINGS = np.dtype(
         ("max_acceleration", np.float64),  # [rad/s^2]
         ("max_error", np.float64),  # of the position, for less than `error_steps` [rad], may be infinite
         ("error_steps", np.float64),  # [control steps]
+        ("constraint_low", np.float64, 2),  # of the position [rad], may be infinite
+        ("constraint_high", np.float64, 2),
+        ("constraint_velocity", np.float64, 2),  # [rad/s]
+        ("violation_ends", np.bool_),  # a violated constraint ends the episode
         # Reward
         ("reward_logarithmic", np.bool_),
         ("reward_scale", np.float64),  # [1/rad]
@@ -237,6 +241,7 @@ BLOCK = np.dtype(
         ("start_position", np.float64, _PAIR),  # [rad]
         ("far", np.float64, _ONE),  # control steps in a row beyond `max_error`
         ("reward", np.float64, _ONE),
+        ("cost", np.float64, _ONE),  # 1 if the step ended beyond a constraint, else 0
         ("terminated", np.float64, _ONE),  # 0 or 1
         ("truncated", np.float64, _ONE),  # 0 or 1
         ("status", np.float64, _ONE),  # RUNNING, ENDED or RESTART

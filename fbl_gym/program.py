@@ -15,7 +15,7 @@ from fbl_gym import memory
 from fbl_gym.arm import Array, inertia_matrix
 from fbl_gym.checks import Pair, check_choice, check_number, check_whole
 from fbl_gym.events import EVENTS, DriveChange
-from fbl_gym.interface import ACTIONS, Interface, make_layout
+from fbl_gym.interface import ACTIONS, Constraints, Interface, make_layout
 from fbl_gym.memory import FIRST_VARIED, LANES, SETTINGS, VARIED
 from fbl_gym.records import Distribution, ends, scaled
 from fbl_gym.references import (
@@ -124,6 +124,9 @@ def make_program(
     settings["max_acceleration"] = limits.acceleration
     settings["max_error"] = np.inf if limits.error is None else limits.error
     settings["error_steps"] = np.ceil(limits.error_time / scenario.control_dt - 1e-9)
+    constraints = scenario.constraints or Constraints()
+    settings["constraint_low"], settings["constraint_high"], settings["constraint_velocity"] = constraints.bounds
+    settings["violation_ends"] = constraints.violation == "end"
     interface = _make_interface(scenario, action, settings, preview)
     settings["action_kind"] = ACTIONS.index(action)
     settings["action_limit"] = interface.action_limit
@@ -214,7 +217,7 @@ def _make_interface(scenario: Scenario, action: str, settings: Settings, preview
 
 
 def _datasheet(settings: Settings, scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of `Interface` that the datasheets of drives and sensors state."""
+    """Return the fields of `Interface` that the datasheets of arm, drives and sensors state."""
     actuator, joint, dt = scenario.actuator, scenario.joint, scenario.control_dt
     rate = actuator.rate_limit
     errors = [getattr(scenario.noise, name, None) or SensorError() for name in SENSORS]
@@ -229,6 +232,7 @@ def _datasheet(settings: Settings, scenario: Scenario) -> dict[str, Any]:
             "encoder": joint.encoder,
         }
     return springs | {
+        "constraints": scenario.constraints,
         "delay": tuple(
             x + round(n) * dt for x, n in zip(ends(actuator.delay), ends(actuator.delay_samples), strict=True)
         ),

@@ -145,8 +145,9 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         Returns:
             Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos.
             In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
-            their masks `_final_obs` and `_final_info`. With `info=True`, it has the arrays of
-            `TwoLinkArmEnv`, with masks that are False in lanes that this step reset.
+            their masks `_final_obs` and `_final_info`. With `info=True` or `constraints`, it has
+            the arrays of `TwoLinkArmEnv`, with masks that are False in lanes that this step reset;
+            the cost of their last step is in `final_info`.
 
         Raises:
             ValueError: if the actions have another shape or one is not finite. No lane has moved.
@@ -171,9 +172,9 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
 
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
         infos: dict[str, Any] = {}
-        if self._info:
-            runs = self._batch.field("step")[:, 0] > 0
-            for name, values in self._measures().items():
+        if self._reports:
+            runs, measures = self._batch.field("step")[:, 0] > 0, self._measures()
+            for name, values in measures.items():
                 infos |= {name: np.where(runs if values.ndim == 1 else runs[:, None], values, 0.0), f"_{name}": runs}
         done = terminated | truncated
         if self.autoreset_mode != AutoresetMode.SAME_STEP or not done.any():
@@ -182,7 +183,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         lasts = self._batch.final_observations
         for lane in np.flatnonzero(done):
             final[lane] = lasts[lane].copy()
-        return infos | {"final_obs": final, "_final_obs": done, "final_info": {}, "_final_info": done.copy()}
+        costs = {"cost": np.where(done, measures["cost"], 0.0), "_cost": done.copy()} if self._constrained else {}
+        return infos | {"final_obs": final, "_final_obs": done, "final_info": costs, "_final_info": done.copy()}
 
     @property
     def truth(self) -> Truth:

@@ -303,7 +303,8 @@ def _calm(scenario: Scenario) -> Scenario:
     if error is not None and isinstance(error.payload, Payload):
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
-    return scenario.replace(parameter_error=error, friction=friction, noise=None, encoder=None, disturbance=None)
+    calm = dict.fromkeys(("noise", "encoder", "disturbance", "constraints"))
+    return scenario.replace(parameter_error=error, friction=friction, **calm)
 
 
 def _loop(

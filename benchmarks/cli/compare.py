@@ -50,6 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     errors = {policy: [counted_errors(runs)] for policy, runs in rows.items()}
     first, counts = arguments.policies[0], resample(arguments.seeds, 0)
     more = [metric.name for metric in arguments.metrics]
+    if scenario.constraints is not None:
+        more.insert(0, "violation_pct")
     header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *more, f"errs less than {first}")
     lines = []
     for policy, runs in rows.items():

@@ -103,6 +103,7 @@ def columns(board: Board) -> list[Column]:
         value, low, high = ((scale * np.asarray(x)).tolist() for x in (estimate.value, estimate.low, estimate.high))
         return Column(key, title, meaning, value, low, high, **more)  # type: ignore[arg-type]
 
+    violation = board.runs["violation_pct"][:, board.main]
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
     return [
@@ -135,6 +136,13 @@ def columns(board: Board) -> list[Column]:
         estimated(
             "diverged", "diverged %", f"Share of runs that diverged {here}, with Clopper and Pearson's upper bound. These "
             "runs count in every error.", board.diverged, 100.0, best=-1, form=percent, place="short", ends="upper",
+        ),
+        *(
+            [Column(
+                "violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
+                [float(np.nanmean(runs)) if not np.isnan(runs).all() else None for runs in violation], best=-1,
+                form=percent, place="short",
+            )] if not np.isnan(violation).all() else []
         ),
         *(
             [] if board.effort is None else [Column(

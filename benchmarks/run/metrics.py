@@ -58,6 +58,7 @@ METRICS: dict[str, str] = {
     "torque_rms": "root mean square torque, both joints [N m]",
     "variation": "total variation of the torque per second, both joints [N m/s]",
     "saturated_pct": "share of samples in which a joint's torque is at its limit [%]",
+    "violation_pct": "share of samples beyond the constraints, with those after a run diverged [%] (constraints only)",
     "recovery_rad_s": "area of the error above its level before an event, mean of the events [rad s] (events only)",
     "recovery_s": "time until the error is back after an event, mean of the events [s]; the time until the next event or "
     "the end if it never is (events only)",
@@ -220,6 +221,7 @@ def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()
         "torque_rms": np.sqrt((torque**2).sum(axis=(0, 2)) / (2 * count)),
         "variation": change.sum(axis=(0, 2)) / (count * dt),
         "saturated_pct": 100 * at_limit.any(axis=-1).sum(axis=0) / count,
+        "violation_pct": _violation(trace),
         "recovery_rad_s": area,
         "recovery_s": back,
         "unrecovered_pct": 100 * unrecovered,
@@ -234,6 +236,15 @@ def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()
 def counted_errors(rows: Sequence[dict[str, float]]) -> list[float]:
     """Return the error of each run [%] on the board: at least the encoder's resolution."""
     return [max(row["error_pct"], row["resolution_pct"]) for row in rows]
+
+
+def _violation(trace: Trace) -> Array:
+    """Return the share of samples 1 to T of each run beyond the constraints [n] %, or NaN."""
+    constraints = trace.scenario.constraints
+    if constraints is None:
+        return np.full(len(trace.seeds), np.nan)
+    beyond = constraints.violated(trace.position, trace.velocity) | ~trace.alive
+    return 100 * beyond[1:].mean(axis=0)
 
 
 def _recovery(trace: Trace, error: Array) -> tuple[Array, Array, Array]:

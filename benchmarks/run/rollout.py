@@ -136,9 +136,9 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
 
     It has position, velocity and acceleration.
     """
-    bare = dict.fromkeys(("plant", "parameter_error", "noise", "friction", "disturbance", "joint", "actuator"))
+    bare = ("plant", "parameter_error", "noise", "friction", "disturbance", "joint", "actuator", "constraints")
     limits = {"position": 1e9, "velocity": 1e9}
-    calm = scenario.replace(**bare, events=(), initial_error=0.0, initial_velocity=0.0, limits=limits)
+    calm = scenario.replace(**dict.fromkeys(bare), events=(), initial_error=0.0, initial_velocity=0.0, limits=limits)
     env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
     env.reset(seed=list(seeds))
     motion = np.empty((3, scenario.steps + 1, len(seeds), 2))

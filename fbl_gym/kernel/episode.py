@@ -118,25 +118,33 @@ def _hold_still(block, rows, queue, settings, lane):
 
 @kernel_njit
 def judge(block, settings, width):
-    """Compute the rewards of a block (see `reward.py`), and the ends of its episodes.
+    """Compute rewards (see `reward.py`) and costs of a block, and the ends of its episodes.
 
-    An episode is terminated when the arm leaves its limits or its numbers are not finite, and
-    truncated when its time is up; it can be both.
+    An episode is terminated when the arm leaves its limits, violates a constraint that ends it, or
+    has numbers that are not finite. It is truncated when its time is up. It can be both.
     """
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
     logarithmic, last = settings.reward_logarithmic, np.uint64(settings.last_step)
     max_position, max_velocity = settings.max_position, settings.max_velocity
+    (low1, low2), (high1, high2) = settings.constraint_low, settings.constraint_high
+    (fastest1, fastest2), ends = settings.constraint_velocity, settings.violation_ends
     for lane in range(width):
         (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
         (r1, r2), (start1, start2) = pair(block.reference_position, lane), pair(block.start_position, lane)
         error1, error2 = abs(r1 - q1), abs(r2 - q2)
         block.far[lane] = block.far[lane] + 1.0 if max(error1, error2) > settings.max_error else 0.0
+        keeps = (
+            ((low1 <= q1) & (q1 <= high1) & (abs(v1) <= fastest1))
+            & ((low2 <= q2) & (q2 <= high2) & (abs(v2) <= fastest2))
+        )  # fmt: skip
+        block.cost[lane] = 0.0 if keeps else 1.0
         stays = (
             (abs(q1 - start1) <= max_position)
             & (abs(q2 - start2) <= max_position)
             & (abs(v1) <= max_velocity)
             & (abs(v2) <= max_velocity)
             & (block.far[lane] < settings.error_steps)
+            & (keeps | (not ends))
         )
         tracking = settings.reward_scale * (error1 + error2)
         logarithm = settings.reward_norm * log(1.0 + tracking)

@@ -14,7 +14,7 @@ import numpy as np
 from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.events import Event, FrictionChange, events
-from fbl_gym.interface import Limits
+from fbl_gym.interface import Constraints, Limits
 from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
 from fbl_gym.plants import PLANTS, MuJoCo
 from fbl_gym.real_arms import REAL_ARMS
@@ -86,6 +86,7 @@ class Scenario(Record):
         initial_error: difference between the arm's first position and the reference's.
         initial_velocity: likewise for the velocity.
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
+        constraints: bounds that the arm shall keep.
         plant: engine that moves the real arm; None: the package's own.
     """
 
@@ -116,6 +117,7 @@ class Scenario(Record):
     initial_error: Numbers = pair(0.0, unit="rad", varies=True)
     initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True)
     limits: Limits = record(Limits, Limits())
+    constraints: Constraints | None = record(Constraints, None)
     plant: MuJoCo | None = one_of(PLANTS, None)
 
     def validate(self) -> None:
