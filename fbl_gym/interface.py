@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from fbl_gym.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair, unknown
@@ -67,17 +68,18 @@ class Constraints(Record):
 
     @property
     def bounds(self) -> tuple[Array, Array, Array]:
-        """Return the lowest and highest position and the largest velocity [2]; infinite: no bound."""
+        """Return lowest and highest position and largest velocity [2]; infinite: no bound."""
         low, high, velocity = (
             np.full(2, none) if given is None else np.array(given)
             for given, none in ((self.low, -np.inf), (self.high, np.inf), (self.velocity, np.inf))
         )
         return low, high, velocity
 
-    def violated(self, position: Array, velocity: Array) -> Array:
+    def violated(self, position: Array, velocity: Array) -> NDArray[np.bool_]:
         """Return True where a bound is violated [...], from position and velocity [... x 2]."""
         low, high, fastest = self.bounds
-        return ~((low <= position) & (position <= high) & (np.abs(velocity) <= fastest)).all(axis=-1)
+        kept = (low <= position) & (position <= high) & (np.abs(velocity) <= fastest)
+        return np.asarray(~kept.all(axis=-1))
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,17 @@ def test_integral_criteria():
     assert row["ise"] == pytest.approx((0.04 + 0.16) / 2)
 
 
+def test_violation():
+    """One sample of the position, one of the velocity, and two after the end, out of ten."""
+    scenario = Scenario(duration=0.1, constraints={"high": (0.5, 9.0), "velocity": 2.0})
+    position, alive = np.zeros((11, 2)), np.arange(11) < 9
+    position[[0, 3], 0] = 0.6
+    run = trace(position, position, scenario=scenario, alive=alive)
+    run.velocity[5, 0, 1] = -3.0
+    assert measure(run)[0]["violation_pct"] == pytest.approx(40.0)
+    assert np.isnan(measure(trace(position, position))[0]["violation_pct"])
+
+
 def test_recovery():
     """Two events: an error of 10 mrad before, a pulse of 0.1 rad for 0.3 s, and one without return."""
     t = 0.01 * np.arange(601)

@@ -61,7 +61,7 @@ def test_the_interface_hides_the_errors_of_the_real_arm(options):
 
 def test_the_fields_of_a_datasheet_have_defaults():
     names = [field.name for field in dataclasses.fields(Interface)]
-    assert names[6:] == [*FIELDS, *SPRINGS]
+    assert names[6:] == [*FIELDS, *SPRINGS, "constraints"]
 
 
 def test_the_interface_states_the_springs():

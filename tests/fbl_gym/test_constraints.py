@@ -1,0 +1,103 @@
+"""Constraints: their cost in the info and their end of an episode, for one arm and for a batch."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import SyncVectorEnv
+
+from fbl_gym import Constraints, Scenario, TwoLinkArmEnv
+
+TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
+NAMES = ["fbl_gym/TwoLinkArm-v0", "fbl_gym/TwoLinkArmTracking-v0"]
+
+
+@pytest.mark.parametrize("options", [{}, {"joint": {"stiffness": 4000, "rotor_inertia": 0.5}, "info": True}], ids=str)
+def test_the_cost_is_one_beyond_a_bound(options):
+    env, plain = TwoLinkArmEnv("everything-2", constraints=TIGHT, **options), TwoLinkArmEnv("everything-2", **options)
+    assert env.reset(seed=1)[1] == {}
+    plain.reset(seed=1)
+    costs = []
+    for k in range(80):
+        action = np.full(2, 0.4 if k % 40 < 20 else -0.4)
+        *step, info = env.step(action)
+        for ours, theirs in zip(step, plain.step(action), strict=False):
+            np.testing.assert_array_equal(ours, theirs)
+        truth = env.truth
+        assert info["cost"] == env.scenario.constraints.violated(truth.position, truth.velocity)
+        costs.append(info["cost"])
+    assert set(costs) == {0.0, 1.0}
+    assert set(info) == ({"cost"} if not options else {*plain.step(action)[4], "cost"})
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "joint"),
+    [("low", (-1.5, -9.0), 0), ("high", (9.0, 0.3), 1), ("velocity", (0.5, 99.0), 0), ("velocity", (99.0, 0.5), 1)],
+)
+def test_each_bound_counts(bound, value, joint):
+    env = TwoLinkArmEnv(constraints={bound: value}, action="torque")
+    env.reset(seed=3)
+    costs = []
+    for _ in range(100):
+        cost = env.step((0.0, 0.0))[4]["cost"]
+        position, speed = env.truth.position[joint], abs(env.truth.velocity[joint])
+        distances = {"low": position - value[joint], "high": value[joint] - position, "velocity": value[joint] - speed}
+        costs.append(cost)
+        assert cost == (distances[bound] < 0.0)
+    assert set(costs) == {0.0, 1.0}
+    assert Constraints(**{bound: value}) == env.interface.constraints
+
+
+@pytest.mark.parametrize("violation", ["cost", "end"])
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_batch_has_the_costs_and_ends_of_single_environments(name, mode, violation):
+    options = {"duration": 0.3, "constraints": {**TIGHT, "violation": violation}}
+    ours = gym.make_vec(name, 3, vectorization_mode="vector_entry_point", autoreset_mode=mode, **options)
+    theirs = SyncVectorEnv([lambda: gym.make(name, **options).unwrapped] * 3, autoreset_mode=mode)
+    ours.reset(seed=4)
+    theirs.reset(seed=4)
+    ends = costs = 0
+    for _ in range(90):
+        a, b = (env.step(np.full((3, 2), 0.2)) for env in (ours, theirs))
+        for one, other in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(one, other)
+        for one, other in ((a[4], b[4]), *([(a[4]["final_info"], b[4]["final_info"])] if "final_info" in b[4] else [])):
+            for key in ("cost", "_cost"):
+                np.testing.assert_array_equal(one.get(key, 0.0), other.get(key, 0.0))
+        ends, costs = ends + a[2].sum(), costs + a[4]["cost"].sum()
+    assert (ends > 3) == (violation == "end")
+    assert (costs > 0) == (violation == "cost" or mode == "NextStep")
+
+
+def test_an_end_has_no_reward():
+    env = TwoLinkArmEnv(constraints={**TIGHT, "violation": "end"})
+    env.reset(seed=0)
+    while not (step := env.step((0.3, 0.3)))[2]:
+        assert step[4]["cost"] == 0.0
+    assert (step[1], step[4]["cost"]) == (0.0, 1.0)
+
+
+def test_a_new_scenario_has_its_own_constraints():
+    env = TwoLinkArmEnv()
+    env.reset(seed=0)
+    assert env.step((0.0, 0.0))[4] == {}
+    env.reset(options={"scenario": {"constraints": TIGHT}})
+    assert set(env.step((0.0, 0.0))[4]) == {"cost"}
+    env.reset(options={"scenario": "nominal"})
+    assert env.step((0.0, 0.0))[4] == {}
+
+
+def test_the_checkers_accept_costs():
+    for name in NAMES:
+        env = gym.make(name, constraints=TIGHT).unwrapped
+        check_env(env, skip_render_check=True)
+        sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
+        sb3.check_env(env)
+
+
+def test_wrong_constraints_are_refused():
+    with pytest.raises(ValueError, match=r"constraints: low must be below high, got low=\(1.0, -1.0\) and high="):
+        Scenario(constraints={"low": (1, -1), "high": (0, 1)})
+    with pytest.raises(ValueError, match=r"velocity must be .*greater than 0"):
+        Scenario(constraints={"velocity": 0})
