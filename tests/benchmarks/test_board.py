@@ -167,6 +167,16 @@ def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
     assert figures.tiers(found)[0]["title"] == "surprise against hardware"
 
 
+def test_a_board_shows_violations_where_scenarios_have_constraints():
+    found = board(families=("nominal",), seeds=3)
+    assert "violation" not in [column.key for column in columns(found)]
+    runs = {**found.runs, "violation_pct": np.full_like(found.runs["error_pct"], 12.5)}
+    runs["violation_pct"][0, 0, 1:] = np.nan
+    runs["violation_pct"][1] = np.nan  # it failed
+    (column,) = [column for column in columns(dataclasses.replace(found, runs=runs)) if column.key == "violation"]
+    assert [column.text(i) for i in range(3)] == ["12", "–", "12"]
+
+
 def test_tier_of():
     assert [tier_of(name) for name in ("noise-1", "mine")] == ["ideal", "ideal"]
     assert tier_of("everything-2@mujoco-bend") == "surprise"
