@@ -47,7 +47,9 @@ class Progress(BaseCallback):
     def resume(self, steps: int) -> None:
         """Read the learning curve up to the checkpoint, which was written after `steps` steps."""
         with (self.folder / "curve.csv").open() as file:
-            rows = [(int(n), float(wall), float(cpu), float(error)) for n, wall, cpu, error in list(csv.reader(file))[1:]]
+            rows = [
+                (int(n), float(wall), float(cpu), float(error)) for n, wall, cpu, error in list(csv.reader(file))[1:]
+            ]
         self.curve = [row for row in rows if row[0] <= steps]
         self._begin -= self.curve[-1][1]
         self._cpu_begin -= self.curve[-1][2]
