@@ -8,12 +8,10 @@ import tempfile
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from benchmarks.policies import external
-from benchmarks.policies.configuration import parse_gain
 from benchmarks.run.metrics import Metric, find_metrics, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
@@ -89,14 +87,6 @@ def film(text: str) -> Path:
     return path
 
 
-def gain(text: str) -> tuple[str, Any]:
-    """Return a gain and its value, one number or one for each joint."""
-    try:
-        return parse_gain(text)
-    except ValueError as problem:
-        raise argparse.ArgumentTypeError(str(problem)) from None
-
-
 def console() -> Console:
     """Return the console for tables; a file has no width, so 132 columns are used."""
     return Console(width=None if sys.stdout.isatty() else 132, emoji=False)
@@ -114,7 +104,7 @@ def add_policy(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policy", type=policy_name, metavar="POLICY",
         help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
-        "a law may end in gains, @kp=25 or @gains.json",
+        "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json",
     )  # fmt: skip
 
 

@@ -53,7 +53,7 @@ def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
             }
         except FileNotFoundError:
             raise ValueError(f"gains of {law}: there is no file {path}; `fbl-gym tune` writes one") from None
-        except (ValueError, TypeError, AttributeError) as problem:
+        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as problem:
             raise ValueError(f'{path} must be JSON with numbers, such as {{"kp": 25}}: {problem}') from None
     return gains
 

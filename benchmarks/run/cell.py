@@ -89,13 +89,7 @@ def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) ->
 
 
 def run_checked(cell: Cell, command: str) -> Result:
-    """Run a cell of an external policy, unless the policy breaks a promise."""
-    if cell.policy not in _BROKEN:
-        _BROKEN[cell.policy] = "" if cell.policy.problem else broken(cell.policy, cell.scenario)
-    if reason := _BROKEN[cell.policy]:
+    """Run a cell of an external policy, unless the policy breaks a promise on its scenario."""
+    if not cell.policy.problem and (reason := broken(cell.policy, cell.scenario)):
         return Result.failure(cell, reason, command=command)
     return run_cell(cell, command)
-
-
-_BROKEN: dict[PolicySpec, str] = {}
-"""The first broken promise of each policy that this process has checked; empty: none."""
