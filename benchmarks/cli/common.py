@@ -12,6 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.policies import external
+from benchmarks.policies.apart import reason_of
 from benchmarks.run.metrics import Metric, find_metrics, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
@@ -76,8 +77,9 @@ def metrics(text: str) -> tuple[Metric, ...]:
         found = find_metrics(text)
         measure(rollout("zero", scenarios.get("nominal"), range(3)), more=found)
         return found
-    except ValueError as problem:
-        raise argparse.ArgumentTypeError(str(problem)) from None
+    except Exception as problem:  # the file's code may raise anything
+        text = str(problem) if isinstance(problem, ValueError) else reason_of(problem)
+        raise argparse.ArgumentTypeError(text) from None
 
 
 def film(text: str) -> Path:

@@ -69,7 +69,7 @@ COMMANDS: dict[str, Command] = {
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "bench": (
-        "control", "duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl",
+        "control", "duckdb", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl",
     ),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),

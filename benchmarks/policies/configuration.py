@@ -77,8 +77,6 @@ def exact(value: Any, name: str) -> Any:
         return value
     if isinstance(value, float) and type(value) is float:
         return value if math.isfinite(value) else {"float": repr(value)}
-    if isinstance(value, complex) and type(value) is complex:
-        return {"complex": repr(value)}
     if isinstance(value, bytes):
         return {"bytes": hashlib.sha256(value).hexdigest()}
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in _NUMERIC:

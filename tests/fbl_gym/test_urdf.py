@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from fbl_gym import Scenario, TwoLinkArmEnv
@@ -10,6 +9,7 @@ from fbl_gym.arm import coriolis_torque, gravity_torque, inertia_matrix, inverse
 from fbl_gym.urdf import load_urdf
 
 pytest.importorskip("yourdfpy")
+pin = pytest.importorskip("pinocchio")  # Windows has none
 
 
 def inertial(mass, at="0 0 0", moment=0.0):
