@@ -95,6 +95,8 @@ THIRD = """<link name="hand"/><joint name="wrist" type="revolute"><parent link="
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (chain().replace('<joint name="shoulder"', "<joint"), "must be a URDF file: KeyError: 'name'"),
+        (chain(extra=THIRD.replace('"two"', '"nothing"')), "the joints wrist hang on no link"),
         (chain(extra=THIRD), "two revolute joints.*revolute, revolute, revolute"),
         (chain(kind="prismatic"), "two revolute joints.*revolute, prismatic"),
         (chain(axis2="0 0 1"), "parallel axes"),
