@@ -12,7 +12,6 @@ from benchmarks.cli.common import (
     console,
     episodes,
     film,
-    gain,
     trace_file,
     trust,
 )
@@ -32,10 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=episodes, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)"
     )
-    parser.add_argument(
-        "--gains", nargs="+", type=gain, default=(), metavar="GAIN=VALUE",
-        help="gains in place of the policy's defaults, such as kp=25, or kp=25,30 for the two joints",
-    )  # fmt: skip
     add_plot(parser, "the signals over the seeds")
     parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
     parser.add_argument(
@@ -49,9 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
     scenario = scenarios.get(arguments.scenario)
-    policy, gains = resolve(arguments.policy), dict(arguments.gains)
-    trace = rollout(policy, scenario, range(arguments.seeds), gains)
-    Store(arguments.store).look(policy, scenario, gains)
+    policy = resolve(arguments.policy)
+    trace = rollout(policy, scenario, range(arguments.seeds))
+    Store(arguments.store).look(policy, scenario)
     screen = console()
     title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
     terminal.evaluation(

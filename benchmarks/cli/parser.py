@@ -71,7 +71,7 @@ COMMANDS: dict[str, Command] = {
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "bench": (
-        "control", "duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl",
+        "control", "duckdb", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl",
     ),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
@@ -80,6 +80,12 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "urdf": ("yourdfpy",),
 }  # fmt: skip
 """The modules that each extra installs."""
+
+
+_NAMED = (
+    ValueError, Failed, gymnasium.error.Error, MemoryError, OSError, ModuleNotFoundError, SyntaxError,
+)  # fmt: skip
+"""Errors whose text is enough. Any other one is of external code, or of fbl-gym itself."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -99,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (ValueError, Failed, gymnasium.error.Error, MemoryError, OSError, ModuleNotFoundError) as problem:
+    except _NAMED as problem:
         print(f"fbl-gym: {_reason(problem)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:

@@ -28,7 +28,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import controllers
 from benchmarks.policies import external
@@ -38,6 +38,7 @@ from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.rl.agent import access_of, saved_agent
 from benchmarks.rl.policy import shipped
 from benchmarks.rl.sb3 import load_zip
+from controllers.policy import ACCESS
 from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown
@@ -171,8 +172,19 @@ class PolicySpec:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "PolicySpec":
-        """Return the specification that `to_dict` gave."""
-        return cls(**{**data, "needs": tuple(data["needs"])})
+        """Return the specification that `to_dict` gave.
+
+        Raises:
+            ValueError: a value has another type.
+        """
+        spec = cls(**{**data, "needs": tuple(map(str, data["needs"]))})
+        for each in dataclasses.fields(cls):
+            value, right = getattr(spec, each.name), get_origin(each.type) or each.type
+            if not isinstance(value, right):  # type: ignore[arg-type]
+                raise ValueError(f"{each.name} of a policy must be a {right.__name__}, got {value!r}")  # type: ignore[union-attr]
+        check_choice("kind", spec.kind, KINDS)
+        check_choice("access", spec.access, ACCESS)
+        return spec
 
 
 def names() -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.policies import external
-from benchmarks.policies.apart import Failed, Limits, call_apart, end_with_parent, limit, limits, reason_of
+from benchmarks.policies.apart import Failed, Limits, call_apart, limits, reason_of
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.contract import broken
 from benchmarks.run.metrics import measure
@@ -52,16 +52,14 @@ def run_cell(cell: Cell, command: str = "") -> Result:
     return Result(cell, rows, decision, time.perf_counter() - begin, provenance=provenance(command))
 
 
-def compute(cell: Cell, store: Store, command: str, limited: Limits | None = None) -> Outcome:
+def compute(cell: Cell, store: Store, command: str, workers: int = 1) -> Outcome:
     """Run a cell and write its result into the store, unless it is there.
 
-    `limited` are the limits of the cell; None: those of this process.
+    With one worker, a built-in policy runs in this process.
     """
-    end_with_parent()
-    limit(limited or limits())
     if store.find(cell) is not None:
         return Outcome(cell.id, "found")
-    apart = cell.policy.external or external.has_loaded() or limits() != Limits()
+    apart = workers > 1 or cell.policy.external or external.has_loaded() or limits() != Limits()
     result = run_apart(cell, command) if apart else run_cell(cell, command)
     store.save(result)
     return Outcome(cell.id, "failed" if result.error else "computed", result.wall_s, result.error)
@@ -89,13 +87,7 @@ def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) ->
 
 
 def run_checked(cell: Cell, command: str) -> Result:
-    """Run a cell of an external policy, unless the policy breaks a promise."""
-    if cell.policy not in _BROKEN:
-        _BROKEN[cell.policy] = "" if cell.policy.problem else broken(cell.policy, cell.scenario)
-    if reason := _BROKEN[cell.policy]:
+    """Run a cell of an external policy, unless the policy breaks a promise on its scenario."""
+    if not cell.policy.problem and (reason := broken(cell.policy, cell.scenario)):
         return Result.failure(cell, reason, command=command)
     return run_cell(cell, command)
-
-
-_BROKEN: dict[PolicySpec, str] = {}
-"""The first broken promise of each policy that this process has checked; empty: none."""

@@ -51,7 +51,7 @@ def _actuator(name: str, value: Any) -> Actuator:
 
 
 MAX_SUBSTEPS = 10_000
-"""Largest number of physics steps in a control step, which Ctrl-C does not interrupt."""
+"""Largest number of physics steps in a control step, also of MuJoCo."""
 
 MAX_STEPS = 2**53
 """Largest number of steps in any duration: beyond it, a float64 does not hold each whole number."""
@@ -121,7 +121,10 @@ class Scenario(Record):
     plant: MuJoCo | None = one_of(PLANTS, None)
 
     def validate(self) -> None:
-        """Refuse noise on a sensor that is left out, and times that do not divide each other."""
+        """Refuse noise on a sensor that is left out, times that do not divide, too many steps."""
+        for name in ("name", "description"):
+            if not isinstance(getattr(self, name), str):
+                raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         if "position" not in self.sensors:
             raise ValueError(f"sensors must include 'position', got {self.sensors}")
         for sensor in SENSORS:
@@ -149,6 +152,11 @@ class Scenario(Record):
             raise ValueError(
                 f"physics_dt must be at least control_dt / {MAX_SUBSTEPS} = {self.control_dt / MAX_SUBSTEPS:g} s, "
                 f"got {self.physics_dt:g} s"
+            )
+        if self.plant is not None and self.substeps * self.plant.substeps > MAX_SUBSTEPS:
+            raise ValueError(
+                f"plant.substeps must be at most {MAX_SUBSTEPS // self.substeps}, so that a control step has no more than "
+                f"{MAX_SUBSTEPS} steps of MuJoCo, got {self.plant.substeps}"
             )
         self._check_multiple("duration", self.duration, "control_dt", least=1)
         if isinstance(self.actuator.delay, float):
