@@ -55,6 +55,8 @@ COMMANDS: dict[str, Command] = {
         "finished trials are kept"),
     "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
         "the last checkpoint and the best agent are kept"),
+    "record": Command("record", "record episodes of a policy as a data set for offline learning",
+        "computed-torque --scenario everything-2 --noise 0.1 --out data/noisy-v0"),
     "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
         "--only figure-2-table-1 --short", "finished claims are kept"),
     "speed": Command("speed", "measure steps per second beside other environments, in one interleaved run"),
@@ -76,6 +78,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "mpc": ("casadi",),
     "mujoco": ("mujoco",),
     "urdf": ("yourdfpy",),
+    "data": ("h5py", "minari"),
 }  # fmt: skip
 """The modules that each extra installs."""
 
