@@ -57,6 +57,8 @@ COMMANDS: dict[str, Command] = {
         "the last checkpoint and the best agent are kept"),
     "record": Command("record", "record episodes of a policy as a data set for offline learning",
         "computed-torque --scenario everything-2 --noise 0.1 --out data/noisy-v0"),
+    "curves": Command("curves", "compare training runs, grouped over their seeds: table and learning curves",
+        "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
     "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
         "--only figure-2-table-1 --short", "finished claims are kept"),
     "speed": Command("speed", "measure steps per second beside other environments, in one interleaved run"),

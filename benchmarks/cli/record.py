@@ -13,6 +13,7 @@ from benchmarks.run.episodes import ENVIRONMENTS, lacks_minari, record, write
 from benchmarks.seeds import SPLITS
 from fbl_gym import __version__, scenarios
 
+
 def episodes(text: str) -> int:
     """Return a number of episodes that one `--seed` has seeds for."""
     if (number := count(text)) > LANES:

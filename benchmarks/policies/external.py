@@ -99,7 +99,9 @@ def archive(text: str) -> Path:
         )
     first, *others = _archives(Path(text))
     if others:
-        raise ValueError(f"folder must hold one archive, got {text!r} with {len(others) + 1}: name one, such as {first}")
+        raise ValueError(
+            f"folder must hold one archive, got {text!r} with {len(others) + 1}: name one, such as {first}"
+        )
     return first
 
 

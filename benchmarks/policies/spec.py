@@ -359,7 +359,9 @@ def _make(text: str, env: Any, gains: Mapping[str, Any]) -> Any:
             name, seed = _with_seed(text)
             return controllers.make(name, env, **{**seed, **gains})
         case "archive":
-            return load_zip(external.archive(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True)
+            return load_zip(
+                external.archive(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True
+            )
         case "agent":
             return saved_agent(env, text)
         case _:

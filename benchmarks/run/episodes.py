@@ -67,7 +67,11 @@ def record(
     env = make_env(spec, scenario, n)
     # The same arms with another observation: equal seeds and actions make equal motions.
     learner: Any = gym.make_vec(
-        ENVIRONMENTS[observed], n, vectorization_mode="vector_entry_point", scenario=scenario, action=action_of(scenario)
+        ENVIRONMENTS[observed],
+        n,
+        vectorization_mode="vector_entry_point",
+        scenario=scenario,
+        action=action_of(scenario),
     )
     actor, state = spec.make(env), None
     bound = env.action_space.high
@@ -83,12 +87,8 @@ def record(
         truths.append(vars(env.truth))
         observation, *_ = env.step(action)
         following, rewards, terminated, truncated, _ = learner.step(action)
-        rows.append(
-            {
-                "observations": seen, "actions": action, "rewards": rewards, "next_observations": following,
-                "terminations": terminated, "truncations": truncated,
-            }  # fmt: skip
-        )
+        row = {"observations": seen, "actions": action, "rewards": rewards, "next_observations": following}
+        rows.append({**row, "terminations": terminated, "truncations": truncated})
         masks.append(running)
         seen, starts, ended = following, ended, terminated | truncated
         running = running & ~ended  # the next episode of a lane that ended is not recorded
@@ -121,7 +121,10 @@ def write(episodes: Episodes, folder: Path, description: Mapping[str, Any]) -> N
         new = Path(beside, folder.name)
         new.mkdir()
         np.savez_compressed(
-            new / "episodes.npz", seeds=episodes.seeds, episode_ends=episodes.ends, **episodes.steps  # type: ignore[arg-type]
+            new / "episodes.npz",
+            seeds=episodes.seeds,
+            episode_ends=episodes.ends,
+            **episodes.steps,  # type: ignore[arg-type]
         )
         np.savez_compressed(new / "truth.npz", **episodes.truth)  # type: ignore[arg-type]
         if not lacks_minari():
