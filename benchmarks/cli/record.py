@@ -61,7 +61,6 @@ def run(arguments: argparse.Namespace) -> int:
     policy = resolve(arguments.policy)
     data = record(policy, scenario, seeds, arguments.noise, arguments.observation)
     error = data.truth["reference"] - data.truth["position"]
-    lengths = np.diff(data.ends, prepend=0)
     description = {
         "command": command_line(), "fbl-gym": __version__, "policy": policy.name, "access": policy.access,
         "noise": arguments.noise, "episodes": len(seeds), "steps": int(data.ends[-1]),
@@ -71,8 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     }  # fmt: skip
     write(data, arguments.out, description)
     print(
-        f"{len(seeds)} episodes of {lengths.min()} to {lengths.max()} steps, {description['terminated']} terminated, "
-        f"mean return {description['mean_return']:.1f}, error {description['rms_mrad']:.3g} mrad"
+        f"{len(seeds)} episodes, {description['terminated']} terminated, mean return "
+        f"{description['mean_return']:.1f}, error {description['rms_mrad']:.3g} mrad"
     )
     if lacks_minari():
         print("no Minari files, since Minari is not installed: pip install 'fbl-gym[data]'")

@@ -29,8 +29,9 @@ def page() -> str:
     text = """# Model cards of the shipped agents
 
 What was each agent trained on, with which budget, and where does it fail? The numbers are those of its `agent.json`,
-in `benchmarks/rl/agents/NAME/TRAINING_SEED`, which also has all hyperparameters. `NAME` is the agent of the training
-seed with the smallest validation error, `NAME@SEED` that of another one. [Learning agents](rl.md) compares them.
+in `benchmarks/rl/agents/NAME/TRAINING_SEED`, which also has all hyperparameters.
+The steps are those until the best validation. `NAME` is the agent of the training seed with the smallest validation
+error, `NAME@SEED` that of another one. The command is that of `NAME`. [Learning agents](rl.md) compares the agents.
 
 All agents are multilayer perceptrons in plain NumPy files, under the MIT licence. They are made for this simulated
 arm: none has moved a real one. `python -m benchmarks.rl.cards > docs/agents.md` writes this page.
@@ -40,21 +41,14 @@ arm: none has moved a real one. `python -m benchmarks.rl.cards > docs/agents.md`
         all_seeds = {seed: describe(policy.SHIPPED / name / str(seed)) for seed in seeds}
         best = all_seeds[policy.best_seed(name)]
         trained_on = best.get("scenarios") or [best["scenario"]["name"]]
-        sensors = best["interface"].get("sensors", policy.SENSORS)
-        errors = ", ".join(f"{each['validation_mrad']:.3g} ({seed})" for seed, each in all_seeds.items())
-        steps = ", ".join(f"{each['steps']:,}" for each in all_seeds.values())
         minutes = [each["wall_s"] / 60 for each in all_seeds.values()]
-        packages = ", ".join(f"{package} {version}" for package, version in best["packages"].items())
         rows = {
-            "data": ", ".join(f"`{scenario}`" for scenario in trained_on),
-            "action": best["interface"]["action"],
-            "sensors": ", ".join(sensors),
-            "earlier steps": best["interface"].get("history", 0),
+            "trained on": ", ".join(f"`{scenario}`" for scenario in trained_on),
             "command": f"`{best['command']}`",
-            "steps until the best validation": steps,
+            "steps": ", ".join(f"{each['steps']:,} (seed {seed})" for seed, each in all_seeds.items()),
             "minutes": f"{min(minutes):.1f} to {max(minutes):.1f}, {best['machine']}",
-            "validation error [mrad] (training seed)": errors,
-            "packages": packages,
+            "validation error [mrad]": ", ".join(f"{each['validation_mrad']:.3g}" for each in all_seeds.values()),
+            "packages": ", ".join(f"{package} {version}" for package, version in best["packages"].items()),
             "where it fails": _IDEAL.format(*_BEYOND[name]) if name in _BEYOND else _HARDWARE,
         }
         text += "| | |\n|---|---|\n" + "".join(f"| {title} | {value} |\n" for title, value in rows.items())

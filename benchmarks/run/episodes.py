@@ -66,20 +66,14 @@ def record(
     n, spec = len(seeds), resolve(policy)
     env = make_env(spec, scenario, n)
     # The same arms with another observation: equal seeds and actions make equal motions.
-    learner: Any = gym.make_vec(
-        ENVIRONMENTS[observed],
-        n,
-        vectorization_mode="vector_entry_point",
-        scenario=scenario,
-        action=action_of(scenario),
-    )
+    options: Any = {"scenario": scenario, "action": action_of(scenario), "vectorization_mode": "vector_entry_point"}
+    learner: Any = gym.make_vec(ENVIRONMENTS[observed], n, **options)
     actor, state = spec.make(env), None
     bound = env.action_space.high
     draws = np.stack([np.random.default_rng(seed).standard_normal((scenario.steps, 2)) for seed in seeds], axis=1)
     observation, _ = env.reset(seed=list(seeds))
     seen, _ = learner.reset(seed=list(seeds))
-    starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
-    running = np.ones(n, dtype=bool)
+    starts, running, ended = np.ones(n, dtype=bool), np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     masks, rows, truths = [], [], []
     for draw in draws:
         action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
