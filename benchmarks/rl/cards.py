@@ -14,8 +14,8 @@ _BEYOND = {
     "td3": ("378 mrad, 0", "194 mrad, 2"),
     "tqc": ("219 mrad, 0", "215 mrad, 2"),
 }
-"""Mean RMS error and number of diverged runs, of the test seeds 0 to 31, on everything-2 with a delay
-of 10 ms, and with a radius of 2: masses and lengths off by up to a factor of three."""
+"""Mean RMS error and number of diverged runs on the test seeds 0 to 31: on everything-2 with a
+delay of 10 ms, and with a radius of 2 (masses and lengths off by up to a factor of three)."""
 
 _IDEAL = (
     "not applicable without an accelerometer; on `everything-2` with a delay of 10 ms: {} of 32 runs diverged; "
