@@ -47,8 +47,8 @@ def policy_name(text: str) -> str:
     if ("/" in code or os.sep in code) and external.form_of(text) != "file":
         if not Path(code).exists():
             raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
-        if Path(code).is_dir() and not (Path(code) / "agent.json").is_file():
-            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json, got {text!r}")
+        if Path(code).is_dir() and external.form_of(text) == "name":
+            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json or a .zip, got {text!r}")
     return text
 
 

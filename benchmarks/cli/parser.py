@@ -55,6 +55,8 @@ COMMANDS: dict[str, Command] = {
         "finished trials are kept"),
     "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
         "the last checkpoint and the best agent are kept"),
+    "record": Command("record", "record episodes of a policy as a data set for offline learning",
+        "computed-torque --scenario everything-2 --noise 0.1 --out data/noisy-v0"),
     "curves": Command("curves", "compare training runs, grouped over their seeds: table and learning curves",
         "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
     "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
@@ -78,6 +80,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "mpc": ("casadi",),
     "mujoco": ("mujoco",),
     "urdf": ("yourdfpy",),
+    "data": ("h5py", "minari"),
 }  # fmt: skip
 """The modules that each extra installs."""
 

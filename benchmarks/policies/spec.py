@@ -12,7 +12,8 @@ The text is one of:
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
 - "./path/to/run", a folder that `fbl-gym train` wrote;
-- "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`.
+- "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`, or a folder of
+  Hugging Face that holds one.
 
 A registered name wins over a file or folder of the same name.
 
@@ -370,7 +371,9 @@ def _make(text: str, env: Any, gains: Mapping[str, Any]) -> Any:
             name, seed = _with_seed(text)
             return controllers.make(name, env, **{**seed, **gains})
         case "archive":
-            return load_zip(Path(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True)
+            return load_zip(
+                external.archive(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True
+            )
         case "agent":
             return saved_agent(env, text)
         case _:

@@ -36,7 +36,7 @@ from benchmarks.run.suite import narrow
         ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
         ("compare zero pid-flm --seeds 20000", "must be at most 10000, the test seeds there are, got '20000'"),
         ("evaluate runs/lost", "must be a name, or a file or folder that exists, got 'runs/lost'"),
-        ("leaderboard --policies zero ./", "must be a folder with an agent.json, got './'"),
+        ("leaderboard --policies zero ./", "must be a folder with an agent.json or a .zip, got './'"),
         ("compare zero", "two policies or more can be compared, got zero"),
         ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
