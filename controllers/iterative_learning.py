@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from controllers.computed_torque import ComputedTorque
@@ -25,15 +26,15 @@ CAPACITY = 64
 class ComputedTorqueIlc(ComputedTorque):
     """Computed torque with iterative learning control of PD type.
 
-        torque = M(q) (a + u_k) + C v + G,    a = r'' + p,    p = w^2 (r - q) + 2 w (r' - v)
-        u_1 = 0,    u_k+1(t) = Q [u_k(t) + gain p_k(t + lead)]
+        torque = M(q) (a + u_k) + C v + G,    a = r'' + w^2 e_k + 2 w (r' - v)
+        u_1 = 0,    u_k+1(t) = Q [u_k(t) + gain (w^2 e_k + 2 w e_k')(t + lead)],    e = r - q
 
-    k counts the trials. A trial is an episode; it ends with `episode_start`. Q is a Gaussian filter
-    of the finished trial, forwards and backwards in time, so that it has no phase. The lead is the
-    known delay and lag of the drive (their middle) and a sample: half of it for the torque that is
-    held, half for the velocity that is a difference.
+    k counts the trials. A trial is an episode; the next one begins with `episode_start`. e' is the
+    central difference of the finished trial, so the measured velocity, which is late, leaves no
+    error. Q is a Gaussian filter of the finished trial in both directions, without phase. The lead
+    is the known delay and lag of the drive (their middle), and a sample.
 
-    On the nominal arm, p = T (d - u) for a missing acceleration d that repeats, with
+    On the nominal arm, w^2 e + 2 w e' = T (d - u) for a missing acceleration d that repeats, with
     T = (2 w s + w^2) / (s + w)^2. At each frequency u then approaches its limit by the factor
     |Q (1 - gain T)| < 1 from trial to trial, for a gain up to 1.
 
@@ -57,40 +58,41 @@ class ComputedTorqueIlc(ComputedTorque):
 
     @cached_property
     def lead(self) -> int:
-        """Samples by which the feedback follows the torque that it asks for."""
+        """Samples from a command to the error that it acts on."""
         drive = Drive.of(self.interface)
         return int((drive.delay + drive.lag) / drive.dt + 1.5 + 1e-9)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: step, steps of the longest trial, start of the reference, u_k, p_k."""
+        """Return the state: step, steps of the longest trial, start of the reference, u_k, e_k."""
         (start,) = self.read(observation, "reference_position")
         count, signal = np.zeros(len(start), dtype=int), np.zeros((len(start), CAPACITY, 2))
         return count, count, start, signal, signal
 
     def restart(self, observation: Array, state: State) -> State:
         """Return the state before the next trial, with u of it."""
-        step, longest, start, u, p = state
+        step, longest, start, u, e = state
         zero, _, new_start, *_ = self.initial(observation)
         last, samples = np.maximum(step - 1, 0)[:, None], np.arange(u.shape[1])
 
-        def held(signal: Array, sample: Array) -> Array:
+        def held(signal: Array, sample: NDArray[np.int_]) -> Array:
             return np.take_along_axis(signal, np.minimum(sample, last)[..., None], axis=1)
 
-        width = math.sqrt(math.log(2.0)) / (self.bandwidth * self.interface.control_dt)
-        u = held(u, samples) + self.gain * held(p, samples + self.lead)
-        u = gaussian_filter1d(u, width, axis=1, mode="nearest")
+        w, dt = np.array(self.frequency), self.interface.control_dt
+        coming = held(e, samples + self.lead)
+        p = w**2 * coming + 2.0 * w * np.gradient(coming, dt, axis=1)
+        width = math.sqrt(math.log(2.0)) / (self.bandwidth * dt)
+        u = gaussian_filter1d(held(u, samples) + self.gain * p, width, axis=1, mode="nearest")
         again = (start == new_start).all(axis=1)
         u = np.where((again & (step >= longest))[:, None, None], u, 0.0)
-        return zero, np.where(again, np.maximum(step, longest), 0), new_start, u, np.zeros_like(p)
+        return zero, np.where(again, np.maximum(step, longest), 0), new_start, u, np.zeros_like(e)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        step, longest, start, u, p = state
+        step, longest, start, u, e = state
         if step.max() >= u.shape[1]:
-            u, p = (np.concatenate([signal, np.zeros_like(signal)], axis=1) for signal in (u, p))
-        q, v = self.read(observation, "position", "velocity")
-        (r_ddot,) = self.read(observation, "reference_acceleration")
-        a = self.acceleration(observation, q, v)
-        now, p = (np.arange(len(step)), step), p.copy()
-        p[now] = a - r_ddot
-        return linearize(self.interface.nominal, q, v, a + u[now]), (step + 1, longest, start, u, p)
+            u, e = (np.concatenate([signal, np.zeros_like(signal)], axis=1) for signal in (u, e))
+        q, v, r = self.read(observation, "position", "velocity", "reference_position")
+        now, e = (np.arange(len(step)), step), e.copy()
+        e[now] = r - q
+        a = self.acceleration(observation, q, v) + u[now]
+        return linearize(self.interface.nominal, q, v, a), (step + 1, longest, start, u, e)

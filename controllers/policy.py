@@ -72,6 +72,7 @@ class Policy(Protocol):
             observation: in the environment's layout.
             state: the state that the last call returned; None starts an episode in every lane.
             episode_start: [n] or one flag; True in lanes where an episode starts; they are reset.
+                A policy that learns over trials may keep what it knows of the same motion.
             deterministic: without effect on a controller.
 
         Returns:
