@@ -38,7 +38,7 @@ TORQUES = ["torque[0]", "torque[1]"]
 SETTLING = 60.0
 """An arm that is not at rest after so long [s] has no operating point."""
 
-MOST_NUMBERS = 4_000
+MOST_NUMBERS = 2_000
 """A policy whose state has more numbers is not linearised, since that would take minutes."""
 
 UNIT_CIRCLE = 1.0 + 1e-6
