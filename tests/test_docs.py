@@ -80,6 +80,7 @@ SHORT = {
     "speed": ["--rounds", "1"],
     "evaluate": ["--seeds", "2"],
     "compare": ["--seeds", "2"],
+    "trials": ["--seeds", "2", "--trials", "2"],
     "sweep": ["--seeds", "1", "--workers", "1"],
     "tune": ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--jobs", "1"],
     "transfer": ["--seeds", "4", "--world", "mujoco-bend", "--scenario", "hardware-nominal"],

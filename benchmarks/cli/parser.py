@@ -46,6 +46,8 @@ COMMANDS: dict[str, Command] = {
     "sweep": Command("sweep", "measure policies over the values of one or two options: CSV and figure",
         "--over noise.position=1e-4:1e-2:log:5 --policies pid-flm lqg --scenario nominal --seeds 8",
         "finished cells are kept"),
+    "trials": Command("trials", "repeat one motion of one arm: error of policies against trial, as CSV and figure too",
+        "computed-torque computed-torque-ilc --scenario practice-friction-3 --trials 6 --plot trials.pdf"),
     "recommend": Command("recommend", "name the policies to use on an arm: a scenario and conditions around it",
         "hardware-nominal --policies pd-gravity computed-torque --seeds 4"),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),

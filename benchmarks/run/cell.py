@@ -9,7 +9,7 @@ from benchmarks.policies.apart import Failed, Limits, call_apart, limits, reason
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.contract import broken
 from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import Trace, rollout
+from benchmarks.run.rollout import Trace, rollout, rollout_trials
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.run.suite import Cell
 from fbl_gym import Scenario
@@ -79,11 +79,18 @@ def run_apart(cell: Cell, command: str = "") -> Result:
 
 def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> Trace:
     """Return the trace of `rollout`; that of an external policy from a process of its own."""
+    return trials_apart(policy, scenario, seeds, 1)[0]
+
+
+def trials_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int) -> list[Trace]:
+    """Return the traces of `rollout_trials`, as `trace_apart` does."""
     if not (policy.external or external.has_loaded()):
-        return rollout(policy, scenario, seeds)
+        return rollout_trials(policy, scenario, seeds, trials)
     owner = policy.name if policy.external else ""
-    trace: Trace = call_apart(owner, "benchmarks.run.rollout:rollout", policy, scenario, tuple(seeds))
-    return trace
+    traces: list[Trace] = call_apart(
+        owner, "benchmarks.run.rollout:rollout_trials", policy, scenario, tuple(seeds), trials
+    )
+    return traces
 
 
 def run_checked(cell: Cell, command: str) -> Result:

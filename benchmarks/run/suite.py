@@ -175,6 +175,7 @@ def named(name: str) -> Suite:
         tasks += [task for task in scenarios.in_tier("ideal", severities) if not task.startswith("section-2-2/")]
     if name == "hardware":  # an agent that needs an accelerometer was trained for the tier ideal
         policies = tuple(p for p in policies if not (_learned(p) and "acceleration" in resolve_apart(p).needs))
+    policies = tuple(p for p in policies if not p.startswith("computed-torque-ilc"))  # computed torque in one trial
     if name != "ideal":  # nmpc takes as long as all others together
         policies = tuple(p for p in policies if not p.startswith("nmpc"))
     return Suite(name, policies, tuple(map(scenarios.get, tasks)), 64 if name == "full" else 32)

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from fbl_gym.interface import Constraints, Limits
 from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
 from fbl_gym.plants import PLANTS, MuJoCo
 from fbl_gym.real_arms import REAL_ARMS
-from fbl_gym.records import Numbers, Record, build, choices, declared, ends, number, one_of, pair, record
+from fbl_gym.records import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, ArrayReference, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
     DISTURBANCES,
@@ -88,6 +88,8 @@ class Scenario(Record):
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
         constraints: bounds that the arm shall keep.
         plant: engine that moves the real arm; None: the package's own.
+        drawn_per: "seed": every episode of a seed has the arm, the drawn numbers and the reference
+            of its first one. Noise, and the course of a disturbance, are new in each episode.
     """
 
     name: str = "nominal"
@@ -119,6 +121,7 @@ class Scenario(Record):
     limits: Limits = record(Limits, Limits())
     constraints: Constraints | None = record(Constraints, None)
     plant: MuJoCo | None = one_of(PLANTS, None)
+    drawn_per: Literal["episode", "seed"] = choice("episode", ("episode", "seed"))
 
     def validate(self) -> None:
         """Refuse noise on a sensor that is left out, times that do not divide, too many steps."""
