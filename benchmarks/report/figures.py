@@ -12,7 +12,6 @@ import numpy as np
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import MOST_DIVERGED, Board
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.rl.policy import curves, shipped
 from fbl_gym.arm import Array
 
 Figure: TypeAlias = dict[str, Any]
@@ -46,32 +45,26 @@ def _figure(title: str, description: str, data: list[Figure], x: str, y: str, **
     return {"title": title, "description": description, "data": data, "layout": axes}
 
 
-def _curve(policy: str, place: int, x: Sequence[float] | Array, estimate: Estimate, i: int) -> list[Figure]:
-    """Return a policy's curve with its intervals, as bars or as a band."""
-    color, mark, dash = style(place)
-    value, low, high = (np.asarray(y)[i] for y in (estimate.value, estimate.low, estimate.high))
-    line: Figure = {
-        "type": "scatter", "name": policy, "legendgroup": policy, "x": list(x), "y": value,
-        "mode": "lines+markers" if len(x) <= FEW else "lines", "line": {"color": color, "dash": dash, "width": 2},
-        "marker": {"color": color, "symbol": mark, "size": 7},
-        "hovertemplate": f"{policy}: %{{y:.3g}} at %{{x:.3g}}<extra></extra>",
-    }  # fmt: skip
-    if low.size == 0:
-        return [line]
-    line["customdata"] = np.stack([low, high], axis=-1)
-    line["hovertemplate"] = f"{policy}: %{{y:.3g}} (%{{customdata[0]:.3g}}–%{{customdata[1]:.3g}})<extra></extra>"
-    if len(x) <= FEW:
-        bars = {"type": "data", "symmetric": False, "array": high - value, "arrayminus": value - low}
-        return [{**line, "error_y": {**bars, "color": color, "thickness": 1.2, "width": 3}}]
-    edge = {"type": "scatter", "legendgroup": policy, "x": list(x), "mode": "lines", "line": {"width": 0}}
-    band = {**edge, "y": high, "fill": "tonexty", "fillcolor": f"{color}2b", "hoverinfo": "skip"}
-    return [{**edge, "y": low, "hoverinfo": "skip"}, band, line]
-
-
 def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> list[Figure]:
-    """Return the curve of every policy of a board."""
-    curves = [_curve(board.policies[i], place, x, estimate, i) for place, i in enumerate(board.order)]
-    return [trace for curve in curves for trace in curve]
+    """Return the curve of every policy of a board with its intervals, as bars or as a band."""
+    data = []
+    for place, i in enumerate(board.order):
+        policy, (color, mark, dash) = board.policies[i], style(place)
+        value, low, high = (np.asarray(y)[i] for y in (estimate.value, estimate.low, estimate.high))
+        shared: Figure = {"type": "scatter", "legendgroup": policy, "x": list(x)}
+        line = {
+            **shared, "name": policy, "y": value, "line": {"color": color, "dash": dash, "width": 2},
+            "marker": {"color": color, "symbol": mark, "size": 7}, "customdata": np.stack([low, high], axis=-1),
+            "hovertemplate": f"{policy}: %{{y:.3g}} (%{{customdata[0]:.3g}}–%{{customdata[1]:.3g}})<extra></extra>",
+        }  # fmt: skip
+        if len(x) <= FEW:
+            bars = {"array": high - value, "arrayminus": value - low, "color": color, "thickness": 1.2, "width": 3}
+            data.append({**line, "mode": "lines+markers", "error_y": {"type": "data", "symmetric": False, **bars}})
+        else:
+            edge = {**shared, "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+            band = {**edge, "y": high, "fill": "tonexty", "fillcolor": f"{color}2b"}
+            data += [{**edge, "y": low}, band, {**line, "mode": "lines"}]
+    return data
 
 
 def degradation(board: Board) -> list[Figure]:
@@ -154,20 +147,26 @@ def recovery(board: Board) -> list[Figure]:
         ]
         for i in board.order
     ]
-    heatmap = {
-        "type": "heatmap", "x": tasks, "y": names, "z": times, "text": text, "hovertemplate": "%{text}<extra></extra>",
-        "texttemplate": "%{z:.2g}", "zmin": 0, "colorscale": [[0, "rgba(128,128,128,0.08)"], [1, COLORS[1]]],
-        "colorbar": {"thickness": 10, "outlinewidth": 0}, "xgap": 1, "ygap": 1,
-    }  # fmt: skip
     description = (
         "Seconds until the error is back near its level before the event, mean over events and runs. An event without return "
         "counts with the time until the next one or the end. Runs that diverged are left out; the pointer shows their share, "
         "and the area of the error above its level before."
     )
-    x = {"side": "top", "tickangle": -90, "dtick": 1, "showgrid": False}
-    y = {"autorange": "reversed", "dtick": 1, "showgrid": False}
-    figure = _figure("Time back after an event", description, [heatmap], "", "", xaxis=x, yaxis=y)
-    return [{**figure, "height": 240 + 18 * len(names)}]
+    colors = [[0, "rgba(128,128,128,0.08)"], [1, COLORS[1]]]
+    heatmap = {"x": tasks, "y": names, "z": times, "text": text, "texttemplate": "%{z:.2g}", "colorscale": colors}
+    return [_heatmap("Time back after an event", description, heatmap, showgrid=False)]
+
+
+def _heatmap(title: str, description: str, data: Figure, **axes: Any) -> Figure:
+    """Return a heatmap with a row for each policy, the best one on top."""
+    usual = {
+        "type": "heatmap", "hovertemplate": "%{text}<extra></extra>", "zmin": 0, "xgap": 1, "ygap": 1,
+        "colorbar": {"thickness": 10, "outlinewidth": 0},
+    }  # fmt: skip
+    x = {"side": "top", "tickangle": -90, "dtick": 1, **axes}
+    y = {"autorange": "reversed", "dtick": 1, **axes}
+    figure = _figure(title, description, [{**usual, **data}], "", "", xaxis=x, yaxis=y)
+    return {**figure, "height": 240 + 18 * len(data["y"])}
 
 
 def profiles(board: Board) -> list[Figure]:
@@ -189,47 +188,7 @@ def pairs(board: Board) -> list[Figure]:
                 wins = statistics.wins(board.errors[i], board.errors[j], board.counts)
                 share[a, b] = wins.value
                 text[a][b] = f"{names[a]} against {names[b]}: {wins.value:.2f} ({wins.low:.2f}–{wins.high:.2f})"
-    heatmap = {
-        "type": "heatmap", "x": names, "y": names, "z": share, "text": text, "hovertemplate": "%{text}<extra></extra>",
-        "zmin": 0, "zmax": 1, "colorscale": [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]],
-        "colorbar": {"thickness": 10, "outlinewidth": 0}, "xgap": 1, "ygap": 1,
-    }  # fmt: skip
+    colors = [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]]
+    heatmap = {"x": names, "y": names, "z": share, "text": text, "zmax": 1, "colorscale": colors}
     description = "Share of the runs in which the row's policy errs less than the column's on the same seed."
-    figure = _figure(
-        "Smaller error", description, [heatmap], "", "", yaxis={"autorange": "reversed", "dtick": 1},
-        xaxis={"side": "top", "tickangle": -90, "dtick": 1},
-    )  # fmt: skip
-    return [{**figure, "height": 240 + 18 * len(names)}]
-
-
-def learning(board: Board) -> list[Figure]:
-    """Return the agents' validation error during training, beside the classical policies."""
-    scenario = "everything-2"
-    agents = [policy for policy in board.policies if policy in shipped()]
-    if not agents or scenario not in board.scenarios:
-        return []
-    place = {board.policies[i]: k for k, i in enumerate(board.order)}
-    rms = board.runs["rms_mrad"][:, board.scenarios.index(scenario)].mean(axis=1)
-    none = np.empty((1, 0))
-    figures = []
-    for x, column in (("environment steps", 0), ("wall time [s]", 1)):
-        data: list[Figure] = []
-        for agent in agents:
-            runs = list(curves(agent).values())
-            grid = np.unique(np.concatenate([run[:, column] for run in runs]))
-            grid = grid[grid > 0]
-            values = np.array([np.interp(grid, run[:, column], run[:, 2]) for run in runs])
-            ends = (values.min(axis=0)[None], values.max(axis=0)[None]) if len(runs) > 1 else (none, none)
-            data += _curve(agent, place[agent], grid.tolist(), Estimate(np.median(values, axis=0)[None], *ends), 0)
-        points = [x for line in data for x in line["x"]]
-        for i in board.order:
-            policy = board.policies[i]
-            if board.specs[i].kind != "learned":
-                level = np.full((1, 2), rms[i])
-                data += _curve(policy, place[policy], [min(points), max(points)], Estimate(level, none, none), 0)
-        description = (
-            "RMS error on the validation seeds: median, least and largest of the training seeds. Level lines: the classical "
-            f"policies on {scenario}, test seeds."
-        )
-        figures.append(_figure(f"By {x}", description, data, x, "RMS joint error [mrad]", xaxis=LOG, yaxis=LOG))
-    return figures
+    return [_heatmap("Smaller error", description, heatmap)]
