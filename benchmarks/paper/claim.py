@@ -66,7 +66,7 @@ class Effort:
         seeds: number of episodes of a random scenario.
         many: number of episodes for a share near 95 %.
         points: number of points of a map.
-        seconds: longest duration of an episode of section 2; its references step every 4 s.
+        seconds: longest duration of an episode of the paper's scenarios, which step every 2 or 4 s.
     """
 
     seeds: int
@@ -78,6 +78,11 @@ class Effort:
     def short(self) -> bool:
         """True for fewer cases and shorter episodes, where the verdict stays the same."""
         return self.points < 4
+
+    def scenario(self, name: str) -> Scenario:
+        """Return a scenario of the paper, of which the short form has the first seconds only."""
+        scenario = scenarios.get(name)
+        return scenario.replace(duration=min(self.seconds, scenario.duration), name=name)
 
 
 FULL = Effort(seeds=64, many=512, points=8, seconds=20.0)

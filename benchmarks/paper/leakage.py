@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import Case, Effort, Finding, run
+from benchmarks.paper.claim import Case, Finding, run
 from benchmarks.report.plot import Line, Panel
 from benchmarks.run.rollout import Watch
 from fbl_gym import Scenario, TwoLinkArmVectorEnv
@@ -42,14 +42,12 @@ def stiction_leakage(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Arr
     return np.stack([m22 * f1 - m12 * f2, m11 * f2 - m12 * f1], axis=-1) / (m11 * m22 - m12 * m12)[:, None]
 
 
-def compare_leakage(
-    effort: Effort, policy: str, scenario: Scenario, formula: Watch = leakage_formula, **perfect: Any
-) -> Finding:
+def compare_leakage(policy: str, scenario: Scenario, formula: Watch = leakage_formula, **perfect: Any) -> Finding:
     """Return the finding that a formula computes the leakage, and that a perfect model has none.
 
     `perfect` has the options of the scenario with which the model is perfect.
     """
-    scenario, series = scenario.replace(duration=min(effort.seconds, scenario.duration), name=scenario.name), []
+    series = []
     for task in (scenario, scenario.replace(**perfect)):
         trace, _ = run(policy, task, watch={"leakage": leakage, "formula": formula})
         end = int(trace.alive[1:, 0].sum())

@@ -84,7 +84,7 @@ def _pulse_motion(scenario: Scenario) -> Array:
     paper="x2' = a - LS; (6) covers the disturbance only",
 )  # fmt: skip
 def leakage_of_parameters(effort: Effort) -> Finding:
-    return compare_leakage(effort, "pid-flm", scenarios.get("paper-3b"), arm=ARMS["§2.2"], parameter_error=1.0)
+    return compare_leakage("pid-flm", effort.scenario("paper-3b"), arm=ARMS["§2.2"], parameter_error=1.0)
 
 
 @claim(
@@ -93,16 +93,15 @@ def leakage_of_parameters(effort: Effort) -> Finding:
 )  # fmt: skip
 def leakage_of_disturbance(effort: Effort) -> Finding:
     disturbance = {"kind": "piecewise-constant", "amplitude": (50.0, 20.0)}
-    scenario = scenarios.get("paper-8").replace(friction=None, disturbance=disturbance, name="paper-8")
-    return compare_leakage(effort, "cascade-flm", scenario, disturbance=None)
+    scenario = effort.scenario("paper-8").replace(friction=None, disturbance=disturbance, name="paper-8")
+    return compare_leakage("cascade-flm", scenario, disturbance=None)
 
 
 def _figure_3(name: str, effort: Effort) -> Iterator[tuple[str, Any, Scenario]]:
     """Yield name, arm and scenario of each case of figure 3."""
     for (arm, real), (reference, options) in product(ARMS.items(), REFERENCES.items()):
-        scenario = scenarios.get(name)
-        scenario = scenario.replace(reference=options or scenario.reference, duration=effort.seconds)
-        yield f"{arm}, {reference}", real, scenario
+        scenario = effort.scenario(name)
+        yield f"{arm}, {reference}", real, scenario.replace(reference=options or scenario.reference)
 
 
 @claim(
@@ -124,7 +123,7 @@ def figure_3a(effort: Effort) -> Finding:
     assumptions="as printed",
 )  # fmt: skip
 def figure_3a_as_printed(effort: Effort) -> Finding:
-    trace, rows = run("pid-flm", scenarios.get("paper-3a").replace(duration=effort.seconds), kp=10.0, ki=3.0, kd=0.0)
+    trace, rows = run("pid-flm", effort.scenario("paper-3a"), kp=10.0, ki=3.0, kd=0.0)
     growth = float(np.roots([1.0, 0.0, 10.0, 3.0]).real.max())
     measured = f"unstable: a closed-loop pole at +{growth:.3f}; mean error {percents(rows['error_pct'])}"
     return Finding([Case("every task", growth <= 0)], measured, "Figure 3a with the gains as printed", trace)

@@ -42,12 +42,6 @@ def _friction(factor: float = 1.0, **changes: Any) -> Friction:
     return dataclasses.replace(STICTION, **{**scaled, **changes})
 
 
-def _tracking(effort: Effort) -> Scenario:
-    """Return the scenario of figure 8; the short form has two of its steps."""
-    scenario = scenarios.get("paper-8")
-    return scenario.replace(duration=4.0 if effort.short else scenario.duration)
-
-
 def _at(scenario: Scenario, control_dt: float, **options: Any) -> Scenario:
     return scenario.replace(control_dt=control_dt, physics_dt=control_dt, **options)
 
@@ -58,7 +52,7 @@ def _at(scenario: Scenario, control_dt: float, **options: Any) -> Scenario:
     assumptions="cascade-flm on Table 1's arm, perfect parameters, no noise; within 10 % of the error without loads",
 )  # fmt: skip
 def equation_22(effort: Effort) -> Finding:
-    base = _tracking(effort)
+    base = effort.scenario("paper-8")
     load = np.array([50.0, 20.0])
     _, smooth = run("cascade-flm", base.replace(friction=None))
     constant = {"kind": "array", "torque": (tuple(load),), "dt": 1.0}
@@ -238,7 +232,7 @@ def adaptive_radius(effort: Effort) -> Finding:
     assumptions="in the printed law sign(0) = 0, so joints do not stick; v_s has the unit (rad/s)^2",
 )  # fmt: skip
 def figure_7(effort: Effort) -> Finding:
-    scenario = scenarios.get("paper-8")
+    scenario = effort.scenario("paper-8")
     friction = scenario.friction
     assert friction is not None
     watch = {"v": lambda env, *_: env.truth.velocity, "f": lambda env, *_: env.truth.friction_torque}
@@ -293,7 +287,7 @@ def figure_8(effort: Effort) -> Finding:
     cases, panels = [], []
     for arm, real in ARMS.items():
         results = {
-            name: run("cascade-flm", _tracking(effort).replace(arm=real, friction=friction))
+            name: run("cascade-flm", effort.scenario("paper-8").replace(arm=real, friction=friction))
             for name, friction in frictions.items()
         }
         smooth = results["none"][1]
@@ -319,7 +313,7 @@ def figure_8(effort: Effort) -> Finding:
     "8, (45)", "the leakage LS of stiction is M^-1 F_s, (44) and (45)", paper="M^-1 F_s(q')", scenario="paper-8"
 )  # fmt: skip
 def leakage_of_stiction(effort: Effort) -> Finding:
-    return compare_leakage(effort, "cascade-flm", scenarios.get("paper-8"), stiction_leakage, friction=None)
+    return compare_leakage("cascade-flm", effort.scenario("paper-8"), stiction_leakage, friction=None)
 
 
 @claim(
