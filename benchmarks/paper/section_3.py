@@ -1,7 +1,6 @@
 """Section 3: the cascade and the Kalman filter; figure 4, equations (10) and (19) to (21)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from typing import Any, TypeAlias
@@ -180,51 +179,31 @@ def figure_4b_error(effort: Effort) -> Finding:
     )
 
 
-@dataclass(frozen=True)
-class _Step:
-    """The response to a step reference: time since the step [T] s, and largest torque [N m].
+def _step(
+    seconds: float, arm: str, factor: float, height: tuple[float, float], sigma: float | None = None
+) -> tuple[Array, float]:
+    """Return the response of each moved joint over its step [T x joints], and the largest torque.
 
-    `fraction` is that of the step which each moved joint has made, [T x joints].
+    The arm hangs at first, and the velocity impulse of the step is fed forward. With a sigma: with
+    that noise on every sensor, and with the Kalman filter.
     """
-
-    time: Array
-    fraction: Array
-    torque: float
-
-    @property
-    def settled(self) -> float:
-        """Settling time to 2 % [s]."""
-        return _time_to(self.time, np.abs(self.fraction - 1.0).max(axis=1), 0.02)
-
-    def __str__(self) -> str:
-        settled = f"{self.settled:.3f} s" if self.settled < self.time[-1] else f"not within {self.time[-1]:.0f} s"
-        overshoot = 100.0 * max(float(self.fraction.max()) - 1.0, 0.0)
-        return f"{settled}, {overshoot:.2g} %, {self.torque:.0e} N m"
-
-
-def _step(seconds: float, arm: str, factor: float, height: tuple[float, float], sigma: float | None = None) -> _Step:
-    """Return the response to a step from hanging, whose velocity impulse is fed forward.
-
-    With a sigma: with that noise on every sensor, and with the Kalman filter.
-    """
-    dt, begin = 1e-3, 10
-    n = round(seconds / dt) + 1
-    rest = np.array([-np.pi / 2, 0.0])
+    n, rest, moved = round(seconds / _STEP_DT) + 1, np.array([-np.pi / 2, 0.0]), np.flatnonzero(height)
     position, velocity = np.tile(rest, (n, 1)), np.zeros((n, 2))
-    position[begin:] += height
-    velocity[begin] = np.array(height) / dt
+    position[_BEGIN:] += height
+    velocity[_BEGIN] = np.array(height) / _STEP_DT
+    motion = {"position": position, "velocity": velocity, "acceleration": np.zeros((n, 2))}
     scenario = scenarios.get("nominal").replace(
-        control_dt=dt, duration=seconds, actuator=None,
-        limits={"velocity": 1e5, "acceleration": 1e9}, noise=_noise(sigma),
-        reference={
-            "kind": "array", "dt": dt, "position": position, "velocity": velocity, "acceleration": np.zeros((n, 2)),
-        },
+        control_dt=_STEP_DT, duration=seconds, actuator=None, limits={"velocity": 1e5, "acceleration": 1e9},
+        noise=_noise(sigma), reference={"kind": "array", "dt": _STEP_DT, **motion},
     )  # fmt: skip
     policy = "robust-flm" if sigma else "cascade-flm"
     trace = rollout(policy, with_estimate(scenario, ARMS[arm], factor), [0], {"kp": 1.0})
-    moved = np.flatnonzero(height)
-    fraction = (trace.position[begin:, 0, moved] - rest[moved]) / np.array(height)[moved]
-    return _Step(trace.time[begin:] - trace.time[begin], fraction, float(np.abs(trace.torque).max()))
+    fraction = (trace.position[_BEGIN:, 0, moved] - rest[moved]) / np.array(height)[moved]
+    return fraction, float(np.abs(trace.torque).max())
+
+
+_STEP_DT, _BEGIN = 1e-3, 10
+"""Sample time [s] of a step, and the sample at which it begins."""
 
 
 @claim(
@@ -240,19 +219,22 @@ def figure_4b_settling(effort: Effort) -> Finding:
         for arm, direction, name in product(ARMS, DIRECTIONS, heights)
     }
     steps["§2.2, double, joint 1 by 1 rad, filter and σ = 0.01"] = _step(seconds, "§2.2", 2.0, (1.0, 0.0), 0.01)
-    cases = [Case(name, step.settled <= 0.016, str(step)) for name, step in steps.items()]
-
-    def lines(end: float) -> tuple[Line, ...]:
-        return tuple(
-            Line(step.time[step.time <= end], step.fraction[step.time <= end, 0], name.removeprefix("§2.2, "))
-            for name, step in steps.items()
-            if name.startswith("§2.2") and "0.5 rad" not in name
+    cases, lines = [], []
+    for name, (fraction, torque) in steps.items():
+        time = _STEP_DT * np.arange(len(fraction))
+        settled = _time_to(time, np.abs(fraction - 1.0).max(axis=1), 0.02)
+        text = f"{settled:.3f} s" if settled < time[-1] else f"not within {time[-1]:.0f} s"
+        text += f", {100 * max(fraction.max() - 1.0, 0.0):.2g} %, {torque:.0e} N m"
+        cases.append(Case(name, settled <= 0.016, text))
+        if name.startswith("§2.2") and "0.5 rad" not in name:
+            lines.append((time, fraction[:, 0], name.removeprefix("§2.2, ")))
+    panels = [
+        Panel(
+            f"joint 1, the first {end:g} s", "time [s]", "fraction of the step",
+            tuple(Line(x[x <= end], y[x <= end], name) for x, y, name in lines), bounds=(0.0, 1.4),
         )
-
-    panels = tuple(
-        Panel(f"joint 1, the first {end:g} s", "time [s]", "fraction of the step", lines(end), bounds=(0.0, 1.4))
         for end in (0.05, seconds)
-    )
+    ]  # fmt: skip
     measured = "settling time, overshoot and largest torque: " + quote(cases[3], cases[-1])
     return Finding(cases, measured, "A step with its velocity impulse fed forward, §2.2's arm", panels)
 
