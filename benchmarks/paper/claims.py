@@ -23,7 +23,7 @@ CLAIMS: dict[str, Declared] = {
 
 def listed() -> dict[str, str]:
     """Return one line on each claim, by name."""
-    return {name: f"{claim.fields['figure']}: {claim.fields['claim']}" for name, claim in CLAIMS.items()}
+    return {name: claim.fields["claim"] for name, claim in CLAIMS.items()}
 
 
 def select(names: Sequence[str]) -> list[str]:
