@@ -198,10 +198,14 @@ def band(x: Array, signal: Array, label: str) -> Line:
         signal: of n seeds [k x n]; NaN where a seed has no value.
         label: of the line.
     """
+    if signal.shape[-1] == 1:
+        return Line(x, signal[:, 0], label)
+    edges, lacks = np.empty((3, len(x))), np.isnan(signal).any(axis=-1)
+    edges[:, ~lacks] = np.quantile(signal[~lacks], QUANTILES, axis=-1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no seed has a value
-        low, median, high = np.nanquantile(signal, QUANTILES, axis=-1)
-    return Line(x, median, label) if signal.shape[-1] == 1 else Line(x, median, label, low=low, high=high)
+        edges[:, lacks] = np.nanquantile(signal[lacks], QUANTILES, axis=-1)  # 100 times as slow
+    return Line(x, edges[1], label, low=edges[0], high=edges[2])
 
 
 def caption(seeds: int) -> str:

@@ -3,8 +3,6 @@
 `python -m benchmarks.speed.training` prints both and their ratio.
 """
 
-from __future__ import annotations
-
 import time
 from statistics import median
 
