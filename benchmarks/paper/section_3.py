@@ -221,7 +221,7 @@ def figure_4b_settling(effort: Effort) -> Finding:
     steps["§2.2, double, joint 1 by 1 rad, filter and σ = 0.01"] = _step(seconds, "§2.2", 2.0, (1.0, 0.0), 0.01)
     cases, lines = [], []
     for name, (fraction, torque) in steps.items():
-        time = _STEP_DT * np.arange(len(fraction))
+        time = _STEP_DT * np.arange(float(len(fraction)))
         settled = _time_to(time, np.abs(fraction - 1.0).max(axis=1), 0.02)
         text = f"{settled:.3f} s" if settled < time[-1] else f"not within {time[-1]:.0f} s"
         text += f", {100 * max(fraction.max() - 1.0, 0.0):.2g} %, {torque:.0e} N m"
