@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import errno
 import gc
+import hashlib
 import os
 import time
 import warnings
+from pathlib import Path
 from typing import IO, Any
 
 from numba.core import caching
@@ -25,6 +27,18 @@ else:
 
 PATIENCE = 120.0
 """Longest time to wait for another process that compiles [s]."""
+
+
+def _digest() -> str:
+    """Return a hash of all the sources that the kernel is compiled from."""
+    folder, digest = Path(__file__).parent, hashlib.sha256()
+    for pattern in ("arm.py", "fastmath.py", "friction.py", "memory.py", "streams.py", "kernel/*.py"):
+        for path in sorted(folder.glob(pattern)):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+_DIGEST = _digest()
 
 
 class _InnerLibrary(JITCodeLibrary):
@@ -81,7 +95,9 @@ class _Files(caching.CompileResultCacheImpl):
 class CompileCache(caching.FunctionCache):
     """The compiled versions of one function.
 
-    The folder is `NUMBA_CACHE_DIR`, else `numba` in the user's cache directory.
+    The folder is `NUMBA_CACHE_DIR`, else `numba` in the user's cache directory. Numba notices a
+    change in the function's file, but not in the files of the functions that it calls, so a hash of
+    these is part of the key.
 
     Args:
         function: to compile.
@@ -97,6 +113,9 @@ class CompileCache(caching.FunctionCache):
         super().__init__(function)
         self._files = os.path.join(self.cache_path, self._impl.filename_base)
         self._lock: IO[bytes] | None = None
+
+    def _index_key(self, signature: Any, codegen: Any) -> Any:
+        return *super()._index_key(signature, codegen), _DIGEST
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Return a compiled version; None if it must be compiled, with the lock in this process."""
