@@ -36,12 +36,9 @@ class AdaptiveFlm(CascadeFlm):
 
     A sample is the motion measured at the end of a control interval and the torque applied in it.
     The estimate replaces the nominal model as soon as three samples tell the five lumped parameters
-    apart and the result is physical. Under noise the samples must lie apart: with sigma = 0.01
-    rad/s^2, three samples a millisecond apart are useless, and half a second apart they are within
-    some per cent. `AdaptiveFlmLs` works with more noise.
-
-    The regression "printed" is (36): X = -pinv(K_t) M^e with e = a - q'', and p = p^ - X. It is
-    wrong where the torque saturates, and the acceleration a is that of the interval's start.
+    apart and the result is physical. Under noise the samples must lie apart. The regression
+    "printed" is (36): X = -pinv(K_t) M^e with e = a - q'', and p = p^ - X. It is wrong where the
+    torque saturates.
 
     Sensors: position, velocity and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering
     3:1173529, 2016, §4.
@@ -154,13 +151,10 @@ class AdaptiveFlmScheduled(AdaptiveFlm):
 class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
     """The paper's tools together: estimator, gain schedule, cascade and Kalman filter (§3 and §4).
 
-    Section 4.1 leaves the rest of the parameter error to the robust controller of section 3, so the
-    position and the velocity come from its Kalman filter. The acceleration is the measured one, and
-    the samples lie apart because of its noise.
+    The position and the velocity come from the Kalman filter, the acceleration is the measured one.
 
-    Sensors: position and acceleration.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3 and §4.
+    Sensors: position and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
+    2016, §3 and §4.
 
     Args:
         spacing: as in `AdaptiveFlm`.

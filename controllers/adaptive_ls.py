@@ -1,8 +1,4 @@
-"""The adaptive controller for noisy sensors: the paper's idea of §4 with recursive least squares.
-
-The paper's three samples amplify every error of the accelerometer. Here all samples count, and
-recent ones count most.
-"""
+"""The adaptive controller for noisy sensors: the idea of §4 with recursive least squares."""
 
 from __future__ import annotations
 
@@ -35,8 +31,7 @@ class AdaptiveFlmLs(RobustFlm):
     friction, through the same low-pass filter LP as the torque. q and v come from the Kalman
     filter, a from the accelerometer. While the arm stands still, A and b are held. An estimate that
     is not physical is refused, and negative friction is set to zero. The estimated friction is fed
-    forward. All that the model cannot explain biases the estimate: under a large disturbance torque
-    the law is worse than no adaptation.
+    forward.
 
     Sensors: position and acceleration. Source: Slotine and Li, "Applied Nonlinear Control", 1991,
     §8.7; Ljung, "System Identification", 1999, §11.2.

@@ -32,13 +32,10 @@ class ComputedTorqueGp(ComputedTorque):
         f^ = mean of a Gaussian process given the samples y = torque - (M q'' + C v + G)
 
     A sample y is the mean torque of an interval less that of the model, with q'' the velocity's
-    difference, over the stretched inertia. The covariance of two samples is
-    SIGNAL^2 z(x)'z(x') exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near
-    exp(-|x - x'|^2 / 2), and x is the reference motion in units of `LENGTHS`: free of noise, and
-    close to the real motion. A Kalman filter of the cosines' weights gives the exact mean. Without
-    data f^ is zero. Delay and lag of the drive are known: each torque is counted where it acts.
-
-    No theorem covers the closed loop; its feedback is that of computed torque.
+    difference, over the stretched inertia. The covariance of two samples is SIGNAL^2 z(x)'z(x')
+    exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near exp(-|x - x'|^2 / 2), and x
+    is the reference motion in units of `LENGTHS`. A Kalman filter of the cosines' weights gives the
+    exact mean. Known delay and lag of the drive: each torque is counted where it acts.
 
     Sensors: position and velocity. Source: Nguyen-Tuong and Peters, "Using model knowledge for
     learning inverse dynamics", ICRA 2010; Gijsberts and Metta, "Real-time model learning using

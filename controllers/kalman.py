@@ -130,9 +130,7 @@ class RobustFlm(CascadeFlm):
 
         q, v = Kalman filter(position, acceleration),    torque = cascade(q, v)
 
-    The filter takes the noise out of the torque. At steady state an accelerometer bias b gives a
-    position error of about b (position_sigma / acceleration_sigma). At 100 Hz the acceleration
-    changes within a sample, and the error is larger than that of the cascade without noise.
+    An accelerometer bias b gives a position error of about b (position_sigma / acceleration_sigma).
 
     Sensors: position and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
     2016, §3.

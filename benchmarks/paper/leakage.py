@@ -18,9 +18,8 @@ from benchmarks.paper.claim import (
 )
 from benchmarks.report.plot import Line, Panel
 from benchmarks.run.rollout import Watch
-from controllers.feedback_linearization import linearize
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.arm import Array, coriolis_matrix, forward_dynamics, gravity_torque, inertia_matrix
+from fbl_gym.arm import Array, coriolis_matrix, forward_dynamics, gravity_torque, inertia_matrix, inverse_dynamics
 
 MIXED = (2.0, 0.5, 0.5, 2.0)
 """real / nominal of m1, m2, L1 and L2: a mixed error, with no common factor."""
@@ -189,7 +188,9 @@ def _pulse_motion(scenario: Scenario) -> Array:
     positions = [observation[layout["position"]]]
     for k in range(scenario.steps):
         a = np.array([4.0 if k * scenario.control_dt < 0.5 - 1e-9 else -4.0, 0.0])
-        torque = linearize(env.interface.nominal, observation[layout["position"]], observation[layout["velocity"]], a)
+        torque = inverse_dynamics(
+            env.interface.nominal, observation[layout["position"]], observation[layout["velocity"]], a
+        )
         observation = env.step(torque)[0]
         positions.append(observation[layout["position"]])
     return np.array(positions) - positions[0]
