@@ -44,7 +44,6 @@ class AdaptiveFlm(CascadeFlm):
     3:1173529, 2016, §4.
 
     Args:
-        kp, velocity_p, velocity_i: as in `CascadeFlm`.
         alpha: alpha_ij of (46) [2 x 2]. The paper leaves them open; zeros (default) mean no
             scheduling.
         v_s: velocity scale of (46) [(rad/s)^2].
@@ -139,9 +138,6 @@ class AdaptiveFlmScheduled(AdaptiveFlm):
 
     `AdaptiveFlm` with alpha_ii = 20, the project's choice: at rest the inner gains are 21 times as
     large.
-
-    Args:
-        alpha: as in `AdaptiveFlm`.
     """
 
     alpha: Any = ((20.0, 0.0), (0.0, 20.0))
@@ -155,9 +151,6 @@ class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
 
     Sensors: position and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
     2016, §3 and §4.
-
-    Args:
-        spacing: as in `AdaptiveFlm`.
     """
 
     spacing: float = 0.2

@@ -37,7 +37,6 @@ class AdaptiveFlmLs(RobustFlm):
     §8.7; Ljung, "System Identification", 1999, §11.2.
 
     Args:
-        kp, velocity_p, velocity_i: as in `CascadeFlm`.
         acceleration_sigma, position_sigma: as in `RobustFlm`. The defaults suit an accelerometer a
             hundred times as coarse as the encoder.
         memory: time constant of forgetting [s].

@@ -55,7 +55,6 @@ class ComputedTorqueDob(ComputedTorque):
     "Collision detection and safe reaction with the DLR-III lightweight robot arm", IROS 2006.
 
     Args:
-        frequency: w of `ComputedTorque` [rad/s], per joint.
         bandwidth: of the observer [rad/s]; its time constant is 1 / bandwidth.
     """
 

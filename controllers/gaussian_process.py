@@ -44,7 +44,6 @@ class ComputedTorqueGp(ComputedTorque):
     models", MLSP 2010.
 
     Args:
-        frequency: w [rad/s], per joint.
         memory: correlation time of the missing torque [s]; older samples count less.
         noise: standard deviation of y's noise [rad/s^2].
     """

@@ -136,7 +136,6 @@ class RobustFlm(CascadeFlm):
     2016, §3.
 
     Args:
-        kp, velocity_p, velocity_i: as in `CascadeFlm`.
         acceleration_sigma: noise of the accelerometer per sample, from its data sheet [rad/s^2].
             The default is the paper's.
         position_sigma: noise of the encoder per sample [rad]. The default is the paper's. Once the

@@ -145,7 +145,6 @@ class CompositeSlotineLi(SlotineLi):
     manipulators", Automatica 25(4), 1989.
 
     Args:
-        slope, damping, adaptation, friction, reach: as in `SlotineLi`.
         composite: gain of the prediction error [1/s].
         filtering: bandwidth of the filter of the prediction [rad/s].
     """

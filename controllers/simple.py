@@ -69,8 +69,6 @@ class PidGravity(PdGravity):
     Space", 2005, ch. 9.
 
     Args:
-        frequency: w [rad/s], per joint.
-        damping: damping ratio, per joint.
         integral: share of the integral action, per joint.
     """
 

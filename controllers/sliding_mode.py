@@ -72,7 +72,6 @@ class IntegralSlidingMode(ComputedTorque):
     operating under uncertainty conditions", CDC 1996.
 
     Args:
-        frequency: w [rad/s], per joint.
         bound: of the perturbation [rad/s^2], per joint.
         layer: half width of the boundary layer [rad/s].
     """

@@ -8,7 +8,6 @@ The operating system releases the lock when its holder ends, and no process wait
 from __future__ import annotations
 
 import errno
-import gc
 import hashlib
 import os
 import time
@@ -58,10 +57,7 @@ class _InnerLibrary(JITCodeLibrary):
 
 
 class KernelCompiler(CompilerBase):
-    """Numba's compiler, without work that these functions do not need.
-
-    A function that only compiled code calls gets no machine code.
-    """
+    """Numba's compiler; a function that only compiled code calls gets no machine code."""
 
     def define_pipelines(self) -> list[Any]:
         """Return Numba's passes."""
@@ -69,16 +65,6 @@ class KernelCompiler(CompilerBase):
         if state.flags.no_cpython_wrapper:
             state.library = _InnerLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
-
-    def compile_extra(self, func: Any) -> Any:
-        """Compile a function without searching for garbage meanwhile."""
-        collects = gc.isenabled()
-        gc.disable()
-        try:
-            return super().compile_extra(func)
-        finally:
-            if collects:
-                gc.enable()
 
 
 class _Files(caching.CompileResultCacheImpl):

@@ -105,27 +105,20 @@ def number(
     tune: Range | None = None,
     varies: bool = False,
     optional: bool = False,
+    joints: bool = False,
     **bounds: Any,
 ) -> Any:
-    """Declare a finite number."""
-    check = functools.partial(_check_varying if varies else check_number, **bounds)
+    """Declare a finite number; with `joints`, one or two, where one stands for both joints."""
+    check: Any = functools.partial(_check_varying if varies else check_number, **bounds)
     form = ("a number or distribution" if varies else "a number") + bounds_text(**bounds)
+    if joints:
+        form = form.replace("a number", "one or two numbers").replace("distribution", "distributions")
+        check = functools.partial(check_pair, check=check)
     return declared(default, check, form, unit, tune=tune, optional=optional)
 
 
-def pair(
-    default: Any = MISSING,
-    *,
-    unit: str = "",
-    tune: Range | None = None,
-    varies: bool = False,
-    optional: bool = False,
-    **bounds: Any,
-) -> Any:
-    """Declare one number per joint; a single number or distribution stands for both joints."""
-    check = functools.partial(check_pair, check=_check_varying if varies else check_number, **bounds)
-    form = ("one or two numbers or distributions" if varies else "one or two numbers") + bounds_text(**bounds)
-    return declared(default, check, form, unit, tune=tune, optional=optional)
+pair = functools.partial(number, joints=True)
+"""Declare one number per joint; a single number or distribution stands for both joints."""
 
 
 def whole(default: Any = MISSING, *, low: int = 0, varies: bool = False) -> Any:

@@ -190,11 +190,8 @@ def step(memory, out, part, parts):
 def inspect(memory, shown, out):
     """Write the truth of each lane to `out` [lanes x (rows + 7 + commands)].
 
-    Args:
-        memory: of the batch, see `memory.py`.
-        shown: rows of a block that come first.
-        out: takes them, then time, acceleration, friction torque, leakage, and the last torque
-            commands as far as there are columns.
+    The rows `shown` of a block come first, then time, acceleration, friction torque, leakage, and
+    the last torque commands as far as there are columns.
     """
     settings, column = record_at(memory, 0, SETTINGS), len(shown)
     for i in range(len(out)):
@@ -219,14 +216,8 @@ def load(memory, substep):
     """Set the torques and payloads of a physics step, for an engine other than the kernel.
 
     With `end`, it replaces `step`: load(memory, 0) to load(memory, substeps - 1), each before the
-    engine's physics step, then `end`, then step(memory, out, 0, 0).
-
-    Args:
-        memory: of the batch, see `memory.py`.
-        substep: number of the physics step within the control step. 0 takes the actions first.
-
-    Returns:
-        The result of `check` at substep 0, else -1.
+    engine's physics step, then `end`, then step(memory, out, 0, 0). The first takes the actions,
+    and returns the result of `check`; the others return -1.
     """
     if substep == 0:
         problem = check(memory)

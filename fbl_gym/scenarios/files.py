@@ -44,11 +44,7 @@ def split(text: str) -> tuple[str, str, str]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a TOML file.
-
-    Args:
-        path: of the file.
-    """
+    """Return the content of a TOML file."""
     try:
         with path.open("rb") as file:
             return tomllib.load(file)
@@ -114,13 +110,9 @@ def from_table(
 
 
 def merged(base: Any, changes: Any) -> Any:
-    """Return plain data with changes, table by table.
+    """Return plain data with changes, table by table; the base is left alone.
 
     A table of another `kind` and a distribution replace the base's value. `False` becomes None.
-
-    Args:
-        base: to be changed; it stays as it is.
-        changes: whose values replace those of the base.
     """
     if changes is False:
         return None
