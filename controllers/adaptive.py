@@ -1,7 +1,5 @@
 """The paper's adaptive controller: parameter estimator, gain scheduling and cascade (§4)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

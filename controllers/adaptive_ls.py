@@ -1,7 +1,5 @@
 """The adaptive controller for noisy sensors: the idea of §4 with recursive least squares."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Active disturbance rejection: an observer estimates the model's error, and the law cancels it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """The paper's cascade: an inner velocity loop and an outer position loop (§3.1)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

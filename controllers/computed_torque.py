@@ -1,7 +1,5 @@
 """Computed torque, the textbook law for a known model, alone and with a disturbance observer."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The anti-windup of the laws that linearise by `arm.inverse_dynamics`, and known friction."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Gain scheduling against stiction: equation (46) of the paper, and two other forms of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fbl_gym.arm import Array

@@ -1,7 +1,5 @@
 """Computed torque with a sparse Gaussian process that learns the torque that the model misses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

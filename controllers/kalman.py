@@ -1,7 +1,5 @@
 """The paper's Kalman filter for each joint (§3.2), and the robust controller on its estimates."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar

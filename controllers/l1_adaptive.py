@@ -1,7 +1,5 @@
 """L1 adaptive control: fast estimation, and a low-pass filter on all that it adds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

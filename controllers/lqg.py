@@ -1,7 +1,5 @@
 """LQG with integral action, on the nominally linearised arm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar

@@ -7,8 +7,6 @@ generates the derivatives. The solver is DAQP (Arnström, Bemporad and Axehill, 
 solver for embedded quadratic programming using recursive LDL' updates", IEEE TAC 67(8), 2022).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """The three oracles, which read the real arm from `env.truth`. They are not ranked."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar

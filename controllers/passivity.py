@@ -1,7 +1,5 @@
 """Passivity-based laws, whose torque is linear in parameters: Slotine and Li's, and Spong's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """The paper's PID on the nominally linearised arm (§2.2)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ A controller therefore goes wherever an SB3 model goes. Laws are frozen records 
 Values that change during a run travel in `state`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Neural adaptive control: radial basis functions learn the model's torque error."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simplest laws: no torque, and PD and PID with gravity compensation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Super-twisting and integral sliding mode on the nominal linearisation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

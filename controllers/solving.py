@@ -6,8 +6,6 @@ alone and in a batch. The file calls nothing that is compiled elsewhere, because
 notices a change in this file only.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

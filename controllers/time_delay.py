@@ -1,7 +1,5 @@
 """Time-delay control, and computed torque with time-delay estimation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -5,8 +5,6 @@ The checks share these arguments: `name`, of the argument, for the error; `value
 (every valid number is greater; None: no such bound). They return the value, converted to one type.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Callable, Iterable

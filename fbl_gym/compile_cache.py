@@ -5,8 +5,6 @@ The operating system releases the lock when its holder ends, and no process wait
 `PATIENCE`. An unusable cache costs time only: the function is compiled in memory, after a warning.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

@@ -12,8 +12,6 @@ rotors' coupling through the motion of the links is left out, as is usual for hi
 De Luca and Book, "Robots with flexible elements", Springer Handbook of Robotics, chapter 11).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

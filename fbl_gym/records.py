@@ -16,8 +16,6 @@ searches a gain; `varies`, True if a `Distribution` is valid in place of a numbe
 if None is valid whatever the default; and the bounds `low`, `high` and `above` of `check_number`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

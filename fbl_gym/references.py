@@ -5,8 +5,6 @@ their first level. Levels, way-points and phases that are drawn come from a rand
 episode, so that every policy follows the same motion.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import TypeAlias

@@ -3,8 +3,6 @@
 Imported when a picture is first needed. A frame alone opens no window.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

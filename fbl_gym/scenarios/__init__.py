@@ -6,8 +6,6 @@
 TOML file (`files.py`): `get("my_arm.toml")`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any

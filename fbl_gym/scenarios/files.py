@@ -12,8 +12,6 @@ tiers hardware, practice or surprise and the arm is another one, torques and pay
     m1 = 12.0
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Mapping

@@ -14,8 +14,6 @@ All torques are multiples of the arm's own weight and inertia, so that `conditio
 task of any arm.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

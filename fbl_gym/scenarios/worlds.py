@@ -1,7 +1,5 @@
 """Scenarios in other worlds, which another engine moves."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from fbl_gym.checks import unknown
