@@ -38,8 +38,7 @@ class AdaptiveFlm(CascadeFlm):
     "printed" is (36): X = -pinv(K_t) M^e with e = a - q'', and p = p^ - X. It is wrong where the
     torque saturates.
 
-    Sensors: position, velocity and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering
-    3:1173529, 2016, §4.
+    Sensors: position, velocity and acceleration.
 
     Args:
         alpha: alpha_ij of (46) [2 x 2]. The paper leaves them open; zeros (default) mean no
@@ -147,8 +146,7 @@ class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
 
     The position and the velocity come from the Kalman filter, the acceleration is the measured one.
 
-    Sensors: position and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
-    2016, §3 and §4.
+    Sensors: position and acceleration.
     """
 
     spacing: float = 0.2

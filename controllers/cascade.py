@@ -21,8 +21,7 @@ class CascadeFlm(TorqueLaw):
     The integral pauses where the torque saturates. The last three gains are off by default: (22)
     has F^ and tau_d^ in the torque, and the paper feeds no acceleration forward.
 
-    Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
-    2016, §3.1, equation (8).
+    Sensors: position and velocity.
 
     Args:
         kp: Kp of the outer loop [1/s], per joint. The paper leaves it open.

@@ -130,8 +130,7 @@ class RobustFlm(CascadeFlm):
 
     An accelerometer bias b gives a position error of about b (position_sigma / acceleration_sigma).
 
-    Sensors: position and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
-    2016, §3.
+    Sensors: position and acceleration.
 
     Args:
         acceleration_sigma: noise of the accelerometer per sample, from its data sheet [rad/s^2].

@@ -21,8 +21,7 @@ class PidFlm(TorqueLaw):
     = 10, 3, 0", which is unstable; the defaults read it as P = 10, D = 3, I = 0. The integral
     pauses where the torque saturates.
 
-    Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
-    2016, §2.2.
+    Sensors: position and velocity.
 
     Args:
         kp: proportional gain [1/s^2], per joint.

@@ -153,7 +153,8 @@ class TorqueLaw(Law):
     Notation of the laws' equations: r is the reference, q the position, v the velocity and
     e = r - q. M, C and G are the nominal inertia, Coriolis and gravity terms. A prime is the time
     derivative of a signal, and the transpose of a vector or matrix. int is the integral over time,
-    and p^ an estimate of p.
+    and p^ an estimate of p. Sections and equations without a source are those of the paper, which
+    `fbl_gym.arm` names.
 
     Args:
         interface: all that the law may know: `env.unwrapped.interface`.

@@ -305,19 +305,18 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
         lacking = [f.name for f in dataclasses.fields(cls) if _is_required(f) and f.name not in value]  # type: ignore[arg-type]
         if lacking:
             raise ValueError(f"{name} must give {_either(lacking, 'and')}, got {dict(value)!r}")
-        try:
-            return cls(**value)
-        except TypeError as problem:
-            raise ValueError(f"{name} must have the fields of {cls.__name__}: {problem}; got {dict(value)!r}") from None
-        except ValueError as problem:
-            raise ValueError(f"{name}: {problem}") from None
-    if scalar is not None and not isinstance(value, str):
-        try:
-            return cls(**{scalar: value})
-        except ValueError as problem:
-            raise ValueError(f"{name}: {problem}") from None
-    form = f"{_article(cls)}, a dict of its fields ({', '.join(fields)})" + (f" or its {scalar}" if scalar else "")
-    raise ValueError(f"{name} must be {form}, got {value!r}")
+        given = dict(value)
+    elif scalar is not None and not isinstance(value, str):
+        given = {scalar: value}
+    else:
+        form = f"{_article(cls)}, a dict of its fields ({', '.join(fields)})" + (f" or its {scalar}" if scalar else "")
+        raise ValueError(f"{name} must be {form}, got {value!r}")
+    try:
+        return cls(**given)
+    except TypeError as problem:
+        raise ValueError(f"{name} must have the fields of {cls.__name__}: {problem}; got {given!r}") from None
+    except ValueError as problem:
+        raise ValueError(f"{name}: {problem}") from None
 
 
 def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
