@@ -55,6 +55,8 @@ COMMANDS: dict[str, Command] = {
         "finished trials are kept"),
     "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
         "the last checkpoint and the best agent are kept"),
+    "curves": Command("curves", "compare training runs, grouped over their seeds: table and learning curves",
+        "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
     "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
         "--only figure-2-table-1 --short", "finished claims are kept"),
     "speed": Command("speed", "measure steps per second beside other environments, in one interleaved run"),

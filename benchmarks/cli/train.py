@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="training seed (0)")
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--steps", type=int, metavar="N", help="steps of all arms together (from the hyperparameters)")
-    length.add_argument("--minutes", type=float, metavar="M", help="wall time instead of steps")
+    length.add_argument("--minutes", type=float, metavar="M", help="processor time instead of steps")
     parser.add_argument(
         "--hyperparameters", type=Path, metavar="FILE", help="JSON file, instead of the shipped hyperparameters"
     )
@@ -81,7 +81,7 @@ def _plot_curve(folder: Path) -> None:
     """Draw the learning curve of a run into its folder."""
     from benchmarks.report.plot import Line, Panel, plot_lines
 
-    steps, _, error = np.loadtxt(folder / "curve.csv", delimiter=",", skiprows=1, ndmin=2).T
+    steps, *_, error = np.loadtxt(folder / "curve.csv", delimiter=",", skiprows=1, ndmin=2).T
     lines = (Line(steps, error, "error"), Line(steps, np.minimum.accumulate(error), "of the saved agent", style="--"))
     panel = Panel("", "steps of all arms", "error on the validation seeds [mrad]", lines, ("linear", "log"))
     plot_lines(f"Training of {folder.name}", (panel,), folder / "curve.png")

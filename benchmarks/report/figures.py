@@ -12,7 +12,6 @@ import numpy as np
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import MOST_DIVERGED, Board
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.rl.policy import curves, shipped
 from fbl_gym.arm import Array
 
 Figure: TypeAlias = dict[str, Any]
@@ -200,36 +199,3 @@ def pairs(board: Board) -> list[Figure]:
         xaxis={"side": "top", "tickangle": -90, "dtick": 1},
     )  # fmt: skip
     return [{**figure, "height": 240 + 18 * len(names)}]
-
-
-def learning(board: Board) -> list[Figure]:
-    """Return the agents' validation error during training, beside the classical policies."""
-    scenario = "everything-2"
-    agents = [policy for policy in board.policies if policy in shipped()]
-    if not agents or scenario not in board.scenarios:
-        return []
-    place = {board.policies[i]: k for k, i in enumerate(board.order)}
-    rms = board.runs["rms_mrad"][:, board.scenarios.index(scenario)].mean(axis=1)
-    none = np.empty((1, 0))
-    figures = []
-    for x, column in (("environment steps", 0), ("wall time [s]", 1)):
-        data: list[Figure] = []
-        for agent in agents:
-            runs = list(curves(agent).values())
-            grid = np.unique(np.concatenate([run[:, column] for run in runs]))
-            grid = grid[grid > 0]
-            values = np.array([np.interp(grid, run[:, column], run[:, 2]) for run in runs])
-            ends = (values.min(axis=0)[None], values.max(axis=0)[None]) if len(runs) > 1 else (none, none)
-            data += _curve(agent, place[agent], grid.tolist(), Estimate(np.median(values, axis=0)[None], *ends), 0)
-        points = [x for line in data for x in line["x"]]
-        for i in board.order:
-            policy = board.policies[i]
-            if board.specs[i].kind != "learned":
-                level = np.full((1, 2), rms[i])
-                data += _curve(policy, place[policy], [min(points), max(points)], Estimate(level, none, none), 0)
-        description = (
-            "RMS error on the validation seeds: median, least and largest of the training seeds. Level lines: the classical "
-            f"policies on {scenario}, test seeds."
-        )
-        figures.append(_figure(f"By {x}", description, data, x, "RMS joint error [mrad]", xaxis=LOG, yaxis=LOG))
-    return figures

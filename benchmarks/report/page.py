@@ -41,7 +41,6 @@ _SECTIONS = {
         "The share of runs with at most some error: a better policy is further up and left. Bands are pointwise intervals.",
     ),
     "pairs": ("Pair by pair", ""),
-    "learning": ("Learning curves", ""),
 }
 
 
@@ -107,7 +106,6 @@ def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[s
             "degradation": figures.degradation(board),
             "profiles": figures.profiles(board),
             "pairs": figures.pairs(board),
-            "learning": figures.learning(board),
         },
         "scenes": [scene(group) for group in traces],
     }

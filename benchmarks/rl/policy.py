@@ -1,16 +1,12 @@
-"""The shipped agents by name and training seed, their learning curves and factories."""
+"""The shipped agents by name and training seed, and their factories."""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmarks.rl.agent import Agent, describe, saved_agent
-from fbl_gym.arm import Array
 from fbl_gym.checks import unknown
 from fbl_gym.uncertainty import SENSORS
 
@@ -24,16 +20,6 @@ def shipped() -> dict[str, tuple[int, ...]]:
     for path in sorted(SHIPPED.glob("*/*/agent.json")):
         seeds.setdefault(path.parent.parent.name, []).append(int(path.parent.name))
     return {name: tuple(sorted(seeds[name])) for name in sorted(seeds)}
-
-
-def curves(name: str) -> dict[int, Array]:
-    """Return steps, wall time [s] and validation error [mrad], [n x 3], by training seed."""
-    _check_name(name)
-    rows = {}
-    for seed in shipped()[name]:
-        with (SHIPPED / name / str(seed) / "curve.csv").open() as file:
-            rows[seed] = np.array([[float(x) for x in row] for row in list(csv.reader(file))[1:]])
-    return rows
 
 
 def best_seed(name: str) -> int:

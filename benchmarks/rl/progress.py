@@ -25,35 +25,40 @@ from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.rl.validation import validate
 from fbl_gym import Scenario
 
-COLUMNS = ("steps", "wall_s", "validation_mrad")
+COLUMNS = ("steps", "wall_s", "cpu_s", "validation_mrad")
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "torch", "stable-baselines3", "sb3-contrib")
 
 
 class Progress(BaseCallback):
     """A callback that validates the agent, saves the best one and writes checkpoints.
 
-    `curve` has steps, wall time [s] and error [mrad] of each validation so far.
+    `curve` has steps, wall time [s], processor time of the training [s] and error [mrad] of each
+    validation so far. Validations and checkpoints do not count as processor time. Checkpoints take
+    a twentieth of the wall time at most: an algorithm with a large buffer has fewer of them.
     """
 
     def __init__(self, settings: TrainingSettings, folder: Path, command: str, evaluations: int) -> None:
         super().__init__()
         self.settings, self.folder, self.command, self.evaluations = settings, folder, command, evaluations
-        self.curve: list[tuple[int, float, float]] = []
-        self._begin = time.monotonic()
-        self._next_validation = 0.0
+        self.curve: list[tuple[int, float, float, float]] = []
+        self._begin, self._cpu_begin = time.monotonic(), time.process_time()
+        self._next_validation = self._next_save = 0.0
 
     def resume(self, steps: int) -> None:
         """Read the learning curve up to the checkpoint, which was written after `steps` steps."""
         with (self.folder / "curve.csv").open() as file:
-            rows = [(int(n), float(wall), float(error)) for n, wall, error in list(csv.reader(file))[1:]]
+            rows = [
+                (int(n), float(wall), float(cpu), float(error)) for n, wall, cpu, error in list(csv.reader(file))[1:]
+            ]
         self.curve = [row for row in rows if row[0] <= steps]
         self._begin -= self.curve[-1][1]
+        self._cpu_begin -= self.curve[-1][2]
         self._next_validation = self.fraction(steps) + 1 / self.evaluations
 
     def fraction(self, steps: int) -> float:
         """Return the finished fraction of the run, in [0, 1], after a number of steps."""
         if self.settings.minutes is not None:
-            return min(1.0, (time.monotonic() - self._begin) / (60 * self.settings.minutes))
+            return min(1.0, (time.process_time() - self._cpu_begin) / (60 * self.settings.minutes))
         return min(1.0, steps / self.settings.steps)  # type: ignore[operator]
 
     def _on_step(self) -> bool:
@@ -63,21 +68,30 @@ class Progress(BaseCallback):
         fraction = self.fraction(self.num_timesteps)
         if fraction >= self._next_validation:
             self._next_validation = fraction + 1 / self.evaluations
-            self._validate(fraction)
-            self._save()
+            self._pause(fraction)
 
     def _on_training_end(self) -> None:
-        self._validate(1.0)
-        self._save()
+        self._next_save = 0.0
+        self._pause(1.0)
 
-    def _validate(self, fraction: float) -> None:
+    def _pause(self, fraction: float) -> None:
+        """Validate the agent, and write a checkpoint if it is time."""
+        cpu, start = time.process_time(), time.monotonic()
+        self._validate(fraction, cpu - self._cpu_begin)
+        if start >= self._next_save:
+            begin = time.monotonic()
+            self._save()
+            self._next_save = time.monotonic() + 20 * (time.monotonic() - begin)
+        self._cpu_begin += time.process_time() - cpu
+
+    def _validate(self, fraction: float, cpu: float) -> None:
         settings, actor = self.settings, export(self.model)
         adapter = settings.adapter
         make = lambda env: Agent(env.interface, adapter, actor, env if adapter.context else None)  # noqa: E731
         error = validate(make, settings.scenarios)
-        best = min((row[2] for row in self.curve), default=np.inf)
+        best = min((row[-1] for row in self.curve), default=np.inf)
         wall = time.monotonic() - self._begin
-        self.curve.append((self.num_timesteps, round(wall, 2), round(error, 4)))
+        self.curve.append((self.num_timesteps, round(wall, 2), round(cpu, 2), round(error, 4)))
         if error < best:
             write(self.folder, actor, self._description())
         lines = [",".join(COLUMNS), *(",".join(map(str, row)) for row in self.curve)]
@@ -93,7 +107,7 @@ class Progress(BaseCallback):
 
     def _description(self) -> dict[str, Any]:
         settings = self.settings
-        steps, wall, error = self.curve[-1]
+        steps, wall, cpu, error = self.curve[-1]
         return {
             "algorithm": settings.algorithm,
             "interface": asdict(settings.adapter),
@@ -101,6 +115,7 @@ class Progress(BaseCallback):
             "seed": settings.seed,
             "steps": steps,
             "wall_s": wall,
+            "cpu_s": cpu,
             "validation_mrad": error,
             **_trained_on(settings.scenarios),
             "hyperparameters": settings.hyperparameters,

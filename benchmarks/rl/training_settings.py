@@ -35,7 +35,8 @@ class TrainingSettings(Record):
         scenarios: for training, side by side, and for validation with other seeds.
         seed: of the training.
         steps: of all lanes together; None: those of the hyperparameters, if `minutes` is None too.
-        minutes: wall time; such a run does not repeat exactly. None: the run ends after `steps`.
+        minutes: processor time of the training, without validations; such a run does not repeat
+            exactly. None: the run ends after `steps`.
         hyperparameters: `lanes`, `steps` and `arguments` of SB3's class; empty: the shipped ones.
     """
 

@@ -86,10 +86,10 @@ def test_a_killed_run_resumes(algorithm, tmp_path, monkeypatch):
     """The run is killed at its third validation and resumes from the checkpoint of the second."""
     validate = Progress._validate
 
-    def fail_at_the_third(self, fraction):
+    def fail_at_the_third(self, *arguments):
         if len(self.curve) == 2:
             raise KeyboardInterrupt
-        validate(self, fraction)
+        validate(self, *arguments)
 
     monkeypatch.setattr(Progress, "_validate", fail_at_the_third)
     with pytest.raises(KeyboardInterrupt):

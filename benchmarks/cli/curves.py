@@ -1,0 +1,65 @@
+"""`fbl-gym curves`."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.analysis.statistics import Estimate
+from benchmarks.cli.common import add_plot, console
+from benchmarks.report.plot import Line, Panel, plot_lines
+from benchmarks.report.terminal import table
+from benchmarks.rl.curves import Group, read_groups
+
+AXES = {"steps": "environment steps", "cpu_s": "processor time [s]"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folders of `fbl-gym train`")
+    parser.add_argument("--reach", type=float, metavar="MRAD", help="also print steps and time to this error")
+    add_plot(parser, "error against steps and against processor time")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare training runs after equal steps and after equal processor time."""
+    groups = read_groups(arguments.runs)
+    common = {axis: min(group.ends(axis).min() for group in groups) for axis in AXES}
+    header = ["runs", "seeds", f"after {common['steps']:,.0f} steps", f"after {common['cpu_s']:.0f} s"]
+    if arguments.reach is not None:
+        header += [f"steps to {arguments.reach:g}", f"s to {arguments.reach:g}"]
+    rows = []
+    for group in sorted(groups, key=lambda group: group.estimate("cpu_s", np.array([common["cpu_s"]])).value[0]):
+        row = [group.name, str(len(group.runs))]
+        row += [_text(group.estimate(axis, np.array([point]))) for axis, point in common.items()]
+        if arguments.reach is not None:
+            row += [_reached(group.until(axis, arguments.reach)) for axis in AXES]
+        rows.append(row)
+    console().print(table("Validation error [mrad]", header, rows))
+    print("Geometric mean over the training seeds, of the best agent so far, with a 95 % interval over these seeds.")
+    if arguments.plot is not None:
+        panels = [Panel("", label, "validation error [mrad]", _lines(groups, axis), ("log", "log"))
+                  for axis, label in AXES.items()]  # fmt: skip
+        plot_lines("Learning curves", panels, arguments.plot, arguments.columns, across=2)
+    return 0
+
+
+def _text(error: Estimate) -> str:
+    (value,), (low,), (high,) = error.value, error.low, error.high
+    return f"{value:.4g}" if low == high else f"{value:.4g} [{low:.4g}, {high:.4g}]"
+
+
+def _reached(at: np.ndarray) -> str:
+    """Return the median over the runs, and how many of them reach the error if not all do."""
+    share = "" if np.isfinite(at).all() else f" ({np.isfinite(at).sum()} of {len(at)})"
+    return f"{np.median(at):,.0f}{share}" if np.isfinite(np.median(at)) else f"-{share}"
+
+
+def _lines(groups: tuple[Group, ...], axis: str) -> tuple[Line, ...]:
+    lines = []
+    for group in groups:
+        first = max(run[axis][run[axis] > 0][0] for run in group.runs)
+        points = np.geomspace(first, group.ends(axis).min(), 60)
+        error = group.estimate(axis, points)
+        lines.append(Line(points, error.value, group.name, low=error.low, high=error.high))
+    return tuple(lines)
