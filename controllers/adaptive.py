@@ -83,12 +83,7 @@ class AdaptiveFlm(CascadeFlm):
     def adapt(self, observation: Array, q: Array, v: Array, a: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state for a measured or estimated motion.
 
-        Args:
-            observation: for the reference, [n x size].
-            q: position [n x 2] rad.
-            v: velocity [n x 2] rad/s.
-            a: measured acceleration [n x 2] rad/s^2.
-            state: as in `torque`.
+        Position, velocity and acceleration are [n x 2]; the observation gives the reference.
         """
         integral, y, torques, count, applied, lumped = state
         rotor = self.interface.nominal.rotor

@@ -85,10 +85,6 @@ class CascadeFlm(TorqueLaw):
         return torque, integral + np.where(pause, 0.0, error * self.interface.control_dt)
 
     def loads(self, v: Array) -> Array:
-        """Return the known loads F^(v) + tau_d^ of equation (22), [n x 2] N m.
-
-        Args:
-            v: measured or estimated velocity [n x 2] rad/s.
-        """
+        """Return the known loads F^(v) + tau_d^ of equation (22) at a velocity, [n x 2] N m."""
         dry = 0.0 if self.friction is None else friction_torque(self.friction, v)
         return dry + np.broadcast_to(np.array(self.disturbance), v.shape)

@@ -9,12 +9,7 @@ from fbl_gym.uncertainty import Friction
 
 
 def friction_torque(friction: Friction, velocity: Array) -> Array:
-    """Return the friction torque of equation (43) as printed, with sign(0) = 0, [... x 2] N m.
-
-    Args:
-        friction: f_i1, f_i2, f_s and v_s.
-        velocity: [... x 2] rad/s.
-    """
+    """Return the friction torque of equation (43) as printed, with sign(0) = 0, [... x 2] N m."""
     fade = np.exp(-(velocity**2) / np.array(friction.v_s))
     dry = np.array(friction.coulomb) + np.array(friction.stiction) * fade
     return np.array(friction.viscous) * velocity + dry * np.sign(velocity)

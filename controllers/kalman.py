@@ -27,12 +27,8 @@ def continuous_gains(dt: float, acceleration_sigma: float, position_sigma: float
 
     dP/dt = -P C' R^-1 C P + A P + P A' + Q and K = P C' R^-1, in Euler steps of dt. Q and R are
     densities, as printed: the squares of the sigmas. At steady state K is that of `gains` over dt,
-    since only the ratio of the sigmas counts.
-
-    Args:
-        dt: sample time [s].
-        acceleration_sigma: root of the acceleration's density [rad/s^2/sqrt(Hz)].
-        position_sigma: root of the position's density [rad/sqrt(Hz)].
+    since only the ratio of the sigmas counts. These are the roots of the densities of acceleration
+    [rad/s^2/sqrt(Hz)] and position [rad/sqrt(Hz)].
     """
     A, C = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, 0.0]])
     Q, R = np.diag([0.0, acceleration_sigma**2]), position_sigma**2

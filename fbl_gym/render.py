@@ -48,12 +48,7 @@ class Trail:
 
 
 class View:
-    """The pictures of one arm, and their place in the window.
-
-    Args:
-        scenario: of the arm.
-        size: width and height of a frame [pixels].
-    """
+    """The pictures of one arm, `size` pixels wide and high, and their place in the window."""
 
     def __init__(self, scenario: Scenario, size: int) -> None:
         self.scenario = scenario

@@ -78,13 +78,10 @@ def load(path: Path, entry: str, named: Named, above: tuple[str, ...] = ()) -> S
 def from_table(
     table: Mapping[str, Any], named: Named, path: Path | None = None, above: tuple[str, ...] = ()
 ) -> Scenario:
-    """Return the scenario of a table.
+    """Return the scenario of a table: fields of `Scenario`, and optionally `base`.
 
-    Args:
-        table: fields of `Scenario`, and optionally `base`.
-        named: returns a scenario by name.
-        path: of the table's file, for errors and for relative paths; None: it has none.
-        above: the files whose base this table is.
+    The path is that of the table's file, for errors and for relative paths; None: it has none. The
+    other arguments are those of `load`.
     """
     folder = path.parent if path else Path()
     fields = {name: value for name, value in table.items() if name != "base"}
