@@ -87,12 +87,11 @@ def declared(
     form: str,
     unit: str = "",
     *,
-    tune: Range | None = None,
     optional: bool = False,
-    classes: tuple[type, ...] = (),
+    **options: Any,
 ) -> Any:
     """Declare a field with its own conversion; see `Declaration`."""
-    declaration = Declaration(convert, form, unit, tune, optional or default is None, classes)
+    declaration = Declaration(convert, form, unit, optional=optional or default is None, **options)
     return dataclasses.field(default=default, metadata={_KEY: declaration})
 
 
