@@ -33,7 +33,7 @@ class ComputedTorqueGp(ComputedTorque):
     difference, over the stretched inertia. The covariance of two samples is SIGNAL^2 z(x)'z(x')
     exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near exp(-|x - x'|^2 / 2), and x
     is the reference motion in units of `LENGTHS`. A Kalman filter of the cosines' weights gives the
-    exact mean. Known delay and lag of the drive: each torque is counted where it acts.
+    exact mean. Delay and lag of the drive are known: each torque is counted where it acts.
 
     Sensors: position and velocity. Source: Nguyen-Tuong and Peters, "Using model knowledge for
     learning inverse dynamics", ICRA 2010; Gijsberts and Metta, "Real-time model learning using
