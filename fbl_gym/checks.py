@@ -28,10 +28,7 @@ def nearest(name: object, known: Iterable[str]) -> str:
 def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
     """Return the error for a name that is not known, with the nearest valid names.
 
-    Args:
-        what: the kind of thing that was named, such as "policy".
-        name: the value given.
-        known: the valid names.
+    `what` is the kind of thing that was named, such as "policy".
     """
     names = sorted(known)
     suggestion = nearest(name, names) or "."

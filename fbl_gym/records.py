@@ -287,11 +287,8 @@ def tuning_ranges(cls: type) -> dict[str, tuple[float, float]]:
 def build(name: str, value: object, cls: type[Built], *, scalar: str | None = None) -> Built:
     """Return a record from a record, from a mapping of its fields, or from the value of one field.
 
-    Args:
-        name: of the argument, for the error.
-        value: the value given.
-        cls: class of the record.
-        scalar: name of the field that a bare value stands for; None: a bare value is refused.
+    `scalar` is the field that a bare value stands for; None: a bare value is refused. `name` is
+    that of the argument, for the error.
     """
     if isinstance(value, cls):
         return value
