@@ -15,7 +15,7 @@ def schedule(velocity: Array, alpha: Array, v_s: float, form: str = "soft") -> A
 
         soft    m(v) = exp(-v^2 / v_s), equation (46)
         hard    m(v) = 1 if v^2 < v_s, else 0
-        fuzzy   1, exp(-1) and 0 for the speeds |v| / sqrt(v_s) zero, small and large
+        fuzzy   1, exp(-1) and 0 for the speeds abs(v) / sqrt(v_s) zero, small and large
 
     The velocity v is [n x 2] rad/s, alpha [2 x 2], and v_s in (rad/s)^2; the form is one of
     `FORMS`. The factor is large where joints hardly move and stiction acts, and goes to 1 with
