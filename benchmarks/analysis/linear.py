@@ -131,20 +131,23 @@ class LinearLoop:
         early, early_input = _hold(a, b, part * self.control_dt)
         late, late_input = _hold(a, b, (1.0 - part) * self.control_dt)
 
-        # Inputs: the commands of now and of the last k + 1 samples. The past ones are states.
+        # Inputs: the commands of now and of the last samples, as many as act or are observed.
+        # The past ones are states.
         n, k = len(a), int(whole)
-        inputs = np.zeros((n, 2 * (k + 2)))
-        inputs[:, -2:], inputs[:, -4:-2] = late @ early_input, late_input
-        shift = np.eye(2 * (k + 1), 2 * (k + 2))
+        past = max(k + 1, sum(name.startswith("previous_actions") for name in self.readings) // 2)
+        inputs = np.zeros((n, 2 * (past + 1)))
+        inputs[:, 2 * k : 2 * k + 2], inputs[:, 2 * k + 2 : 2 * k + 4] = late_input, late @ early_input
+        shift = np.eye(2 * past, 2 * (past + 1))
         both = np.vstack([np.hstack([late @ early, inputs]), np.hstack([np.zeros((len(shift), n)), shift])])
 
         outputs = {name: np.zeros((2, len(both))) for name in MEASURED}
         outputs["position"][:, :2] = outputs["velocity"][:, 2:4] = np.eye(2)
         # An accelerometer reads at the end of an interval, under the torque of that interval.
         outputs["acceleration"][:, :4] = self.stiffness
-        outputs["acceleration"][:, slice(4, 6) if self.lag > 0.0 else slice(-2, None)] = self.inverse_inertia
-        outputs["previous_actions"] = np.zeros((2 * (k + 1), len(both)))
-        outputs["previous_actions"][:, n:] = np.diag(np.tile(1.0 / self.action_scale, k + 1))
+        acting = 4 if self.lag > 0.0 else n + 2 * k
+        outputs["acceleration"][:, acting : acting + 2] = self.inverse_inertia
+        outputs["previous_actions"] = np.zeros((2 * past, len(both)))
+        outputs["previous_actions"][:, n:] = np.diag(np.tile(1.0 / self.action_scale, past))
         rows = [outputs[name[: name.index("[")]][int(name[name.index("[") + 1 : -1])] for name in self.readings]
         return np.delete(both, [n, n + 1], axis=1), both[:, n : n + 2], np.array(rows)
 

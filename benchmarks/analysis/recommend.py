@@ -2,7 +2,8 @@
 
 Policies run in the scenario and in conditions around it. In each of these, one kind of uncertainty
 is twice as large. The order is that of the mean logarithm of the errors, plus the price of diverged
-runs as in the score. The scenario itself counts as much as all its conditions together.
+runs as in the score; a condition costs at most as much as an arm that stays at its start. The
+scenario itself counts as much as all its conditions together.
 """
 
 import dataclasses
@@ -228,7 +229,9 @@ def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run, co
     table = [[results[cell.id] for cell in cells[name]] for name in complete]
     runs = Runs.of(table)
     safe = [is_safe(row[0]) for row in table]
-    levels = runs.levels[:, 0] + runs.levels[:, 1:].mean(axis=1)
+    stays = np.array([[np.mean([np.log(run["stay_pct"]) for run in result.rows]) for result in row] for row in table])
+    levels = np.minimum(runs.levels, stays)
+    levels = levels[:, 0] + levels[:, 1:].mean(axis=1)
     order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
     best = order[:count]
     variation = {i: float(np.median([run["variation"] for result in table[i] for run in result.rows])) for i in best}

@@ -74,6 +74,13 @@ def test_a_delay_of_the_drive_is_taken_off_the_delay_margin():
     assert delayed.margins().delay == pytest.approx(plain.margins().delay - 0.004, abs=1e-5)
 
 
+def test_more_observed_actions_than_the_delay_has_do_not_change_the_margins():
+    """A delay that varies has as many observed actions as its longest value; the loop has its mean."""
+    fixed, varying = ({"delay": delay} for delay in (0.02, {"uniform": [0.0, 0.04]}))
+    margins = [linearize("pd-gravity", Scenario(actuator=a))[0].margins() for a in (fixed, varying)]
+    assert margins[0].delay == pytest.approx(margins[1].delay, abs=2e-5)
+
+
 def test_the_real_arm_and_the_drive_s_lag_are_those_of_the_environment():
     """Without gravity, so that a wrong model rests where a right one does."""
     step, error = 2.5e-4, {"ratio": {"m1": 1.3, "m2": 0.7}, "payload": 5.0}
