@@ -17,11 +17,11 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
-from fbl_gym.compile_cache import CompileCache
+from fbl_gym.compile_cache import CompileCache, KernelCompiler
 
 # Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) leaves no exits
 # in the loops over lanes: a loop with an exit is not vectorised.
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
 _INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "_nrt": False}
 
 inline_njit = njit(forceinline=True, **_INNER)
