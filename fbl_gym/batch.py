@@ -109,6 +109,9 @@ class Truth:
     event_times: Array
 
 
+_STEPS = api.STEPS
+
+
 class ArmBatch:
     """A batch of arms of one scenario, each lane with its own seed and episode.
 
@@ -136,6 +139,7 @@ class ArmBatch:
         self._actions = self._parts["actions"]
         self._first_action = self._actions.start
         self.lanes = lanes
+        self._class = api.class_of(settings)
         self.threads = min(threads, blocks)
         self._depth, self._physics_dt = int(settings["delay_steps"]) + 1, float(settings["physics_dt"])
         self._memory = np.zeros(ends[-1])
@@ -146,7 +150,7 @@ class ArmBatch:
             self._settings[name] = self._parts[name].start
         # The last block's spare lanes get an episode too, which keeps their numbers finite.
         self._blocks["status"] = RESTART
-        api.step(self._memory, np.empty(lanes * size), 0, 0)
+        self._step(self._memory, np.empty(lanes * size), 0, 0)
         # Before its first step, a lane must be reset.
         self._blocks["status"] = ENDED
 
@@ -167,6 +171,11 @@ class ArmBatch:
         """The fields of the blocks, records of shape [blocks]."""
         numbers = self._memory[self._parts["blocks"]].reshape(-(-self.lanes // LANES), -1)
         return numbers[:, :BLOCK_SIZE].view(BLOCK)[:, 0]
+
+    @property
+    def _step(self) -> Any:
+        """The compiled step of this scenario's class."""
+        return _STEPS[self._class]
 
     def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
         """Give lanes their seeds; the next episode of each lane is the first one of its seed."""
@@ -190,7 +199,7 @@ class ArmBatch:
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
-        api.step(self._memory, out, 0, 0)
+        self._step(self._memory, out, 0, 0)
 
     def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
         """Advance every lane by one control step, unless `kernel.api.check` finds a problem.
@@ -205,12 +214,12 @@ class ArmBatch:
         memory = self._memory
         memory[self._actions] = actions
         if self.threads == 1:
-            return api.step(memory, out, 0, 1)
+            return _STEPS[self._class](memory, out, 0, 1)
         problem: int = api.check(memory)
         if problem >= 0:
             return problem, 0.0, False, False
         pool = _pool(self.threads)
-        work = [pool.submit(api.step, memory, out, part, self.threads) for part in range(self.threads)]
+        work = [pool.submit(self._step, memory, out, part, self.threads) for part in range(self.threads)]
         first, *_ = [each.result() for each in work]
         return first
 
@@ -219,7 +228,7 @@ class ArmBatch:
         memory, first = self._memory, self._first_action
         memory[first] = action1
         memory[first + 1] = action2
-        return api.step(memory, out, 0, 1)
+        return _STEPS[self._class](memory, out, 0, 1)
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:

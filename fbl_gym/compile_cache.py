@@ -5,12 +5,13 @@ The operating system releases the lock when its holder ends, and no process wait
 `PATIENCE`. An unusable cache costs time only: the function is compiled in memory, after a warning.
 """
 
+from __future__ import annotations
+
 import errno
-import hashlib
+import gc
 import os
 import time
 import warnings
-from pathlib import Path
 from typing import IO, Any
 
 from numba.core import caching
@@ -24,18 +25,6 @@ else:
 
 PATIENCE = 120.0
 """Longest time to wait for another process that compiles [s]."""
-
-
-def _digest() -> str:
-    """Return a hash of all the sources that the kernel is compiled from."""
-    folder, digest = Path(__file__).parent, hashlib.sha256()
-    for pattern in ("arm.py", "fastmath.py", "friction.py", "memory.py", "streams.py", "kernel/*.py"):
-        for path in sorted(folder.glob(pattern)):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-_DIGEST = _digest()
 
 
 class _InnerLibrary(JITCodeLibrary):
@@ -55,7 +44,10 @@ class _InnerLibrary(JITCodeLibrary):
 
 
 class KernelCompiler(CompilerBase):
-    """Numba's compiler; a function that only compiled code calls gets no machine code."""
+    """Numba's compiler, without work that these functions do not need.
+
+    A function that only compiled code calls gets no machine code.
+    """
 
     def define_pipelines(self) -> list[Any]:
         """Return Numba's passes."""
@@ -63,6 +55,16 @@ class KernelCompiler(CompilerBase):
         if state.flags.no_cpython_wrapper:
             state.library = _InnerLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
+
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a function without searching for garbage meanwhile."""
+        collects = gc.isenabled()
+        gc.disable()
+        try:
+            return super().compile_extra(func)
+        finally:
+            if collects:
+                gc.enable()
 
 
 class _Files(caching.CompileResultCacheImpl):
@@ -79,9 +81,7 @@ class _Files(caching.CompileResultCacheImpl):
 class CompileCache(caching.FunctionCache):
     """The compiled versions of one function.
 
-    The folder is `NUMBA_CACHE_DIR`, else `numba` in the user's cache directory. Numba notices a
-    change in the function's file, but not in the files of the functions that it calls, so a hash of
-    these is part of the key.
+    The folder is `NUMBA_CACHE_DIR`, else `numba` in the user's cache directory.
 
     Args:
         function: to compile.
@@ -97,9 +97,6 @@ class CompileCache(caching.FunctionCache):
         super().__init__(function)
         self._files = os.path.join(self.cache_path, self._impl.filename_base)
         self._lock: IO[bytes] | None = None
-
-    def _index_key(self, signature: Any, codegen: Any) -> Any:
-        return *super()._index_key(signature, codegen), _DIGEST
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Return a compiled version; None if it must be compiled, with the lock in this process."""

@@ -10,6 +10,12 @@ from fbl_gym import TwoLinkArmVectorEnv
 
 def run(_arguments: argparse.Namespace) -> int:
     begin = time.perf_counter()
+    for options in (
+        {"friction": {"coulomb": 1.0}},
+        {"events": [{"kind": "drop", "time": 1.0}]},
+        {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
+    ):
+        TwoLinkArmVectorEnv(1, **options)  # a class of scenarios has a step of its own
     env = TwoLinkArmVectorEnv(32, threads=2)
     observation, _ = env.reset(seed=0)
     _ = env.truth

@@ -1,8 +1,16 @@
-"""The functions that `batch.py` calls, compiled once and cached on disk."""
+"""The functions that `batch.py` calls, compiled once and cached on disk.
+
+Numba notices a change in the file of a cached function, but not in the files of the functions that
+it calls. Therefore each function below closes over a fingerprint of all the sources that it is
+compiled from. Numba makes the fingerprint part of the cache's key.
+"""
+
+import hashlib
+from pathlib import Path
 
 import numpy as np
 
-from fbl_gym.fastmath import cached_njit, inline_njit, merged_njit
+from fbl_gym.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
 from fbl_gym.kernel.elastic import advance_elastic, hang_motors
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.events import carry_payload, happen
@@ -25,7 +33,17 @@ from fbl_gym.memory import (
     SETTINGS_SIZE,
 )
 
+_SOURCES = ("arm.py", "fastmath.py", "friction.py", "memory.py", "streams.py", "kernel/*.py")
 _ZERO, _ONE = np.int64(0), np.uint64(1)
+
+
+def _fingerprint() -> int:
+    folder = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for pattern in _SOURCES:
+        for path in sorted(folder.glob(pattern)):
+            digest.update(path.read_bytes())
+    return int.from_bytes(digest.digest()[:7], "big")
 
 
 @inline_njit
@@ -56,13 +74,8 @@ def _actions(memory, settings, number, count):
     return array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
 
 
-@cached_njit
-def check(memory):
-    """Return -1 if all lanes can be stepped.
-
-    Else return 2 i if lane i is the first whose action is not finite, or 2 i + 1 if all actions are
-    finite and lane i is the first whose episode is over.
-    """
+@kernel_njit
+def _check(memory):
     settings = record_at(memory, 0, SETTINGS)
     for lane in range(settings.lanes):
         place = settings.actions + 2 * lane
@@ -77,23 +90,37 @@ def check(memory):
 
 
 @merged_njit
-def _load(block, rows, queue, settings, tables, width, substep):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, elastic):
+    """Advance a block by one control step."""
+    command(block, rows, queue, settings, actions, count)
+    for substep in range(settings.substeps):
+        _load(block, rows, queue, settings, tables, width, substep, real, rare)
+        if elastic:
+            advance_elastic(block, settings, width)
+        else:
+            advance(block, settings, width, real, rare)
+    _end(block, rows, waypoints, settings, tables, width, real, rare, elastic)
+
+
+@merged_njit
+def _load(block, rows, queue, settings, tables, width, substep, real, rare):
     """Let events happen, and set torques and payload of a block, for one physics step."""
-    if settings.events > 0:
+    if rare and settings.events > 0:
         happen(block, rows, settings, tables, width, substep)
     if substep == 0 or settings.torque_varies:
         apply_torque(block, queue, settings, width, substep)
-        disturb(block, settings, tables, width, substep)
-    if settings.has_payload:
+        if real:
+            disturb(block, settings, tables, width, substep)
+    if real and settings.has_payload:
         carry_payload(block, settings, width, substep)
 
 
 @merged_njit
-def _end(block, rows, waypoints, settings, tables, width):
+def _end(block, rows, waypoints, settings, tables, width, real, rare, elastic):
     """End the control step of a block, after its physics."""
     for lane in range(width):
         block.step[lane] += _ONE
-    sense(block, rows, settings, width)
+    sense(block, rows, settings, width, real, rare, elastic)
     refer(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
@@ -129,118 +156,172 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-@cached_njit
-def step(memory, out, part, parts):
-    """Advance every lane by one control step; start an episode in lanes marked RESTART.
+def _compile_step(fingerprint, real, rare, elastic):
+    """Return the step of a class of scenarios, without the code that only other classes use.
 
-    Nothing moves if `check` finds a problem.
-
-    Args:
-        memory: of the batch, see `memory.py`.
-        out: takes the observations [lanes * size].
-        part: the part of the lanes to work on, from 0.
-        parts: number of parts, one for each thread. One: all lanes, after a check. More: no check.
-            Zero: no lane moves, but episodes start and readings are taken.
-
-    Returns:
-        The result of `check`; then reward, terminated and truncated of the first lane.
+    `real`: there may be payloads, disturbances, dry friction and errors of the sensors. `rare`:
+    also events, encoders, viscous friction that needs implicit steps, and another engine.
+    `elastic`: joints are elastic. Each step is compiled when it is first called.
     """
-    if parts == 1:
-        problem = check(memory)
-        if problem >= 0:
-            return problem, 0.0, False, False
-    moves, parts = parts > 0, max(parts, 1)
-    settings = record_at(memory, 0, SETTINGS)
-    lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
-    blocks = (lanes + LANES - 1) // LANES
-    for number in range(blocks * part // parts, blocks * (part + 1) // parts):
-        block, rows, queue, waypoints = _views(memory, settings, number)
-        first, count = number * LANES, _count(settings, number)
-        # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
-        width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
-        if moves:
-            command(block, rows, queue, settings, _actions(memory, settings, number, count), count)
-            for substep in range(settings.substeps):
-                _load(block, rows, queue, settings, tables, width, substep)
-                if settings.elastic:
-                    advance_elastic(block, settings, width)
-                else:
-                    advance(block, settings, width)
-            _end(block, rows, waypoints, settings, tables, width)
-            _report(block, rows, waypoints, settings, tables, memory, first, count)
-        restarts = 0
-        for lane in range(width):
-            restarts += block.status[lane] == RESTART
-        if restarts > 0:
+
+    @cached_njit
+    def step(memory, out, part, parts):
+        """Advance every lane by one control step; start an episode in lanes marked RESTART.
+
+        Nothing moves if `check` finds a problem.
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            out: takes the observations [lanes * size].
+            part: the part of the lanes to work on, from 0.
+            parts: number of parts, one for each thread. One: all lanes, after a check. More: no
+                check. Zero: no lane moves, but episodes start and readings are taken.
+
+        Returns:
+            The result of `check`; then reward, terminated and truncated of the first lane.
+        """
+        _ = fingerprint
+        if parts == 1:
+            problem = _check(memory)
+            if problem >= 0:
+                return problem, 0.0, False, False
+        moves, parts = parts > 0, max(parts, 1)
+        settings = record_at(memory, 0, SETTINGS)
+        lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
+        blocks = (lanes + LANES - 1) // LANES
+        for number in range(blocks * part // parts, blocks * (part + 1) // parts):
+            block, rows, queue, waypoints = _views(memory, settings, number)
+            first, count = number * LANES, _count(settings, number)
+            # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
+            width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
+            if moves:
+                actions = _actions(memory, settings, number, count)
+                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, elastic)
+                _report(block, rows, waypoints, settings, tables, memory, first, count)
+            restarts = 0
             for lane in range(width):
-                if block.status[lane] == RESTART:
-                    start(block, rows, queue, waypoints, settings, tables, lane)
-                    start_disturbance(block, settings, tables, lane)
-                    if settings.elastic:
-                        hang_motors(block, lane)
-        if restarts > 0 or not moves:
-            sense(block, rows, settings, width)
-        observations = array_at(out, first * size, (count, size), np.float64)
-        observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
-    flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
-    return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
+                restarts += block.status[lane] == RESTART
+            if restarts > 0:
+                for lane in range(width):
+                    if block.status[lane] == RESTART:
+                        start(block, rows, queue, waypoints, settings, tables, lane)
+                        if real:
+                            start_disturbance(block, settings, tables, lane)
+                        if rare and settings.elastic:
+                            hang_motors(block, lane)
+            if restarts > 0 or not moves:
+                sense(block, rows, settings, width, real, rare, elastic)
+            observations = array_at(out, first * size, (count, size), np.float64)
+            observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
+        flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
+        return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
+
+    return step
 
 
-@cached_njit
-def inspect(memory, shown, out):
-    """Write the truth of each lane to `out` [lanes x (rows + 7 + commands)].
+def _compile(fingerprint):
+    @cached_njit
+    def check(memory):
+        """Return -1 if all lanes can be stepped.
 
-    The rows `shown` of a block come first, then time, acceleration, friction torque, leakage, and
-    the last torque commands as far as there are columns.
-    """
-    settings, column = record_at(memory, 0, SETTINGS), len(shown)
-    for i in range(len(out)):
-        block, rows, _, _ = _views(memory, settings, i // LANES)
-        lane = i % LANES
-        for k in range(column):
-            out[i, k] = rows[shown[k], lane]
-        for k in range(column + 7, out.shape[1]):
-            out[i, k] = rows[ROWS + k - column - 7, lane]
-        a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, settings.friction_law)
-        if settings.elastic:
-            (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
-        expected1, expected2 = nominal_acceleration(block, settings, lane)
-        out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
-        out[i, column + 1], out[i, column + 2] = a1, a2
-        out[i, column + 3], out[i, column + 4] = friction1, friction2
-        out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
+        Else return 2 i if lane i is the first whose action is not finite, or 2 i + 1 if all actions
+        are finite and lane i is the first whose episode is over.
+        """
+        _ = fingerprint
+        return _check(memory)
 
+    @cached_njit
+    def inspect(memory, shown, out):
+        """Write the truth of each lane to `out` [lanes x (rows + 7 + commands)].
 
-@cached_njit
-def load(memory, substep):
-    """Set the torques and payloads of a physics step, for an engine other than the kernel.
+        Args:
+            memory: of the batch, see `memory.py`.
+            shown: rows of a block that come first.
+            out: takes them, then time, acceleration, friction torque, leakage, and the last torque
+                commands as far as there are columns.
+        """
+        _ = fingerprint
+        settings, column = record_at(memory, 0, SETTINGS), len(shown)
+        for i in range(len(out)):
+            block, rows, _, _ = _views(memory, settings, i // LANES)
+            lane = i % LANES
+            for k in range(column):
+                out[i, k] = rows[shown[k], lane]
+            for k in range(column + 7, out.shape[1]):
+                out[i, k] = rows[ROWS + k - column - 7, lane]
+            law = settings.friction_law
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
+            if settings.elastic:
+                (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
+            expected1, expected2 = nominal_acceleration(block, settings, lane)
+            out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
+            out[i, column + 1], out[i, column + 2] = a1, a2
+            out[i, column + 3], out[i, column + 4] = friction1, friction2
+            out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
 
-    With `end`, it replaces `step`: load(memory, 0) to load(memory, substeps - 1), each before the
-    engine's physics step, then `end`, then step(memory, out, 0, 0). The first takes the actions,
-    and returns the result of `check`; the others return -1.
-    """
-    if substep == 0:
-        problem = check(memory)
-        if problem >= 0:
-            return problem
-    settings = record_at(memory, 0, SETTINGS)
-    tables = _tables(memory, settings)
-    for number in range((settings.lanes + LANES - 1) // LANES):
-        block, rows, queue, _ = _views(memory, settings, number)
-        count = _count(settings, number)
+    @cached_njit
+    def load(memory, substep):
+        """Set the torques and payloads of a physics step, for an engine other than the kernel.
+
+        With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
+        load(memory, substeps - 1), each before the engine's physics step, then `end`, then
+        step(memory, out, 0, 0).
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            substep: number of the physics step within the control step. 0 takes the actions first.
+
+        Returns:
+            The result of `check` at substep 0, else -1.
+        """
+        _ = fingerprint
         if substep == 0:
-            command(block, rows, queue, settings, _actions(memory, settings, number, count), count)
-        _load(block, rows, queue, settings, tables, count, substep)
-    return -1
+            problem = _check(memory)
+            if problem >= 0:
+                return problem
+        settings = record_at(memory, 0, SETTINGS)
+        tables = _tables(memory, settings)
+        for number in range((settings.lanes + LANES - 1) // LANES):
+            block, rows, queue, _ = _views(memory, settings, number)
+            count = _count(settings, number)
+            if substep == 0:
+                actions = _actions(memory, settings, number, count)
+                command(block, rows, queue, settings, actions, count)
+            _load(block, rows, queue, settings, tables, count, substep, True, True)
+        return -1
+
+    @cached_njit
+    def end(memory):
+        """End a control step after its physics: clock, readings, reference, reward and flags."""
+        _ = fingerprint
+        settings = record_at(memory, 0, SETTINGS)
+        tables = _tables(memory, settings)
+        for number in range((settings.lanes + LANES - 1) // LANES):
+            block, rows, _, waypoints = _views(memory, settings, number)
+            count = _count(settings, number)
+            _end(block, rows, waypoints, settings, tables, count, True, True, False)
+            _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+
+    return check, inspect, load, end
 
 
-@cached_njit
-def end(memory):
-    """End a control step after its physics: clock, readings, reference, reward and flags."""
-    settings = record_at(memory, 0, SETTINGS)
-    tables = _tables(memory, settings)
-    for number in range((settings.lanes + LANES - 1) // LANES):
-        block, rows, _, waypoints = _views(memory, settings, number)
-        count = _count(settings, number)
-        _end(block, rows, waypoints, settings, tables, count)
-        _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+_KEY = _fingerprint()
+STEPS = (
+    _compile_step(_KEY, False, False, False),
+    _compile_step(_KEY, True, False, False),
+    _compile_step(_KEY, True, True, False),
+    _compile_step(_KEY, True, True, True),
+)
+"""The steps of plain scenarios, of real ones, of those with rare options, and of elastic joints."""
+
+_REAL = ("has_payload", "disturbance_kind", "friction_law", "noisy")
+_RARE = ("events", "euler_steps", "history")
+
+
+def class_of(settings):
+    """Return the index in `STEPS` of the step that a scenario needs."""
+    rare = any(settings[name] > 0 for name in _RARE)
+    return 3 if settings["elastic"] else 2 if rare else int(any(settings[name] > 0 for name in _REAL))
+
+
+check, inspect, load, end = _compile(_KEY)

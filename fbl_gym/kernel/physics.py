@@ -1,7 +1,7 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
 from fbl_gym import arm
-from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.fastmath import inline_njit, kernel_njit, merged_njit, sincos
 from fbl_gym.friction import dry_friction, resist, sign
 from fbl_gym.kernel.views import pair, put
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
@@ -176,14 +176,19 @@ def _advance_implicitly(block, settings, width):
 
 
 @kernel_njit
-def advance(block, settings, width):
-    """Advance the first `width` lanes of a block by one physics step."""
-    h, law, rotor = settings.physics_dt, settings.friction_law, (settings.rotor[0], settings.rotor[1])
-    if settings.euler_steps > 0:
-        _advance_implicitly(block, settings, width)
-    elif law == NO_FRICTION:  # one loop for each law, each without branches
-        for lane in range(width):
-            _advance(block, lane, h, rotor, NO_FRICTION)
+def _advance_smoothly(block, settings, width):
+    h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
+    for lane in range(width):
+        _advance(block, lane, h, rotor, NO_FRICTION)
+
+
+@kernel_njit
+def _advance_by_law(block, settings, width):
+    h, law = settings.physics_dt, settings.friction_law
+    rotor = (settings.rotor[0], settings.rotor[1])
+    # One loop for each law, each without branches.
+    if law == NO_FRICTION:
+        _advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
             _advance(block, lane, h, rotor, EXACT_FRICTION)
@@ -192,14 +197,41 @@ def advance(block, settings, width):
             _advance(block, lane, h, rotor, LITERAL_FRICTION)
 
 
+@merged_njit
+def advance(block, settings, width, real, rare):
+    """Advance the first `width` lanes of a block by one physics step; see `api.STEPS`."""
+    if rare and settings.euler_steps > 0:
+        _advance_implicitly(block, settings, width)
+    elif real:
+        _advance_by_law(block, settings, width)
+    else:
+        _advance_smoothly(block, settings, width)
+
+
 @inline_njit
-def acceleration_and_friction(block, settings, lane, law):
-    """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
+def _load_now(block, settings, lane):
+    """Return the inertia matrix of a lane at this instant, and the load on its joints."""
     p1, p2, p3, p4, p5 = lumped_of(block, lane)
     (q1, q2), (v1, v2), (tau1, tau2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
     push1, push2 = pair(block.disturbance, lane)
     r1, r2 = settings.rotor[0], settings.rotor[1]
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - push1, tau2 - push2)
+    return load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - push1, tau2 - push2)
+
+
+@inline_njit
+def smooth_acceleration(block, settings, lane):
+    """Return a lane's acceleration at this instant without dry friction, [2]."""
+    m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
+    load1 -= block.viscous[0, lane] * block.velocity[0, lane]
+    load2 -= block.viscous[1, lane] * block.velocity[1, lane]
+    return solve_terms(m11, m12, m22, load1, load2)
+
+
+@inline_njit
+def acceleration_and_friction(block, settings, lane, law):
+    """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
+    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
     bound1, bound2 = 0.0, 0.0
     if law != NO_FRICTION:
         bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])

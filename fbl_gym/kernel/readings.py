@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import clip, inline_njit, kernel_njit
+from fbl_gym.fastmath import clip, kernel_njit, merged_njit
 from fbl_gym.kernel.elastic import feel_joints
 from fbl_gym.kernel.motion import reference
-from fbl_gym.kernel.physics import acceleration_and_friction
+from fbl_gym.kernel.physics import acceleration_and_friction, smooth_acceleration
 from fbl_gym.kernel.views import put
 from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.streams import normals, stream_key
@@ -17,43 +17,50 @@ _POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # rows of the settings' `noi
 _ZERO = np.uint64(0)
 
 
-@kernel_njit
-def sense(block, rows, settings, width):
-    """Take the readings of a block, which depend on its state alone."""
-    if settings.elastic and not settings.external_physics:
+@merged_njit
+def sense(block, rows, settings, width, real, rare, elastic):
+    """Take the readings of a block, which depend on its state alone; see `api.STEPS`."""
+    if elastic:
         feel_joints(block, settings, width)
-    elif settings.senses_acceleration and not settings.external_physics:
-        _accelerate(block, settings, width)
+    elif real:
+        _accelerate_by_law(block, settings, width)
+    else:
+        _accelerate_smoothly(block, settings, width)
     _read(block, settings, width)
-    if settings.noisy:
+    if real and settings.noisy:
         _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
         _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
         if settings.senses_acceleration:
             _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
-    if settings.history > 0:
+    if rare and settings.history > 0:
         _encode(block, rows, settings, width)
     _limit(block, settings, width)
 
 
-@inline_njit
-def _accelerate_lane(block, settings, lane, law):
-    a1, a2, _, _ = acceleration_and_friction(block, settings, lane, law)
-    put(block.acceleration, lane, (a1, a2))
+@kernel_njit
+def _accelerate_smoothly(block, settings, width):
+    """Compute the acceleration without dry friction, if a sensor reads it."""
+    if settings.senses_acceleration:
+        for lane in range(width):
+            put(block.acceleration, lane, smooth_acceleration(block, settings, lane))
 
 
 @kernel_njit
-def _accelerate(block, settings, width):
-    """Compute the acceleration at this instant."""
+def _accelerate_by_law(block, settings, width):
+    """Compute the acceleration, if a sensor reads it."""
     law = settings.friction_law
-    if law == NO_FRICTION:  # one loop for each law, each without branches
-        for lane in range(width):
-            _accelerate_lane(block, settings, lane, NO_FRICTION)
+    if not settings.senses_acceleration or settings.external_physics:
+        return
+    if law == NO_FRICTION:
+        _accelerate_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _accelerate_lane(block, settings, lane, EXACT_FRICTION)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
+            put(block.acceleration, lane, (a1, a2))
     else:
         for lane in range(width):
-            _accelerate_lane(block, settings, lane, LITERAL_FRICTION)
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
+            put(block.acceleration, lane, (a1, a2))
 
 
 @kernel_njit

@@ -11,6 +11,9 @@ from numba.core import caching
 from fbl_gym import compile_cache
 from fbl_gym.compile_cache import CompileCache
 from fbl_gym.kernel import api
+from fbl_gym.program import make_program
+from fbl_gym.reward import Reward
+from fbl_gym.scenarios import Scenario
 
 WITHOUT_CACHE = """
 from numba.core import caching
@@ -102,5 +105,19 @@ def test_a_lock_is_free_when_its_holder_has_died_and_no_wait_is_endless(tmp_path
 
 
 def test_compiled_code_is_kept_outside_the_package():
-    assert "site-packages" not in api.step._cache.cache_path
-    assert os.path.dirname(api.__file__) not in api.step._cache.cache_path
+    assert "site-packages" not in api.STEPS[0]._cache.cache_path
+    assert os.path.dirname(api.__file__) not in api.STEPS[0]._cache.cache_path
+
+
+@pytest.mark.parametrize(
+    ("options", "number"),
+    [
+        ({"parameter_error": 1.3, "actuator": {"delay": 0.01}}, 0),
+        ({"noise": {"position": 1e-3}}, 1),
+        ({"encoder": {"difference": 1}}, 2),
+        ({"joint": {"stiffness": 3000.0, "rotor_inertia": 1.0}}, 3),
+    ],
+)
+def test_a_scenario_gets_the_step_of_its_class(options, number):
+    program = make_program(Scenario(**options), action="normalized", reward=Reward(), preview=0)
+    assert api.class_of(program.settings) == number

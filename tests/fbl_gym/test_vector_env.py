@@ -135,4 +135,4 @@ def test_actions_of_any_memory_layout_and_type_move_the_arms_alike():
         observations.append(env.step(given)[0])
     env.reset(options={"reset_mask": np.ones(16, dtype=bool)[::2]})
     assert all(np.array_equal(observations[0], other) for other in observations)
-    assert len(api.step.signatures) == 1
+    assert len(api.STEPS[0].signatures) == 1
