@@ -1,7 +1,5 @@
 """The paper's adaptive controller: parameter estimator, gain scheduling and cascade (§4)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -36,18 +34,13 @@ class AdaptiveFlm(CascadeFlm):
 
     A sample is the motion measured at the end of a control interval and the torque applied in it.
     The estimate replaces the nominal model as soon as three samples tell the five lumped parameters
-    apart and the result is physical. Under noise the samples must lie apart: with sigma = 0.01
-    rad/s^2, three samples a millisecond apart are useless, and half a second apart they are within
-    some per cent. `AdaptiveFlmLs` works with more noise.
+    apart and the result is physical. Under noise the samples must lie apart. The regression
+    "printed" is (36): X = -pinv(K_t) M^e with e = a - q'', and p = p^ - X. It is wrong where the
+    torque saturates.
 
-    The regression "printed" is (36): X = -pinv(K_t) M^e with e = a - q'', and p = p^ - X. It is
-    wrong where the torque saturates, and the acceleration a is that of the interval's start.
-
-    Sensors: position, velocity and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering
-    3:1173529, 2016, §4.
+    Sensors: position, velocity and acceleration.
 
     Args:
-        kp, velocity_p, velocity_i: as in `CascadeFlm`.
         alpha: alpha_ij of (46) [2 x 2]. The paper leaves them open; zeros (default) mean no
             scheduling.
         v_s: velocity scale of (46) [(rad/s)^2].
@@ -90,12 +83,7 @@ class AdaptiveFlm(CascadeFlm):
     def adapt(self, observation: Array, q: Array, v: Array, a: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state for a measured or estimated motion.
 
-        Args:
-            observation: for the reference, [n x size].
-            q: position [n x 2] rad.
-            v: velocity [n x 2] rad/s.
-            a: measured acceleration [n x 2] rad/s^2.
-            state: as in `torque`.
+        Position, velocity and acceleration are [n x 2]; the observation gives the reference.
         """
         integral, y, torques, count, applied, lumped = state
         rotor = self.interface.nominal.rotor
@@ -142,9 +130,6 @@ class AdaptiveFlmScheduled(AdaptiveFlm):
 
     `AdaptiveFlm` with alpha_ii = 20, the project's choice: at rest the inner gains are 21 times as
     large.
-
-    Args:
-        alpha: as in `AdaptiveFlm`.
     """
 
     alpha: Any = ((20.0, 0.0), (0.0, 20.0))
@@ -154,16 +139,9 @@ class AdaptiveFlmScheduled(AdaptiveFlm):
 class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
     """The paper's tools together: estimator, gain schedule, cascade and Kalman filter (§3 and §4).
 
-    Section 4.1 leaves the rest of the parameter error to the robust controller of section 3, so the
-    position and the velocity come from its Kalman filter. The acceleration is the measured one, and
-    the samples lie apart because of its noise.
+    The position and the velocity come from the Kalman filter, the acceleration is the measured one.
 
     Sensors: position and acceleration.
-
-    Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529, 2016, §3 and §4.
-
-    Args:
-        spacing: as in `AdaptiveFlm`.
     """
 
     spacing: float = 0.2

@@ -1,10 +1,4 @@
-"""The adaptive controller for noisy sensors: the paper's idea of §4 with recursive least squares.
-
-The paper's three samples amplify every error of the accelerometer. Here all samples count, and
-recent ones count most.
-"""
-
-from __future__ import annotations
+"""The adaptive controller for noisy sensors: the idea of §4 with recursive least squares."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,14 +29,12 @@ class AdaptiveFlmLs(RobustFlm):
     friction, through the same low-pass filter LP as the torque. q and v come from the Kalman
     filter, a from the accelerometer. While the arm stands still, A and b are held. An estimate that
     is not physical is refused, and negative friction is set to zero. The estimated friction is fed
-    forward. All that the model cannot explain biases the estimate: under a large disturbance torque
-    the law is worse than no adaptation.
+    forward.
 
     Sensors: position and acceleration. Source: Slotine and Li, "Applied Nonlinear Control", 1991,
     §8.7; Ljung, "System Identification", 1999, §11.2.
 
     Args:
-        kp, velocity_p, velocity_i: as in `CascadeFlm`.
         acceleration_sigma, position_sigma: as in `RobustFlm`. The defaults suit an accelerometer a
             hundred times as coarse as the encoder.
         memory: time constant of forgetting [s].
@@ -93,7 +85,9 @@ class AdaptiveFlmLs(RobustFlm):
 
         # The first sample of an episode ends no interval; the second sets the filters.
         keep = np.where(count > 1, np.exp(-self.bandwidth * self.interface.control_dt), 0.0)
-        z = keep[:, None, None] * z + (1.0 - keep)[:, None, None] * self.row(q, v, acceleration)
+        z = keep[:, None, None] * z + (1.0 - keep)[:, None, None] * np.concatenate(
+            [regressor(q, v, acceleration), friction_regressor(v, self.turn)], axis=-1
+        )
         rotor = self.interface.nominal.rotor
         filtered = keep[:, None] * filtered + (1.0 - keep)[:, None] * (applied - np.array(rotor) * acceleration)
         moves = (count > 0) & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
@@ -103,13 +97,11 @@ class AdaptiveFlmLs(RobustFlm):
             unknowns = np.where(rich[:, None], self.fit(a_sum, b_sum, unknowns), unknowns)
 
         torque, integral = self.drive(observation, q, v, integral, with_rotors(unknowns[:, :5], rotor))
-        torque = torque + self.estimated_friction(observation, v, unknowns)
+        # The Coulomb friction fed forward follows the reference's velocity, whose sign is steady.
+        (r_dot,) = self.read(observation, "reference_velocity")
+        torque = torque + (unknowns[:, 5:7] * v + unknowns[:, 7:9] * np.tanh(r_dot / self.turn))
         applied = self.interface.saturate(torque)
         return torque, (integral, motion, count, z, filtered, a_sum, b_sum, unknowns, applied)
-
-    def row(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the regressor of lumped parameters, viscous and Coulomb friction, [n x 2 x 9]."""
-        return np.concatenate([regressor(q, v, a), friction_regressor(v, self.turn)], axis=-1)
 
     def add(self, z: Array, torque: Array, a: Array, b: Array, moves: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return A [n x 9 x 9] and b [n x 9] with one sample more, in shares of the nominal arm.
@@ -127,14 +119,6 @@ class AdaptiveFlmLs(RobustFlm):
         new = solve(a + self.prior * np.eye(TERMS), b + self.prior * start) * self.scale
         new[:, 5:] = np.maximum(new[:, 5:], 0.0)
         return np.where(plausible(new[:, :5])[:, None], new, before)
-
-    def estimated_friction(self, observation: Array, v: Array, unknowns: Array) -> Array:
-        """Return the friction to compensate [n x 2] N m.
-
-        The Coulomb part follows the reference's velocity, whose sign is steady.
-        """
-        (r_dot,) = self.read(observation, "reference_velocity")
-        return unknowns[:, 5:7] * v + unknowns[:, 7:9] * np.tanh(r_dot / self.turn)
 
     def parameters(self, state: State) -> Array:
         """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""

@@ -1,17 +1,14 @@
 """Active disturbance rejection: an observer estimates the model's error, and the law cancels it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
-from controllers.feedback_linearization import linearize
 from controllers.parts import Eso
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, forward_dynamics
+from fbl_gym.arm import Array, forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import pair
 
@@ -23,10 +20,8 @@ class Adrc(TorqueLaw):
         a = r'' + wc^2 (r - q) + 2 wc (r' - v) - f,    torque = M a + C v + G
 
     q, v and f come from the extended state observer (`parts.Eso`); f is the acceleration that the
-    nominal model does not explain. With an exact model f is zero and e'' + 2 wc e' + wc^2 e = 0. A
-    constant load leaves no error. The b0 of the literature is here the inverse of the full nominal
-    inertia; a diagonal b0 would leave the coupling of the joints to the observer. The observer gets
-    the torque within its limits, so saturation is no disturbance to it.
+    nominal model does not explain. A constant load leaves no error. The b0 of the literature is the
+    inverse of the full nominal inertia. The observer gets the torque within its limits.
 
     Sensors: position. Source: Han, "From PID to active disturbance rejection control", IEEE TIE
     56(3), 2009, in the linear form of Gao, "Scaling and bandwidth-parameterization based controller
@@ -59,7 +54,7 @@ class Adrc(TorqueLaw):
         estimate = self.observer.correct(state[0], position)
         q, v, _, f = np.moveaxis(estimate, -1, 0)
         w = np.array(self.controller_bandwidth)
-        torque = linearize(self.interface.nominal, q, v, r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v) - f)
+        torque = inverse_dynamics(self.interface.nominal, q, v, r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v) - f)
         # u: the nominal acceleration under the applied torque.
         u = forward_dynamics(self.interface.nominal, q, v, self.interface.saturate(torque))
         return torque, (self.observer.predict(estimate, u),)

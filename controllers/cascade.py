@@ -1,14 +1,12 @@
 """The paper's cascade: an inner velocity loop and an outer position loop (§3.1)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.feedback_linearization import friction_torque, linearize, winds_up
+from controllers.feedback_linearization import friction_torque, winds_up
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import ArmParameters, Array
+from fbl_gym.arm import ArmParameters, Array, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import Distribution, number, pair, record
 from fbl_gym.uncertainty import Friction
@@ -20,13 +18,10 @@ class CascadeFlm(TorqueLaw):
 
         a = P e_v + I int(e_v) dt,    e_v = r' + Kp (r - q) - v,    torque = M a + C v + G
 
-    With an exact model and a constant reference the inner loop has the poles of s^2 + P s + I, and
-    the outer one the pole -Kp. The integral pauses where the torque saturates. The last three gains
-    are off by default: (22) has F^ and tau_d^ in the torque, and the paper feeds no acceleration
-    forward.
+    The integral pauses where the torque saturates. The last three gains are off by default: (22)
+    has F^ and tau_d^ in the torque, and the paper feeds no acceleration forward.
 
-    Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
-    2016, §3.1, equation (8).
+    Sensors: position and velocity.
 
     Args:
         kp: Kp of the outer loop [1/s], per joint. The paper leaves it open.
@@ -85,15 +80,11 @@ class CascadeFlm(TorqueLaw):
             (r_ddot,) = self.read(observation, "reference_acceleration")
             a = a + self.feedforward * (r_ddot + np.array(self.kp) * (r_dot - v))
         loads = self.loads(v)
-        torque = linearize(model, q, v, a) + loads
+        torque = inverse_dynamics(model, q, v, a) + loads
         pause = winds_up(self.interface, model, q, v, a, torque, error, loads)
         return torque, integral + np.where(pause, 0.0, error * self.interface.control_dt)
 
     def loads(self, v: Array) -> Array:
-        """Return the known loads F^(v) + tau_d^ of equation (22), [n x 2] N m.
-
-        Args:
-            v: measured or estimated velocity [n x 2] rad/s.
-        """
+        """Return the known loads F^(v) + tau_d^ of equation (22) at a velocity, [n x 2] N m."""
         dry = 0.0 if self.friction is None else friction_torque(self.friction, v)
         return dry + np.broadcast_to(np.array(self.disturbance), v.shape)

@@ -25,17 +25,13 @@ LAWS = (
     (
         "computed-torque-gp",
         "gaussian_process:ComputedTorqueGp",
-        "computed torque with a Gaussian process, learned online",
+        "computed torque with a Gaussian process learned online",
     ),
     ("computed-torque-ilc", "iterative_learning:ComputedTorqueIlc", "computed torque that learns over repeated trials"),
     ("slotine-li", "passivity:SlotineLi", "adaptive passivity-based control of the lumped parameters"),
     ("slotine-li-composite", "passivity:CompositeSlotineLi", "slotine-li, driven by the prediction error too"),
     ("sliding-mode", "sliding_mode:SuperTwisting", "super-twisting on the nominal linearisation (Levant)"),
-    (
-        "integral-sliding-mode",
-        "sliding_mode:IntegralSlidingMode",
-        "computed torque with an integral sliding mode (Utkin)",
-    ),
+    ("integral-sliding-mode", "sliding_mode:IntegralSlidingMode", "computed torque with integral sliding mode (Utkin)"),
     ("nmpc", "nmpc:Nmpc", "nonlinear predictive control with a disturbance estimate and preview (needs casadi)"),
     ("spong-robust", "passivity:SpongRobust", "Spong's robust law with a bound for each parameter"),
     ("oracle-flm", "oracle:OracleFlm", "feedback linearisation with the true arm, state and loads"),
@@ -43,10 +39,5 @@ LAWS = (
     ("oracle-elastic", "oracle:OracleElastic", "optimal regulator on the true arm, springs and drives included"),
 )
 
-ACCESS = {
-    "zero": "none",
-    "oracle-flm": "privileged",
-    "oracle-predictive": "privileged",
-    "oracle-elastic": "privileged",
-}
+ACCESS = {"zero": "none", **dict.fromkeys(("oracle-flm", "oracle-predictive", "oracle-elastic"), "privileged")}
 """What a law may know; all others know the nominal model."""

@@ -1,14 +1,11 @@
 """Computed torque, the textbook law for a known model, alone and with a disturbance observer."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.feedback_linearization import linearize
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
+from fbl_gym.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import number, pair
 
@@ -19,8 +16,7 @@ class ComputedTorque(TorqueLaw):
 
         torque = M(q) a + C v + G,    a = r'' + w^2 (r - q) + 2 w (r' - v)
 
-    With an exact model the error obeys e'' + 2 w e' + w^2 e = 0. An inertia k times smaller than
-    the model's is stable for k w dt < 1, dt the control interval.
+    With an exact model the error obeys e'' + 2 w e' + w^2 e = 0.
 
     Sensors: position and velocity. Source: Siciliano, Sciavicco, Villani and Oriolo, "Robotics:
     Modelling, Planning and Control", 2009, §8.5.2.
@@ -34,7 +30,7 @@ class ComputedTorque(TorqueLaw):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
         q, v = self.read(observation, "position", "velocity")
-        return linearize(self.interface.nominal, q, v, self.acceleration(observation, q, v)), state
+        return inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v)), state
 
     def acceleration(self, observation: Array, q: Array, v: Array) -> Array:
         """Return a, the desired acceleration [n x 2] rad/s^2."""
@@ -50,14 +46,13 @@ class ComputedTorqueDob(ComputedTorque):
         torque = M(q) a + C v + G + d^,    d^' = bandwidth (torque + C'v - G - p' - d^)
 
     The momentum obeys p' = torque + C'v - G - d with the skew form of C, so no acceleration is
-    needed. Model errors count as disturbance. At rest no constant load leaves an error. The
-    observer gets the applied torque, so it does not wind up.
+    needed. Model errors count as disturbance. The observer gets the applied torque, so it does not
+    wind up.
 
     Sensors: position and velocity. Source: De Luca, Albu-Schaeffer, Haddadin and Hirzinger,
     "Collision detection and safe reaction with the DLR-III lightweight robot arm", IROS 2006.
 
     Args:
-        frequency: w of `ComputedTorque` [rad/s], per joint.
         bandwidth: of the observer [rad/s]; its time constant is 1 / bandwidth.
     """
 
@@ -80,5 +75,5 @@ class ComputedTorqueDob(ComputedTorque):
         missing = applied + 0.5 * (drift + new_drift) - (new_momentum - momentum) / dt
         keep = np.exp(-self.bandwidth * dt)
         disturbance = np.where(started[:, None], keep * disturbance + (1.0 - keep) * missing, disturbance)
-        torque = linearize(model, q, v, self.acceleration(observation, q, v)) + disturbance
+        torque = inverse_dynamics(model, q, v, self.acceleration(observation, q, v)) + disturbance
         return torque, (disturbance, new_momentum, new_drift, self.interface.saturate(torque), np.ones_like(started))

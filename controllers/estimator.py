@@ -7,8 +7,6 @@ the same equations read Y p = torque. Unlike (36), that also holds under saturat
 torque cannot give the commanded acceleration.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,32 +1,15 @@
-"""The feedback linearisation mapping (FLM) of the paper's figure 2, and its anti-windup."""
-
-from __future__ import annotations
+"""The anti-windup of the laws that linearise by `arm.inverse_dynamics`, and known friction."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
+from fbl_gym.arm import ArmParameters, Array, forward_dynamics
 from fbl_gym.interface import Interface
 from fbl_gym.uncertainty import Friction
 
 
-def linearize(model: ArmParameters | Array, position: Array, velocity: Array, acceleration: Array) -> Array:
-    """Return the torque that gives the model an acceleration: M a + C v + G, [n x 2] N m.
-
-    The model is the nominal arm, or estimated lumped parameters [n x 5], with rotors [n x 7].
-    Position and velocity may be estimates. With an exact model the joints behave as double
-    integrators, q'' = a. The difference of a wrong model is the leakage of equation (5).
-    """
-    return inverse_dynamics(model, position, velocity, acceleration)
-
-
 def friction_torque(friction: Friction, velocity: Array) -> Array:
-    """Return the friction torque of equation (43) as printed, with sign(0) = 0, [... x 2] N m.
-
-    Args:
-        friction: f_i1, f_i2, f_s and v_s.
-        velocity: [... x 2] rad/s.
-    """
+    """Return the friction torque of equation (43) as printed, with sign(0) = 0, [... x 2] N m."""
     fade = np.exp(-(velocity**2) / np.array(friction.v_s))
     dry = np.array(friction.coulomb) + np.array(friction.stiction) * fade
     return np.array(friction.viscous) * velocity + dry * np.sign(velocity)
@@ -44,8 +27,8 @@ def winds_up(
 ) -> NDArray[np.bool_]:
     """Return where an integrator of `error` must pause [n x 2].
 
-    It pauses where the torque, which is that of `linearize` plus known loads, saturates and the
-    error asks for more of the part that is cut off. The acceleration under the saturated torque
+    It pauses where the torque, which is that of `inverse_dynamics` plus known loads, saturates and
+    the error asks for more of the part that is cut off. The acceleration under the saturated torque
     comes from the model. A joint therefore also pauses when the other joint's saturation takes its
     acceleration away through the coupling.
     """

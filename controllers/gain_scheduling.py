@@ -1,7 +1,5 @@
 """Gain scheduling against stiction: equation (46) of the paper, and two other forms of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fbl_gym.arm import Array
@@ -17,27 +15,18 @@ def schedule(velocity: Array, alpha: Array, v_s: float, form: str = "soft") -> A
 
         soft    m(v) = exp(-v^2 / v_s), equation (46)
         hard    m(v) = 1 if v^2 < v_s, else 0
-        fuzzy   the rules of `fuzzy_rest`
+        fuzzy   1, exp(-1) and 0 for the speeds abs(v) / sqrt(v_s) zero, small and large
 
     The velocity v is [n x 2] rad/s, alpha [2 x 2], and v_s in (rad/s)^2; the form is one of
     `FORMS`. The factor is large where joints hardly move and stiction acts, and goes to 1 with
-    speed. Velocity noise makes it smaller.
+    speed. Velocity noise makes it smaller. The fuzzy rules have triangular memberships around the
+    speeds 0, 1 and 2, and are averaged by them (Takagi and Sugeno, IEEE Trans. SMC 15:116, 1985).
     """
     if form == "fuzzy":
-        near_rest = fuzzy_rest(np.abs(velocity) / np.sqrt(v_s))
+        speed = np.abs(velocity) / np.sqrt(v_s)
+        zero, small = np.maximum(1.0 - speed, 0.0), np.maximum(1.0 - np.abs(speed - 1.0), 0.0)
+        large = np.clip(speed - 1.0, 0.0, 1.0)
+        near_rest = (zero + np.exp(-1.0) * small) / (zero + small + large)
     else:
         near_rest = np.exp(-(velocity**2) / v_s) if form == "soft" else (velocity**2 < v_s).astype(float)
     return 1.0 + near_rest @ np.asarray(alpha).T
-
-
-def fuzzy_rest(speed: Array) -> Array:
-    """Return the raise of a gain by linguistic rules, between 0 and 1, [n x 2].
-
-    Speeds are zero, small or large, with triangular memberships around 0, 1 and 2. If the speed is
-    zero, the raise is full; if small, exp(-1); if large, none. The rules are averaged by their
-    memberships (Takagi and Sugeno, IEEE Trans. SMC 15:116, 1985). The speed is [n x 2], in shares
-    of sqrt(v_s).
-    """
-    zero, small = np.maximum(1.0 - speed, 0.0), np.maximum(1.0 - np.abs(speed - 1.0), 0.0)
-    large = np.clip(speed - 1.0, 0.0, 1.0)
-    return (zero + np.exp(-1.0) * small) / (zero + small + large)

@@ -1,7 +1,5 @@
 """Computed torque with a sparse Gaussian process that learns the torque that the model misses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,13 +30,10 @@ class ComputedTorqueGp(ComputedTorque):
         f^ = mean of a Gaussian process given the samples y = torque - (M q'' + C v + G)
 
     A sample y is the mean torque of an interval less that of the model, with q'' the velocity's
-    difference, over the stretched inertia. The covariance of two samples is
-    SIGNAL^2 z(x)'z(x') exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near
-    exp(-|x - x'|^2 / 2), and x is the reference motion in units of `LENGTHS`: free of noise, and
-    close to the real motion. A Kalman filter of the cosines' weights gives the exact mean. Without
-    data f^ is zero. Delay and lag of the drive are known: each torque is counted where it acts.
-
-    No theorem covers the closed loop; its feedback is that of computed torque.
+    difference, over the stretched inertia. The covariance of two samples is SIGNAL^2 z(x)'z(x')
+    exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near exp(-|x - x'|^2 / 2), and x
+    is the reference motion in units of `LENGTHS`. A Kalman filter of the cosines' weights gives the
+    exact mean. Delay and lag of the drive are known: each torque is counted where it acts.
 
     Sensors: position and velocity. Source: Nguyen-Tuong and Peters, "Using model knowledge for
     learning inverse dynamics", ICRA 2010; Gijsberts and Metta, "Real-time model learning using
@@ -47,7 +42,6 @@ class ComputedTorqueGp(ComputedTorque):
     models", MLSP 2010.
 
     Args:
-        frequency: w [rad/s], per joint.
         memory: correlation time of the missing torque [s]; older samples count less.
         noise: standard deviation of y's noise [rad/s^2].
     """

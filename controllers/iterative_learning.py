@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from controllers.computed_torque import ComputedTorque
-from controllers.feedback_linearization import linearize
 from controllers.parts import Drive
 from controllers.policy import State
-from fbl_gym.arm import Array
+from fbl_gym.arm import Array, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import number
 
@@ -95,4 +94,4 @@ class ComputedTorqueIlc(ComputedTorque):
         now, e = (np.arange(len(step)), step), e.copy()
         e[now] = r - q
         a = self.acceleration(observation, q, v) + u[now]
-        return linearize(self.interface.nominal, q, v, a), (step + 1, longest, start, u, e)
+        return inverse_dynamics(self.interface.nominal, q, v, a), (step + 1, longest, start, u, e)

@@ -1,7 +1,5 @@
 """The paper's Kalman filter for each joint (§3.2), and the robust controller on its estimates."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
@@ -29,12 +27,8 @@ def continuous_gains(dt: float, acceleration_sigma: float, position_sigma: float
 
     dP/dt = -P C' R^-1 C P + A P + P A' + Q and K = P C' R^-1, in Euler steps of dt. Q and R are
     densities, as printed: the squares of the sigmas. At steady state K is that of `gains` over dt,
-    since only the ratio of the sigmas counts.
-
-    Args:
-        dt: sample time [s].
-        acceleration_sigma: root of the acceleration's density [rad/s^2/sqrt(Hz)].
-        position_sigma: root of the position's density [rad/sqrt(Hz)].
+    since only the ratio of the sigmas counts. These are the roots of the densities of acceleration
+    [rad/s^2/sqrt(Hz)] and position [rad/sqrt(Hz)].
     """
     A, C = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, 0.0]])
     Q, R = np.diag([0.0, acceleration_sigma**2]), position_sigma**2
@@ -130,15 +124,11 @@ class RobustFlm(CascadeFlm):
 
         q, v = Kalman filter(position, acceleration),    torque = cascade(q, v)
 
-    The filter takes the noise out of the torque. At steady state an accelerometer bias b gives a
-    position error of about b (position_sigma / acceleration_sigma). At 100 Hz the acceleration
-    changes within a sample, and the error is larger than that of the cascade without noise.
+    An accelerometer bias b gives a position error of about b (position_sigma / acceleration_sigma).
 
-    Sensors: position and acceleration. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
-    2016, §3.
+    Sensors: position and acceleration.
 
     Args:
-        kp, velocity_p, velocity_i: as in `CascadeFlm`.
         acceleration_sigma: noise of the accelerometer per sample, from its data sheet [rad/s^2].
             The default is the paper's.
         position_sigma: noise of the encoder per sample [rad]. The default is the paper's. Once the

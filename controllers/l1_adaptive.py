@@ -1,7 +1,5 @@
 """L1 adaptive control: fast estimation, and a low-pass filter on all that it adds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,13 +20,8 @@ class L1Adaptive(ComputedTorque):
 
     Each joint of the nominally linearised arm is v' = u + f: u is the nominal acceleration under
     the torque within its limits, and f all the rest. v^ is the predictor's velocity, and
-    C(s) = bandwidth / (s + bandwidth) the filter that gives the method its robustness. At the
-    samples, f^ is the mean f of the last interval times p dt / (exp(p dt) - 1). The law is
-    therefore close to a disturbance observer of that bandwidth, and a constant load leaves a small
-    error.
-
-    The theorem bounds error and torque for a bounded f whose Lipschitz constant is below one over
-    the L1 norm of the loop with 1 - C(s), for a short sampling time and without a delay.
+    C(s) = bandwidth / (s + bandwidth) the filter that gives the method its robustness. The law is
+    close to a disturbance observer of that bandwidth, and a constant load leaves a small error.
 
     Sensors: position and velocity. Source: Hovakimyan and Cao, "L1 Adaptive Control Theory", 2010,
     §3.3 (piecewise constant adaptive law).

@@ -1,7 +1,5 @@
 """LQG with integral action, on the nominally linearised arm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
@@ -9,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from controllers.feedback_linearization import linearize, winds_up
+from controllers.feedback_linearization import winds_up
 from controllers.kalman import JointKalman
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array
+from fbl_gym.arm import Array, inverse_dynamics
 from fbl_gym.checks import Pair, check_pair
 from fbl_gym.records import number, pair
 
@@ -30,9 +28,7 @@ def regulator(dt: float, integral: float, position: float, velocity: float) -> A
 
         P = Q + F' P (F - G K),    K = (1 + G' P G)^-1 G' P F
 
-    (Anderson and Moore, "Optimal Control", 1990, §2.4). As dt goes to zero, the gain on z goes to
-    `integral`. With integral = 0, those on e and e' go to `position` and sqrt(velocity^2 + 2
-    position). The weights are in 1/s^3, 1/s^2 and 1/s.
+    (Anderson and Moore, "Optimal Control", 1990, §2.4). The weights are in 1/s^3, 1/s^2 and 1/s.
     """
     f, g = plant(dt)
     p = solve_discrete_are(f, g, np.diag([integral, position, velocity]) ** 2, np.eye(1))
@@ -49,8 +45,7 @@ class Lqg(TorqueLaw):
 
     K is the optimal gain (`regulator`). q and v come from the Kalman filter of the paper
     (`JointKalman`). y is the measured position, so an accelerometer bias leaves no lasting error.
-    The poles are those of the regulator and of the filter, each designed alone. The integral pauses
-    where the torque saturates.
+    The integral pauses where the torque saturates.
 
     Sensors: position and acceleration. Source: Anderson and Moore, "Optimal Control", 1990, §2.4.
 
@@ -98,7 +93,7 @@ class Lqg(TorqueLaw):
         # e'' = r'' - a = u = -K x
         x = np.stack([integral, r - q, r_dot - v], axis=-1)
         a = r_ddot + (self.gain * x).sum(axis=-1)
-        torque = linearize(nominal, q, v, a)
+        torque = inverse_dynamics(nominal, q, v, a)
         pause = winds_up(self.interface, nominal, q, v, a, torque, error)
         integral = integral + np.where(pause, 0.0, error * self.interface.control_dt)
         return torque, (integral, estimate, count)

@@ -7,8 +7,6 @@ generates the derivatives. The solver is DAQP (Arnström, Bemporad and Axehill, 
 solver for embedded quadratic programming using recursive LDL' updates", IEEE TAC 67(8), 2022).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -128,11 +126,9 @@ class Nmpc(TorqueLaw):
 
     The first torque of the plan is applied. f comes from the extended state observer
     (`parts.Eso`) and is held over the horizon, so no constant load leaves an error. The terminal
-    cost is that of the optimal regulator, so the law acts as this regulator where no limit is met.
-    A plan is made every 20 ms, or at each step of a slower control rate, and its torque is held in
-    between. With a `preview` in the observation, the reference comes from it as far as it reaches;
-    beyond (or without preview), the reference's acceleration is held. The real-time iteration makes
-    one Gauss-Newton step for each plan, so it is a local method.
+    cost is that of the optimal regulator. A plan is made every 20 ms, or at each step of a slower
+    control rate, and its torque is held in between. The reference comes from the observation's
+    `preview` as far as it reaches; beyond, its acceleration is held.
 
     Sensors: position. CasADi must be installed. Source: Diehl et al. 2002; see the module.
 

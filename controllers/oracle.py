@@ -1,7 +1,5 @@
 """The three oracles, which read the real arm from `env.truth`. They are not ranked."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -9,45 +7,50 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.linalg import expm
 
-from controllers.policy import State, reference_at
+from controllers.policy import Law, State, reference_at
 from controllers.true_arm import TrueArm
 from fbl_gym.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.checks import Pair
-from fbl_gym.records import Record, number, pair
+from fbl_gym.interface import Interface
+from fbl_gym.records import number, pair
 
 PREVIEW = 0.15
 """How far ahead the oracles that predict use the reference [s]."""
 
 
 @dataclass(frozen=True)
-class _Oracle(Record):
+class _Oracle(Law):
     """Base of the oracles. Each acts only in the environment that it was built for."""
 
     env: Any = dataclasses.field(repr=False)
 
     access: ClassVar[str] = "privileged"
 
-    def predict(
-        self,
-        observation: Array,
-        state: State | None = None,
-        episode_start: Array | None = None,
-        deterministic: bool = False,
-    ) -> tuple[Array, State | None]:
-        """Return the action for the environment's true state, and the next state."""
-        arm, batch = TrueArm.of(self.env), np.atleast_2d(observation)
-        if len(batch) != len(arm.truth.position):
-            raise ValueError(
-                f"the oracle was made for an environment of {len(arm.truth.position)} lanes, got {len(batch)} observations"
-            )
-        torque, state = self.torque(batch, arm, state)
-        interface, truth = self.env.interface, arm.truth
-        action = interface.action_from_torque(torque / truth.gain, truth.position, truth.velocity)
-        return action.reshape(*np.shape(observation)[:-1], 2), state
+    @property
+    def interface(self) -> Interface:  # type: ignore[override]
+        """The environment's interface."""
+        interface: Interface = self.env.interface
+        return interface
 
-    def torque(self, observation: Array, arm: TrueArm, state: State | None) -> tuple[Array, State | None]:
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque command [n x 2] N m, and the next state."""
+        arm = TrueArm.of(self.env)
+        lanes = len(arm.truth.position)
+        if len(observation) != lanes:
+            raise ValueError(
+                f"the oracle was made for an environment of {lanes} lanes, got {len(observation)} observations"
+            )
+        torque, state = self.drive(observation, arm, state)
+        return torque / arm.truth.gain, state
+
+    def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, and the next state."""
         raise NotImplementedError
+
+    def measured_motion(self, observation: Array) -> tuple[Array, Array]:
+        """Return the true position and velocity."""
+        truth = TrueArm.of(self.env).truth
+        return truth.position, truth.velocity
 
     def ahead(self, observation: Array, arm: TrueArm, times: Array) -> list[Array]:
         """Return position, velocity and acceleration of the reference, [n x k x 2] each.
@@ -55,7 +58,7 @@ class _Oracle(Record):
         The k times count from the one at which the next command begins to act [s].
         """
         each = arm.truth.delay[:, None] + times
-        return np.split(reference_at(self.env.interface, observation, each), 3, axis=-1)
+        return np.split(reference_at(self.interface, observation, each), 3, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class OracleFlm(_Oracle):
     kp: Pair | float = pair(400.0, unit="1/s^2")
     kd: Pair | float = pair(40.0, unit="1/s")
 
-    def torque(self, observation: Array, arm: TrueArm, state: State | None) -> tuple[Array, State | None]:
+    def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, and `state` unchanged."""
         truth, v = arm.truth, arm.truth.velocity
         error, rate = truth.reference - truth.position, truth.reference_velocity - v
@@ -97,15 +100,12 @@ class OraclePredictive(OracleFlm):
     command begins to act, and the reference is that of the same time, from the preview. The command
     inverts the lag: the torque is the wanted one after a control interval. Elastic joints count as
     rigid.
-
-    Args:
-        env, kp, kd: as in `OracleFlm`.
     """
 
     preview: ClassVar[float] = PREVIEW
 
-    def torque(self, observation: Array, arm: TrueArm, state: State | None) -> tuple[Array, State | None]:
-        """Return the torque [n x 2] N m that the drives are asked for, and no state."""
+    def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m that the drives are asked for; there is no state."""
         arm = dataclasses.replace(arm, elastic=False)
         q, v, present = arm.predicted()
         positions, velocities, accelerations = self.ahead(observation, arm, np.array([0.0, 0.5 * arm.dt]))
@@ -113,7 +113,7 @@ class OraclePredictive(OracleFlm):
         a = accelerations[:, 1] + np.array(self.kp) * (r - q) + np.array(self.kd) * (r_dot - v)
         wanted = inverse_dynamics(arm.links, q, v, a) + arm.friction(v, r_dot + 10.0 * (r - q)) + arm.truth.disturbance
         lag = np.maximum(arm.truth.lag, 1e-9)[:, None]
-        return present + (wanted - present) / -np.expm1(-arm.dt / lag), None
+        return present + (wanted - present) / -np.expm1(-arm.dt / lag), ()
 
 
 COSINES = np.linspace(-1.0, 1.0, 5)
@@ -128,11 +128,9 @@ class OracleElastic(_Oracle):
 
     x is the state of links, motors and drives, predicted with the true arm to the time at which the
     command begins to act. x_r is its course along the reference, by inverse dynamics of links,
-    springs, motors and lag; its derivatives are differences over the preview. K is the gain of the
-    discrete optimal regulator for each lane's true arm, linearised at rest without gravity, with
-    the lag of its drives, and interpolated over the cosine of the second joint's angle. K is
-    computed when an episode starts, and again when the arm changes. Where joints are rigid, motors
-    and springs are left out.
+    springs, motors and lag. K is the gain of the discrete optimal regulator for each lane's true
+    arm, linearised at rest without gravity, with the lag of its drives, and interpolated over the
+    cosine of the second joint's angle. Where joints are rigid, motors and springs are left out.
 
     Source: Anderson and Moore, "Optimal Control", 1990, §2.4; De Luca and Book, "Robots with
     flexible elements", Springer Handbook of Robotics, chapter 11.
@@ -149,14 +147,16 @@ class OracleElastic(_Oracle):
 
     preview: ClassVar[float] = PREVIEW
 
-    def torque(self, observation: Array, arm: TrueArm, state: State | None) -> tuple[Array, State | None]:
+    def initial(self, observation: Array) -> State:
+        """Return the state: the numbers of each arm that gains were computed for, and the gains."""
+        n, size = len(observation), 10 if TrueArm.of(self.env).elastic else 6
+        return np.full((n, 12), np.nan), np.zeros((n, len(COSINES), 2, size))
+
+    def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, and the gains."""
-        truth = arm.truth
-        lanes = len(truth.position)
+        truth, (old, gains) = arm.truth, state
         columns = (truth.lumped, truth.stiffness, truth.damping, truth.viscous, truth.lag[:, None])
         design = np.concatenate(columns, axis=-1)
-        size = 10 if arm.elastic else 6
-        old, gains = state or (np.full_like(design, np.nan), np.zeros((lanes, len(COSINES), 2, size)))
         changed = np.any(design != old, axis=-1)
         if changed.any():
             gains = gains.copy()
@@ -165,7 +165,7 @@ class OracleElastic(_Oracle):
         place = (np.cos(x[0][:, 1]) + 1.0) / (COSINES[1] - COSINES[0])
         low = np.minimum(place.astype(int), len(COSINES) - 2)
         share = (place - low)[:, None, None]
-        every = np.arange(lanes)
+        every = np.arange(len(gains))
         gain = (1.0 - share) * gains[every, low] + share * gains[every, low + 1]
         wanted, command = self.course(observation, arm, x)
         error = np.concatenate([r - y for r, y in zip(wanted, x, strict=True)], axis=-1)

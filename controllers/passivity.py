@@ -1,7 +1,5 @@
 """Passivity-based laws, whose torque is linear in parameters: Slotine and Li's, and Spong's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -68,16 +66,9 @@ class SlotineLi(TorqueLaw):
     the five lumped parameters, and of each joint the viscous and the Coulomb friction, whose torque
     is p_6 v_r + p_8 tanh(v_r / TURN) at the first one. Gains scale with the nominal arm:
     K = damping M(q), Gamma_i = adaptation p_i^2 / p_1, and for the frictions of joint j it is
-    friction M_jj of the stretched arm. The inertia of the rotors is known: they add their torque to
-    Y p^.
-
-    V = s'Ms/2 + (p^ - p)'Gamma^-1 (p^ - p)/2 has V' <= -s'Ks, so the error goes to zero for every
-    constant arm without disturbance whose friction has the form above. Friction that sticks or
-    falls with speed has another form. The estimates need an exciting motion to converge. They are
+    friction M_jj of the stretched arm. Known rotors add their torque to Y p^. The estimates are
     clipped to a box: lumped parameters within a factor `reach` of the nominal ones, friction
-    between 0 and `MOST`. As Gamma is diagonal, that is the projection in the norm of Gamma^-1, so V
-    does not rise by it while the real parameters lie in the box. Where the torque saturates, the
-    estimates are held, and V may rise.
+    between 0 and `MOST`. They are held where the torque saturates.
 
     Sensors: position and velocity. Source: Slotine and Li, "On the adaptive control of robot
     manipulators", Int. J. Robotics Research 6(3), 1987; "Applied Nonlinear Control", 1991, §9.2.
@@ -152,7 +143,6 @@ class CompositeSlotineLi(SlotineLi):
     manipulators", Automatica 25(4), 1989.
 
     Args:
-        slope, damping, adaptation, friction, reach: as in `SlotineLi`.
         composite: gain of the prediction error [1/s].
         filtering: bandwidth of the filter of the prediction [rad/s].
     """
@@ -201,9 +191,7 @@ class SpongRobust(TorqueLaw):
         u_i = bound p^_i sat((Y's)_i p^_i / (epsilon p1))
 
     Y is the regressor along the reference motion v_r = r' + slope e, p^ the nominal lumped
-    parameters, and sat clips to [-1, 1]. A known rotor inertia adds its torque rotor a_r. Where
-    every parameter is within its bound, V = s'Ms/2 has V' <= -s'Ks + (5/4) bound epsilon p1, so s
-    ends in a set that shrinks with epsilon.
+    parameters, and sat clips to [-1, 1]. Known rotors add the torque rotor a_r.
 
     Sensors: position and velocity. Source: Spong, "On the robust control of robot manipulators",
     IEEE TAC 37(11), 1992.

@@ -1,14 +1,12 @@
 """The paper's PID on the nominally linearised arm (§2.2)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.feedback_linearization import linearize, winds_up
+from controllers.feedback_linearization import winds_up
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array
+from fbl_gym.arm import Array, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import pair
 
@@ -19,13 +17,11 @@ class PidFlm(TorqueLaw):
 
         a = r'' + kp e + kd e' + ki int(e) dt,    e = r - q,    torque = M a + C v + G
 
-    With an exact model the error obeys e''' + kd e'' + kp e' + ki e = 0, which is stable for
-    ki < kp kd. The paper prints "P, I, D = 10, 3, 0", which is unstable: s^3 + 10 s + 3 has the
-    roots 0.149 +- 3.17j. The defaults read it as P = 10, D = 3, I = 0. The integral pauses where
-    the torque saturates.
+    With an exact model the error obeys e''' + kd e'' + kp e' + ki e = 0. The paper prints "P, I, D
+    = 10, 3, 0", which is unstable; the defaults read it as P = 10, D = 3, I = 0. The integral
+    pauses where the torque saturates.
 
-    Sensors: position and velocity. Source: Wang, Wang and Brdys, Cogent Engineering 3:1173529,
-    2016, §2.2.
+    Sensors: position and velocity.
 
     Args:
         kp: proportional gain [1/s^2], per joint.
@@ -48,6 +44,6 @@ class PidFlm(TorqueLaw):
         (integral,) = state
         error = r - q
         a = r_ddot + np.array(self.kp) * error + np.array(self.kd) * (r_dot - v) + np.array(self.ki) * integral
-        torque = linearize(self.interface.nominal, q, v, a)
+        torque = inverse_dynamics(self.interface.nominal, q, v, a)
         pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, error)
         return torque, (integral + np.where(pause, 0.0, error * self.interface.control_dt),)

@@ -4,8 +4,6 @@ A controller therefore goes wherever an SB3 model goes. Laws are frozen records 
 Values that change during a run travel in `state`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,55 +79,14 @@ class Policy(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class TorqueLaw(Record):
-    """Base of the laws: a subclass computes a torque, and is a policy.
-
-    A subclass is a frozen dataclass, and its fields are its gains. It defines `torque`, and
-    `initial` if it has a state. Both work on batches: an observation is [n x size], a torque
-    [n x 2] N m, and a state a tuple of arrays with n rows each.
-
-    A gain may be declared with its unit, bounds and tuning range, and is then checked:
-
-        frequency: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 100.0))
-
-    A subclass of a law changes a default by a plain value, `frequency: Pair | float = 20.0`, and
-    keeps the declaration. A new declaration replaces it. A rule for several gains goes into
-    `validate`, after `super().validate()`.
-
-    Notation of the laws' equations: r is the reference, q the position, v the velocity and
-    e = r - q. M, C and G are the nominal inertia, Coriolis and gravity terms. A prime is the time
-    derivative of a signal, and the transpose of a vector or matrix. int is the integral over time,
-    and p^ an estimate of p.
-
-    Args:
-        interface: all that the law may know: `env.unwrapped.interface`.
+class Law(Record):
+    """Base of `TorqueLaw` and of the oracles: `predict` from a torque for batches of observations.
 
     Attributes:
-        needs: the sensors that the law requires.
-        access: what the law may know of the arm, one of `ACCESS`.
-        preview: how far ahead the law uses the reference, where the observation has it [s].
+        interface: of the environment.
     """
 
-    interface: Interface = dataclasses.field(repr=False)
-
-    needs: ClassVar[tuple[str, ...]] = ("position", "velocity")
-    access: ClassVar[str] = "nominal"
-    preview: ClassVar[float] = 0.0
-
-    def validate(self) -> None:
-        """Refuse an interface without a sensor that the law needs."""
-        for sensor in self.needs:
-            if sensor not in self.interface.layout:
-                raise ValueError(
-                    f"{type(self).__name__} needs a sensor of {sensor}, but the observation only has "
-                    f"{', '.join(slot.name for slot in self.interface.layout.slots)}"
-                )
-
-    @cached_property
-    def stretched(self) -> Array:
-        """Diagonal of the inertia of the stretched nominal arm [2], kg m^2."""
-        return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
+    interface: Interface
 
     def initial(self, observation: Array) -> State:
         """Return the state before the first decision of an episode; observations are [n x size]."""
@@ -184,3 +141,54 @@ class TorqueLaw(Record):
         torque, state = self.torque(batch, state)
         action = self.interface.action_from_torque(torque, *self.measured_motion(batch))
         return (action if observation.ndim == 2 else action[0]), state
+
+
+@dataclass(frozen=True)
+class TorqueLaw(Law):
+    """Base of the laws: a subclass computes a torque, and is a policy.
+
+    A subclass is a frozen dataclass, and its fields are its gains. It defines `torque`, and
+    `initial` if it has a state. Both work on batches: an observation is [n x size], a torque
+    [n x 2] N m, and a state a tuple of arrays with n rows each.
+
+    A gain may be declared with its unit, bounds and tuning range, and is then checked:
+
+        frequency: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 100.0))
+
+    A subclass of a law keeps the declaration with a plain default, `frequency: Pair | float =
+    20.0`. A rule for several gains goes into `validate`, after `super().validate()`.
+
+    Notation of the laws' equations: r is the reference, q the position, v the velocity and
+    e = r - q. M, C and G are the nominal inertia, Coriolis and gravity terms. A prime is the time
+    derivative of a signal, and the transpose of a vector or matrix. int is the integral over time,
+    and p^ an estimate of p. Sections and equations without a source are those of the paper, which
+    `fbl_gym.arm` names.
+
+    Args:
+        interface: all that the law may know: `env.unwrapped.interface`.
+
+    Attributes:
+        needs: the sensors that the law requires.
+        access: what the law may know of the arm, one of `ACCESS`.
+        preview: how far ahead the law uses the reference, where the observation has it [s].
+    """
+
+    interface: Interface = dataclasses.field(repr=False)
+
+    needs: ClassVar[tuple[str, ...]] = ("position", "velocity")
+    access: ClassVar[str] = "nominal"
+    preview: ClassVar[float] = 0.0
+
+    def validate(self) -> None:
+        """Refuse an interface without a sensor that the law needs."""
+        for sensor in self.needs:
+            if sensor not in self.interface.layout:
+                raise ValueError(
+                    f"{type(self).__name__} needs a sensor of {sensor}, but the observation only has "
+                    f"{', '.join(slot.name for slot in self.interface.layout.slots)}"
+                )
+
+    @cached_property
+    def stretched(self) -> Array:
+        """Diagonal of the inertia of the stretched nominal arm [2], kg m^2."""
+        return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))

@@ -1,7 +1,5 @@
 """Neural adaptive control: radial basis functions learn the model's torque error."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +25,7 @@ FEATURES = NODES**2 + 2 * NODES + 2
 def bumps(angle: Array) -> Array:
     """Return the basis functions of an angle, normalised to length one, [... x NODES].
 
-    exp((cos(x - c) - 1) / s^2) about centres c evenly round the circle, s their distance. An angle
-    has no ends, so no range of angles need be chosen.
+    exp((cos(x - c) - 1) / s^2) about centres c evenly round the circle, s their distance.
     """
     distance = 2.0 * np.pi / NODES
     values = np.exp((np.cos(angle[..., None] - distance * np.arange(NODES)) - 1.0) / distance**2)
@@ -38,9 +35,8 @@ def bumps(angle: Array) -> Array:
 def features(q: Array, v: Array, a: Array) -> Array:
     """Return phi, the features of a motion [n x FEATURES].
 
-    Lewis's partitioned network has one part for each kind of term of the arm. Gravity depends on
-    both angles, inertia on the second angle and in proportion to acceleration, friction on the
-    signs of the velocities.
+    Lewis's partitioned network: gravity over both angles, inertia over the second angle in
+    proportion to acceleration, friction over the signs of the velocities.
     """
     n = len(q)
     first, second = bumps(q[:, 0]), bumps(q[:, 1])
@@ -58,11 +54,7 @@ class RbfAdaptive(TorqueLaw):
         s = e' + l e,    v_r = r' + l e,    a_r = r'' + l e'
 
     The features phi are taken along the reference, so they are free of noise. D is the nominal
-    inertia of the bent arm (q2 = 90 degrees), so the network's outputs are accelerations. For a
-    real arm M_r with ideal weights W* and no forgetting, whatever the nominal model,
-
-        V = s' M_r s / 2 + tr(D E' E) / (2 rate), E = W* - W,    has    V' = -k s' M s.
-
+    inertia of the bent arm (q2 = 90 degrees), so the network's outputs are accelerations.
     Forgetting (e-modification) keeps |W_i| below max |phi| / forget without excitation. A joint's
     weights are held while its torque is cut off and s asks for more.
 

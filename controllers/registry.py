@@ -6,8 +6,6 @@ group `fbl_gym.policies`), and those that a program registers itself. LAW+PART, 
 is a built-in law, composed or not, with the gains of `tuned/POLICY.json`.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import json

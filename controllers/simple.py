@@ -1,7 +1,5 @@
 """The simplest laws: no torque, and PD and PID with gravity compensation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -32,9 +30,7 @@ class PdGravity(TorqueLaw):
         torque = Kp (r - q) + Kd (r' - v) + G(q),    Kp = w^2 M_ii,    Kd = 2 damping w M_ii
 
     M_ii is the diagonal of the nominal inertia of the stretched arm, so that each joint alone is a
-    second-order system of frequency w. With exact gravity the rest at a constant reference is
-    globally asymptotically stable for all positive gains. A constant load d leaves the error
-    d / Kp.
+    second-order system of frequency w. A constant load d leaves the error d / Kp.
 
     Sensors: position and velocity. Source: Takegaki and Arimoto, "A new feedback method for dynamic
     control of manipulators", J. Dyn. Sys. Meas. Control 103(2), 1981.
@@ -62,18 +58,15 @@ class PidGravity(PdGravity):
 
         torque = Kp (r - q) + Kd (r' - v) + Ki int(r - q) dt + G(q),    Ki = integral w^3 M_ii
 
-    Kp and Kd are those of `PdGravity`. Each joint alone has the characteristic polynomial s^3 + 2
-    damping w s^2 + w^2 s + integral w^3, which is stable for integral < 2 damping. At rest no
-    constant load leaves an error. The integral pauses where the torque saturates and the error asks
-    for more.
+    Kp and Kd are those of `PdGravity`. Each joint alone is stable for integral < 2 damping. At rest
+    no constant load leaves an error. The integral pauses where the torque saturates and the error
+    asks for more.
 
     Sensors: position and velocity. Source: Arimoto, "Control Theory of Non-linear Mechanical
     Systems", 1996, §3.3; Kelly, Santibanez and Loria, "Control of Robot Manipulators in Joint
     Space", 2005, ch. 9.
 
     Args:
-        frequency: w [rad/s], per joint.
-        damping: damping ratio, per joint.
         integral: share of the integral action, per joint.
     """
 

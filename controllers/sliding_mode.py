@@ -1,15 +1,13 @@
 """Super-twisting and integral sliding mode on the nominal linearisation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
-from controllers.feedback_linearization import linearize, winds_up
+from controllers.feedback_linearization import winds_up
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, forward_dynamics
+from fbl_gym.arm import Array, forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.records import number, pair
 
@@ -21,11 +19,8 @@ class SuperTwisting(TorqueLaw):
         a = r'' + slope e' + k1 |s|^(1/2) sign(s) + z,    z' = k2 sign(s),    s = e' + slope e
         torque = M a + C v + G
 
-    k1 = 1.5 L^(1/2) and k2 = 1.1 L. Without boundary layer and in continuous time s reaches zero in
-    finite time while the perturbation's derivative stays below 0.96 L; a strict Lyapunov function
-    proves it (Moreno and Osorio, "Strict Lyapunov functions for the super-twisting algorithm", IEEE
-    TAC 57(4), 2012). A sampled sign chatters. Within the boundary layer it is replaced by
-    s / layer, which is calmer and gives up the finite-time convergence. z pauses where the torque
+    k1 = 1.5 L^(1/2) and k2 = 1.1 L. A sampled sign chatters: within the boundary layer it is
+    replaced by s / layer, which gives up the finite-time convergence. z pauses where the torque
     saturates.
 
     Sensors: position and velocity. Source: Levant, "Sliding order and sliding accuracy in sliding
@@ -54,7 +49,7 @@ class SuperTwisting(TorqueLaw):
         s = r_dot - v + slope * (r - q)
         sign = np.sign(s) if self.layer == 0.0 else np.clip(s / self.layer, -1.0, 1.0)
         a = r_ddot + slope * (r_dot - v) + 1.5 * np.sqrt(bound * np.abs(s)) * sign + z
-        torque = linearize(self.interface.nominal, q, v, a)
+        torque = inverse_dynamics(self.interface.nominal, q, v, a)
         pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, sign)
         return torque, (z + np.where(pause, 0.0, 1.1 * bound * sign * self.interface.control_dt),)
 
@@ -66,18 +61,15 @@ class IntegralSlidingMode(ComputedTorque):
         torque = M (a + a_1) + C v + G,    a = r'' + w^2 (r - q) + 2 w (r' - v)
         a_1 = -bound sat(s / layer),    s = v - v(0) - int(a) dt
 
-    The surface begins at s = 0, so there is no phase of reaching. Without a layer and in continuous
-    time s stays zero while every perturbation of the acceleration is below `bound`, and the error
-    obeys e'' + 2 w e' + w^2 e = 0. Within the layer s' = f - (bound / layer) s: the law is a
-    disturbance observer with the bandwidth bound / layer, whose estimate never exceeds `bound`. A
-    delay limits that bandwidth. Where the torque saturates, the integral takes the acceleration
-    that is left.
+    The surface begins at s = 0, so there is no phase of reaching. Within the layer
+    s' = f - (bound / layer) s: the law is a disturbance observer with the bandwidth bound / layer,
+    whose estimate never exceeds `bound`. Where the torque saturates, the integral takes the
+    acceleration that is left.
 
     Sensors: position and velocity. Source: Utkin and Shi, "Integral sliding mode in systems
     operating under uncertainty conditions", CDC 1996.
 
     Args:
-        frequency: w [rad/s], per joint.
         bound: of the perturbation [rad/s^2], per joint.
         layer: half width of the boundary layer [rad/s].
     """
@@ -95,6 +87,6 @@ class IntegralSlidingMode(ComputedTorque):
         (wanted,) = state
         q, v = self.read(observation, "position", "velocity")
         extra = -np.array(self.bound) * np.clip((v - wanted) / self.layer, -1.0, 1.0)
-        torque = linearize(self.interface.nominal, q, v, self.acceleration(observation, q, v) + extra)
+        torque = inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v) + extra)
         left = forward_dynamics(self.interface.nominal, q, v, self.interface.saturate(torque)) - extra
         return torque, (wanted + self.interface.control_dt * left,)

@@ -6,8 +6,6 @@ alone and in a batch. The file calls nothing that is compiled elsewhere, because
 notices a change in this file only.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -149,18 +147,27 @@ def accumulate(
 
 
 @cached_njit
+def _lower(a: Array, first: int, lanes: int) -> Array:
+    """Return the lower triangles of some matrices of a [n x k x k], as a block [k x k x lanes]."""
+    k = a.shape[1]
+    part = np.empty((k, k, lanes))
+    for lane in range(lanes):
+        for i in range(k):
+            for j in range(i + 1):
+                part[i, j, lane] = a[first + lane, i, j]
+    return part
+
+
+@cached_njit
 def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
     """Return where the smallest eigenvalue of a symmetric a [n x k x k] exceeds `floor`, [n]."""
     n, k, _ = a.shape
     above = np.ones(n, dtype=np.bool_)
     for first in range(0, n, LANES):
         lanes = min(LANES, n - first)
-        part = np.empty((k, k, lanes))
-        for lane in range(lanes):
-            for i in range(k):
-                for j in range(i + 1):
-                    part[i, j, lane] = a[first + lane, i, j]
-                part[i, i, lane] -= floor
+        part = _lower(a, first, lanes)
+        for i in range(k):
+            part[i, i] -= floor
         _factor(part, above[first : first + lanes])
     return above
 
@@ -172,12 +179,7 @@ def solve(a: Array, b: Array) -> Array:
     solution = np.empty((n, k))
     for first in range(0, n, LANES):
         lanes = min(LANES, n - first)
-        part, x = np.empty((k, k, lanes)), np.empty((k, lanes))
-        for lane in range(lanes):
-            for i in range(k):
-                for j in range(i + 1):
-                    part[i, j, lane] = a[first + lane, i, j]
-                x[i, lane] = b[first + lane, i]
+        part, x = _lower(a, first, lanes), b[first : first + lanes].T.copy()
         _factor(part, np.ones(lanes, dtype=np.bool_))
         # L y = b, then U x = y
         for i in range(k):

@@ -1,7 +1,5 @@
 """Time-delay control, and computed torque with time-delay estimation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,12 +18,10 @@ class TimeDelay(ComputedTorque):
 
         torque(t) = torque(t - L) + Mbar (a - q''(t - L)),    a = r'' + w^2 (r - q) + 2 w (r' - v)
 
-    L is the control interval, and q''(t - L) = (v(t) - v(t - L)) / L. The constant diagonal Mbar is
-    all that the law uses of the model, besides the gravity torque at an episode's start. For
-    L -> 0 the loop is stable where the eigenvalues of I - M^-1 Mbar, M the real inertia, lie within
-    the unit circle. In discrete time, without a delay of the drive, the eigenvalues of M^-1 Mbar
-    must be below 2 / (1 + w L). A small Mbar acts as a low-pass filter, which noise and a delay of
-    the drive require. torque(t - L) is the torque within its limits.
+    L is the control interval, q''(t - L) = (v(t) - v(t - L)) / L, and torque(t - L) the torque
+    within its limits. The constant diagonal Mbar is all that the law uses of the model, besides the
+    gravity torque at an episode's start. A small Mbar acts as a low-pass filter, which noise and a
+    delay of the drive require.
 
     Sensors: position and velocity. Source: Youcef-Toumi and Ito, "A time delay controller for
     systems with unknown dynamics", J. Dyn. Sys. Meas. Control 112(1), 1990; Hsia, Lasky and Guo,
@@ -63,12 +59,7 @@ class ComputedTorqueTde(ComputedTorque):
 
     a_0 is the measured acceleration and torque_0 the torque applied up to it. Both pass the same
     low-pass filter LP. Without the filter the law is torque = torque_0 + M (a - a_0), also known as
-    incremental nonlinear dynamic inversion. With a constant diagonal in place of M, and differences
-    of the velocity, it is `TimeDelay`.
-
-    With a real inertia of M / k the estimate d has the pole 1 - k h per sample, h = 1 - exp(-g dt).
-    The loop is stable for k < 2 / (h + 2 w dt - h w dt), w^2 dt^2 neglected; without the filter and
-    with slow poles that is the k < 2 of time-delay control.
+    incremental nonlinear dynamic inversion.
 
     Sensors: position, velocity and acceleration. Source: Hsia, "A new technique for robust control
     of servo systems", IEEE TIE 36(1), 1989; Sieberling, Chu and Mulder, "Robust flight control

@@ -6,20 +6,14 @@ using imperfect dynamic models and sensor feedback", Cogent Engineering 3:117352
     M(q) a + C(q, v) v + G(q) + F(v) + tau_d = tau
 
 with q = (theta1, theta2) in radians, theta1 from the horizontal and theta2 relative to the first
-link.
-
-This file holds the only copy of the dynamics. The kernel compiles its terms for the real arm, and
-the controllers apply them to batches through the functions below.
-
-The dynamics is linear in five lumped parameters; the last two include gravity:
+link. The dynamics is linear in five lumped parameters; the last two include gravity:
 
     p1 = (m1 + m2) L1^2   p2 = m2 L2^2   p3 = m2 L1 L2   [kg m^2]
     p4 = (m1 + m2) L1 g   p5 = m2 L2 g                   [N m]
 
 These are for the point masses of the paper. Other links differ in these five numbers only. Rotors
 with the inertias r1 and r2, reflected to the joints, add r1 to M11 and r2 to M22 (each turns about
-its joint alone, as usual for a geared drive; Spong 1987). They are known, so the lumped parameters
-leave them out.
+its joint alone, as usual for a geared drive; Spong 1987). The lumped parameters leave them out.
 
 The functions on arrays share these arguments, which broadcast: `arm`, an `ArmParameters`, lumped
 parameters [... x 5], or these and the inertias of two rotors [... x 7]; joint angles `q` [rad],
@@ -151,22 +145,12 @@ class ArmParameters(Record):
         return dataclasses.replace(self, centre=1 / 2, inertia=1 / 12)
 
 
-# The terms of the model, in plain arithmetic: the kernel compiles them for its lanes, and the
-# functions further down apply them to arrays. c1 is cos q1, s2 sin q2, c12 cos(q1 + q2).
+# The terms of the model, the only copy: the kernel compiles them for its lanes, and the functions
+# further down apply them to arrays. c1 is cos q1, s2 sin q2, c12 cos(q1 + q2).
 
 
 def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
-    """Return the lumped parameters p1 to p5, in kg m^2 and N m, of the fields of `ArmParameters`.
-
-    Args:
-        m1: mass of link 1 [kg].
-        m2: mass of link 2 [kg].
-        L1: length of link 1 [m].
-        L2: length of link 2 [m].
-        gravity: acceleration of gravity [m/s^2].
-        centre: distance of each centre of mass, as a fraction of the length, [2].
-        inertia: each moment of inertia, as a fraction of m L^2, [2].
-    """
+    """Return the lumped parameters p1 to p5 of the fields of `ArmParameters`, in their units."""
     centre1, centre2 = centre[0], centre[1]
     p1 = (centre1 * centre1 + inertia[0]) * m1 * L1 * L1 + m2 * L1 * L1
     p2 = (centre2 * centre2 + inertia[1]) * m2 * L2 * L2
@@ -211,12 +195,7 @@ ARMS = {"table-1": TABLE_1, "section-2-2": SECTION_2_2}
 
 
 def with_rotors(lumped: Array, rotor: Pair | float) -> Array:
-    """Return lumped parameters with the rotor inertias behind them, [... x 7].
-
-    Args:
-        lumped: [... x 5].
-        rotor: rotor inertias, reflected to the joints [kg m^2].
-    """
+    """Return lumped parameters [... x 5] and rotor inertias [kg m^2] together, [... x 7]."""
     return np.concatenate([lumped, np.broadcast_to(rotor, (*lumped.shape[:-1], 2))], axis=-1)
 
 
@@ -272,13 +251,6 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
     return _matrix(c11, c12, h * v1, 0.0)
 
 
-def coriolis_torque(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-    """Return the Coriolis and centrifugal torque C(q, v) v of equation (3) [N m], [... x 2]."""
-    _, _, p3, _, _, _, _ = _lumped(arm)
-    _, q2 = _joints(q)
-    return _stack(*coriolis_terms(p3, np.sin(q2), *_joints(v)))
-
-
 def gravity_torque(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
     """Return the gravity torque G(q) of equation (4) [N m], [... x 2]."""
     _, _, _, p4, p5, _, _ = _lumped(arm)
@@ -315,10 +287,8 @@ def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     """Return the regressor Y with Y p = M a + C v + G for lumped parameters p, [... x 2 x 5].
 
-    Rotors add their inertia times a.
-
-    These are the columns of the paper's K (33) without repetition: its seven unknowns are five, and
-    p4 and p5 include gravity.
+    Rotors add their inertia times a. These are the columns of the paper's K (33) without
+    repetition: its seven unknowns are five, and p4 and p5 include gravity.
     """
     q1, q2 = _joints(q)
     v1, v2 = _joints(v)

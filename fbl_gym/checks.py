@@ -5,8 +5,6 @@ The checks share these arguments: `name`, of the argument, for the error; `value
 (every valid number is greater; None: no such bound). They return the value, converted to one type.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Callable, Iterable
@@ -30,10 +28,7 @@ def nearest(name: object, known: Iterable[str]) -> str:
 def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
     """Return the error for a name that is not known, with the nearest valid names.
 
-    Args:
-        what: the kind of thing that was named, such as "policy".
-        name: the value given.
-        known: the valid names.
+    `what` is the kind of thing that was named, such as "policy".
     """
     names = sorted(known)
     suggestion = nearest(name, names) or "."

@@ -1,7 +1,5 @@
 """Documentation of records, from the declarations of their fields and their docstrings."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import re

@@ -3,8 +3,6 @@
 A policy is not told of them. Times count to the nearest physics step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias

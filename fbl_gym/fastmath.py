@@ -1,11 +1,9 @@
 """Elementary functions that vectorise and give the same bits on every machine.
 
-A call to the C library's `sin` inside a loop keeps the compiler from running that loop on several
-lanes at once, and its last bit differs from one C library to the next. Each function here is a
-fixed sequence of additions, multiplications and fused multiply-adds without a branch. LLVM may not
-reorder or fuse them (no fast-math flag is set anywhere in this package). Therefore a lane of a
-batch and a single environment compute the same bits, on any machine. From the C library comes only
-its exact `fma`, where the processor has none.
+A call to the C library's `sin` keeps the compiler from running a loop on several lanes at once, and
+its last bit differs between C libraries. Each function here is a fixed sequence of additions,
+multiplications and fused multiply-adds without a branch, which LLVM may not reorder or fuse: no
+fast-math flag is set anywhere in this package.
 
 The polynomials of sine and cosine are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`; Sun
 Microsystems 1993). Those of exp and log are plain Taylor series, long enough that truncation lies

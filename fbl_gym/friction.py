@@ -41,20 +41,10 @@ def resist(m11, m12, m22, g1, g2, b1, b2):
     Each joint rests or slides either way: nine cases, decided one joint at a time. Minimised over
     w1, the problem stays convex in w2. Its slope at w2 = 0 is the load that the first joint alone
     leaves on a resting second joint: within b2 that joint rests, beyond b2 it slides the way of the
-    load. Likewise for w1. Therefore exactly one case is taken, however close to a border.
-
-    Args:
-        m11: entry of M, as m12 and m22.
-        m12: likewise.
-        m22: likewise.
-        g1: momentum or load of joint 1 without friction.
-        g2: likewise of joint 2.
-        b1: bound of joint 1's friction, zero or more.
-        b2: likewise of joint 2.
+    load. Likewise for w1. Therefore exactly one case is taken.
 
     Returns:
-        The velocity (or acceleration) w1, w2, zero for a joint that sticks, and the friction
-        g - M w of both joints.
+        The velocity (or acceleration) w1, w2, and the friction g - M w of both joints.
     """
     alone1, alone2 = shrink(g1, b1) / m11, shrink(g2, b2) / m22
     left1, left2 = g1 - m12 * alone2, g2 - m12 * alone1

@@ -12,8 +12,6 @@ rotors' coupling through the motion of the links is left out, as is usual for hi
 De Luca and Book, "Robots with flexible elements", Springer Handbook of Robotics, chapter 11).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 
@@ -51,13 +49,7 @@ class ElasticJoint(Record):
 def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: Pair) -> float:
     """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
 
-    Of numbers that vary, the largest value counts.
-
-    Args:
-        arm: its links.
-        rotor: rotor inertias [kg m^2].
-        joint: the springs.
-        viscous: friction of the motors [N m s/rad].
+    Of numbers that vary, the largest value counts. `viscous` is the friction of the motors.
     """
     largest = [np.array([ends(x)[1] for x in both]) for both in (joint.stiffness, joint.damping, viscous)]  # type: ignore[union-attr]
     stiffness, damping, friction = (np.diag(x) for x in largest)

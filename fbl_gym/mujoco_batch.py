@@ -41,7 +41,6 @@ _MOTION = ("position", "velocity", "motor_position", "motor_velocity")
 _HINGE = 0.15
 """Place of the hinge of a link that bends, as a fraction of its length."""
 
-
 _HARD = "0.999 0.999 0.001"
 """Impedance of a motor's friction loss. With MuJoCo's default, a light motor that sticks creeps."""
 
@@ -148,13 +147,7 @@ class MuJoCoBatch(ArmBatch):
 
 
 class _Arm:
-    """MuJoCo's model and state of one lane.
-
-    Args:
-        scenario: the task.
-        numbers: real m1, m2 [kg], L1, L2 [m], payload [kg]; of both joints viscous friction,
-            Coulomb friction, stiction, stiffness, damping and half the backlash.
-    """
+    """MuJoCo's model and state of one lane, from its `_NUMBERS`."""
 
     def __init__(self, scenario: Scenario, numbers: Array) -> None:
         self._scenario, self.numbers = scenario, numbers
@@ -204,10 +197,7 @@ class _Arm:
     def _push(self, torque: Array, load: Array, ahead: float = 0.0) -> None:
         """Apply torques of drives, loads on links, and the difference that a gap makes to springs.
 
-        Args:
-            torque: of the drives, [2].
-            load: on the links, [2].
-            ahead: time for which the stretch is extrapolated [s].
+        The stretch of the springs is extrapolated by the time `ahead` [s].
         """
         data, springs = self._data, self._springs
         data.qfrc_applied[self._joints] = torque + load

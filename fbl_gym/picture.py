@@ -171,11 +171,7 @@ def _write_numbers(canvas: Canvas, picture: Picture, size: int) -> None:
 
 
 class Canvas:
-    """A pygame surface for shapes; lengths in pixels of the frame, from its upper left corner.
-
-    Args:
-        width, height: of the frame [pixels].
-    """
+    """A pygame surface for shapes; lengths in pixels of the frame, from its upper left corner."""
 
     FINER = 3
     """The surface has this many times the frame's pixels in each direction."""
@@ -226,14 +222,9 @@ class Canvas:
         self._polygon([point, *wings], colour)
 
     def write(self, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
-        """Write a line of text.
+        """Write a line of text, at half of whose height is the point `at`.
 
-        Args:
-            text: to write.
-            at: a point at half the line's height.
-            height: of the line.
-            colour: of the letters.
-            align: 0: `at` is the left end, 1/2: the middle, 1: the right end.
+        `align` 0: `at` is the left end, 1/2: the middle, 1: the right end.
         """
         letters = _letters(text, round(1.36 * self.FINER * height), colour)
         wide, high = letters.get_size()

@@ -1,7 +1,5 @@
 """Engines other than the package's own that move the real arm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -4,8 +4,6 @@ All these sources count the first angle from hanging: theta1 = q1 - pi/2 here, w
 torques. `docs/arms.md` has the tables, and all that is missing.
 """
 
-from __future__ import annotations
-
 from fbl_gym.arm import ArmParameters
 from fbl_gym.checks import Pair
 

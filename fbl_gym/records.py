@@ -16,8 +16,6 @@ searches a gain; `varies`, True if a `Distribution` is valid in place of a numbe
 if None is valid whatever the default; and the bounds `low`, `high` and `above` of `check_number`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -89,12 +87,11 @@ def declared(
     form: str,
     unit: str = "",
     *,
-    tune: Range | None = None,
     optional: bool = False,
-    classes: tuple[type, ...] = (),
+    **options: Any,
 ) -> Any:
     """Declare a field with its own conversion; see `Declaration`."""
-    declaration = Declaration(convert, form, unit, tune, optional or default is None, classes)
+    declaration = Declaration(convert, form, unit, optional=optional or default is None, **options)
     return dataclasses.field(default=default, metadata={_KEY: declaration})
 
 
@@ -105,27 +102,20 @@ def number(
     tune: Range | None = None,
     varies: bool = False,
     optional: bool = False,
+    joints: bool = False,
     **bounds: Any,
 ) -> Any:
-    """Declare a finite number."""
-    check = functools.partial(_check_varying if varies else check_number, **bounds)
+    """Declare a finite number; with `joints`, one or two, where one stands for both joints."""
+    check: Any = functools.partial(_check_varying if varies else check_number, **bounds)
     form = ("a number or distribution" if varies else "a number") + bounds_text(**bounds)
+    if joints:
+        form = form.replace("a number", "one or two numbers").replace("distribution", "distributions")
+        check = functools.partial(check_pair, check=check)
     return declared(default, check, form, unit, tune=tune, optional=optional)
 
 
-def pair(
-    default: Any = MISSING,
-    *,
-    unit: str = "",
-    tune: Range | None = None,
-    varies: bool = False,
-    optional: bool = False,
-    **bounds: Any,
-) -> Any:
-    """Declare one number per joint; a single number or distribution stands for both joints."""
-    check = functools.partial(check_pair, check=_check_varying if varies else check_number, **bounds)
-    form = ("one or two numbers or distributions" if varies else "one or two numbers") + bounds_text(**bounds)
-    return declared(default, check, form, unit, tune=tune, optional=optional)
+pair = functools.partial(number, joints=True)
+"""Declare one number per joint; a single number or distribution stands for both joints."""
 
 
 def whole(default: Any = MISSING, *, low: int = 0, varies: bool = False) -> Any:
@@ -297,11 +287,8 @@ def tuning_ranges(cls: type) -> dict[str, tuple[float, float]]:
 def build(name: str, value: object, cls: type[Built], *, scalar: str | None = None) -> Built:
     """Return a record from a record, from a mapping of its fields, or from the value of one field.
 
-    Args:
-        name: of the argument, for the error.
-        value: the value given.
-        cls: class of the record.
-        scalar: name of the field that a bare value stands for; None: a bare value is refused.
+    `scalar` is the field that a bare value stands for; None: a bare value is refused. `name` is
+    that of the argument, for the error.
     """
     if isinstance(value, cls):
         return value
@@ -314,19 +301,18 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
         lacking = [f.name for f in dataclasses.fields(cls) if _is_required(f) and f.name not in value]  # type: ignore[arg-type]
         if lacking:
             raise ValueError(f"{name} must give {_either(lacking, 'and')}, got {dict(value)!r}")
-        try:
-            return cls(**value)
-        except TypeError as problem:
-            raise ValueError(f"{name} must have the fields of {cls.__name__}: {problem}; got {dict(value)!r}") from None
-        except ValueError as problem:
-            raise ValueError(f"{name}: {problem}") from None
-    if scalar is not None and not isinstance(value, str):
-        try:
-            return cls(**{scalar: value})
-        except ValueError as problem:
-            raise ValueError(f"{name}: {problem}") from None
-    form = f"{_article(cls)}, a dict of its fields ({', '.join(fields)})" + (f" or its {scalar}" if scalar else "")
-    raise ValueError(f"{name} must be {form}, got {value!r}")
+        given = dict(value)
+    elif scalar is not None and not isinstance(value, str):
+        given = {scalar: value}
+    else:
+        form = f"{_article(cls)}, a dict of its fields ({', '.join(fields)})" + (f" or its {scalar}" if scalar else "")
+        raise ValueError(f"{name} must be {form}, got {value!r}")
+    try:
+        return cls(**given)
+    except TypeError as problem:
+        raise ValueError(f"{name} must have the fields of {cls.__name__}: {problem}; got {given!r}") from None
+    except ValueError as problem:
+        raise ValueError(f"{name}: {problem}") from None
 
 
 def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:

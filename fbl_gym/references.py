@@ -5,8 +5,6 @@ their first level. Levels, way-points and phases that are drawn come from a rand
 episode, so that every policy follows the same motion.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -32,7 +30,14 @@ def _range(positions: np.ndarray) -> tuple[Pair, Pair]:
 
 @dataclass(frozen=True)
 class _Points(Record):
-    """Base of the references through points that are drawn or given."""
+    """Base of the references through points that are drawn or given.
+
+    Args:
+        low: lower corner of the box from which each episode draws its points.
+        high: upper corner of the box.
+        points: fixed points in place of drawn ones; the arm starts on the first, and the last holds
+            on.
+    """
 
     low: Pair | float = pair(LOW, unit="rad")
     high: Pair | float = pair(HIGH, unit="rad")
@@ -55,10 +60,6 @@ class MinimumJerk(_Points):
     """Straight moves in joint space between way-points with minimum jerk (Flash and Hogan 1985).
 
     Args:
-        low: lower corner of the box from which each episode draws its way-points.
-        high: upper corner of the box.
-        points: fixed way-points in place of drawn ones; the arm starts on the first and stays on
-            the last.
         move_time: duration of a move.
         hold_time: rest after each move.
     """
@@ -70,13 +71,9 @@ class MinimumJerk(_Points):
 
 @dataclass(frozen=True)
 class Steps(_Points):
-    """Levels that jump at regular times. The reference's velocity and acceleration are zero.
+    """Levels that jump at regular times, first at t = 0. Velocity and acceleration are zero.
 
     Args:
-        low: lower corner of the box from which each episode draws its levels.
-        high: upper corner of the box.
-        points: fixed levels in place of drawn ones; the arm starts on the first, and the first jump
-            is at t = 0.
         period: time between two jumps.
     """
 
@@ -89,9 +86,6 @@ class FilteredSteps(_Points):
     """Steps s through a critically damped second-order filter: r'' = w^2 (s - r) - 2 w r'.
 
     Args:
-        low: lower corner of the box from which each episode draws its levels.
-        high: upper corner of the box.
-        points: fixed levels in place of drawn ones, as in `Steps`.
         period: time between two jumps.
         bandwidth: bandwidth w of the filter.
     """
@@ -102,21 +96,16 @@ class FilteredSteps(_Points):
 
 
 @dataclass(frozen=True)
-class SineReference(Record):
-    """The motion centre + amplitude sin(2 pi frequency t + phase).
+class _Oscillation(Record):
+    """Base of the references that are sums of sines about a centre.
 
     Args:
         centre: centre of the motion.
-        amplitude: amplitude of the motion.
-        frequency: frequency of the motion, the same for both joints.
-        phase: phase of the motion; None: drawn per episode.
+        amplitude: bound of `|q - centre|`, the sum of the sines' amplitudes.
     """
 
     centre: Pair | float = pair((-math.pi / 2, 0.0), unit="rad")
-    amplitude: Pair | float = pair(0.5, unit="rad", low=0)
-    frequency: float = number(0.25, unit="Hz", above=0)
-    phase: Pair | float | None = pair(0.0, unit="rad", optional=True)
-    kind: str = kind("sine")
+    amplitude: Pair | float = pair(1.0, unit="rad", low=0)
 
     @property
     def range(self) -> tuple[Pair, Pair]:
@@ -125,26 +114,32 @@ class SineReference(Record):
 
 
 @dataclass(frozen=True)
-class FourierReference(Record):
+class SineReference(_Oscillation):
+    """The motion centre + amplitude sin(2 pi frequency t + phase).
+
+    Args:
+        frequency: frequency of the motion, the same for both joints.
+        phase: phase of the motion; None: drawn per episode.
+    """
+
+    amplitude: Pair | float = 0.5
+    frequency: float = number(0.25, unit="Hz", above=0)
+    phase: Pair | float | None = pair(0.0, unit="rad", optional=True)
+    kind: str = kind("sine")
+
+
+@dataclass(frozen=True)
+class FourierReference(_Oscillation):
     """An exciting motion: harmonics h of one frequency, amplitudes as 1/h, drawn phases.
 
     Args:
-        centre: centre of the motion.
-        amplitude: bound of `|q - centre|`, the sum of the harmonics' amplitudes.
         frequency: frequency of the first harmonic.
         harmonics: number of harmonics.
     """
 
-    centre: Pair | float = pair((-math.pi / 2, 0.0), unit="rad")
-    amplitude: Pair | float = pair(1.0, unit="rad", low=0)
     frequency: float = number(0.1, unit="Hz", above=0)
     harmonics: int = whole(5, low=1)
     kind: str = kind("fourier")
-
-    @property
-    def range(self) -> tuple[Pair, Pair]:
-        """Return the lowest and the highest position of each joint [rad], for any phase."""
-        return _range(np.array(self.centre) + np.outer([-1, 1], self.amplitude))
 
 
 @dataclass(frozen=True)

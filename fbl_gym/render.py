@@ -3,8 +3,6 @@
 Imported when a picture is first needed. A frame alone opens no window.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time
@@ -50,12 +48,7 @@ class Trail:
 
 
 class View:
-    """The pictures of one arm, and their place in the window.
-
-    Args:
-        scenario: of the arm.
-        size: width and height of a frame [pixels].
-    """
+    """The pictures of one arm, `size` pixels wide and high, and their place in the window."""
 
     def __init__(self, scenario: Scenario, size: int) -> None:
         self.scenario = scenario

@@ -12,8 +12,6 @@ A diverged arm gets 0 and the episode ends. No reward is negative, so ending an 
 pays. There is no squared error, because its slope vanishes near zero, where good policies differ.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

@@ -1,8 +1,8 @@
 """Named, counter-based random streams.
 
-A random number here is a function of (seed, stream name, episode, step). It does not depend on the
-numbers drawn before. Therefore another noise source does not shift the disturbance, and a lane of a
-batch draws the same numbers as the single environment.
+A random number is a function of (seed, stream name, episode, step), not of the numbers drawn
+before. Therefore another noise source does not shift the disturbance, and a lane of a batch draws
+the same numbers as the single environment.
 
 The generator is Philox4x64-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as
 1, 2, 3", SC 2011), with key = (seed, hash of the stream's name) and counter = (step, slot, episode,

@@ -6,8 +6,6 @@ horizontal, theta2 = 0 where the tip lies on the line through both joints, whate
 has. Torque limits, friction and meshes of the file are not read.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

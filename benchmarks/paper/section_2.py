@@ -9,9 +9,8 @@ import numpy as np
 from benchmarks.paper.claim import ARMS, Case, Effort, Finding, claim, percents, run, with_estimate
 from benchmarks.paper.leakage import compare_leakage
 from benchmarks.report.plot import Line, Panel
-from controllers.feedback_linearization import linearize
 from fbl_gym import Scenario, TwoLinkArmEnv, scenarios
-from fbl_gym.arm import Array
+from fbl_gym.arm import Array, inverse_dynamics
 
 _HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.3),)}
 _POINTS = vars(scenarios.get("paper-3a").reference)["points"]
@@ -73,7 +72,9 @@ def _pulse_motion(scenario: Scenario) -> Array:
     positions = [observation[layout["position"]]]
     for k in range(scenario.steps):
         a = np.array([4.0 if k * scenario.control_dt < 0.5 - 1e-9 else -4.0, 0.0])
-        torque = linearize(env.interface.nominal, observation[layout["position"]], observation[layout["velocity"]], a)
+        torque = inverse_dynamics(
+            env.interface.nominal, observation[layout["position"]], observation[layout["velocity"]], a
+        )
         observation = env.step(torque)[0]
         positions.append(observation[layout["position"]])
     return np.array(positions) - positions[0]

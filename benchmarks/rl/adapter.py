@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 import controllers
-from controllers.feedback_linearization import linearize
 from controllers.policy import State, TorqueLaw
 from controllers.registry import is_composed
-from fbl_gym.arm import Array, inertia_matrix
+from fbl_gym.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.batch import Truth
 from fbl_gym.checks import check_choice, check_number
 from fbl_gym.interface import Interface
@@ -163,7 +162,7 @@ class AgentAdapter:
         nominal = self.interface.nominal
         if self.settings.action == "acceleration":
             q, v = (observation[:, self.interface.layout[name]] for name in ("position", "velocity"))
-            return linearize(nominal, q, v, self.settings.acceleration * action), (history,)
+            return inverse_dynamics(nominal, q, v, self.settings.acceleration * action), (history,)
         if self._base is None:
             return np.array(self.settings.torque) * action, (history,)
         torque, base_state = self._base.torque(observation, base_state)

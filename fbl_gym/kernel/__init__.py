@@ -13,16 +13,4 @@ names the numbers that the kernel reads and writes. The functions share these ar
     waypoints   way-points, levels or phases of its reference [points x joint x lane]
     width       number of lanes that are computed
     lane        number of a lane within the block
-
-The phases are:
-
-    torque.py     action -> torque command, within the limit; actuator and disturbance
-    physics.py    `substeps` times: payload, friction, Runge-Kutta
-    elastic.py    the same for elastic joints
-    events.py     payload and events between two physics steps
-    readings.py   acceleration, noise, quantization; the flat observation
-    motion.py     the reference
-    episode.py    start, reward, divergence
-    views.py      records and arrays inside the memory
-    api.py        the functions that `batch.py` calls, compiled once and cached on disk
 """

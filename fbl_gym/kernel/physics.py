@@ -106,10 +106,9 @@ def _hold(h, q, v, tau, lumped, rotor, friction):
     """Return the exact friction over a physics step h.
 
     It solves the two joints' box-constrained problem v+ = v + h M^-1 (load - f), |f_i| <= F_i(v),
-    at the step's start. A joint at rest under a load below breakaway has no acceleration at all, at
-    any step size. A joint that the problem brings to rest ends the step at rest. Sliding under
-    Coulomb friction keeps Runge-Kutta's fourth order; where stiction fades, or a joint stops, the
-    step is of first order.
+    at the step's start. A joint that it brings to rest ends the step at rest. Sliding under Coulomb
+    friction keeps Runge-Kutta's fourth order; where stiction fades, or a joint stops, the step is
+    of first order.
 
     Returns:
         Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; 0 if

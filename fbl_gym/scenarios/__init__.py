@@ -6,8 +6,6 @@
 TOML file (`files.py`): `get("my_arm.toml")`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -59,11 +57,9 @@ def names() -> tuple[str, ...]:
 
 
 def in_tier(tier: str, severities: Collection[int] = SEVERITIES[1:]) -> tuple[str, ...]:
-    """Return the names of a tier's scenarios.
+    """Return the names of the scenarios of one of `TIERS`.
 
-    Args:
-        tier: one of `TIERS`.
-        severities: of the families; names without a severity are always returned.
+    Of the families, it has those of the given severities.
     """
     check_choice("tier", tier, TIERS)
     return tuple(
@@ -76,8 +72,7 @@ def in_tier(tier: str, severities: Collection[int] = SEVERITIES[1:]) -> tuple[st
 def member(name: str) -> Member | None:
     """Return family, severity, arm and tier of a scenario; None if it belongs to no tier.
 
-    Args:
-        name: of the scenario, which may end in a rate or a world: "section-2-2/noise-2@1000Hz".
+    The name may end in a rate or a world: "section-2-2/noise-2@1000Hz".
     """
     return _MEMBERS.get(name.partition("@")[0])
 
@@ -111,8 +106,7 @@ def get(name: str) -> Scenario:
 def as_scenario(value: Any) -> Scenario:
     """Return a scenario from itself, its name, its file or its plain data; None: the nominal one.
 
-    Args:
-        value: the value given. Plain data may have a `base`, as `files.from_table` describes.
+    Plain data may have a `base`, as `files.from_table` describes.
     """
     if value is None:
         return Scenario()

@@ -12,8 +12,6 @@ tiers hardware, practice or surprise and the arm is another one, torques and pay
     m1 = 12.0
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -44,11 +42,7 @@ def split(text: str) -> tuple[str, str, str]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a TOML file.
-
-    Args:
-        path: of the file.
-    """
+    """Return the content of a TOML file."""
     try:
         with path.open("rb") as file:
             return tomllib.load(file)
@@ -84,13 +78,10 @@ def load(path: Path, entry: str, named: Named, above: tuple[str, ...] = ()) -> S
 def from_table(
     table: Mapping[str, Any], named: Named, path: Path | None = None, above: tuple[str, ...] = ()
 ) -> Scenario:
-    """Return the scenario of a table.
+    """Return the scenario of a table: fields of `Scenario`, and optionally `base`.
 
-    Args:
-        table: fields of `Scenario`, and optionally `base`.
-        named: returns a scenario by name.
-        path: of the table's file, for errors and for relative paths; None: it has none.
-        above: the files whose base this table is.
+    The path is that of the table's file, for errors and for relative paths; None: it has none. The
+    other arguments are those of `load`.
     """
     folder = path.parent if path else Path()
     fields = {name: value for name, value in table.items() if name != "base"}
@@ -114,13 +105,9 @@ def from_table(
 
 
 def merged(base: Any, changes: Any) -> Any:
-    """Return plain data with changes, table by table.
+    """Return plain data with changes, table by table; the base is left alone.
 
     A table of another `kind` and a distribution replace the base's value. `False` becomes None.
-
-    Args:
-        base: to be changed; it stays as it is.
-        changes: whose values replace those of the base.
     """
     if changes is False:
         return None

@@ -14,8 +14,6 @@ All torques are multiples of the arm's own weight and inertia, so that `conditio
 task of any arm.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any
@@ -187,12 +185,9 @@ def hardware(family: str = "nominal", severity: int = 0, arm: ArmParameters | No
 
 
 def practice(family: str = "nominal", severity: int = 0, arm: ArmParameters | None = None) -> Scenario:
-    """Return a scenario for tuning and training: a family of the board with another motion.
+    """Return `hardware` with another motion, for tuning and training.
 
-    Args:
-        family: one of `FAMILIES`, or "nominal".
-        severity: 1 or 3; the board of `make leaderboard` has 2.
-        arm: the nominal model; None: the tier's.
+    Severity 1 or 3 is named; the board of `make leaderboard` has 2.
     """
     motion = PRACTICE_MOTION
     if family == "saturation":
@@ -203,12 +198,7 @@ def practice(family: str = "nominal", severity: int = 0, arm: ArmParameters | No
 
 
 def surprise(family: str, arm: ArmParameters | None = None) -> Scenario:
-    """Return a scenario that changes during the episode, or has another arm.
-
-    Args:
-        family: one of `SURPRISES`.
-        arm: the nominal model; None: the tier's.
-    """
+    """Return one of `SURPRISES`: a scenario that changes during the episode, or has another arm."""
     arm = arm or _ARMS.get(family, ARM)
     p1, p2, p3, _, _ = arm.lumped
     changes: dict[str, Event] = {
@@ -243,12 +233,7 @@ MEMBERS = {
 
 
 def get(name: str, arm: ArmParameters | None = None) -> Scenario:
-    """Return the scenario of a name.
-
-    Args:
-        name: one of `MEMBERS`.
-        arm: the nominal model; None: the scenario's. Loads and torque limits follow from it.
-    """
+    """Return the scenario of a name of `MEMBERS`; loads and torque limits follow from `arm`."""
     member = MEMBERS[name]
     return _TIERS[member.tier](member.family, member.severity, arm)
 

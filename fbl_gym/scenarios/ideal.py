@@ -1,7 +1,5 @@
 """The tier `ideal`: one kind of uncertainty in each family, on an arm that is ideal otherwise."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

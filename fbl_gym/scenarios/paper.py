@@ -3,8 +3,6 @@
 The paper omits many values. The description of each scenario names those that the project chose.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -5,8 +5,6 @@ in a public file is left out; `docs/arms.md` lists these. References are moves w
 hanging in 1 s, for which the nominal arms need at most two thirds of their torque limits.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

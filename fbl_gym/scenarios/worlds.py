@@ -1,7 +1,5 @@
 """Scenarios in other worlds, which another engine moves."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from fbl_gym.checks import unknown
@@ -10,13 +8,9 @@ from fbl_gym.scenarios.scenario import Scenario
 
 
 def in_world(scenario: Scenario, world: str) -> Scenario:
-    """Return a scenario whose real arm another engine moves.
+    """Return a scenario whose real arm another engine moves, in one of `WORLDS`.
 
     In "mujoco-lab", the arm and the rate are other ones too.
-
-    Args:
-        scenario: the task.
-        world: one of `WORLDS`.
     """
     if world not in WORLDS:
         raise unknown("world", world, WORLDS)

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.cli.parser import main
 from benchmarks.analysis.curves import read_groups
+from benchmarks.cli.parser import main
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import ode
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.arm import forward_dynamics, inertia_matrix, inverse_dynamics
@@ -123,9 +123,10 @@ class World:
             a1, a2 = self.acceleration(sums, min(t, inside), *y)
             return y[2], y[3], a1, a2, rate * (u1 - y[4]), rate * (u2 - y[5])
 
-        solution = solve_ivp(slope, (a, b), x, method="DOP853", rtol=1e-12, atol=1e-13, first_step=(b - a) / 4)
-        assert solution.success
-        return solution.y[:, -1]
+        solver = ode(slope).set_integrator("dop853", rtol=1e-12, atol=1e-13, first_step=(b - a) / 4)
+        end = solver.set_initial_value(x, a).integrate(b)
+        assert solver.successful()
+        return end
 
 
 # The controlled motion: PD and the nominal arm's gravity, along a known path.

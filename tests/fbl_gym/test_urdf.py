@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import Scenario, TwoLinkArmEnv
-from fbl_gym.arm import coriolis_torque, gravity_torque, inertia_matrix, inverse_dynamics
+from fbl_gym.arm import coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
 from fbl_gym.urdf import load_urdf
 
 pytest.importorskip("yourdfpy")
@@ -66,7 +66,7 @@ def test_the_dynamics_equals_mujocos(file):
         for joint in range(2):
             mujoco.mj_mulM(model, data, inertia[joint], np.eye(2)[joint])
         np.testing.assert_allclose(inertia_matrix(arm, q), inertia, rtol=1e-9)
-        np.testing.assert_allclose(coriolis_torque(arm, q, v) + gravity_torque(arm, q), -data.qfrc_bias, atol=1e-9)
+        np.testing.assert_allclose(coriolis_matrix(arm, q, v) @ v + gravity_torque(arm, q), -data.qfrc_bias, atol=1e-9)
 
 
 def test_lengths_gravity_and_tilt(file):
