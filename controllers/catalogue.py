@@ -27,6 +27,7 @@ LAWS = (
         "gaussian_process:ComputedTorqueGp",
         "computed torque with a Gaussian process, learned online",
     ),
+    ("computed-torque-ilc", "iterative_learning:ComputedTorqueIlc", "computed torque that learns over repeated trials"),
     ("slotine-li", "passivity:SlotineLi", "adaptive passivity-based control of the lumped parameters"),
     ("slotine-li-composite", "passivity:CompositeSlotineLi", "slotine-li, driven by the prediction error too"),
     ("sliding-mode", "sliding_mode:SuperTwisting", "super-twisting on the nominal linearisation (Levant)"),

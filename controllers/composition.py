@@ -117,6 +117,11 @@ class Composed(TorqueLaw):
         state = queue, hold, self.observer.initial(q, v)
         return (*state, *self.inside.initial(self.look(observation, state)[0]))
 
+    def restart(self, observation: Array, state: State) -> State:
+        """Return the state for the next episode, with all that the law inside has learned."""
+        fresh = self.initial(observation)[:3]
+        return (*fresh, *self.inside.restart(self.look(observation, fresh)[0], state[3:]))
+
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         queue, present, _, *inner = state

@@ -72,6 +72,7 @@ class Policy(Protocol):
             observation: in the environment's layout.
             state: the state that the last call returned; None starts an episode in every lane.
             episode_start: [n] or one flag; True in lanes where an episode starts; they are reset.
+                A policy that learns over trials may keep what it knows of the same motion.
             deterministic: without effect on a controller.
 
         Returns:
@@ -134,6 +135,13 @@ class TorqueLaw(Record):
         """Return the state before the first decision of an episode; observations are [n x size]."""
         return ()
 
+    def restart(self, observation: Array, state: State) -> State:
+        """Return the state before the first decision of the next episode, after one that ended.
+
+        A law that learns from episode to episode keeps it there; all others begin afresh.
+        """
+        return self.initial(observation)
+
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m for observations [n x size], and the next state.
 
@@ -172,7 +180,7 @@ class TorqueLaw(Record):
             state = self.initial(batch)
         elif episode_start is not None and np.any(episode_start):
             starts = np.broadcast_to(np.asarray(episode_start, dtype=bool), len(batch))
-            state = where_lanes(starts, self.initial(batch), state)
+            state = where_lanes(starts, self.restart(batch, state), state)
         torque, state = self.torque(batch, state)
         action = self.interface.action_from_torque(torque, *self.measured_motion(batch))
         return (action if observation.ndim == 2 else action[0]), state

@@ -6,6 +6,7 @@ Both environments are a thin layer over this module; the single one is a batch o
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -111,6 +112,9 @@ class Truth:
 
 _STEPS = api.STEPS
 
+LONGEST_PART = 5_000_000
+"""Most lanes times physics steps in one call of the kernel, about a second."""
+
 
 class ArmBatch:
     """A batch of arms of one scenario, each lane with its own seed and episode.
@@ -140,7 +144,9 @@ class ArmBatch:
         self._first_action = self._actions.start
         self.lanes = lanes
         self._class = api.class_of(settings)
-        self.threads = min(threads, blocks)
+        self._threads = min(threads, blocks)
+        # Ctrl-C acts between the parts of a step.
+        self._calls = min(max(threads, math.ceil(lanes * int(settings["substeps"]) / LONGEST_PART)), blocks)
         self._depth, self._physics_dt = int(settings["delay_steps"]) + 1, float(settings["physics_dt"])
         self._memory = np.zeros(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
@@ -213,14 +219,14 @@ class ArmBatch:
         """
         memory = self._memory
         memory[self._actions] = actions
-        if self.threads == 1:
+        parts = self._calls
+        if parts == 1:
             return _STEPS[self._class](memory, out, 0, 1)
         problem: int = api.check(memory)
         if problem >= 0:
             return problem, 0.0, False, False
-        pool = _pool(self.threads)
-        work = [pool.submit(self._step, memory, out, part, self.threads) for part in range(self.threads)]
-        first, *_ = [each.result() for each in work]
+        run = map if self._threads == 1 else _pool(self._threads).map
+        first, *_ = run(lambda part: self._step(memory, out, part, parts), range(parts))
         return first
 
     def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:

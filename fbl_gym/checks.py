@@ -85,7 +85,10 @@ def check_number(
     right = "a finite number" + bounds_text(low, high, above)
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         raise ValueError(f"{name} must be {right}, got {value!r}")
-    x = float(value)
+    try:
+        x = float(value)
+    except OverflowError:
+        x = math.inf
     if not math.isfinite(x) or x < low or x > high or (above is not None and x <= above):
         raise ValueError(f"{name} must be {right}, got {value!r}")
     return x
@@ -117,7 +120,7 @@ def check_table(name: str, value: object) -> tuple[Pair, ...]:
     """
     try:
         array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be an array of shape [n x 2], got {value!r}") from None
     if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
         raise ValueError(f"{name} must be an array of shape [n x 2] with n > 0, got shape {array.shape}")

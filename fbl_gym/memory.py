@@ -103,6 +103,7 @@ SETTINGS = np.dtype(
         # Numbers that may vary
         ("varied", np.float64, VARIED.itemsize // 8),  # fixed values, in the order of `VARIED`
         ("draws", np.int64),  # number of them that each episode draws
+        ("drawn_per_seed", np.bool_),  # every episode has the draws of its seed's first one
         ("draw_table", np.int64),  # index of the first of them in the tables, `DRAW_SIZE` numbers each
         # Sensors of position, velocity and acceleration, for each joint
         ("quantization", np.float64, (3, 2)),  # step between readings; 0: none

@@ -101,6 +101,7 @@ def make_program(
     settings["last_step"] = steps if max_episode_steps is None else min(steps, max_episode_steps)
     for name in ("initial_error", "initial_velocity"):
         numbers.set(name, getattr(scenario, name), name)
+    settings["drawn_per_seed"] = scenario.drawn_per == "seed"
     _pack_arm(settings, numbers, scenario)
     _pack_noise(settings, numbers, scenario)
     _pack_friction(settings, numbers, scenario)

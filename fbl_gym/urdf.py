@@ -35,12 +35,15 @@ def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
         import yourdfpy
     except ImportError as problem:
         raise ImportError(f"arm={path!r} needs yourdfpy: pip install 'fbl-gym[urdf]'") from problem
-    robot = yourdfpy.URDF.load(path, build_scene_graph=False, load_meshes=False, load_collision_meshes=False).robot
+    try:
+        robot = yourdfpy.URDF.load(path, build_scene_graph=False, load_meshes=False, load_collision_meshes=False).robot
+        poses, bodies = _bodies(robot)
+    except Exception as problem:  # yourdfpy and lxml raise anything for a malformed file
+        raise ValueError(f"{path} must be a URDF file: {type(problem).__name__}: {problem}") from None
     turning = [joint for joint in robot.joints if joint.type != "fixed"]
     kinds = [joint.type for joint in turning]
     if len(kinds) != 2 or not {*kinds} <= {"revolute", "continuous"}:
         raise ValueError(f"{path} must have two revolute joints, and fixed ones; got {', '.join(kinds) or 'none'}")
-    poses, bodies = _bodies(robot)
     inner, outer = sorted(turning, key=lambda joint: bodies[joint.child])
     if (bodies[inner.child], bodies[outer.child]) != (1, 2):
         raise ValueError(f"{path} must be a chain, got both joints {inner.name!r} and {outer.name!r} on one body")
@@ -87,7 +90,9 @@ def _bodies(robot: Any) -> tuple[dict[str, Array], dict[str, int]]:
     bodies = dict.fromkeys(poses, 0)
     waiting = list(robot.joints)
     while waiting:
-        joint = next(joint for joint in waiting if joint.parent in poses)
+        joint = next((joint for joint in waiting if joint.parent in poses), None)
+        if joint is None:
+            raise ValueError(f"the joints {', '.join(sorted(joint.name for joint in waiting))} hang on no link")
         waiting.remove(joint)
         origin = np.eye(4) if joint.origin is None else joint.origin
         poses[joint.child] = poses[joint.parent] @ origin

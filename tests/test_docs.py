@@ -80,9 +80,11 @@ SHORT = {
     "speed": ["--rounds", "1"],
     "evaluate": ["--seeds", "2"],
     "compare": ["--seeds", "2"],
+    "trials": ["--seeds", "2", "--trials", "2"],
     "sweep": ["--seeds", "1", "--workers", "1"],
     "tune": ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--jobs", "1"],
     "transfer": ["--seeds", "4", "--world", "mujoco-bend", "--scenario", "hardware-nominal"],
+    "record": ["--episodes", "2"],
     "recommend": ["--seeds", "2", "--policies", "pd-gravity", "computed-torque"],
 }
 """Arguments that make a command short."""
@@ -97,9 +99,9 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, text in named_files().items():
         Path(name).write_text(text)
-    if any("model.zip" in command for command in commands(page)):
+    for archive in {word for command in commands(page) for word in command if word.endswith(".zip")}:
         sb3 = pytest.importorskip("stable_baselines3")
-        sb3.PPO("MlpPolicy", gym.make("fbl_gym/TwoLinkArmTracking-v0"), device="cpu").save("model.zip")
+        sb3.PPO("MlpPolicy", gym.make("fbl_gym/TwoLinkArmTracking-v0"), device="cpu").save(archive)
     for command in commands(page):
         parser_of(command[0]).parse_args(command[1:])
         if command[0] not in ELSEWHERE:

@@ -38,6 +38,9 @@ TORQUES = ["torque[0]", "torque[1]"]
 SETTLING = 60.0
 """An arm that is not at rest after so long [s] has no operating point."""
 
+MOST_NUMBERS = 2_000
+"""A policy whose state has more numbers is not linearised, since that would take minutes."""
+
 UNIT_CIRCLE = 1.0 + 1e-6
 """Largest modulus of an eigenvalue that counts as stable.
 
@@ -353,6 +356,8 @@ def _law(
         raise NotLinear("the policy's state has no row for each lane")
     real = [i for i, part in enumerate(parts) if part.dtype.kind == "f"]
     cuts = np.cumsum([m, *(parts[i].size for i in real)])
+    if cuts[-1] > MOST_NUMBERS:
+        raise NotLinear(f"the policy's state has too many numbers, {cuts[-1] - m}")
 
     def step(points: Array, later: int = 0) -> Array:
         """Return torque and next state [n x ...]; the state's counters are increased by `later`."""

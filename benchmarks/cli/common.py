@@ -8,12 +8,11 @@ import tempfile
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from benchmarks.policies import external
-from benchmarks.policies.configuration import parse_gain
+from benchmarks.policies.apart import reason_of
 from benchmarks.run.metrics import Metric, find_metrics, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
@@ -48,8 +47,8 @@ def policy_name(text: str) -> str:
     if ("/" in code or os.sep in code) and external.form_of(text) != "file":
         if not Path(code).exists():
             raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
-        if Path(code).is_dir() and not (Path(code) / "agent.json").is_file():
-            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json, got {text!r}")
+        if Path(code).is_dir() and external.form_of(text) == "name":
+            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json or a .zip, got {text!r}")
     return text
 
 
@@ -78,8 +77,9 @@ def metrics(text: str) -> tuple[Metric, ...]:
         found = find_metrics(text)
         measure(rollout("zero", scenarios.get("nominal"), range(3)), more=found)
         return found
-    except ValueError as problem:
-        raise argparse.ArgumentTypeError(str(problem)) from None
+    except Exception as problem:  # the file's code may raise anything
+        text = str(problem) if isinstance(problem, ValueError) else reason_of(problem)
+        raise argparse.ArgumentTypeError(text) from None
 
 
 def film(text: str) -> Path:
@@ -87,14 +87,6 @@ def film(text: str) -> Path:
     path = _file(text, (".mp4", ".gif"))
     importlib.import_module("benchmarks.report.video")  # if its extra is missing, the error comes before the work
     return path
-
-
-def gain(text: str) -> tuple[str, Any]:
-    """Return a gain and its value, one number or one for each joint."""
-    try:
-        return parse_gain(text)
-    except ValueError as problem:
-        raise argparse.ArgumentTypeError(str(problem)) from None
 
 
 def console() -> Console:
@@ -114,7 +106,7 @@ def add_policy(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "policy", type=policy_name, metavar="POLICY",
         help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
-        "a law may end in gains, @kp=25 or @gains.json",
+        "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json",
     )  # fmt: skip
 
 

@@ -3,21 +3,11 @@
 import argparse
 
 from benchmarks.analysis.statistics import estimate, resample, wins
-from benchmarks.cli.common import (
-    add_metrics,
-    add_plot,
-    add_policies,
-    add_scenario,
-    add_store,
-    add_trust,
-    console,
-    episodes,
-    film,
-    trust,
-)
+from benchmarks.cli.common import add_policies, console, trust
+from benchmarks.cli.evaluate import add_episodes, write_files
 from benchmarks.policies.spec import resolve_apart
 from benchmarks.report import terminal
-from benchmarks.report.plot import caption, plot_comparison
+from benchmarks.report.plot import plot_comparison
 from benchmarks.run.cell import trace_apart
 from benchmarks.run.metrics import counted_errors, measure, summarize
 from benchmarks.run.store import Store
@@ -26,15 +16,7 @@ from fbl_gym import scenarios
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_policies(parser, use="two or more")
-    add_scenario(parser)
-    parser.add_argument(
-        "--seeds", type=episodes, default=32, metavar="N", help="how many episodes, seeds 0 to N-1 (32)"
-    )
-    add_plot(parser, "their errors over the seeds")
-    parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed side by side: .mp4 or .gif")
-    add_metrics(parser)
-    add_trust(parser)
-    add_store(parser)
+    add_episodes(parser, 32, "their errors over the seeds", "the first seed side by side")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -56,23 +38,12 @@ def run(arguments: argparse.Namespace) -> int:
     lines = []
     for policy, runs in rows.items():
         better, mean = wins(errors[policy], errors[first], counts), summarize(runs)
-        error = estimate(errors[policy], counts).value
-        numbers = (
-            error,
-            max(errors[policy][0]),
-            100 * mean["diverged"],
-            *(mean[name] for name in ("variation", *more)),
-        )
+        error, worst = estimate(errors[policy], counts).value, max(errors[policy][0])
+        numbers = (error, worst, 100 * mean["diverged"], *(mean[name] for name in ("variation", *more)))
         share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})"
         lines.append((policy, *map("{:.3g}".format, numbers), share if policy != first else ""))
     screen = console()
     screen.print(terminal.table(f"{scenario.name}, {arguments.seeds} seeds", header, lines))
-    if arguments.plot is not None:
-        plot_comparison(traces, f"Tracking errors on {scenario.name}", arguments.plot, arguments.columns)
-        screen.print(f"plot: {arguments.plot}, {caption(arguments.seeds)}", markup=False)
-    if arguments.video is not None:
-        from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
-
-        write_video(traces, arguments.video)
-        screen.print(f"video: {arguments.video}", markup=False)
+    title = f"Tracking errors on {scenario.name}"
+    write_files(arguments, screen, traces, lambda *place: plot_comparison(traces, title, *place))
     return 0

@@ -9,7 +9,7 @@ from benchmarks.analysis.statistics import Estimate
 from benchmarks.cli.common import add_plot, console
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import table
-from benchmarks.rl.curves import Group, read_groups
+from benchmarks.analysis.curves import Group, read_groups
 
 AXES = {"steps": "environment steps", "cpu_s": "processor time [s]"}
 

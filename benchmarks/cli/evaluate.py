@@ -1,72 +1,70 @@
 """The command `fbl-gym evaluate`."""
 
 import argparse
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
-from benchmarks.cli.common import (
-    add_metrics,
-    add_plot,
-    add_policy,
-    add_scenario,
-    add_store,
-    add_trust,
-    console,
-    episodes,
-    film,
-    gain,
-    trace_file,
-    trust,
-)
+from rich.console import Console
+
+from benchmarks.cli import common
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
 from benchmarks.report.plot import caption, plot_trace
 from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import rollout
+from benchmarks.run.rollout import Trace, rollout
 from benchmarks.run.store import Store
 from benchmarks.run.traces import export
 from fbl_gym import scenarios
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_policy(parser)
-    add_scenario(parser)
+def add_episodes(parser: argparse.ArgumentParser, seeds: int, plot: str, video: str) -> None:
+    """Add the arguments of `evaluate` and `compare`: the episodes, and the files of them."""
+    common.add_scenario(parser)
     parser.add_argument(
-        "--seeds", type=episodes, default=16, metavar="N", help="how many episodes, seeds 0 to N-1 (16)"
+        "--seeds", type=common.episodes, default=seeds, metavar="N", help=f"how many episodes, seeds 0 to N-1 ({seeds})"
     )
-    parser.add_argument(
-        "--gains", nargs="+", type=gain, default=(), metavar="GAIN=VALUE",
-        help="gains in place of the policy's defaults, such as kp=25, or kp=25,30 for the two joints",
-    )  # fmt: skip
-    add_plot(parser, "the signals over the seeds")
-    parser.add_argument("--video", type=film, metavar="FILE", help="film the first seed: .mp4 or .gif (extra: render)")
-    parser.add_argument(
-        "--trace", type=trace_file, metavar="FILE", help="write all signals of all seeds: .npz, .csv, .mat or .parquet"
-    )
-    add_metrics(parser)
-    add_trust(parser)
-    add_store(parser)
+    common.add_plot(parser, plot)
+    parser.add_argument("--video", type=common.film, metavar="FILE", help=f"film {video}: .mp4 or .gif (extra: render)")
+    common.add_metrics(parser)
+    common.add_trust(parser)
+    common.add_store(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    trust(arguments)
-    scenario = scenarios.get(arguments.scenario)
-    policy, gains = resolve(arguments.policy), dict(arguments.gains)
-    trace = rollout(policy, scenario, range(arguments.seeds), gains)
-    Store(arguments.store).look(policy, scenario, gains)
-    screen = console()
-    title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
-    terminal.evaluation(
-        screen, title, measure(trace, more=arguments.metrics), 1e6 * trace.decision_time, arguments.metrics
-    )
-    screen.print(scenario.description, markup=False)
+def write_files(
+    arguments: argparse.Namespace, screen: Console, traces: Mapping[str, Trace], plot: Callable[[Path, int], None]
+) -> None:
+    """Write the plot and the film that the arguments name."""
     if arguments.plot is not None:
-        plot_trace(trace, title, arguments.plot, arguments.columns)
+        plot(arguments.plot, arguments.columns)
         screen.print(f"plot: {arguments.plot}, {caption(arguments.seeds)}", markup=False)
-    if arguments.trace is not None:
-        export(trace, arguments.trace)
-        screen.print(f"trace: {arguments.trace}", markup=False)
     if arguments.video is not None:
         from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
 
-        write_video({arguments.policy: trace}, arguments.video)
+        write_video(traces, arguments.video)
         screen.print(f"video: {arguments.video}", markup=False)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    common.add_policy(parser)
+    add_episodes(parser, 16, "the signals over the seeds", "the first seed")
+    parser.add_argument(
+        "--trace", type=common.trace_file, metavar="FILE",
+        help="write all signals of all seeds: .npz, .csv, .mat or .parquet",
+    )  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    common.trust(arguments)
+    scenario = scenarios.get(arguments.scenario)
+    policy = resolve(arguments.policy)
+    trace = rollout(policy, scenario, range(arguments.seeds))
+    Store(arguments.store).look(policy, scenario)
+    screen, more = common.console(), arguments.metrics
+    title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
+    terminal.evaluation(screen, title, measure(trace, more=more), 1e6 * trace.decision_time, more)
+    screen.print(scenario.description, markup=False)
+    write_files(arguments, screen, {arguments.policy: trace}, lambda *place: plot_trace(trace, title, *place))
+    if arguments.trace is not None:
+        export(trace, arguments.trace)
+        screen.print(f"trace: {arguments.trace}", markup=False)
     return 0

@@ -46,6 +46,8 @@ COMMANDS: dict[str, Command] = {
     "sweep": Command("sweep", "measure policies over the values of one or two options: CSV and figure",
         "--over noise.position=1e-4:1e-2:log:5 --policies pid-flm lqg --scenario nominal --seeds 8",
         "finished cells are kept"),
+    "trials": Command("trials", "repeat one motion of one arm: error of policies against trial, as CSV and figure too",
+        "computed-torque computed-torque-ilc --scenario practice-friction-3 --trials 6 --plot trials.pdf"),
     "recommend": Command("recommend", "name the policies to use on an arm: a scenario and conditions around it",
         "hardware-nominal --policies pd-gravity computed-torque --seeds 4"),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
@@ -55,6 +57,8 @@ COMMANDS: dict[str, Command] = {
         "finished trials are kept"),
     "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
         "the last checkpoint and the best agent are kept"),
+    "record": Command("record", "record episodes of a policy as a data set for offline learning",
+        "computed-torque --scenario everything-2 --noise 0.1 --out data/noisy-v0"),
     "curves": Command("curves", "compare training runs, grouped over their seeds: table and learning curves",
         "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
     "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
@@ -71,15 +75,22 @@ COMMANDS: dict[str, Command] = {
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "bench": (
-        "control", "duckdb", "joblib", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl",
+        "control", "duckdb", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl",
     ),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",),
     "mujoco": ("mujoco",),
     "urdf": ("yourdfpy",),
+    "data": ("h5py", "minari"),
 }  # fmt: skip
 """The modules that each extra installs."""
+
+
+_NAMED = (
+    ValueError, Failed, gymnasium.error.Error, MemoryError, OSError, ModuleNotFoundError, SyntaxError,
+)  # fmt: skip
+"""Errors whose text is enough. Any other one is of external code, or of fbl-gym itself."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -99,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (ValueError, Failed, gymnasium.error.Error, MemoryError, OSError, ModuleNotFoundError) as problem:
+    except _NAMED as problem:
         print(f"fbl-gym: {_reason(problem)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:

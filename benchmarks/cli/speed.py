@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from benchmarks.report import terminal
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.run.store import provenance
 from benchmarks.speed.costs import measure_evaluation, measure_growth, measure_policies
-from benchmarks.speed.environments import compare, measure_environments, to_plain
+from benchmarks.speed.environments import compare, measure_environments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
         screen.print(f"robust-flm, evaluation of 4,096 episodes with trace and metrics: {evaluation:,.0f} steps/s")
         plot_growth(by_lanes, by_physics_steps, arguments.out / "growth.png")
         document = {
-            "contestants": to_plain(rows), "ns_by_lanes": by_lanes, "ns_by_substeps": by_physics_steps,
+            "contestants": list(map(asdict, rows)), "ns_by_lanes": by_lanes, "ns_by_substeps": by_physics_steps,
             "steps_per_decision": policies, "closed_loop": evaluation, **provenance(command_line()),
         }  # fmt: skip
         write_text(arguments.out / "speed.json", json.dumps(document, indent=1) + "\n")

@@ -2,12 +2,13 @@
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from benchmarks.cli.common import add_folder, add_policies, command_line, count, refuse_judged
-from benchmarks.policies.apart import end_with_parent
+from benchmarks.policies.apart import at_once, call_apart
 from benchmarks.policies.spec import resolve
-from benchmarks.run.suite import Suite, narrow
+from benchmarks.run.suite import distinguish, expand
 from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, summary, tune, write_gains
 from controllers.registry import TUNED
 from fbl_gym import Scenario
@@ -45,8 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from joblib import Parallel, delayed
-
     tried, fresh = seeds(arguments.seeds, arguments.fresh_seeds)
     pairs = []
     for policy in map(resolve, dict.fromkeys(arguments.policies)):
@@ -58,25 +57,24 @@ def run(arguments: argparse.Namespace) -> int:
         )
         task.check({})
         pairs.append((task, judging))
-    texts = Parallel(n_jobs=min(arguments.jobs, len(pairs)), return_as="generator_unordered")(
-        delayed(_tune)(task, judging, arguments, command_line()) for task, judging in pairs
-    )
-    for text in texts:
+    workers = min(arguments.jobs, len(pairs))
+    tune_pair = partial(call_apart, "", "benchmarks.cli.tune:tune_one") if workers > 1 else tune_one
+    jobs = [partial(tune_pair, task, judging, arguments, command_line()) for task, judging in pairs]
+    for text in at_once(jobs, workers):
         print(text, flush=True)
     return 0
 
 
 def _scenarios(arguments: argparse.Namespace, usual: Sequence[str]) -> tuple[Scenario, ...]:
     """Return the scenarios that the arguments name, or the usual ones."""
-    tasks = narrow(Suite("tune", (), (), 1), (), arguments.scenario or usual).scenarios
+    tasks = distinguish(expand(arguments.scenario or usual))
     for task in tasks:
         refuse_judged(task)
     return tasks
 
 
-def _tune(task: Task, judging: Task, arguments: argparse.Namespace, command: str) -> str:
+def tune_one(task: Task, judging: Task, arguments: argparse.Namespace, command: str) -> str:
     """Tune one policy, write its gains, and return the verdict in words."""
-    end_with_parent()
     name = task.policy.name
     study = tune(task, arguments.trials, arguments.storage)
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)

@@ -3,16 +3,15 @@
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, proportion
-from benchmarks.report.plot import Panel, plot_lines, plot_trace
+from benchmarks.report.plot import Panel
 from benchmarks.run.metrics import departure, measure
 from benchmarks.run.rollout import Trace, Watch, rollout
-from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario
+from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario, scenarios
 from fbl_gym.arm import Array
 
 REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED, NO_CLAIM = "reproduced", "under assumptions", "not reproduced", "–"
@@ -67,7 +66,7 @@ class Effort:
         seeds: number of episodes of a random scenario.
         many: number of episodes for a share near 95 %.
         points: number of points of a map.
-        seconds: longest duration of an episode whose leakage is checked at every sample.
+        seconds: longest duration of an episode of the paper's scenarios, which step every 2 or 4 s.
     """
 
     seeds: int
@@ -75,14 +74,19 @@ class Effort:
     points: int
     seconds: float
 
+    @property
+    def short(self) -> bool:
+        """True for fewer cases and shorter episodes, where the verdict stays the same."""
+        return self.points < 4
+
+    def scenario(self, name: str) -> Scenario:
+        """Return a scenario of the paper, of which the short form has the first seconds only."""
+        scenario = scenarios.get(name)
+        return scenario.replace(duration=min(self.seconds, scenario.duration), name=name)
+
 
 FULL = Effort(seeds=64, many=512, points=8, seconds=20.0)
-SHORT = Effort(seeds=64, many=64, points=3, seconds=3.0)
-
-Draw: TypeAlias = Callable[[Path], None]
-"""A function that draws a claim's figure to a file; the suffix sets the format."""
-
-Measured: TypeAlias = tuple[Claim, Draw]
+SHORT = Effort(seeds=64, many=64, points=3, seconds=4.0)
 
 
 @dataclass(frozen=True)
@@ -125,23 +129,51 @@ def share(meets: Any) -> Estimate:
     return proportion(np.sum(meets, axis=-1), np.shape(meets)[-1])
 
 
-def judged(cases: Sequence[Case], draw: Draw, seeds: int = 1, **fields: Any) -> Measured:
-    """Return a claim with its verdict, by the rule above, and the function that draws its figure.
+def judge(cases: Sequence[Case]) -> tuple[str, str]:
+    """Return the verdict by the rule above, and the number of cases in which the claim holds."""
+    holds = [case.holds for case in cases if case.meets is not None]
+    if not holds:
+        return NO_CLAIM, ""
+    verdict = REPRODUCED if all(holds) else UNDER_ASSUMPTIONS if any(holds) else NOT_REPRODUCED
+    return verdict, f"{sum(holds)} of {len(holds)}"
 
-    Args:
+
+class Finding(NamedTuple):
+    """The measurement of a claim.
+
+    Attributes:
         cases: in which the claim was measured.
-        draw: draws the figure to a file.
+        measured: field of `Claim`.
+        title: of the figure.
+        drawn: panels of the figure, or a trace.
         seeds: number of the first seeds.
-        **fields: the other fields of `Claim`.
     """
-    fields["seed"] = "0" if seeds == 1 else f"0-{seeds - 1}"
-    rows = tuple(case.row for case in cases)
-    claimed = [case for case in cases if case.meets is not None]
-    count = sum(case.holds for case in claimed)
-    if not claimed:
-        return Claim(verdict=NO_CLAIM, holds="", cases=rows, **fields), draw
-    verdict = REPRODUCED if count == len(claimed) else UNDER_ASSUMPTIONS if count else NOT_REPRODUCED
-    return Claim(verdict=verdict, holds=f"{count} of {len(claimed)}", cases=rows, **fields), draw
+
+    cases: Sequence[Case]
+    measured: str
+    title: str
+    drawn: Sequence[Panel] | Trace
+    seeds: int = 1
+
+
+class Declared(NamedTuple):
+    """A claim, with the fields of `Claim` that are known before the measurement."""
+
+    fields: dict[str, str]
+    measure: Callable[[Effort], Finding]
+
+
+def claim(
+    figure: str, text: str, *, paper: str, scenario: str = "nominal", assumptions: str = ""
+) -> Callable[[Callable[[Effort], Finding]], Declared]:
+    """Declare a claim, which the decorated function measures; the function's name is the claim's.
+
+    The arguments are fields of `Claim`. Without assumptions, the scenario's description states
+    them.
+    """
+    assumptions = assumptions or scenarios.get(scenario).description
+    fields = {"figure": figure, "claim": text, "paper": paper, "assumptions": assumptions, "scenario": scenario}
+    return lambda measure: Declared(fields, measure)
 
 
 def quote(*cases: Case) -> str:
@@ -149,24 +181,13 @@ def quote(*cases: Case) -> str:
     return "; ".join(f"{case.measured} ({case.name})" for case in cases)
 
 
-def draw_lines(title: str, panels: Sequence[Panel]) -> Draw:
-    """Return a function that draws panels of lines."""
-    return lambda path: plot_lines(title, panels, path)
-
-
-def draw_trace(trace: Trace, title: str) -> Draw:
-    """Return a function that draws the first seed of a trace."""
-    return lambda path: plot_trace(trace, title, path)
-
-
-def scaled(arm: ArmParameters, factor: float) -> ArmParameters:
-    """Return the arm with masses and lengths times `factor`."""
-    return dataclasses.replace(arm, **{name: factor * getattr(arm, name) for name in ("m1", "m2", "L1", "L2")})
-
-
 def with_estimate(scenario: Scenario, real: ArmParameters, factor: float) -> Scenario:
-    """Return the scenario with a real arm, and with nominal parameters `factor` times them."""
-    return scenario.replace(arm=scaled(real, factor), parameter_error=1.0 / factor)
+    """Return the scenario with a real arm, and with nominal parameters `factor` times them.
+
+    Parameters are masses and lengths.
+    """
+    nominal = {name: factor * getattr(real, name) for name in ("m1", "m2", "L1", "L2")}
+    return scenario.replace(arm=dataclasses.replace(real, **nominal), parameter_error=1.0 / factor)
 
 
 Rows: TypeAlias = dict[str, Array]

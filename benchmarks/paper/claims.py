@@ -1,52 +1,29 @@
 """All claims by name, in the paper's order, and their files."""
 
 import dataclasses
-import inspect
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from benchmarks.files import write_text
-from benchmarks.paper import adaptive, leakage, robust
-from benchmarks.paper.claim import Claim, Effort, Measured
-from benchmarks.paper.radius import adaptive_radius, robust_radius
+from benchmarks.paper import section_2, section_3, section_4
+from benchmarks.paper.claim import Claim, Declared, Effort, judge
 from benchmarks.report import markdown
+from benchmarks.report.plot import plot_lines, plot_trace
+from benchmarks.run.rollout import Trace
 from fbl_gym.checks import unknown
 
-CLAIMS: dict[str, Callable[[Effort], Measured]] = {
-    "figure-2": leakage.figure_2,
-    "leakage-of-parameters": leakage.leakage_of_parameters,
-    "leakage-of-disturbance": leakage.leakage_of_disturbance,
-    "figure-3a": leakage.figure_3a,
-    "figure-3a-as-printed": leakage.figure_3a_as_printed,
-    "figure-3b": leakage.figure_3b,
-    "equation-10": robust.equation_10,
-    "figure-4a": robust.figure_4a,
-    "figure-4b-filter": robust.figure_4b_filter,
-    "figure-4b-error": robust.figure_4b_error,
-    "figure-4b-settling": robust.figure_4b_settling,
-    "kalman-filter": robust.kalman_filter,
-    "robust-radius": robust_radius,
-    "equation-22": adaptive.equation_22,
-    "figure-5": adaptive.figure_5,
-    "figure-6a": adaptive.figure_6a,
-    "figure-6b": adaptive.figure_6b,
-    "estimation-under-noise": adaptive.estimation_under_noise,
-    "adaptive-radius": adaptive_radius,
-    "figure-7": adaptive.figure_7,
-    "figure-8": adaptive.figure_8,
-    "leakage-of-stiction": leakage.leakage_of_stiction,
-    "figure-9": adaptive.figure_9,
-    "soft-scheduling": adaptive.soft_scheduling,
-    "figure-10": adaptive.figure_10,
-    "figure-10-with-noise": adaptive.figure_10_with_noise,
+CLAIMS: dict[str, Declared] = {
+    name.replace("_", "-"): claim
+    for section in (section_2, section_3, section_4)
+    for name, claim in vars(section).items()
+    if isinstance(claim, Declared)
 }
 
 
 def listed() -> dict[str, str]:
-    """Return one line on each claim, by name: the summary of its function without the verb."""
-    summaries = {name: inspect.getdoc(f) or "" for name, f in CLAIMS.items()}
-    return {name: text.partition("\n")[0].removeprefix("Measure ") for name, text in summaries.items()}
+    """Return one line on each claim, by name."""
+    return {name: claim.fields["claim"] for name, claim in CLAIMS.items()}
 
 
 def select(names: Sequence[str]) -> list[str]:
@@ -63,10 +40,24 @@ def select(names: Sequence[str]) -> list[str]:
     return [name for name in CLAIMS if name in chosen or not names]
 
 
-def measure_claim(name: str, effort: Effort) -> Measured:
-    """Measure one of `CLAIMS`; return it and the function that draws its figure."""
-    claim, draw = CLAIMS[name](effort)
-    return dataclasses.replace(claim, command=f"fbl-gym reproduce --only {name}"), draw
+def measure_claim(name: str, effort: Effort) -> tuple[Claim, Callable[[Path], None]]:
+    """Measure one of `CLAIMS`; return it and a function that draws its figure to a file."""
+    fields, measure = CLAIMS[name]
+    cases, measured, title, drawn, seeds = measure(effort)
+    verdict, holds = judge(cases)
+    seed, command = "0" if seeds == 1 else f"0-{seeds - 1}", f"fbl-gym reproduce --only {name}"
+    rows = tuple(case.row for case in cases)
+
+    def draw(path: Path) -> None:
+        if isinstance(drawn, Trace):
+            plot_trace(drawn, title, path)
+        else:
+            plot_lines(title, drawn, path)
+
+    claim = Claim(
+        measured=measured, verdict=verdict, holds=holds, seed=seed, cases=rows, command=command, **fields
+    )  # fmt: skip
+    return claim, draw
 
 
 def load(folder: Path) -> dict[str, Claim]:

@@ -1,8 +1,8 @@
-"""Processes for external policies, one for each, since a policy may change anything in its process.
+"""Calls in other processes: several at once, and one process for each external policy.
 
-Examples are `np.seterr`, and a class of fbl-gym that a policy replaces. A process may also hang,
-take all memory or die: `limit` sets how long a call may take, and how much memory. All processes
-end with their parent.
+An external policy may change anything in its process, such as `np.seterr` or a class of fbl-gym. It
+may also hang, take all memory or die: `limit` sets how long a call may take, and how much memory.
+All processes end with their parent.
 """
 
 import atexit
@@ -16,10 +16,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from multiprocessing import current_process
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 from fbl_gym.checks import check_number
 from fbl_gym.records import set_fields
@@ -33,7 +33,9 @@ ATTEMPTS = 2
 """Number of processes that may die over one call before the call fails."""
 
 MOST_PROCESSES = 3
-"""Largest number of processes that wait for further calls."""
+"""Largest number of processes that wait for further calls of one thread."""
+
+Answer = TypeVar("Answer")
 
 
 class Failed(RuntimeError):
@@ -68,27 +70,52 @@ def limits() -> Limits:
     return _LIMITS[0]
 
 
+def at_once(jobs: Sequence[Callable[[], Answer]], workers: int) -> Iterator[Answer]:
+    """Yield the answers of functions in any order, each from a thread that waits for `call_apart`.
+
+    One worker is this thread. All processes end with the iterator.
+    """
+    if workers <= 1:
+        yield from (job() for job in jobs)
+        return
+    pool = ThreadPoolExecutor(workers)
+    answers = [pool.submit(job) for job in jobs]
+    try:
+        left = set(answers)
+        while left:  # on Windows, Ctrl-C acts between two waits
+            done, left = wait(left, timeout=1.0, return_when=FIRST_COMPLETED)
+            yield from (answer.result() for answer in done)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        close()
+        while wait(answers, timeout=0.1).not_done:  # some had no process yet
+            close()
+
+
 def call_apart(owner: str, function: str, *arguments: Any) -> Any:
     """Call a function in the process of a policy and return its result; raise its ValueError here.
 
     Args:
-        owner: name of the policy; the process is kept for its further calls.
+        owner: name of the external policy; the thread's process for it is kept for further calls.
+            Empty: one for built-in policies, whose calls may take any time by default.
         function: "module:name".
         *arguments: plain data.
 
     Raises:
         Failed: there is no result.
+        CancelledError: the processes were closed meanwhile.
     """
+    seconds = limits().seconds if owner or limits() != Limits() else threading.TIMEOUT_MAX
     for _ in range(ATTEMPTS):
         process = _process(owner)
         try:
-            error, value = process.call(function, arguments)
+            error, value = process.call(function, arguments, seconds)
         except BaseException as problem:  # a late answer must not be taken for that to the next call
-            _PROCESSES.pop((os.getpid(), owner)).close()
-            if not isinstance(problem, EOFError | OSError | pickle.UnpicklingError):
+            process.close()
+            if not isinstance(problem, EOFError | OSError | ValueError | pickle.UnpicklingError):
                 raise
-            if process.late:
-                raise Failed(f"it took longer than {limits().seconds:g} s, see --cell-timeout") from None
+            if process.reason is not None:
+                raise process.reason from None
             continue
         if error is not None:
             raise error
@@ -100,16 +127,20 @@ class _Process:
     """A Python process that waits for calls. It ends with its parent, since its input ends then."""
 
     def __init__(self) -> None:
+        # The parent decides at the signals of a terminal.
         code = (
-            f"import sys; sys.path[:] = {sys.path!r}; from benchmarks.policies.apart import serve; serve({os.getpid()})"
+            "import signal, sys\n"
+            "for name in ('SIGINT', 'SIGHUP'):\n"
+            "    hasattr(signal, name) and signal.signal(getattr(signal, name), signal.SIG_IGN)\n"
+            f"sys.path[:] = {sys.path!r}\n"
+            f"from benchmarks.policies.apart import serve; serve({os.getpid()})"
         )
-        self.late = False
-        with parent_decides():
-            self.process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.reason: Exception | None = None  # of its end
+        self.process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
-    def call(self, function: str, arguments: tuple[Any, ...]) -> tuple[BaseException | None, Any]:
+    def call(self, function: str, arguments: tuple[Any, ...], seconds: float) -> tuple[BaseException | None, Any]:
         requests, answers = self._pipes()
-        timer = threading.Timer(limits().seconds, self._end)
+        timer = threading.Timer(seconds, self.end, [Failed(f"it took longer than {seconds:g} s, see --cell-timeout")])
         timer.daemon = True
         timer.start()
         try:
@@ -125,8 +156,8 @@ class _Process:
         assert self.process.stdout is not None
         return self.process.stdin, self.process.stdout
 
-    def _end(self) -> None:
-        self.late = True
+    def end(self, reason: Exception) -> None:
+        self.reason = reason
         self.process.kill()
 
     def close(self) -> None:
@@ -137,27 +168,30 @@ class _Process:
                 pipe.close()
 
 
-_PROCESSES: dict[tuple[int, str], _Process] = {}
-"""The process of each policy. A fork of this process starts others, so the identity of this process
-is part of the key."""
+_PROCESSES: dict[tuple[int, int, str], _Process] = {}
+"""The process of each policy, by this process, of which a fork starts others, the thread, and the
+policy's name. The last used stands last."""
 
 
 def _process(owner: str) -> _Process:
-    key = os.getpid(), owner
+    key = os.getpid(), threading.get_ident(), owner
     process = _PROCESSES.pop(key, None)
-    if process is None:
-        close(MOST_PROCESSES - 1)
+    if process is None or process.process.returncode is not None:  # it is closed
+        mine = [other for other in list(_PROCESSES) if other[:2] == key[:2]]
+        for other in mine[: len(mine) - MOST_PROCESSES + 1]:
+            _PROCESSES.pop(other).close()
         process = _Process()
-    _PROCESSES[key] = process  # the last used stands last
+    _PROCESSES[key] = process
     return process
 
 
 @atexit.register
-def close(but: int = 0) -> None:
-    """End the processes of this one but the last used ones."""
-    mine = [key for key in _PROCESSES if key[0] == os.getpid()]
-    for key in mine[: max(len(mine) - but, 0)]:
-        _PROCESSES.pop(key).close()
+def close() -> None:
+    """End the processes of this one; calls that wait for them fail."""
+    for key in [key for key in list(_PROCESSES) if key[0] == os.getpid()]:
+        if (process := _PROCESSES.pop(key, None)) is not None:
+            process.end(CancelledError())
+            process.close()
 
 
 def serve(parent: int) -> None:
@@ -204,35 +238,11 @@ def reason_of(problem: BaseException) -> str:
     return f"{type(problem).__name__}: {text_of(problem)}"
 
 
-@contextlib.contextmanager
-def parent_decides() -> Iterator[None]:
-    """Let processes that are started here ignore the signals of a terminal."""
-    main = threading.current_thread() is threading.main_thread()
-    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if main and hasattr(signal, name)]
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-_WATCHED: list[int] = []
-
-
-def end_with_parent() -> None:
-    """End this process when its parent has ended, if it is a worker of joblib."""
-    if current_process().name.startswith("LokyProcess") and not _WATCHED:
-        _watch(os.getppid())
-
-
 def _watch(parent: int) -> None:
-    _WATCHED.append(parent)
+    """End this process when its parent has ended."""
     threading.Thread(target=_wait_for_the_end, args=(parent,), daemon=True).start()
-    if sys.platform.startswith("linux") and not current_process().name.startswith("LokyProcess"):
-        # Compiled code may hold Python's lock, so that no thread of Python runs. joblib starts its
-        # workers in a thread that may end before the parent, and this signal would follow it.
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # also while compiled code holds Python's lock
 
 
 def _wait_for_the_end(parent: int) -> None:

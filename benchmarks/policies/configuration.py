@@ -53,7 +53,7 @@ def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
             }
         except FileNotFoundError:
             raise ValueError(f"gains of {law}: there is no file {path}; `fbl-gym tune` writes one") from None
-        except (ValueError, TypeError, AttributeError) as problem:
+        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as problem:
             raise ValueError(f'{path} must be JSON with numbers, such as {{"kp": 25}}: {problem}') from None
     return gains
 
@@ -77,8 +77,6 @@ def exact(value: Any, name: str) -> Any:
         return value
     if isinstance(value, float) and type(value) is float:
         return value if math.isfinite(value) else {"float": repr(value)}
-    if isinstance(value, complex) and type(value) is complex:
-        return {"complex": repr(value)}
     if isinstance(value, bytes):
         return {"bytes": hashlib.sha256(value).hexdigest()}
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in _NUMERIC:

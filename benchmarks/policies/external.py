@@ -64,8 +64,11 @@ def form_of(text: str) -> str:
         return "archive"
     if split(text)[0].endswith(".py"):
         return "file"
-    if (os.sep in text or "/" in text) and (Path(text) / DESCRIPTION).is_file():
-        return "agent"
+    if os.sep in text or "/" in text:
+        if (Path(text) / DESCRIPTION).is_file():
+            return "agent"
+        if _archives(Path(text)):
+            return "archive"
     return "module" if ":" in text else "name"
 
 
@@ -82,7 +85,29 @@ def split(text: str) -> tuple[str, str]:
 def weights(text: str) -> list[Path]:
     """Return the files of a trained policy, an archive or an agent; none for code."""
     form = form_of(text)
-    return [Path(text)] if form == "archive" else files(Path(text)) if form == "agent" else []
+    return [archive(text)] if form == "archive" else files(Path(text)) if form == "agent" else []
+
+
+def archive(text: str) -> Path:
+    """Return the archive that a text names: a .zip, or the only one in a folder of Hugging Face."""
+    if text.endswith(".zip"):
+        return Path(text)
+    if (Path(text) / "vec_normalize.pkl").exists():
+        raise ValueError(
+            f"{text} holds a model of normalized observations (vec_normalize.pkl): train it without VecNormalize, on "
+            "fbl_gym/TwoLinkArmTracking-v0, whose observations are of order one"
+        )
+    first, *others = _archives(Path(text))
+    if others:
+        raise ValueError(
+            f"folder must hold one archive, got {text!r} with {len(others) + 1}: name one, such as {first}"
+        )
+    return first
+
+
+def _archives(folder: Path) -> list[Path]:
+    """Return the archives in a folder; rl_zoo3 puts its learning curve beside them."""
+    return [path for path in sorted(folder.glob("*.zip")) if path.name != "train_eval_metrics.zip"]
 
 
 _TRUSTED: set[str] = set()
@@ -106,6 +131,7 @@ def _place(text: str) -> str:
 def check(text: str) -> None:
     """Raise an error if an external policy does not exist or may not be loaded."""
     form, source = form_of(text), split(text)[0]
+    source = str(archive(text)) if form == "archive" else source
     if form in ("archive", "file") and not Path(source).is_file():
         raise ValueError(f"policy must name a file that exists, but there is no file {Path(source)}")
     if form == "archive" and _place(text) not in _TRUSTED:

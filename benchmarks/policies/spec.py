@@ -12,7 +12,8 @@ The text is one of:
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
 - "./path/to/run", a folder that `fbl-gym train` wrote;
-- "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`.
+- "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`, or a folder of
+  Hugging Face that holds one.
 
 A registered name wins over a file or folder of the same name.
 
@@ -28,7 +29,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import controllers
 from benchmarks.policies import external
@@ -38,6 +39,7 @@ from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.rl.agent import access_of, saved_agent
 from benchmarks.rl.policy import shipped
 from benchmarks.rl.sb3 import load_zip
+from controllers.policy import ACCESS
 from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown
@@ -171,8 +173,19 @@ class PolicySpec:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "PolicySpec":
-        """Return the specification that `to_dict` gave."""
-        return cls(**{**data, "needs": tuple(data["needs"])})
+        """Return the specification that `to_dict` gave.
+
+        Raises:
+            ValueError: a value has another type.
+        """
+        spec = cls(**{**data, "needs": tuple(map(str, data["needs"]))})
+        for each in dataclasses.fields(cls):
+            value, right = getattr(spec, each.name), get_origin(each.type) or each.type
+            if not isinstance(value, right):  # type: ignore[arg-type]
+                raise ValueError(f"{each.name} of a policy must be a {right.__name__}, got {value!r}")  # type: ignore[union-attr]
+        check_choice("kind", spec.kind, KINDS)
+        check_choice("access", spec.access, ACCESS)
+        return spec
 
 
 def names() -> tuple[str, ...]:
@@ -358,7 +371,9 @@ def _make(text: str, env: Any, gains: Mapping[str, Any]) -> Any:
             name, seed = _with_seed(text)
             return controllers.make(name, env, **{**seed, **gains})
         case "archive":
-            return load_zip(Path(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True)
+            return load_zip(
+                external.archive(text), env if isinstance(env, Interface) else env.unwrapped.interface, trust=True
+            )
         case "agent":
             return saved_agent(env, text)
         case _:

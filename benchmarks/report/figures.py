@@ -45,32 +45,26 @@ def _figure(title: str, description: str, data: list[Figure], x: str, y: str, **
     return {"title": title, "description": description, "data": data, "layout": axes}
 
 
-def _curve(policy: str, place: int, x: Sequence[float] | Array, estimate: Estimate, i: int) -> list[Figure]:
-    """Return a policy's curve with its intervals, as bars or as a band."""
-    color, mark, dash = style(place)
-    value, low, high = (np.asarray(y)[i] for y in (estimate.value, estimate.low, estimate.high))
-    line: Figure = {
-        "type": "scatter", "name": policy, "legendgroup": policy, "x": list(x), "y": value,
-        "mode": "lines+markers" if len(x) <= FEW else "lines", "line": {"color": color, "dash": dash, "width": 2},
-        "marker": {"color": color, "symbol": mark, "size": 7},
-        "hovertemplate": f"{policy}: %{{y:.3g}} at %{{x:.3g}}<extra></extra>",
-    }  # fmt: skip
-    if low.size == 0:
-        return [line]
-    line["customdata"] = np.stack([low, high], axis=-1)
-    line["hovertemplate"] = f"{policy}: %{{y:.3g}} (%{{customdata[0]:.3g}}–%{{customdata[1]:.3g}})<extra></extra>"
-    if len(x) <= FEW:
-        bars = {"type": "data", "symmetric": False, "array": high - value, "arrayminus": value - low}
-        return [{**line, "error_y": {**bars, "color": color, "thickness": 1.2, "width": 3}}]
-    edge = {"type": "scatter", "legendgroup": policy, "x": list(x), "mode": "lines", "line": {"width": 0}}
-    band = {**edge, "y": high, "fill": "tonexty", "fillcolor": f"{color}2b", "hoverinfo": "skip"}
-    return [{**edge, "y": low, "hoverinfo": "skip"}, band, line]
-
-
 def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> list[Figure]:
-    """Return the curve of every policy of a board."""
-    curves = [_curve(board.policies[i], place, x, estimate, i) for place, i in enumerate(board.order)]
-    return [trace for curve in curves for trace in curve]
+    """Return the curve of every policy of a board with its intervals, as bars or as a band."""
+    data = []
+    for place, i in enumerate(board.order):
+        policy, (color, mark, dash) = board.policies[i], style(place)
+        value, low, high = (np.asarray(y)[i] for y in (estimate.value, estimate.low, estimate.high))
+        shared: Figure = {"type": "scatter", "legendgroup": policy, "x": list(x)}
+        line = {
+            **shared, "name": policy, "y": value, "line": {"color": color, "dash": dash, "width": 2},
+            "marker": {"color": color, "symbol": mark, "size": 7}, "customdata": np.stack([low, high], axis=-1),
+            "hovertemplate": f"{policy}: %{{y:.3g}} (%{{customdata[0]:.3g}}–%{{customdata[1]:.3g}})<extra></extra>",
+        }  # fmt: skip
+        if len(x) <= FEW:
+            bars = {"array": high - value, "arrayminus": value - low, "color": color, "thickness": 1.2, "width": 3}
+            data.append({**line, "mode": "lines+markers", "error_y": {"type": "data", "symmetric": False, **bars}})
+        else:
+            edge = {**shared, "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+            band = {**edge, "y": high, "fill": "tonexty", "fillcolor": f"{color}2b"}
+            data += [{**edge, "y": low}, band, {**line, "mode": "lines"}]
+    return data
 
 
 def degradation(board: Board) -> list[Figure]:
@@ -153,20 +147,26 @@ def recovery(board: Board) -> list[Figure]:
         ]
         for i in board.order
     ]
-    heatmap = {
-        "type": "heatmap", "x": tasks, "y": names, "z": times, "text": text, "hovertemplate": "%{text}<extra></extra>",
-        "texttemplate": "%{z:.2g}", "zmin": 0, "colorscale": [[0, "rgba(128,128,128,0.08)"], [1, COLORS[1]]],
-        "colorbar": {"thickness": 10, "outlinewidth": 0}, "xgap": 1, "ygap": 1,
-    }  # fmt: skip
     description = (
         "Seconds until the error is back near its level before the event, mean over events and runs. An event without return "
         "counts with the time until the next one or the end. Runs that diverged are left out; the pointer shows their share, "
         "and the area of the error above its level before."
     )
-    x = {"side": "top", "tickangle": -90, "dtick": 1, "showgrid": False}
-    y = {"autorange": "reversed", "dtick": 1, "showgrid": False}
-    figure = _figure("Time back after an event", description, [heatmap], "", "", xaxis=x, yaxis=y)
-    return [{**figure, "height": 240 + 18 * len(names)}]
+    colors = [[0, "rgba(128,128,128,0.08)"], [1, COLORS[1]]]
+    heatmap = {"x": tasks, "y": names, "z": times, "text": text, "texttemplate": "%{z:.2g}", "colorscale": colors}
+    return [_heatmap("Time back after an event", description, heatmap, showgrid=False)]
+
+
+def _heatmap(title: str, description: str, data: Figure, **axes: Any) -> Figure:
+    """Return a heatmap with a row for each policy, the best one on top."""
+    usual = {
+        "type": "heatmap", "hovertemplate": "%{text}<extra></extra>", "zmin": 0, "xgap": 1, "ygap": 1,
+        "colorbar": {"thickness": 10, "outlinewidth": 0},
+    }  # fmt: skip
+    x = {"side": "top", "tickangle": -90, "dtick": 1, **axes}
+    y = {"autorange": "reversed", "dtick": 1, **axes}
+    figure = _figure(title, description, [{**usual, **data}], "", "", xaxis=x, yaxis=y)
+    return {**figure, "height": 240 + 18 * len(data["y"])}
 
 
 def profiles(board: Board) -> list[Figure]:
@@ -188,14 +188,7 @@ def pairs(board: Board) -> list[Figure]:
                 wins = statistics.wins(board.errors[i], board.errors[j], board.counts)
                 share[a, b] = wins.value
                 text[a][b] = f"{names[a]} against {names[b]}: {wins.value:.2f} ({wins.low:.2f}–{wins.high:.2f})"
-    heatmap = {
-        "type": "heatmap", "x": names, "y": names, "z": share, "text": text, "hovertemplate": "%{text}<extra></extra>",
-        "zmin": 0, "zmax": 1, "colorscale": [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]],
-        "colorbar": {"thickness": 10, "outlinewidth": 0}, "xgap": 1, "ygap": 1,
-    }  # fmt: skip
+    colors = [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]]
+    heatmap = {"x": names, "y": names, "z": share, "text": text, "zmax": 1, "colorscale": colors}
     description = "Share of the runs in which the row's policy errs less than the column's on the same seed."
-    figure = _figure(
-        "Smaller error", description, [heatmap], "", "", yaxis={"autorange": "reversed", "dtick": 1},
-        xaxis={"side": "top", "tickangle": -90, "dtick": 1},
-    )  # fmt: skip
-    return [{**figure, "height": 240 + 18 * len(names)}]
+    return [_heatmap("Smaller error", description, heatmap)]

@@ -7,10 +7,10 @@ import html
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 from plotly.offline import get_plotlyjs
@@ -28,53 +28,34 @@ from benchmarks.run.store import Result
 DIGITS = 5
 """Significant digits of the numbers in the figures."""
 
-_SECTIONS = {
-    "pareto": ("Error and effort", ""),
-    "tiers": ("Tiers", "Scores in the tier that ranks, and in the others."),
-    "recovery": ("Recovery", ""),
+_SECTIONS: dict[str, tuple[Callable[[Board], list[figures.Figure]], str, str]] = {
+    "pareto": (figures.pareto, "Error and effort", ""),
+    "tiers": (figures.tiers, "Tiers", "Scores in the tier that ranks, and in the others."),
+    "recovery": (figures.recovery, "Recovery", ""),
     "degradation": (
-        "Degradation",
+        figures.degradation, "Degradation",
         "Error against severity, one family of uncertainty each. Severity 0 is the nominal arm. Bars are intervals.",
     ),
     "profiles": (
-        "Performance profiles",
+        figures.profiles, "Performance profiles",
         "The share of runs with at most some error: a better policy is further up and left. Bands are pointwise intervals.",
     ),
-    "pairs": ("Pair by pair", ""),
-}
+    "pairs": (figures.pairs, "Pair by pair", ""),
+}  # fmt: skip
+"""The figures of each section, its title, and the text below the title."""
 
 
-class Page(TypedDict):
-    """Contents of the page; a section with an empty list is left out.
+def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[str, Trace]], command: str) -> Any:
+    """Return the page's content, by name.
 
-    Attributes:
-        summary: text above the board.
-        facts: name and value of each fact about the results' origin.
-        policies: names [p], in the order of the columns' entries.
-        summaries: one line on each policy [p].
-        order: names of the policies, the best first.
-        ranked: names of the policies that have a rank.
-        figures: of each section.
-        scenes: moving arms, see `scenes.scene`.
-    """
+    `policies` and `summaries` are in the order of the columns' entries, `order` has the best policy
+    first, and `ranked` has the policies with a rank. `figures` has a list for each section.
 
-    title: str
-    summary: str
-    facts: dict[str, str]
-    policies: list[str]
-    summaries: list[str]
-    order: list[str]
-    ranked: list[str]
-    columns: list[Column]
-    figures: dict[str, list[figures.Figure]]
-    scenes: list[dict[str, Any]]
-
-
-def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[str, Trace]], command: str) -> Page:
-    """Return the page's content.
-
-    The results are those of the board's cells, for their provenance. Each scene has the traces of
-    one seed by policy; there may be none.
+    Args:
+        board: of the page.
+        results: those of the board's cells, for their provenance.
+        traces: of each moving arm: of one seed, by policy.
+        command: that wrote the page.
     """
     latest = max(results, key=lambda result: result.provenance.get("time", ""))
     return {
@@ -99,14 +80,7 @@ def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[s
         "order": [board.policies[i] for i in board.order],
         "ranked": [board.policies[i] for i in board.ranked],
         "columns": columns(board),
-        "figures": {
-            "pareto": figures.pareto(board),
-            "tiers": figures.tiers(board),
-            "recovery": figures.recovery(board),
-            "degradation": figures.degradation(board),
-            "profiles": figures.profiles(board),
-            "pairs": figures.pairs(board),
-        },
+        "figures": {name: draw(board) for name, (draw, _, _) in _SECTIONS.items()},
         "scenes": [scene(group) for group in traces],
     }
 
@@ -116,20 +90,20 @@ def _tiers(board: Board) -> str:
     return f"Rank, score, error and effort are of the tier {first}; beside it: {', '.join(others)}. " if others else ""
 
 
-def write_page(path: Path, page: Page) -> None:
-    """Write the page to a file, and make the file's folder."""
+def write_page(path: Path, page: Mapping[str, Any]) -> None:
+    """Write the page of some contents to a file; a section without figures is left out."""
     text = html.escape
     drawn = {name: part for name, part in page["figures"].items() if part}
     parts = {
         "TITLE": text(page["title"]),
         "SUMMARY": text(page["summary"]),
-        "LINKS": "".join(f'<a href="#{name}">{_SECTIONS[name][0]}</a>' for name in drawn),
+        "LINKS": "".join(f'<a href="#{name}">{_SECTIONS[name][1]}</a>' for name in drawn),
         "FILTERS": "".join(_filter(column) for column in page["columns"] if column.is_choice),
         "TABLE": _table(page),
         "MEANINGS": "".join(f"<dt>{text(c.title)}</dt><dd>{text(c.meaning)}</dd>" for c in page["columns"]),
         "CHIPS": "".join(_chip(name, place) for place, name in enumerate(page["order"])),
         "SECTIONS": "".join(
-            f'<section id="{name}"><h2>{_SECTIONS[name][0]}</h2><p>{_SECTIONS[name][1]}</p><div class="grid"></div></section>'
+            f'<section id="{name}"><h2>{_SECTIONS[name][1]}</h2><p>{_SECTIONS[name][2]}</p><div class="grid"></div></section>'
             for name in drawn
         ),
         "FACTS": "".join(f"<dt>{text(name)}</dt><dd>{text(value)}</dd>" for name, value in page["facts"].items()),
@@ -143,7 +117,7 @@ def write_page(path: Path, page: Page) -> None:
     write_text(path, re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template))
 
 
-def _table(page: Page) -> str:
+def _table(page: Mapping[str, Any]) -> str:
     """Return the content of the board's table element; cells carry their values for sorting."""
     heads = "".join(
         f'<th scope="col" class="{column.key}" aria-sort="none"><button type="button" data-sort="{html.escape(column.key)}" '

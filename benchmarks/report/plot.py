@@ -190,7 +190,7 @@ def plot_maps(
         bar.minorticks_off()
 
 
-def _band(x: Array, signal: Array, label: str) -> Line:
+def band(x: Array, signal: Array, label: str) -> Line:
     """Return the median over the seeds with its band, or the line of a single seed.
 
     Args:
@@ -198,10 +198,14 @@ def _band(x: Array, signal: Array, label: str) -> Line:
         signal: of n seeds [k x n]; NaN where a seed has no value.
         label: of the line.
     """
+    if signal.shape[-1] == 1:
+        return Line(x, signal[:, 0], label)
+    edges, lacks = np.empty((3, len(x))), np.isnan(signal).any(axis=-1)
+    edges[:, ~lacks] = np.quantile(signal[~lacks], QUANTILES, axis=-1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no seed has a value
-        low, median, high = np.nanquantile(signal, QUANTILES, axis=-1)
-    return Line(x, median, label) if signal.shape[-1] == 1 else Line(x, median, label, low=low, high=high)
+        edges[:, lacks] = np.nanquantile(signal[lacks], QUANTILES, axis=-1)  # 100 times as slow
+    return Line(x, edges[1], label, low=edges[0], high=edges[2])
 
 
 def caption(seeds: int) -> str:
@@ -226,7 +230,7 @@ def plot_trace(trace: Trace, title: str, path: Path, columns: int = 2) -> None:
     panels = []
     for label, signal in signals.items():
         known = np.where(trace.alive[:, : signal.shape[1], None], signal, np.nan)
-        lines = [_band(trace.time, known[..., joint], f"joint {joint + 1}") for joint in (0, 1)]
+        lines = [band(trace.time, known[..., joint], f"joint {joint + 1}") for joint in (0, 1)]
         if signal is angle:
             names = ("reference", "_")
             lines += [Line(trace.time, trace.reference[:, 0, j], names[j], "black", ":") for j in (0, 1)]
@@ -254,7 +258,7 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns
         for policy, trace in traces.items():
             signed = np.where(trace.alive[..., None], trace.reference - trace.position, np.nan)
             error = 1e3 * (signed if single else errors(trace))[..., joint]
-            lines.append(_band(time, np.add.reduceat(error, starts) / sizes[:, None], policy))
+            lines.append(band(time, np.add.reduceat(error, starts) / sizes[:, None], policy))
         panels.append(Panel(f"joint {joint + 1}", "time [s]", label, tuple(lines), ("linear", scale)))
     plot_lines(title, panels, path, columns)
 

@@ -50,6 +50,10 @@ def _check_scales(name: str, value: Any) -> tuple[float, ...]:
     return tuple(check_number(f"{name}[{i}]", scale, above=0) for i, scale in enumerate(value))
 
 
+LONGEST_HISTORY = 10_000
+"""Largest number of earlier steps that an agent observes."""
+
+
 @dataclass(frozen=True)
 class AdapterSettings(Record):
     """The settings of an agent's adapter, as plain data.
@@ -86,6 +90,11 @@ class AdapterSettings(Record):
     context: bool = declared(False, _check_flag, "True or False")
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
+
+    def validate(self) -> None:
+        """Refuse a history that no network can learn from."""
+        if self.history > LONGEST_HISTORY:
+            raise ValueError(f"history must be at most {LONGEST_HISTORY} steps, got {self.history}")
 
 
 def true_parameters(truth: Truth, interface: Interface) -> Array:

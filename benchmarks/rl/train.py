@@ -21,6 +21,7 @@ from importlib import util
 from pathlib import Path
 from typing import Any
 
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from benchmarks.files import write_text
@@ -77,7 +78,7 @@ def _without_length(text: str) -> dict[str, Any] | None:
     """Return the settings of a run without its length; None: the text has none."""
     try:
         return {**json.loads(text), "steps": None, "minutes": None}
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         return None
 
 
@@ -124,6 +125,8 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
                 f"hyperparameters.arguments must be those of {algorithm.__name__}: {type(problem).__name__}: {problem}"
             ) from None
 
+    if model.tensorboard_log is None:
+        model.set_logger(Logger(None, []))  # the default one makes a folder in /tmp
     if wandb is not None:
         importlib.import_module("wandb").init(project=wandb, config=json.loads(text), dir=folder, sync_tensorboard=True)
     remaining = (settings.steps or sys.maxsize) - model.num_timesteps

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.policies import external
-from benchmarks.policies.apart import Failed, Limits, call_apart, end_with_parent, limit, limits, reason_of
+from benchmarks.policies.apart import Failed, Limits, call_apart, limits, reason_of
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.contract import broken
 from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import Trace, rollout
+from benchmarks.run.rollout import Trace, rollout, rollout_trials
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.run.suite import Cell
 from fbl_gym import Scenario
@@ -52,16 +52,14 @@ def run_cell(cell: Cell, command: str = "") -> Result:
     return Result(cell, rows, decision, time.perf_counter() - begin, provenance=provenance(command))
 
 
-def compute(cell: Cell, store: Store, command: str, limited: Limits | None = None) -> Outcome:
+def compute(cell: Cell, store: Store, command: str, workers: int = 1) -> Outcome:
     """Run a cell and write its result into the store, unless it is there.
 
-    `limited` are the limits of the cell; None: those of this process.
+    With one worker, a built-in policy runs in this process.
     """
-    end_with_parent()
-    limit(limited or limits())
     if store.find(cell) is not None:
         return Outcome(cell.id, "found")
-    apart = cell.policy.external or external.has_loaded() or limits() != Limits()
+    apart = workers > 1 or cell.policy.external or external.has_loaded() or limits() != Limits()
     result = run_apart(cell, command) if apart else run_cell(cell, command)
     store.save(result)
     return Outcome(cell.id, "failed" if result.error else "computed", result.wall_s, result.error)
@@ -81,21 +79,22 @@ def run_apart(cell: Cell, command: str = "") -> Result:
 
 def trace_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> Trace:
     """Return the trace of `rollout`; that of an external policy from a process of its own."""
+    return trials_apart(policy, scenario, seeds, 1)[0]
+
+
+def trials_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int) -> list[Trace]:
+    """Return the traces of `rollout_trials`, as `trace_apart` does."""
     if not (policy.external or external.has_loaded()):
-        return rollout(policy, scenario, seeds)
+        return rollout_trials(policy, scenario, seeds, trials)
     owner = policy.name if policy.external else ""
-    trace: Trace = call_apart(owner, "benchmarks.run.rollout:rollout", policy, scenario, tuple(seeds))
-    return trace
+    traces: list[Trace] = call_apart(
+        owner, "benchmarks.run.rollout:rollout_trials", policy, scenario, tuple(seeds), trials
+    )
+    return traces
 
 
 def run_checked(cell: Cell, command: str) -> Result:
-    """Run a cell of an external policy, unless the policy breaks a promise."""
-    if cell.policy not in _BROKEN:
-        _BROKEN[cell.policy] = "" if cell.policy.problem else broken(cell.policy, cell.scenario)
-    if reason := _BROKEN[cell.policy]:
+    """Run a cell of an external policy, unless the policy breaks a promise on its scenario."""
+    if not cell.policy.problem and (reason := broken(cell.policy, cell.scenario)):
         return Result.failure(cell, reason, command=command)
     return run_cell(cell, command)
-
-
-_BROKEN: dict[PolicySpec, str] = {}
-"""The first broken promise of each policy that this process has checked; empty: none."""

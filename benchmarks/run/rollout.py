@@ -88,47 +88,69 @@ def rollout(
 
     `gains` are arguments of the policy. `watch` has more signals to record after each step.
     """
+    return rollout_trials(policy, scenario, seeds, 1, gains, watch)[0]
+
+
+def rollout_trials(
+    policy: PolicySpec | str,
+    scenario: Scenario,
+    seeds: Sequence[int],
+    trials: int,
+    gains: Mapping[str, Any] | None = None,
+    watch: Mapping[str, Watch] | None = None,
+) -> list[Trace]:
+    """Run an arm and a motion for each seed several times in a row, and return each trial's trace.
+
+    The policy's state goes on from trial to trial, with `episode_start` at the first step of each,
+    as in stable-baselines3. A run that diverged takes part in the next trial again.
+    """
     n, steps = len(seeds), scenario.steps
     spec = resolve(policy)
+    if trials > 1:
+        scenario = scenario.replace(drawn_per="seed")
     env = make_env(spec, scenario, n)
     actor = spec.make(env, **(gains or {}))
-    signals = {name: np.empty((steps + 1, n, 2)) for name in _SIGNALS}
-    signals["payload"] = np.empty((steps + 1, n))
-    alive = np.ones((steps + 1, n), dtype=bool)
-    waits = np.empty(steps)
-    watched: dict[str, list[Array]] = {name: [] for name in watch or {}}
     state: Any = None
-    starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
-    observation, _ = env.reset(seed=list(seeds))
-    _record(signals, 0, env)
-    lengths, event_times = np.array(env.truth.lengths), env.truth.event_times
-    for k in range(steps):
-        begin = time.perf_counter()
-        action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
-        waits[k] = time.perf_counter() - begin
-        observation, _, terminated, truncated, _ = env.step(action)
-        # A lane that diverged begins its next episode one step later; that episode is not used.
-        starts, ended = ended, terminated | truncated
-        alive[k + 1] = alive[k] & ~terminated
-        _record(signals, k + 1, env)
-        for name, signal in (watch or {}).items():
-            watched[name].append(signal(env, actor, state))
+    traces = []
+    for trial in range(trials):
+        signals = {name: np.empty((steps + 1, n, 2)) for name in _SIGNALS}
+        signals["payload"] = np.empty((steps + 1, n))
+        alive = np.ones((steps + 1, n), dtype=bool)
+        waits = np.empty(steps)
+        watched: dict[str, list[Array]] = {name: [] for name in watch or {}}
+        starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
+        observation, _ = env.reset(seed=list(seeds) if trial == 0 else None)
+        _record(signals, 0, env)
+        lengths, event_times = np.array(env.truth.lengths), env.truth.event_times
+        for k in range(steps):
+            begin = time.perf_counter()
+            action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
+            waits[k] = time.perf_counter() - begin
+            observation, _, terminated, truncated, _ = env.step(action)
+            # A lane that diverged begins its next episode one step later; that episode is not used.
+            starts, ended = ended, terminated | truncated
+            alive[k + 1] = alive[k] & ~terminated
+            _record(signals, k + 1, env)
+            for name, signal in (watch or {}).items():
+                watched[name].append(signal(env, actor, state))
+        # The statistics of a lane that diverged need the reference to the end of its episode, and
+        # the lane's next episode has another one.
+        if not alive.all():
+            signals["reference"] = reference_motion(scenario, seeds)[0]
+        trace = Trace(
+            scenario=scenario,
+            seeds=tuple(seeds),
+            time=scenario.control_dt * np.arange(steps + 1.0),
+            alive=alive,
+            decision_time=float(np.median(waits)) / n,
+            lengths=lengths,
+            event_times=event_times,
+            watched={name: np.array(rows) for name, rows in watched.items()},
+            **signals,
+        )
+        traces.append(trace)
     env.close()
-    # The statistics of a lane that diverged need the reference to the end of its episode, and the
-    # lane's next episode has another one.
-    if not alive.all():
-        signals["reference"] = reference_motion(scenario, seeds)[0]
-    return Trace(
-        scenario=scenario,
-        seeds=tuple(seeds),
-        time=scenario.control_dt * np.arange(steps + 1.0),
-        alive=alive,
-        decision_time=float(np.median(waits)) / n,
-        lengths=lengths,
-        event_times=event_times,
-        watched={name: np.array(rows) for name, rows in watched.items()},
-        **signals,
-    )
+    return traces
 
 
 def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:

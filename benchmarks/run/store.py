@@ -16,19 +16,19 @@ import platform
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import Metric
 from benchmarks.run.suite import Cell
-from controllers.policy import ACCESS
 from fbl_gym import Scenario
-from fbl_gym.checks import check_choice
 from fbl_gym.scenarios import judged
 
 FORMAT = 3
@@ -117,20 +117,14 @@ class Store:
             failed.unlink(missing_ok=True)
         return path
 
-    def look(self, policy: PolicySpec, scenario: Scenario, gains: Mapping[str, Any] | None = None) -> None:
-        """Record that a policy was run on a scenario for judging; once for each configuration.
-
-        Args:
-            policy: that was run.
-            scenario: the task. One that may be used for tuning is not recorded.
-            gains: of the policy, if they are not its own.
-        """
+    def look(self, policy: PolicySpec, scenario: Scenario) -> None:
+        """Record that a policy was run on a scenario for judging; once for each configuration."""
         if not judged(scenario):
             return
         parts = ("configuration", "data", "code") if policy.external else ("configuration", "data")
-        content = [{part: policy.identity[part] for part in parts}, repr(dict(gains or {}))]
         law = _file_part(policy.code.partition("@")[0])
-        path = self.folder / LOOKS / f"{law}--{_file_part(scenario.name)}--{_digest(content)[:12]}"
+        digest = _digest({part: policy.identity[part] for part in parts})[:12]
+        path = self.folder / LOOKS / f"{law}--{_file_part(scenario.name)}--{digest}"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
 
@@ -200,21 +194,23 @@ class Store:
             cell = Cell(
                 PolicySpec.from_dict(document["policy"]), document["scenario"], tuple(document["seeds"]), metrics
             )
-            check_choice("access", cell.policy.access, ACCESS)
             if cell.key != document["key"]:
                 raise ValueError("its key is not that of its content")
             columns = document["rows"]
             if set(columns) != set(cell.columns):
                 others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
                 raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
-            names = cell.columns
-            rows = zip(*([math.nan if x is None else x for x in columns[name]] for name in names), strict=True)
-            decision = math.nan if document["decision_us"] is None else document["decision_us"]
-            rest = (document[name] for name in ("wall_s", "error", "provenance"))
-            return Result(cell, tuple(dict(zip(names, row, strict=True)) for row in rows), decision, *rest)
+            rows = np.array([columns[name] for name in cell.columns], dtype=float).T  # None becomes NaN
+            if len(rows) not in (0, len(cell.seeds)):
+                raise ValueError(f"it has {len(rows)} rows for {len(cell.seeds)} seeds")
+            decision, wall = np.array([document["decision_us"], document["wall_s"]], dtype=float).tolist()
+            return Result(
+                cell, tuple(dict(zip(cell.columns, row, strict=True)) for row in rows.tolist()), decision, wall,
+                str(document["error"]), {**document["provenance"]},
+            )  # fmt: skip
         except OtherFormat:
             raise
-        except (ValueError, KeyError, TypeError, AttributeError) as problem:
+        except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as problem:
             raise Damaged(f"{path} is damaged ({problem})") from None
 
 

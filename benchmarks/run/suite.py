@@ -175,6 +175,7 @@ def named(name: str) -> Suite:
         tasks += [task for task in scenarios.in_tier("ideal", severities) if not task.startswith("section-2-2/")]
     if name == "hardware":  # an agent that needs an accelerometer was trained for the tier ideal
         policies = tuple(p for p in policies if not (_learned(p) and "acceleration" in resolve_apart(p).needs))
+    policies = tuple(p for p in policies if not p.startswith("computed-torque-ilc"))  # computed torque in one trial
     if name != "ideal":  # nmpc takes as long as all others together
         policies = tuple(p for p in policies if not p.startswith("nmpc"))
     return Suite(name, policies, tuple(map(scenarios.get, tasks)), 64 if name == "full" else 32)
@@ -211,11 +212,11 @@ def load(name: str) -> Suite:
         else task
         for task in tasks
     ]  # fmt: skip
-    suite = narrow(Suite(path.stem, tuple(policies) or names(), (), data.get("seeds", 64)), (), tasks)
+    chosen = expand(tasks)
     if "control_dt" in data:
         dt = check_number("control_dt", data["control_dt"], above=0)
-        suite = dataclasses.replace(suite, scenarios=tuple(at_rate(scenario, dt) for scenario in suite.scenarios))
-    return suite
+        chosen = tuple(at_rate(scenario, dt) for scenario in chosen)
+    return Suite(path.stem, tuple(policies) or names(), chosen, data.get("seeds", 64))
 
 
 def narrow(
@@ -224,12 +225,21 @@ def narrow(
     tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
     seeds: int | None = None,
 ) -> Suite:
-    """Return the suite with other policies, scenarios or seeds; empty ones and None: the suite's.
+    """Return the suite with other policies, scenarios or seeds; empty and None keep its own."""
+    return dataclasses.replace(
+        suite,
+        policies=tuple(map(_resolved, policies)) or suite.policies,
+        scenarios=expand(tasks) or suite.scenarios,
+        seeds=suite.seeds if seeds is None else seeds,
+    )
 
-    The tasks are all that `as_scenario` takes, or names of families. A family such as "noise"
-    stands for its severities 1 to 3 on both arms, "section-2-2/noise" for those on one arm.
+
+def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenario, ...]:
+    """Return the scenarios of all that `as_scenario` takes, and of names of families.
+
+    A family such as "noise" stands for its severities 1 to 3 on both arms, "section-2-2/noise" for
+    those on one arm.
     """
-    specs = tuple(map(_resolved, policies))
     chosen: list[Scenario] = []
     for name in tasks:
         if not isinstance(name, str) or split_file(name)[0] or name.partition("@")[0] in scenarios.names():
@@ -239,12 +249,7 @@ def narrow(
         if not members:
             raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
         chosen.extend(members)
-    return dataclasses.replace(
-        suite,
-        policies=specs or suite.policies,
-        scenarios=tuple(chosen) or suite.scenarios,
-        seeds=suite.seeds if seeds is None else seeds,
-    )
+    return tuple(chosen)
 
 
 def _family(name: str) -> list[Scenario]:

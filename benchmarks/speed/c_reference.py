@@ -1,7 +1,5 @@
 """The arm in hand-written C (`reference.c`): the limit that the kernel's speed is compared with."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

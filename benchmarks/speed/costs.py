@@ -1,7 +1,5 @@
 """Time of a step by batch size and physics steps, of policies' decisions, and of an evaluation."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
@@ -23,13 +21,12 @@ SETTLED = 60
 def measure_growth(rounds: int = 3) -> tuple[dict[int, float], dict[int, float]]:
     """Return the time of a lane's step [ns] by batch size, and by physics steps for 256 lanes."""
 
-    def contestant(lanes: int, **options: Any) -> Contestant:
-        return batch(TwoLinkArmVectorEnv(lanes, **options), np.zeros((lanes, 2)))
+    def times(envs: dict[int, TwoLinkArmVectorEnv]) -> dict[int, float]:
+        rates = median_rates({key: batch(env, np.zeros((env.num_envs, 2))) for key, env in envs.items()}, rounds)
+        return {key: 1e9 / rate for key, rate in rates.items()}
 
-    by_lanes = median_rates({str(n): contestant(n) for n in LANES}, rounds)
-    by_physics_steps = median_rates({str(k): contestant(256, control_dt=1e-3 * k) for k in PHYSICS_STEPS}, rounds)
-    times = [{int(key): 1e9 / rate for key, rate in rates.items()} for rates in (by_lanes, by_physics_steps)]
-    return times[0], times[1]
+    by_lanes = times({lanes: TwoLinkArmVectorEnv(lanes) for lanes in LANES})
+    return by_lanes, times({steps: TwoLinkArmVectorEnv(256, control_dt=1e-3 * steps) for steps in PHYSICS_STEPS})
 
 
 def measure_policies(rounds: int = 3, lanes: int = 4096) -> dict[str, float]:

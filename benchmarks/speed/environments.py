@@ -4,10 +4,8 @@ One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of it
 of 4,096 arms are compared with the same arms in C (`reference.c`), which is physics alone.
 """
 
-from __future__ import annotations
-
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 
@@ -72,8 +70,6 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
         contestants["MuJoCo rollout of 256 such arms"] = (peers.mujoco_arms(TABLE_1, 256), _ACROBOTS)
     asynchronous = gym.make_vec(_ACROBOT, num_envs=4, vectorization_mode="async")
     contestants["AsyncVectorEnv(Acrobot-v1), 4 processes"] = (batch(asynchronous, np.ones(4, dtype=int)), _ACROBOTS)
-    if find_spec("gymnax"):
-        contestants["gymnax's Acrobot-v1, 256, XLA's threads"] = (peers.gymnax_acrobots(256), _ACROBOTS)
     for name, elastic in ((_C, False), (_C_ELASTIC, True)):
         reference = c_reference.stepper(TABLE_1, 4096, elastic=elastic)
         if reference is not None:
@@ -97,17 +93,11 @@ def measure_environments(rounds: int = 7) -> list[Speed]:
     """
     contestants = _contestants()
     rates = measure_rates({name: step for name, (step, _) in contestants.items()}, rounds)
-    values = {name: np.array(of_rounds) for name, of_rounds in rates.items()}
     rows = []
     for name, (_, peer) in contestants.items():
-        rate, ratio = values[name], float(np.median(values[name] / values[peer or name]))
+        rate, ratio = rates[name], float(np.median(rates[name] / rates[peer or name]))
         rows.append(Speed(name, float(np.median(rate)), float(rate.min()), float(rate.max()), ratio, peer))
     return rows
-
-
-def to_plain(rows: list[Speed]) -> list[dict[str, Any]]:
-    """Return the rows as plain data."""
-    return [asdict(row) for row in rows]
 
 
 def compare(rows: list[Speed], baseline: list[dict[str, Any]]) -> dict[str, float]:

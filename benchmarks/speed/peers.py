@@ -1,6 +1,4 @@
-"""Contestants from other simulators: MuJoCo and gymnax."""
-
-from __future__ import annotations
+"""The same arm in MuJoCo."""
 
 from typing import Any
 
@@ -54,23 +52,3 @@ def _model(arm: ArmParameters) -> Any:
         f'<flag contact="disable"/></option><worldbody><body>{joint}{first}<body pos="{arm.L1} 0 0">{joint}{second}</body>'
         "</body></worldbody></mujoco>"
     )
-
-
-def gymnax_acrobots(lanes: int) -> Contestant:
-    """Return a contestant: gymnax's Acrobots on the CPU, one Runge-Kutta step on XLA's threads."""
-    import gymnax
-    import jax
-
-    env, parameters = gymnax.make("Acrobot-v1")
-    keys = jax.random.split(jax.random.key(0), lanes)
-    _, state = jax.vmap(env.reset, in_axes=(0, None))(keys, parameters)
-    advance = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
-    actions = jax.numpy.ones(lanes, dtype=int)
-
-    def step() -> int:
-        nonlocal state
-        observation, state, *_ = advance(keys, state, actions, parameters)
-        jax.block_until_ready(observation)
-        return lanes
-
-    return step

@@ -1,13 +1,13 @@
 """Steps per second of several contestants, measured in turns."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
+
+from fbl_gym.arm import Array
 
 Contestant: TypeAlias = Callable[[], int]
 """A function that takes one step, and returns the number of environments that it stepped."""
@@ -40,11 +40,11 @@ def batch(env: gym.vector.VectorEnv, actions: np.ndarray) -> Contestant:
     return step
 
 
-def measure_rates(contestants: Mapping[str, Contestant], rounds: int) -> dict[str, list[float]]:
+def measure_rates(contestants: Mapping[Any, Contestant], rounds: int) -> dict[Any, Array]:
     """Return the steps per second of each contestant in each round, after one step to warm up."""
     for step in contestants.values():
         step()
-    rates: dict[str, list[float]] = {name: [] for name in contestants}
+    rates: dict[Any, list[float]] = {name: [] for name in contestants}
     for _ in range(rounds):
         for name, step in contestants.items():
             count, begin = 0, time.perf_counter()
@@ -52,9 +52,9 @@ def measure_rates(contestants: Mapping[str, Contestant], rounds: int) -> dict[st
                 for _ in range(10 if elapsed < 0.5 * ROUND_S else 1):
                     count += step()
             rates[name].append(count / elapsed)
-    return rates
+    return {name: np.array(values) for name, values in rates.items()}
 
 
-def median_rates(contestants: Mapping[str, Contestant], rounds: int) -> dict[str, float]:
+def median_rates(contestants: Mapping[Any, Contestant], rounds: int) -> dict[Any, float]:
     """Return the median steps per second of each contestant; see `measure_rates`."""
     return {name: float(np.median(rates)) for name, rates in measure_rates(contestants, rounds).items()}

@@ -3,14 +3,13 @@
 `python -m benchmarks.speed.training` prints both and their ratio.
 """
 
-from __future__ import annotations
-
 import time
 from statistics import median
 
 import gymnasium as gym
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger
 
 from benchmarks.rl.training_settings import shipped_hyperparameters
 from benchmarks.rl.vec_env import ArmVecEnv
@@ -30,6 +29,8 @@ def measure_training(rounds: int = 3) -> tuple[float, float]:
     arm = gym.make("fbl_gym/TwoLinkArmTracking-v0", scenario="everything-2")
     batched = PPO("MlpPolicy", ArmVecEnv(arms), device="cpu", **arguments)
     single = PPO("MlpPolicy", arm, device="cpu", **{**arguments, "n_steps": steps})
+    for model in (batched, single):
+        model.set_logger(Logger(None, []))  # the default one makes a folder in /tmp
     rates: dict[PPO, list[float]] = {batched: [], single: []}
     for _ in range(rounds + 1):
         for model, values in rates.items():

@@ -27,7 +27,7 @@ _ZERO = np.uint64(0)
 @kernel_njit
 def start(block, rows, queue, waypoints, settings, tables, lane):
     """Start an episode in a lane: draw its arm and reference, and put the arm on its reference."""
-    seed, episode = block.seed[lane], block.episode[lane]
+    seed, episode = block.seed[lane], _ZERO if settings.drawn_per_seed else block.episode[lane]
     block.step[lane] = _ZERO
     block.status[lane] = RUNNING
     draws = uniforms(seed, _PARAMETERS, episode, _ZERO, _ZERO)
@@ -36,7 +36,7 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
         radius = settings.log_radius[i]
         factor = exp((2.0 * draw - 1.0) * radius) if radius > 0.0 else 1.0
         block.parameters[i, lane] = settings.parameters[i] * settings.ratio[i] * factor
-    _draw(block, rows, settings, tables, lane)
+    _draw(block, rows, settings, tables, lane, episode)
     carried = block.payload_pick_up[lane] == 0.0 and block.payload_drop[lane] > 0.0
     block.payload[lane] = block.payload_mass[lane] if carried else 0.0
     lump(block, settings, lane)
@@ -57,7 +57,7 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
 
 
 @kernel_njit
-def _draw(block, rows, settings, tables, lane):
+def _draw(block, rows, settings, tables, lane, episode):
     """Set the numbers that may vary to their fixed values, or to draws from their streams."""
     for i in range(len(settings.varied)):
         rows[FIRST_VARIED + i, lane] = settings.varied[i]
@@ -65,7 +65,7 @@ def _draw(block, rows, settings, tables, lane):
         place = settings.draw_table + DRAW_SIZE * i
         key = np.uint64(tables[place + 5]) << np.uint64(32) | np.uint64(tables[place + 6])
         joint, kind = np.uint64(tables[place + 1]), tables[place + 2]
-        draw, _, _, _ = uniforms(block.seed[lane], key, block.episode[lane], _ZERO, joint)
+        draw, _, _, _ = uniforms(block.seed[lane], key, episode, _ZERO, joint)
         first, second = tables[place + 3], tables[place + 4]
         value = first + draw * (second - first)
         if kind == LOG_UNIFORM:

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from fbl_gym.interface import Constraints, Limits
 from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
 from fbl_gym.plants import PLANTS, MuJoCo
 from fbl_gym.real_arms import REAL_ARMS
-from fbl_gym.records import Numbers, Record, build, choices, declared, ends, number, one_of, pair, record
+from fbl_gym.records import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
 from fbl_gym.references import REFERENCES, ArrayReference, FilteredSteps, MinimumJerk, Reference, Steps
 from fbl_gym.uncertainty import (
     DISTURBANCES,
@@ -51,7 +51,7 @@ def _actuator(name: str, value: Any) -> Actuator:
 
 
 MAX_SUBSTEPS = 10_000
-"""Largest number of physics steps in a control step, which Ctrl-C does not interrupt."""
+"""Largest number of physics steps in a control step, also of MuJoCo."""
 
 MAX_STEPS = 2**53
 """Largest number of steps in any duration: beyond it, a float64 does not hold each whole number."""
@@ -88,6 +88,8 @@ class Scenario(Record):
         limits: bounds beyond which the arm has diverged, and ranges of the observation.
         constraints: bounds that the arm shall keep.
         plant: engine that moves the real arm; None: the package's own.
+        drawn_per: "seed": every episode of a seed has the arm, the drawn numbers and the reference
+            of its first one. Noise, and the course of a disturbance, are new in each episode.
     """
 
     name: str = "nominal"
@@ -119,9 +121,13 @@ class Scenario(Record):
     limits: Limits = record(Limits, Limits())
     constraints: Constraints | None = record(Constraints, None)
     plant: MuJoCo | None = one_of(PLANTS, None)
+    drawn_per: Literal["episode", "seed"] = choice("episode", ("episode", "seed"))
 
     def validate(self) -> None:
-        """Refuse noise on a sensor that is left out, and times that do not divide each other."""
+        """Refuse noise on a sensor that is left out, times that do not divide, too many steps."""
+        for name in ("name", "description"):
+            if not isinstance(getattr(self, name), str):
+                raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         if "position" not in self.sensors:
             raise ValueError(f"sensors must include 'position', got {self.sensors}")
         for sensor in SENSORS:
@@ -149,6 +155,11 @@ class Scenario(Record):
             raise ValueError(
                 f"physics_dt must be at least control_dt / {MAX_SUBSTEPS} = {self.control_dt / MAX_SUBSTEPS:g} s, "
                 f"got {self.physics_dt:g} s"
+            )
+        if self.plant is not None and self.substeps * self.plant.substeps > MAX_SUBSTEPS:
+            raise ValueError(
+                f"plant.substeps must be at most {MAX_SUBSTEPS // self.substeps}, so that a control step has no more than "
+                f"{MAX_SUBSTEPS} steps of MuJoCo, got {self.plant.substeps}"
             )
         self._check_multiple("duration", self.duration, "control_dt", least=1)
         if isinstance(self.actuator.delay, float):

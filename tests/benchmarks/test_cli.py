@@ -1,5 +1,6 @@
 """First contact: what `fbl-gym` says to someone who has mistyped something, and that its tables can be read."""
 
+import contextlib
 import io
 import shlex
 import sys
@@ -35,7 +36,7 @@ from benchmarks.run.suite import narrow
         ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
         ("compare zero pid-flm --seeds 20000", "must be at most 10000, the test seeds there are, got '20000'"),
         ("evaluate runs/lost", "must be a name, or a file or folder that exists, got 'runs/lost'"),
-        ("leaderboard --policies zero ./", "must be a folder with an agent.json, got './'"),
+        ("leaderboard --policies zero ./", "must be a folder with an agent.json or a .zip, got './'"),
         ("compare zero", "two policies or more can be compared, got zero"),
         ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
@@ -59,6 +60,24 @@ def test_a_mistake_is_answered_with_what_is_right(line, message, capsys, tmp_pat
     assert message in shown.err
     assert shown.out == ""
     assert list(tmp_path.iterdir()) in ([], [tmp_path / "results"])
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("evaluate bad.py", "fbl-gym: invalid syntax (bad.py, line 2)"),
+        ("evaluate zero --metrics late.py", "argument --metrics: NameError: name 'nothing' is not defined"),
+    ],
+)
+def test_a_mistake_in_a_file_is_one_line(line, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.py").write_text("import os\n= 3\n")
+    (tmp_path / "late.py").write_text("nothing\n\n\ndef power(trace):\n    return trace.torque\n")
+    with contextlib.suppress(SystemExit):
+        assert cli.main(line.split()) == 2
+    shown = capsys.readouterr().err
+    assert message in shown
+    assert "Traceback" not in shown
 
 
 def test_a_list_of_many_names_is_short(capsys):

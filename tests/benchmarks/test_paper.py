@@ -9,7 +9,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.cli import reproduce
 from benchmarks.paper import claims, radius
-from benchmarks.paper.claim import Case, Claim, judged
+from benchmarks.paper.claim import Case, Claim, judge
 from benchmarks.paper.claims import CLAIMS
 from fbl_gym import TwoLinkArmVectorEnv
 
@@ -52,11 +52,11 @@ def test_one_rule_gives_every_verdict():
     assert not Case("", np.arange(64) < 62).holds
     assert Case("", True).holds
     assert not Case("", False).holds
-    fields = dict.fromkeys(("figure", "claim", "paper", "measured", "assumptions", "scenario"), "")
     yes, no, shown = Case("yes", True), Case("no", np.zeros(8, dtype=bool)), Case("shown")
     for cases, verdict in (([yes, shown], R), ([yes, no], U), ([no], N), ([shown], NONE)):
-        assert judged(cases, print, **fields)[0].verdict == verdict
-    assert judged([yes, no], print, **fields)[0].cases[1] == ("no", "", "0 of 8, 0–37 %", "no")
+        assert judge(cases)[0] == verdict
+    assert judge([yes, no, shown])[1] == "1 of 2"
+    assert no.row == ("no", "", "0 of 8, 0–37 %", "no")
 
 
 def test_a_radius_has_the_interval_of_its_share():

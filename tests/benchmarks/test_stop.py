@@ -104,7 +104,7 @@ def test_other_commands_say_what_is_kept_too(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "fbl_gym", *command, str(tmp_path)], stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    assert wait(lambda: list(tmp_path.glob("*.db")), 60)
+    assert wait(lambda: list(tmp_path.glob("*.db")), 240)
     time.sleep(1)
     process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=20)

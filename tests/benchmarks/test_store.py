@@ -16,8 +16,9 @@ from benchmarks.run import suite as suite_module
 from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run
-from benchmarks.run.store import Damaged, OtherFormat, Store
+from benchmarks.run.store import Damaged, OtherFormat, Store, _digest
 from benchmarks.run.suite import Cell, named, narrow
+from fbl_gym.scenarios.files import merged
 
 SHORT = {"duration": 0.5}
 
@@ -96,6 +97,23 @@ def test_a_damaged_file_is_moved_aside_named_and_computed_again(tmp_path):
         victim.write_text(damage)
         with pytest.warns(UserWarning, match="is damaged"):
             assert len(list(store.results())) == len(cells()) - 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"decision_us": "fast"}, {"error": "x", "provenance": 3}, {"rows": {"diverged": ["a", 0, 0]}},
+        {"rows": {name: [1.0] for name in METRICS}}, {"policy": {"kind": "other"}}, {"policy": {"summary": 3}},
+    ],
+)  # fmt: skip
+def test_a_result_with_other_types_is_damaged(change, tmp_path):
+    """Even with the right checksum."""
+    path = Store(tmp_path).save(run_cell(cells(["zero"])[0]))
+    document = merged(json.loads(path.read_text()), change)
+    del document["sha256"]
+    path.write_text(json.dumps({**document, "sha256": _digest(document)}))
+    with pytest.raises(Damaged):
+        Store(tmp_path).load(path)
 
 
 def test_a_result_in_the_place_of_another_is_moved_aside(tmp_path):

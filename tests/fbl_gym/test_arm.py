@@ -4,7 +4,6 @@ import re
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,6 +20,8 @@ from fbl_gym.arm import (
     joint_positions,
     regressor,
 )
+
+pin = pytest.importorskip("pinocchio")  # Windows has none
 
 ARMS = {
     "table-1": TABLE_1,

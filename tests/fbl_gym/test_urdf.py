@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from fbl_gym import Scenario, TwoLinkArmEnv
@@ -10,6 +9,7 @@ from fbl_gym.arm import coriolis_torque, gravity_torque, inertia_matrix, inverse
 from fbl_gym.urdf import load_urdf
 
 pytest.importorskip("yourdfpy")
+pin = pytest.importorskip("pinocchio")  # Windows has none
 
 
 def inertial(mass, at="0 0 0", moment=0.0):
@@ -95,6 +95,8 @@ THIRD = """<link name="hand"/><joint name="wrist" type="revolute"><parent link="
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (chain().replace('<joint name="shoulder"', "<joint"), "must be a URDF file: KeyError: 'name'"),
+        (chain(extra=THIRD.replace('"two"', '"nothing"')), "the joints wrist hang on no link"),
         (chain(extra=THIRD), "two revolute joints.*revolute, revolute, revolute"),
         (chain(kind="prismatic"), "two revolute joints.*revolute, prismatic"),
         (chain(axis2="0 0 1"), "parallel axes"),

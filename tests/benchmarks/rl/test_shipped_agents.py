@@ -1,9 +1,12 @@
 """The shipped agents match their descriptions."""
 
+from pathlib import Path
+
 import pytest
 
 from benchmarks.rl import policy
 from benchmarks.rl.agent import describe
+from benchmarks.rl.cards import page
 from benchmarks.rl.policy import SHIPPED, best_seed, shipped, shipped_agent
 from benchmarks.rl.validation import validate
 from fbl_gym import Scenario, TwoLinkArmEnv, scenarios
@@ -48,3 +51,8 @@ def test_unknown_agents_and_training_seeds_are_refused():
         shipped_agent("ppo-torq", TwoLinkArmEnv().interface)
     with pytest.raises(ValueError, match="unknown training seed 9"):
         policy.ppo_torque(TwoLinkArmEnv().interface, seed=9)
+
+
+def test_the_page_of_model_cards_is_current():
+    text = (Path(__file__).parents[3] / "docs" / "agents.md").read_text(encoding="utf-8")
+    assert text == page(), "docs/agents.md is old: run `python -m benchmarks.rl.cards > docs/agents.md`"

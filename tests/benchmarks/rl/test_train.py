@@ -191,6 +191,13 @@ def test_tensorboard_gets_logs(tmp_path):
     assert list((tmp_path / "tensorboard").rglob("events.*"))
 
 
+def test_a_training_without_tensorboard_leaves_no_logs_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "logs"))
+    monkeypatch.setattr("benchmarks.rl.train.util", types.SimpleNamespace(find_spec=lambda name: None))
+    train(settings(), tmp_path / "run", evaluations=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
 def test_weights_and_biases_gets_the_settings(tmp_path, monkeypatch):
     calls = []
     fake = types.SimpleNamespace(init=lambda **options: calls.append(options), __spec__=None)

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -50,16 +51,23 @@ def test_an_unknown_scenario_is_refused(capsys):
 
 
 def test_the_page_on_learning_runs(tmp_path, monkeypatch):
-    """Its training command with fewer steps, then its Python as printed."""
+    """Its training and recording commands with fewer steps, then its Python as printed, in one process."""
     monkeypatch.chdir(tmp_path)
     (command,) = [line for line in PAGE.read_text().splitlines() if line == "fbl-gym train ppo"]
     assert cli.main([*command.split()[1:], "--steps", "16384"]) == 0
-    for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.S):
-        block = block.replace("learn(150_000)", "learn(2_048)")
-        process = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True)
-        assert process.returncode == 0, process.stderr
+    for line in PAGE.read_text().splitlines():
+        if line.startswith("fbl-gym record"):
+            assert cli.main([*line.split()[1:], "--episodes", "2"]) == 0
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.S)
+    absent = [package for package in ("d3rlpy", "minari") if find_spec(package) is None]
+    code = "\n".join(block for block in blocks if not any(f"import {package}" in block for package in absent))
+    code = code.replace("learn(150_000)", "learn(2_048)").replace("range(20_000)", "range(20)")
+    code = code.replace("n_steps=10_000", "n_steps=20, n_steps_per_epoch=10")
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
     assert (tmp_path / "trace.png").exists()
-    assert cli.main(["evaluate", "model.zip", "--trust", "--scenario", "everything-2", "--seeds", "1"]) == 0
+    for archive in ("model.zip", "cloned.zip"):
+        assert cli.main(["evaluate", archive, "--trust", "--scenario", "everything-2", "--seeds", "1"]) == 0
     assert json.loads((tmp_path / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"
 
 

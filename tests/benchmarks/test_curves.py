@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cli.parser import main
-from benchmarks.rl.curves import read_groups
+from benchmarks.analysis.curves import read_groups
 
 
 @pytest.fixture
