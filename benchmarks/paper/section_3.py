@@ -83,17 +83,17 @@ Setting: TypeAlias = tuple[str, str, str, float | None]
 """Arm, direction, reference and sigma of figure 4."""
 
 
-def _scenario(arm: str, direction: str, reference: str, sigma: float | None) -> Scenario:
+def _scenario(effort: Effort, arm: str, direction: str, reference: str, sigma: float | None) -> Scenario:
     """Return the scenario of figure 4 at one value of all that the paper leaves open."""
-    scenario = with_estimate(scenarios.get("paper-4b"), ARMS[arm], DIRECTIONS[direction])
+    scenario = with_estimate(effort.scenario("paper-4b"), ARMS[arm], DIRECTIONS[direction])
     steps = {} if reference == "filtered steps" else {"reference": {"kind": "steps", "points": _LEVELS, "period": 2.0}}
     wide = {"acceleration": 1e9, "position": 1e3, "velocity": 1e4}
     return scenario.replace(noise=_noise(sigma), limits=wide, **steps)
 
 
 @lru_cache(maxsize=128)
-def _rows(policy: str, setting: Setting, seeds: int) -> Rows:
-    return run(policy, _scenario(*setting), seeds)[1]
+def _rows(policy: str, setting: Setting, effort: Effort) -> Rows:
+    return run(policy, _scenario(effort, *setting), effort.seeds)[1]
 
 
 _OPEN = (
@@ -116,10 +116,10 @@ def _figure_4(effort: Effort, judge: Callable[[Setting], tuple[Any, str]], readi
     ]
 
 
-def _drawn(policy: str, title: str, sigma: float = PAPER_SIGMA) -> tuple[str, Trace]:
+def _drawn(effort: Effort, policy: str, title: str, sigma: float = PAPER_SIGMA) -> tuple[str, Trace]:
     """Return a title and the trace of seed 0 on §2.2's arm."""
     title += ", estimates at double, §2.2's arm"
-    return title, run(policy, _scenario("§2.2", "double", "filtered steps", sigma))[0]
+    return title, run(policy, _scenario(effort, "§2.2", "double", "filtered steps", sigma))[0]
 
 
 @claim(
@@ -128,7 +128,7 @@ def _drawn(policy: str, title: str, sigma: float = PAPER_SIGMA) -> tuple[str, Tr
 )  # fmt: skip
 def figure_4a(effort: Effort) -> Finding:
     def judge(setting: Setting) -> tuple[Any, str]:
-        noisy, clean = (_rows("cascade-flm", (*setting[:3], sigma), effort.seeds) for sigma in (setting[3], None))
+        noisy, clean = (_rows("cascade-flm", (*setting[:3], sigma), effort) for sigma in (setting[3], None))
         times = np.median(noisy["variation"] / clean["variation"])
         text = f"{percents(clean['error_pct'])} to {percents(noisy['error_pct'])}{diverged(noisy)}, {times:.3g} times"
         return noisy["error_pct"] > 1.5 * clean["error_pct"], text
@@ -136,7 +136,7 @@ def figure_4a(effort: Effort) -> Finding:
     cases = _figure_4(effort, judge)
     measured = "mean error without and with noise, total variation of the torque with noise: "
     measured += quote(cases[0], cases[-1])
-    return Finding(cases, measured, *_drawn("cascade-flm", "Figure 4a: no filter, variance 0.1"), effort.seeds)
+    return Finding(cases, measured, *_drawn(effort, "cascade-flm", "Figure 4a: no filter, variance 0.1"), effort.seeds)
 
 
 @claim(
@@ -146,7 +146,7 @@ def figure_4a(effort: Effort) -> Finding:
 )  # fmt: skip
 def figure_4b_filter(effort: Effort) -> Finding:
     def judge(setting: Setting) -> tuple[Any, str]:
-        without, rows = (_rows(policy, setting, effort.seeds) for policy in ("cascade-flm", "robust-flm"))
+        without, rows = (_rows(policy, setting, effort) for policy in ("cascade-flm", "robust-flm"))
         share = rows["variation"] / without["variation"]
         text = f"{percents(without['error_pct'])} to {percents(rows['error_pct'])}{diverged(rows)}, "
         text += f"{100 * np.median(share):.2g} % of the variation"
@@ -154,7 +154,7 @@ def figure_4b_filter(effort: Effort) -> Finding:
 
     cases = _figure_4(effort, judge)
     measured = "mean error without and with the filter, total variation of the torque: " + quote(cases[0], cases[-1])
-    return Finding(cases, measured, *_drawn("robust-flm", "Figure 4b: the filter, variance 0.1"), effort.seeds)
+    return Finding(cases, measured, *_drawn(effort, "robust-flm", "Figure 4b: the filter, variance 0.1"), effort.seeds)
 
 
 @claim(
@@ -165,7 +165,7 @@ def figure_4b_error(effort: Effort) -> Finding:
     together = []
 
     def judge(setting: Setting) -> tuple[Any, str]:
-        rows = _rows("robust-flm", setting, effort.seeds)
+        rows = _rows("robust-flm", setting, effort)
         good = (rows["error_pct"] <= 0.5) & (rows["overshoot_pct"] < 0.5)
         together.append(bool((good & (rows["settling_s"] <= 0.016)).any()))
         settling = f"{np.median(rows['settling_s']):.2g} s"
@@ -174,7 +174,9 @@ def figure_4b_error(effort: Effort) -> Finding:
     cases = _figure_4(effort, judge, 2 if effort.short else 4)
     measured = f"mean error, overshoot and settling time: {quote(cases[0], cases[-1])}. All three numbers of the paper "
     measured += f"occur together in {'some' if any(together) else 'no'} run"
-    return Finding(cases, measured, *_drawn("robust-flm", "Figure 4b: the filter, σ = 0.01", 0.01), effort.seeds)
+    return Finding(
+        cases, measured, *_drawn(effort, "robust-flm", "Figure 4b: the filter, σ = 0.01", 0.01), effort.seeds
+    )
 
 
 def _step(
@@ -219,7 +221,7 @@ def figure_4b_settling(effort: Effort) -> Finding:
     steps["§2.2, double, joint 1 by 1 rad, filter and σ = 0.01"] = _step(seconds, "§2.2", 2.0, (1.0, 0.0), 0.01)
     cases, lines = [], []
     for name, (fraction, torque) in steps.items():
-        time = _STEP_DT * np.arange(len(fraction))
+        time: Array = _STEP_DT * np.arange(float(len(fraction)))
         settled = _time_to(time, np.abs(fraction - 1.0).max(axis=1), 0.02)
         text = f"{settled:.3f} s" if settled < time[-1] else f"not within {time[-1]:.0f} s"
         text += f", {100 * max(fraction.max() - 1.0, 0.0):.2g} %, {torque:.0e} N m"
@@ -246,7 +248,7 @@ def figure_4b_settling(effort: Effort) -> Finding:
 def kalman_filter(effort: Effort) -> Finding:
     cases = []
     for direction in DIRECTIONS:
-        scenario = with_estimate(scenarios.get("paper-4b"), ARMS["§2.2"], DIRECTIONS[direction])
+        scenario = with_estimate(effort.scenario("paper-4b"), ARMS["§2.2"], DIRECTIONS[direction])
         scenario = scenario.replace(noise=_noise(PAPER_SIGMA), limits={"acceleration": 1e9, "velocity": 1e4})
         for form in ("discrete", "continuous"):
             watch = {"error": lambda env, _, state: state[1][..., 0] - env.truth.position}
