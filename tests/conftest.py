@@ -1,6 +1,10 @@
-"""What all tests share."""
+"""The environment of all tests."""
+
+import os
 
 import pytest
+
+os.environ["OMP_NUM_THREADS"] = "1"  # several workers with several threads each wait for each other
 
 
 @pytest.fixture(scope="session", autouse=True)

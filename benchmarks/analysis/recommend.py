@@ -73,6 +73,8 @@ def push(base: Scenario, kind: str, factor: float) -> Scenario:
         case "parameters":
             radius = factor * error.radius if error is not None and error.radius > 0 else 0.2 * more
             changes: dict[str, Any] = {"parameter_error": _replaced(error, radius=radius)}
+            if base.joint is not None:  # a lighter link is faster on its spring
+                changes["physics_dt"] = base.physics_dt / 2
         case "payload":
             mass = max(0.5 * more * base.arm.m2, factor * _payload(base))
             times = {"pick_up": _uniform(0.1, 0.3, base.duration), "drop": _uniform(0.6, 0.8, base.duration)}

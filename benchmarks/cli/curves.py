@@ -58,8 +58,8 @@ def _reached(at: np.ndarray) -> str:
 def _lines(groups: tuple[Group, ...], axis: str) -> tuple[Line, ...]:
     lines = []
     for group in groups:
-        first = max(run[axis][run[axis] > 0][0] for run in group.runs)
-        points = np.geomspace(first, group.ends(axis).min(), 60)
+        first, last = max(run[axis][run[axis] > 0][0] for run in group.runs), group.ends(axis).min()
+        points = np.geomspace(max(first, 0.02 * last), last, 60)
         error = group.estimate(axis, points)
         lines.append(Line(points, error.value, group.name, low=error.low, high=error.high))
     return tuple(lines)

@@ -12,6 +12,7 @@ A run writes to its folder:
 from __future__ import annotations
 
 import contextlib
+import copy
 import importlib
 import json
 import sys
@@ -100,7 +101,7 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
 
     # The model: new, or from the checkpoint.
     progress = Progress(settings, folder, command, evaluations)
-    arguments = {**settings.hyperparameters["arguments"], "device": "cpu"}
+    arguments = {**copy.deepcopy(settings.hyperparameters["arguments"]), "device": "cpu"}  # SB3 adds to dicts in it
     arguments["learning_rate"] = LinearDecay(arguments["learning_rate"], progress)
     algorithm = find_class(settings.algorithm)
     checkpoint = folder / "checkpoint.zip"

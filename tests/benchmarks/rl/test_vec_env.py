@@ -48,6 +48,20 @@ def test_every_step_equals_that_of_single_environments():
     assert min(ends.values()) > 0
 
 
+def test_the_cost_of_a_constraint_is_that_of_single_environments():
+    options = {"scenario": "everything-2", "duration": 0.1, "constraints": {"velocity": 0.2}}
+    ours = ArmVecEnv(fbl_gym.TwoLinkArmVectorEnv(LANES, autoreset_mode="SameStep", **options))
+    theirs = DummyVecEnv([lambda: fbl_gym.TwoLinkArmEnv(**options)] * LANES)
+    costs = []
+    for envs in (ours, theirs):
+        envs.seed(0)
+        envs.reset()
+        actions = np.full((LANES, 2), 0.3, dtype=np.float32)
+        costs.append([[info["cost"] for info in envs.step(actions)[3]] for _ in range(25)])
+    assert costs[0] == costs[1]
+    assert {0.0, 1.0} == {cost for step in costs[0] for cost in step}
+
+
 @pytest.mark.parametrize(
     ("algorithm", "options"),
     [
