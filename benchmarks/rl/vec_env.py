@@ -48,8 +48,8 @@ class ArmVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": cut} for cut in (truncated & ~terminated).tolist()]
         if "cost" in batch_infos:
             last = batch_infos.get("final_info", batch_infos)["cost"]
-            for lane, cost in enumerate(np.where(done, last, batch_infos["cost"]).tolist()):
-                infos[lane]["cost"] = cost
+            for info, cost in zip(infos, np.where(done, last, batch_infos["cost"]).tolist(), strict=True):
+                info["cost"] = cost
         for lane in np.flatnonzero(done):
             infos[lane]["terminal_observation"] = batch_infos["final_obs"][lane]
             self.reset_infos[lane] = {}
