@@ -89,7 +89,7 @@ SHORT = {
 }
 """Arguments that make a command short."""
 
-ELSEWHERE = ("reproduce", "train")
+ELSEWHERE = ("reproduce", "train", "curves")
 """Commands that other tests run."""
 
 
@@ -106,6 +106,8 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
         parser_of(command[0]).parse_args(command[1:])
         if command[0] not in ELSEWHERE:
             short = SHORT.get(command[0], [])
+            if "--check" in command:
+                short = [*short, "--check", "1"]
             if "my_paper.toml" in command:
                 short = ["--seeds", "1", *(["--workers", "1"] if command[0] == "leaderboard" else [])]
             assert cli.main([*command, *short]) == 0, command
