@@ -152,9 +152,14 @@ def _payload(scenario: Scenario) -> float:
 def candidates() -> list[str]:
     """Return the policies that are tried by default: all of those that do not know the truth.
 
-    `nmpc` is left out, since its decisions take longest.
+    `nmpc` is left out, since its decisions take longest, and `computed-torque-ilc`, since it
+    learns over trials.
     """
-    return [name for name in names() if not name.startswith(("nmpc", "zero")) and resolve_apart(name).ranked]
+    return [
+        name
+        for name in names()
+        if not name.startswith(("nmpc", "zero", "computed-torque-ilc")) and resolve_apart(name).ranked
+    ]
 
 
 @dataclass(frozen=True)
