@@ -26,6 +26,7 @@ policy is made once for an example, while `external.watch` collects the files th
 import dataclasses
 import hashlib
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -345,8 +346,10 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     """Return the specification with all that a factory declares; its data files by name alone."""
     name = _with_seed(spec.name)[0] if _form(spec.name) == "name" else ""
     kind = controllers.kind(name) if name else getattr(factory, "kind", "classical")
-    tuning = "tuned" if spec.name.endswith("@tuned") else "default gains"
+    tuning, files = "tuned" if spec.name.endswith("@tuned") else "default gains", getattr(factory, "data_files", ())
     try:
+        if isinstance(files, str) or not all(isinstance(file, str | os.PathLike) for file in files):
+            raise ValueError(f"data_files of {spec.name} must be a list of paths, got {files!r}")
         return dataclasses.replace(
             spec,
             kind=check_choice(f"kind of {spec.name}", kind, KINDS),
@@ -355,7 +358,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
             preview=float(getattr(factory, "preview", 0.0)),
             tuning="trained" if kind == "learned" else tuning,
             summary=controllers.summary(name) if name else (factory.__doc__ or "").strip().partition("\n")[0],
-            data=dict.fromkeys(getattr(factory, "data_files", ()), ""),
+            data={os.fspath(file): "" for file in files},
         )
     except (ValueError, TypeError) as problem:
         raise BadDeclaration(str(problem)) from problem

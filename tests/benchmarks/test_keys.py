@@ -284,6 +284,12 @@ def test_the_key_follows_data_files_that_are_read_in_making_or_declared(early, d
     assert Cell(str(tmp_path / "law.py"), "nominal", (0,)).key != before.key
 
 
+@pytest.mark.parametrize("declared", ["1,", '"gain.txt"'])
+def test_data_files_are_a_list_of_paths(declared, tmp_path):
+    (tmp_path / "law.py").write_text(READER.format(late="5", early="pass", declared=declared))
+    assert "data_files of" in run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error
+
+
 def test_a_data_file_that_the_key_does_not_know_is_a_failed_cell(tmp_path):
     (tmp_path / "gain.txt").write_text("5")
     (tmp_path / "law.py").write_text(READER.format(late=READ, early="pass", declared=""))
