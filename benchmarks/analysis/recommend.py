@@ -242,6 +242,7 @@ def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run, co
     order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
     best = order[:count]
     variation = {i: float(np.median([run["variation"] for result in table[i] for run in result.rows])) for i in best}
+    calmest = min(filter(None, variation.values()), default=1.0)  # a policy without a torque has none
     choices = []
     for i in best:
         errors, diverged, count = runs.error[i].ravel(), int(runs.diverged[i].sum()), runs.diverged[i].size
@@ -249,7 +250,7 @@ def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run, co
             Choice(
                 complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors)), diverged, count,
                 float(proportion(diverged, count).high), delay_margin(complete[i], base),
-                variation[i] / min(variation.values()),
+                variation[i] / calmest,
             )
         )  # fmt: skip
     overturned = _overturned(runs, complete, best[0], tuple(every))

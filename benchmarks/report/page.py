@@ -106,7 +106,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> None:
             f'<section id="{name}"><h2>{_SECTIONS[name][1]}</h2><p>{_SECTIONS[name][2]}</p><div class="grid"></div></section>'
             for name in drawn
         ),
-        "FACTS": "".join(f"<dt>{text(name)}</dt><dd>{text(value)}</dd>" for name, value in page["facts"].items()),
+        "FACTS": "".join(f"<dt>{text(name)}</dt><dd>{text(str(value))}</dd>" for name, value in page["facts"].items()),
         "PLOTLY": get_plotlyjs(),
         # In a script element only "<" could end it; JSON reads the escaped character as the same.
         "DATA": json.dumps(

@@ -31,6 +31,8 @@ def test_a_condition_changes_one_option(name):
     assert ("elastic" in every) == (base.joint is not None)
     for kind, scenario in every.items():
         changed = {field for field, value in vars(scenario).items() if value != getattr(base, field)} - {"name"}
+        if kind == "parameters" and base.joint is not None:
+            changed -= {"physics_dt"}  # a lighter link is faster on its spring
         assert len(changed) == (0 if kind == "as described" else 1) or kind == "everything", (kind, changed)
 
 
