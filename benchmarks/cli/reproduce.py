@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="measure these claims only; other claims in DIR stay. `fbl-gym list claims` lists the names; figure-4b means "
         "all of figure-4b-...",
     )  # fmt: skip
-    parser.add_argument("--short", action="store_true", help="fewer cases, as in the tests (seven minutes of CPU time)")
+    parser.add_argument("--short", action="store_true", help="fewer cases, as in the tests (less than seven minutes)")
 
 
 def run(arguments: argparse.Namespace) -> int:
