@@ -25,12 +25,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Compare training runs after equal steps and after equal processor time."""
     groups = read_groups(arguments.runs)
     common = {axis: min(group.ends(axis).min() for group in groups) for axis in AXES}
-    header = ["runs", "seeds", f"after {common['steps']:,.0f} steps", f"after {common['cpu_s']:.0f} s"]
+    header = ["runs", "seeds", "steps", f"after {common['steps']:,.0f} steps", f"after {common['cpu_s']:.0f} s"]
     if arguments.reach is not None:
         header += [f"steps to {arguments.reach:g}", f"s to {arguments.reach:g}"]
     rows = []
     for group in sorted(groups, key=lambda group: group.estimate("cpu_s", np.array([common["cpu_s"]])).value[0]):
-        row = [group.name, str(len(group.runs))]
+        ends = group.ends("steps")
+        row = [group.name, str(len(group.runs)), f"{ends.min():,.0f} to {ends.max():,.0f}"]
         row += [_text(group.estimate(axis, np.array([point]))) for axis, point in common.items()]
         if arguments.reach is not None:
             row += [_reached(group.until(axis, arguments.reach)) for axis in AXES]

@@ -46,7 +46,7 @@ def test_the_bounds_hold_with_an_exact_model_and_a_fine_rate(name, action):
 
 
 def test_a_predictor_keeps_the_bounds_through_a_delay():
-    """Of 20 ms, which is long for a decay of 40 1/s."""
+    """A delay of 20 ms is long for a decay of 40 1/s."""
 
     def beyond(law):
         late = {"actuator": {"delay_samples": 5}, "preview": 10}
