@@ -137,6 +137,13 @@ def test_a_file_of_another_format_is_left_alone(tmp_path):
     assert old.is_file()
 
 
+def test_a_cell_runs_many_seeds_in_batches(monkeypatch):
+    (cell,) = cells(["robust-flm"])[:1]
+    whole = run_cell(cell)
+    monkeypatch.setattr(cell_module, "BATCH", 2)
+    assert run_cell(cell).rows == whole.rows
+
+
 @pytest.mark.parametrize("change", ["added", "removed"])
 def test_another_set_of_metrics_is_another_format_and_damages_nothing(tmp_path, monkeypatch, change):
     some = cells(["zero"])
