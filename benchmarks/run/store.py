@@ -204,8 +204,10 @@ class Store:
                 metrics = tuple(Metric(**metric) for metric in document.get("metrics", ()))
                 policy = PolicySpec.from_dict(document["policy"])
                 cell = Cell(policy, document["scenario"], tuple(document["seeds"]), metrics)
-            if cell.key != document["key"]:
-                raise ValueError("its key is not that of its content")
+                if cell.key != document["key"]:
+                    raise ValueError("its key is not that of its content")
+            elif cell.key != document["key"]:
+                raise ValueError(f"it holds the result {document['id']} with the key {document['key']}")
             columns = document["rows"]
             if set(columns) != set(cell.columns):
                 others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
