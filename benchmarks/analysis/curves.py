@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, estimate, resample
+from benchmarks.run.suite import training
 from fbl_gym.arm import Array
 
 
@@ -56,8 +56,7 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     groups: dict[str, dict[int, tuple[Path, dict[str, Array]]]] = {}
     for folder in folders:
         try:
-            settings = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-            seed = settings.pop("seed")
+            settings, seed = training(folder)
             with (folder / "curve.csv").open() as file:
                 rows = list(csv.DictReader(file))
             run = {name: np.array([float(row[name]) for row in rows]) for name in ("steps", "cpu_s", "validation_mrad")}
@@ -65,7 +64,7 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
             raise ValueError(
                 f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({type(problem).__name__}: {problem})"
             ) from None
-        runs = groups.setdefault(json.dumps(settings, sort_keys=True), {})
+        runs = groups.setdefault(settings, {})
         if seed in runs:
             raise ValueError(f"RUN must differ in settings or seed, got {str(runs[seed][0])!r} and {str(folder)!r}")
         runs[seed] = folder, run
