@@ -124,10 +124,7 @@ class Board:
         return np.split(values, self._starts[1:])
 
     def average(self, draws: Array) -> Array:
-        """Return the mean of some draws [b x m x ...] over each policy's members, [b x p x ...].
-
-        The members of each policy are resampled.
-        """
+        """Return the mean of draws [b x m x ...] over each policy's members, [b x p x ...]."""
         weights = self.weights.reshape(*self.weights.shape, *[1] * (draws.ndim - 2))
         return np.add.reduceat(weights * draws, self._starts, axis=1)
 
@@ -163,9 +160,8 @@ class Board:
     @cached_property
     def weights(self) -> Array:
         """Weight of each member in its policy's mean, in the data and each resample [b x m]."""
-        seeds = [(BOOTSTRAP_SEED, *map(ord, policy)) for policy in self.policies]
-        counts = [statistics.resample(size, seed) / size for size, seed in zip(self.sizes, seeds, strict=True)]
-        return np.hstack(counts)
+        rows = [(len(members), (BOOTSTRAP_SEED, *map(ord, policy))) for policy, members in self.rows.items()]
+        return np.hstack([statistics.resample(size, seed) / size for size, seed in rows])
 
     @cached_property
     def ceilings(self) -> NDArray[np.int64]:
@@ -294,12 +290,8 @@ class Board:
         places = np.flatnonzero(np.isfinite(self.runs["recovery_s"]).any(axis=(0, 2)))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a policy whose runs all diverged has NaN
-            return {
-                self.scenarios[k]: {
-                    x: np.array([np.nanmean(runs[:, k]) for runs in self.split(self.runs[x])]) for x in names
-                }
-                for k in places
-            }
+            means = {x: self.average(np.nanmean(self.runs[x], axis=-1)[None])[0] for x in names}
+            return {self.scenarios[k]: {x: means[x][:, k] for x in names} for k in places}
 
     @cached_property
     def degradation(self) -> dict[str, tuple[str, list[int], Estimate]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.analysis.statistics import Estimate, estimate, resample
+from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, resample
 from benchmarks.run.suite import training
 from fbl_gym.arm import Array
 
@@ -39,7 +39,7 @@ class Group:
     def estimate(self, axis: str, points: Array) -> Estimate:
         """Return the geometric mean of the errors over the runs, with its 95 % interval."""
         errors = self.errors(axis, points).T[:, None]
-        return estimate(errors, resample(len(self.runs), 0))
+        return interval(geometric_mean(errors, resample(len(self.runs), 0)))
 
     def until(self, axis: str, error: float) -> Array:
         """Return the step or time at which each run reaches an error [mrad]; inf if it does not."""

@@ -15,7 +15,7 @@ Smaller errors are better. A run that diverged counts with its worst error and i
 NaN is refused.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,13 +90,6 @@ def interval(draws: Array) -> Estimate:
     """Return the first of some draws [b x ...], with the percentile interval of the others."""
     low, high = np.quantile(draws[1:], (TAIL, 1 - TAIL), axis=0)
     return Estimate(draws[0], low, high)
-
-
-def estimate(
-    runs: ArrayLike, counts: Array, statistic: Callable[[ArrayLike, Array], Array] = geometric_mean
-) -> Estimate:
-    """Return a statistic of the runs [... x s x n] with its interval, each [...]."""
-    return interval(statistic(runs, counts))
 
 
 def wins(a: ArrayLike, b: ArrayLike, counts: Array) -> Array:

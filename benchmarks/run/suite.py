@@ -147,7 +147,8 @@ def members(policies: Iterable[PolicySpec | str]) -> tuple[PolicySpec, ...]:
             if (other := runs.setdefault(settings, {}).setdefault(seed, spec)) != spec:
                 raise ValueError(f"runs must differ in settings or seed, got {other.name!r} and {spec.name!r}")
         else:
-            rows[spec.name] = (spec,)
+            for row in spec.rows or (spec.name,):
+                rows[row] = (*rows.get(row, ()), spec)
     for run in runs.values():
         seed, spec = next(iter(run.items()))
         name = spec.name.removesuffix(f"-{seed}") if len(run) > 1 else spec.name
