@@ -96,7 +96,7 @@ class PolicySpec:
     configuration: Mapping[str, Any] = field(default_factory=dict, hash=False)
     problem: str = ""
     trusted: bool = False
-    rows: tuple[str, ...] = ()
+    rows: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def code(self) -> str:
