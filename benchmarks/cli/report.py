@@ -44,16 +44,16 @@ def run(arguments: argparse.Namespace) -> int:
     write_csv(arguments.out / "board.csv", results)
     tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
     moving = {
-        name: [
-            Cell(board.specs[i], tasks[name], board.seeds[:1])
+        name: {
+            board.policies[i]: Cell(board.specs[i], tasks[name], board.seeds[:1])
             for i in board.order
             if (i, board.scenarios.index(name)) not in board.failed
-        ]
+        }
         for name in selected(board.scenarios)
     }
-    stored = traces([cell for cells in moving.values() for cell in cells], store, os.cpu_count() or 1)
+    stored = traces([cell for cells in moving.values() for cell in cells.values()], store, os.cpu_count() or 1)
     scenes = [
-        scene(tasks[name], board.seeds[0], {cell.policy.name: stored[cell.id] for cell in cells})
+        scene(tasks[name], board.seeds[0], {policy: stored[cell.id] for policy, cell in cells.items()})
         for name, cells in moving.items()
     ]
     write_page(arguments.out / "board.html", contents(board, results, scenes, command_line()))

@@ -55,7 +55,7 @@ def traces(cells: Sequence[Cell], store: Store, workers: int = 1) -> dict[str, d
     Raises:
         ValueError: a policy fails.
     """
-    absent = [cell for cell in cells if not trace_path(cell, store).exists()]
+    absent = list({cell.id: cell for cell in cells if not trace_path(cell, store).exists()}.values())
     for result in at_once([partial(run_apart, cell, "", store) for cell in absent], min(workers, len(absent))):
         if result.error:
             raise ValueError(f"{result.cell.id} has a result but no trace, since it fails now: {result.error}")
