@@ -137,6 +137,14 @@ def test_a_file_of_another_format_is_left_alone(tmp_path):
     assert old.is_file()
 
 
+def test_a_cell_runs_many_seeds_in_batches(monkeypatch):
+    cell = cells(["robust-flm"])[0]
+    whole = run_cell(cell)
+    monkeypatch.setattr(cell_module, "BATCH", 2)
+    for one, two in zip(run_cell(cell).rows, whole.rows, strict=True):
+        np.testing.assert_allclose(list(one.values()), list(two.values()), rtol=1e-12)
+
+
 @pytest.mark.parametrize("change", ["added", "removed"])
 def test_another_set_of_metrics_is_another_format_and_damages_nothing(tmp_path, monkeypatch, change):
     some = cells(["zero"])
