@@ -227,7 +227,7 @@ class Store:
 
 
 def _file_part(text: str) -> str:
-    return re.sub(r"[^\w@.-]+", "_", text)
+    return re.sub(r"[^\w@.-]+", "_", text).lstrip(".")  # a hidden file would not be listed
 
 
 def _document(result: Result) -> dict[str, Any]:

@@ -49,6 +49,13 @@ def test_a_finished_cell_is_found_and_not_run_again(tmp_path, monkeypatch):
     assert {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()} == before
 
 
+def test_the_result_of_a_relative_path_is_listed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("law.py").write_text("from controllers import Zero as make_policy\n")
+    store = Store(tmp_path / "store")
+    assert not store.path(cells(["./law.py"], families=["noise-1"])[0]).name.startswith(".")
+
+
 def test_a_stored_result_is_what_was_measured(tmp_path):
     (cell,) = cells(["cascade-flm"], families=["noise-1"])
     fresh = run_cell(cell)
