@@ -248,6 +248,13 @@ class ArmBatch:
         """With SAME_STEP, final observations of the last step [lanes x size]."""
         return self._memory[self._parts["final_observations"]].reshape(self.lanes, -1)
 
+    def true_signals(self) -> dict[str, Array]:
+        """Return the fields of the truth that a recording needs, as the blocks have them."""
+        numbers = self._memory[self._parts["blocks"]].reshape(-(-self.lanes // LANES), -1, LANES)
+        table = numbers[:, _RECORDED_ROWS].swapaxes(1, 2).reshape(-1, len(_RECORDED_ROWS))[: self.lanes]
+        signals = {name: table[:, 2 * i : 2 * i + 2] for i, name in enumerate(_RECORDED)}
+        return {**signals, "payload": table[:, -1]}
+
     def truth(self) -> Truth:
         """Return the truth at this instant."""
         table = np.empty((self.lanes, _TRUE_COLUMNS + 2 * self._depth))
@@ -266,6 +273,8 @@ class ArmBatch:
         times = times.swapaxes(1, 2).reshape(len(numbers) * LANES, -1 if times.size else 0)
         return Truth(**fields, event_times=times[: self.lanes])
 
+
+_RECORDED = ("position", "velocity", "reference", "applied_torque", "disturbance")
 
 _RENAMED = {"backlash": "half_backlash", "applied_torque": "torque", "reference": "reference_position"}
 """Fields of a block that `Truth` names otherwise."""
@@ -287,6 +296,7 @@ def _true_columns() -> tuple[NDArray[np.int64], dict[str, slice | int], int]:
 
 
 _TRUE_ROWS, _TRUE, _TRUE_COLUMNS = _true_columns()
+_RECORDED_ROWS = np.concatenate([list(rows(_RENAMED.get(name, name))) for name in (*_RECORDED, "payload")])
 
 
 @lru_cache

@@ -192,6 +192,15 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         check_begun("truth", self._begun)
         return self._batch.truth()
 
+    def true_signals(self) -> dict[str, Array]:
+        """Return the fields of `truth` that a recording needs, without computing the others.
+
+        They are `position`, `velocity`, `reference`, `applied_torque` and `disturbance`,
+        [lanes x 2], and `payload`, [lanes].
+        """
+        check_begun("true_signals", self._begun)
+        return self._batch.true_signals()
+
     def render(self) -> tuple[Frame, ...] | None:
         """Return the frame of each lane, [size x size x 3]; see `TwoLinkArmEnv.render`."""
         if check_render(self.render_mode, self._begun) is None:

@@ -45,7 +45,7 @@ def tracking_error(policy: Policy, env: TwoLinkArmVectorEnv, seeds: Iterable[int
         action, state = policy.predict(observation, state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
         alive &= ~terminated
-        truth = env.truth
-        error = np.minimum(np.abs(truth.reference - truth.position), np.pi)
+        truth = env.true_signals()
+        error = np.minimum(np.abs(truth["reference"] - truth["position"]), np.pi)
         squares += np.where(alive, (error**2).mean(axis=-1), np.pi**2)
     return 1e3 * np.sqrt(squares / env.scenario.steps)

@@ -173,7 +173,5 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
 
 
 def _record(signals: dict[str, Array], k: int, env: TwoLinkArmVectorEnv) -> None:
-    truth = env.truth
-    signals["position"][k], signals["velocity"][k] = truth.position, truth.velocity
-    signals["reference"][k], signals["torque"][k] = truth.reference, truth.applied_torque
-    signals["disturbance"][k], signals["payload"][k] = truth.disturbance, truth.payload
+    for name, values in env.true_signals().items():
+        signals[name.removeprefix("applied_")][k] = values

@@ -22,6 +22,17 @@ def test_max_episode_steps_truncates():
     assert [bool(env.step(np.zeros((2, 2)))[3].all()) for _ in range(5)] == [False] * 4 + [True]
 
 
+@pytest.mark.parametrize("scenario", ["everything-3", "hardware-elastic-2"])
+def test_true_signals_are_those_of_the_truth(scenario):
+    env = TwoLinkArmVectorEnv(17, scenario)
+    env.reset(seed=0)
+    env.step(np.full((17, 2), 0.1))
+    signals, truth = env.true_signals(), vars(env.truth)
+    assert set(signals) == {"position", "velocity", "reference", "applied_torque", "disturbance", "payload"}
+    for name, values in signals.items():
+        np.testing.assert_array_equal(values, truth[name])
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_returned_arrays_are_never_changed_later(mode):
     env = TwoLinkArmVectorEnv(3, autoreset_mode=mode, duration=0.05)
