@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -42,19 +42,23 @@ BOOTSTRAP_SEED = 0
 class Board:
     """Results of p policies on the same s scenarios with the same n seeds.
 
+    A policy is a law, or an agent with several training seeds. The m members of the board are the
+    laws and the training seeds, policy by policy. A number of an agent is the mean over its
+    members. Its intervals resample members and seeds.
+
     Args:
-        specs: policies [p] with a result for every scenario.
+        rows: members of each policy [p], by the policy's name, with a result for every scenario.
         scenarios: [s] names.
         seeds: [n].
-        runs: each metric, [p x s x n]. Where a policy failed, they are those of an arm that stays.
+        runs: each metric, [m x s x n]. Where a policy failed, they are those of an arm that stays.
         decision_us: time of a decision of each policy, the median over scenarios [p].
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.
-        failed: the error of each policy and scenario, by index, where the policy failed.
+        failed: the error of each policy and scenario, by index, where a member failed.
         metrics: external ones, which `runs` has too.
     """
 
-    specs: tuple[PolicySpec, ...]
+    rows: dict[str, tuple[PolicySpec, ...]]
     scenarios: tuple[str, ...]
     seeds: tuple[int, ...]
     runs: dict[str, Array]
@@ -98,11 +102,35 @@ class Board:
     @cached_property
     def policies(self) -> tuple[str, ...]:
         """Name of each policy [p]."""
-        return tuple(spec.name for spec in self.specs)
+        return tuple(self.rows)
+
+    @cached_property
+    def specs(self) -> tuple[PolicySpec, ...]:
+        """First member of each policy [p]."""
+        return tuple(members[0] for members in self.rows.values())
+
+    @cached_property
+    def sizes(self) -> NDArray[np.int64]:
+        """Number of members of each policy [p]."""
+        return np.array([len(members) for members in self.rows.values()])
+
+    @cached_property
+    def _starts(self) -> NDArray[np.int64]:
+        """Index of each policy's first member [p]."""
+        return np.cumsum(self.sizes) - self.sizes
+
+    def split(self, values: Array) -> list[Array]:
+        """Return some values of the members [m x ...] as a list of those of each policy."""
+        return np.split(values, self._starts[1:])
+
+    def average(self, draws: Array) -> Array:
+        """Return the mean of draws [b x m x ...] over each policy's members, [b x p x ...]."""
+        weights = self.weights.reshape(*self.weights.shape, *[1] * (draws.ndim - 2))
+        return np.add.reduceat(weights * draws, self._starts, axis=1)
 
     @cached_property
     def errors(self) -> Array:
-        """Mean absolute tracking error in % of the reference's amplitude, [p x s x n].
+        """Mean absolute tracking error in % of the reference's amplitude, [m x s x n].
 
         An error below the encoder's resolution counts as the resolution.
         """
@@ -126,16 +154,23 @@ class Board:
 
     @cached_property
     def counts(self) -> Array:
-        """Weight of each seed in each resample; see `statistics.resample`."""
+        """Weight of each seed in the data and each resample [b x n]; see `statistics.resample`."""
         return statistics.resample(len(self.seeds), BOOTSTRAP_SEED)
 
     @cached_property
+    def weights(self) -> Array:
+        """Weight of each member in its policy's mean, in the data and each resample [b x m]."""
+        rows = [(len(members), (BOOTSTRAP_SEED, *map(ord, policy))) for policy, members in self.rows.items()]
+        return np.hstack([statistics.resample(size, seed) / size for size, seed in rows])
+
+    @cached_property
     def ceilings(self) -> NDArray[np.int64]:
-        """Index of the policy that is the ceiling of each scenario, or -1 [s].
+        """Index of the member that is the ceiling of each scenario, or -1 [s].
 
         The ceiling has the least error of all classical policies with privileged access.
         """
-        laws = [i for i, spec in enumerate(self.specs) if spec.kind == "classical" and not spec.ranked]
+        specs = zip(self._starts, self.specs, strict=True)
+        laws = [i for i, spec in specs if spec.kind == "classical" and not spec.ranked]
         errors, stay = np.log(self.errors).mean(axis=-1), np.log(self.runs["stay_pct"][0]).mean(axis=-1)
         diverged = self.runs["diverged"].mean(axis=-1)
         ceilings = np.full(len(self.scenarios), -1)
@@ -145,12 +180,10 @@ class Board:
                 ceilings[k] = best
         return ceilings
 
-    def _scores(self, counts: Array) -> dict[str, Array]:
-        """Return the score of each policy in each tier with a ceiling [b x p].
-
-        It has no lower bound. The counts are [b x n].
-        """
-        weights = counts.T
+    @cached_property
+    def _scores(self) -> dict[str, Array]:
+        """Score of each policy in each tier with a ceiling, without its lower bound [b x p]."""
+        weights = self.counts.T
         errors, stay = (np.log(x) @ weights / len(self.seeds) for x in (self.errors, self.runs["stay_pct"][0]))
         scores = {}
         for tier, places in self.tiers.items():
@@ -160,30 +193,22 @@ class Board:
                 # A resample may lack the seeds on which the ceiling is clearly below staying.
                 spans = np.maximum(stay[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
                 counted = self.runs["diverged"][:, places].sum(axis=1) @ weights
-                diverged = [statistics.diverged_share(*x) for x in zip(counted, self._runs(places), strict=True)]
-                scores[tier] = statistics.score(gains.swapaxes(0, 1), spans[:, None], diverged).T
+                runs = np.repeat(self._runs(places), self.sizes).tolist()
+                diverged = [statistics.diverged_share(*x) for x in zip(counted, runs, strict=True)]
+                scores[tier] = self.average(statistics.score(gains.swapaxes(0, 1), spans[:, None], diverged).T)
         return scores
 
     def _runs(self, places: Sequence[int]) -> NDArray[np.int64]:
-        """Return the number of runs of each policy in the scenarios where it did not fail [p]."""
+        """Return the number of runs of a member of each policy where it did not fail [p]."""
         failed = [sum(j == i and k in places for j, k in self.failed) for i in range(len(self.specs))]
         return np.maximum((len(places) - np.array(failed)) * len(self.seeds), 1)
-
-    @cached_property
-    def _draws(self) -> dict[str, Array]:
-        return self._scores(self.counts)
-
-    @cached_property
-    def _unbounded(self) -> dict[str, Array]:
-        """Score of each policy [p] in each tier with a ceiling, without the lower bound."""
-        return {tier: values[0] for tier, values in self._scores(np.ones((1, len(self.seeds)))).items()}
 
     @cached_property
     def scores(self) -> dict[str, Estimate]:
         """Score of each policy [p] in each tier that has a ceiling: the mean over its scenarios."""
         scores = {}
-        for tier, draws in self._draws.items():
-            e = statistics.interval(self._unbounded[tier], draws)
+        for tier, draws in self._scores.items():
+            e = statistics.interval(draws)
             scores[tier] = Estimate(*(np.maximum(x, statistics.BOUNDS[0]) for x in (e.value, e.low, e.high)))
         return scores
 
@@ -195,17 +220,22 @@ class Board:
     @cached_property
     def error(self) -> Estimate:
         """The geometric mean of each policy's errors in the tier that ranks [p]."""
-        return statistics.estimate(self.errors[:, self.main], self.counts)
+        return statistics.interval(self._mean_errors(self.errors[:, self.main]))
+
+    def _mean_errors(self, errors: Array) -> Array:
+        """Return the geometric mean of errors [m x ... x s x n] of each policy, [b x p x ...]."""
+        return np.exp(self.average(statistics.mean(np.log(errors), self.counts)))
 
     @cached_property
     def worst(self) -> Array:
         """The mean of each policy's largest errors, 5 % of the runs in the tier that ranks [p]."""
-        return statistics.tail_mean(self.errors[:, self.main].reshape(len(self.specs), -1))
+        return np.array([statistics.tail_mean(errors.ravel()) for errors in self.split(self.errors[:, self.main])])
 
     @cached_property
     def diverged(self) -> Estimate:
         """Share of each policy's runs that diverged in the tier that ranks [p]."""
-        return statistics.proportion(self.runs["diverged"][:, self.main].sum(axis=(1, 2)), self._runs(self.main))
+        counts = np.add.reduceat(self.runs["diverged"][:, self.main].sum(axis=(1, 2)), self._starts)
+        return statistics.proportion(counts, self._runs(self.main) * self.sizes)
 
     @cached_property
     def effort(self) -> Array | None:
@@ -215,20 +245,21 @@ class Board:
         """
         places = [k for k in self.main if self.ceilings[k] >= 0]
         variation = np.median(self.runs["variation"], axis=-1)
-        return np.median(variation[:, places] / variation[self.ceilings[places], places], axis=-1) if places else None
+        ratio = variation[:, places] / variation[self.ceilings[places], places]
+        return self.average(np.median(ratio, axis=-1)[None])[0] if places else None
 
     @cached_property
     def rank(self) -> Estimate:
         """Rank of each ranked policy, in the order of `ranked`: by score, else by error."""
         if self.score is not None:
-            return statistics.ranks(-self._draws[next(iter(self.tiers))][:, self.ranked])
-        return statistics.ranks(statistics.geometric_mean(self.errors[self.ranked][:, self.main], self.counts))
+            return statistics.ranks(-self._scores[next(iter(self.tiers))][:, self.ranked])
+        return statistics.ranks(self._mean_errors(self.errors[:, self.main])[:, self.ranked])
 
     @cached_property
     def order(self) -> list[int]:
         """Indices of the policies, the best first; unranked ones stand at the end."""
-        values = self._unbounded.get(next(iter(self.tiers)))
-        value = self.error.value if values is None else -values
+        scores = self._scores.get(next(iter(self.tiers)))
+        value = self.error.value if scores is None else -scores[0]
         return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, value[i]))
 
     @cached_property
@@ -244,7 +275,13 @@ class Board:
     def family_errors(self) -> dict[str, Estimate]:
         """Geometric mean of each policy's errors in each family [p]."""
         families = self.families.items()
-        return {family: statistics.estimate(self.errors[:, indices], self.counts) for family, indices in families}
+        return {family: statistics.interval(self._mean_errors(self.errors[:, places])) for family, places in families}
+
+    def wins(self, i: int) -> Estimate:
+        """Return the share of runs in which policy i errs less than each other one [p]."""
+        members = slice(self._starts[i], self._starts[i] + self.sizes[i])
+        draws = statistics.wins(self.errors[members, None], self.errors, self.counts)
+        return statistics.interval((self.average(draws.swapaxes(1, 2)) * self.weights[:, None, members]).sum(axis=-1))
 
     @cached_property
     def recovery(self) -> dict[str, dict[str, Array]]:
@@ -253,7 +290,8 @@ class Board:
         places = np.flatnonzero(np.isfinite(self.runs["recovery_s"]).any(axis=(0, 2)))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a policy whose runs all diverged has NaN
-            return {self.scenarios[k]: {x: np.nanmean(self.runs[x][:, k], axis=-1) for x in names} for k in places}
+            means = {x: self.average(np.nanmean(self.runs[x], axis=-1)[None])[0] for x in names}
+            return {self.scenarios[k]: {x: means[x][:, k] for x in names} for k in places}
 
     @cached_property
     def degradation(self) -> dict[str, tuple[str, list[int], Estimate]]:
@@ -270,7 +308,7 @@ class Board:
                 severities = sorted((group.get("nominal", {}) | members).items())
                 if family != "nominal" and len(severities) > 1:
                     runs = self.errors[:, [i for _, i in severities]][:, :, None]
-                    estimate = statistics.estimate(runs, self.counts)
+                    estimate = statistics.interval(self._mean_errors(runs))
                     title = (family if arm == "table-1" else f"{arm}/{family}") + (f"@{suffix}" if suffix else "")
                     title = title if tier == next(iter(self.tiers)) else f"{tier} {title}"
                     text = meaning_of(self.scenarios[severities[-1][1]])
@@ -307,8 +345,9 @@ def meaning_of(scenario: str) -> str:
 def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     """Return the board of a suite's results.
 
-    A policy that failed in a scenario counts there as an arm that stays. One that failed in all of
-    them, or lacks a result, is left out and named.
+    Members of a row are the policies whose specifications name it in `rows`. A row with a member
+    that failed in a scenario counts there as an arm that stays. One with a member that failed in
+    all of them, or lacks a result, is left out and named.
 
     Args:
         results: of cells with the same seeds.
@@ -318,35 +357,47 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         ValueError: two different scenarios or policies share a name, or no policy is complete.
     """
     tasks = _by_name(result.cell.scenario for result in results if result.rows)
-    specs = _by_name(result.cell.policy for result in results)
-    stored = {(r.cell.policy.name, r.cell.scenario.name): r for r in results}
-    incomplete = {}
-    for policy in specs:
-        errors = [result.error for (name, _), result in stored.items() if name == policy]
-        lacking = [task for task in tasks if (policy, task) not in stored]
-        if all(errors):
-            incomplete[policy] = errors[0]
-        elif lacking:
-            incomplete[policy] = f"no result yet for {_and_more(lacking)}"
-    for policy in dict.fromkeys(cell.policy.name for cell in expected):
-        if policy not in specs:
-            incomplete[policy] = "no result yet"
+    specs = _by_name(cell.policy for cell in (*(result.cell for result in results), *expected))
+    rows: dict[str, tuple[PolicySpec, ...]] = {}
+    for spec in specs.values():
+        for row in spec.rows or (spec.name,):
+            rows[row] = (*rows.get(row, ()), spec)
+    stored: dict[str, dict[str, Result]] = {name: {} for name in specs}
+    for result in results:
+        stored[result.cell.policy.name][result.cell.scenario.name] = result
+    incomplete: dict[str, str] = {}
+    for row, members in rows.items():
+        for spec in members:
+            if reason := _lack(stored[spec.name], tasks):
+                incomplete.setdefault(row, reason if len(members) == 1 else f"{spec.name}: {reason}")
     names = dict.fromkeys(cell.scenario.name for cell in expected)
     absent = [name for name in names if name not in tasks]
     gap = f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else ""
-    complete = [policy for policy in specs if policy not in incomplete]
+    complete = {row: members for row, members in rows.items() if row not in incomplete}
     if not complete:
-        reasons = "; ".join(f"{policy}: {reason}" for policy, reason in incomplete.items()) or "the store has no cell"
+        reasons = "; ".join(f"{row}: {reason}" for row, reason in incomplete.items()) or "the store has no cell"
         raise ValueError(f"there is no policy with a result for every scenario: {reasons}")
     stays = {r.cell.scenario.name: [_staying(row) for row in r.rows] for r in results if r.rows}
-    table = [[stored[policy, task] for task in tasks] for policy in complete]
-    rows = [[result.rows or stays[result.cell.scenario.name] for result in row] for row in table]
-    first = table[0][0].cell
-    runs = {name: np.array([[[run[name] for run in cell] for cell in row] for row in rows]) for name in first.columns}
-    decision = np.array([np.median([result.decision_us for result in row if result.rows]) for row in table])
-    failed = {(i, k): r.error for i, row in enumerate(table) for k, r in enumerate(row) if r.error}
-    members = tuple(specs[policy] for policy in complete)
-    return Board(members, tuple(tasks), first.seeds, runs, decision, incomplete, gap, failed, first.metrics)
+    failed, table, decision = {}, [], []
+    for i, members in enumerate(complete.values()):
+        for k, task in enumerate(tasks):
+            if errors := [error for spec in members if (error := stored[spec.name][task].error)]:
+                failed[i, k] = errors[0]
+        for spec in members:
+            row = [stays[task] if (i, k) in failed else stored[spec.name][task].rows for k, task in enumerate(tasks)]
+            table.append(row)
+        decision.append(np.median([r.decision_us for spec in members for r in stored[spec.name].values() if r.rows]))
+    cell = results[0].cell
+    runs = {name: np.array([[[run[name] for run in one] for one in row] for row in table]) for name in cell.columns}
+    return Board(complete, tuple(tasks), cell.seeds, runs, np.array(decision), incomplete, gap, failed, cell.metrics)
+
+
+def _lack(results: Mapping[str, Result], tasks: Iterable[str]) -> str:
+    """Return the reason why a policy with some results, by scenario, has no row; empty: it has."""
+    if results and all(result.error for result in results.values()):
+        return next(iter(results.values())).error
+    lacking = [task for task in tasks if task not in results]
+    return "" if not lacking else f"no result yet for {_and_more(lacking)}" if results else "no result yet"
 
 
 def _and_more(names: Sequence[str]) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.analysis.statistics import Estimate, estimate, resample
+from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, resample
+from benchmarks.run.suite import training
 from fbl_gym.arm import Array
 
 
@@ -39,7 +39,7 @@ class Group:
     def estimate(self, axis: str, points: Array) -> Estimate:
         """Return the geometric mean of the errors over the runs, with its 95 % interval."""
         errors = self.errors(axis, points).T[:, None]
-        return estimate(errors, resample(len(self.runs), 0))
+        return interval(geometric_mean(errors, resample(len(self.runs), 0)))
 
     def until(self, axis: str, error: float) -> Array:
         """Return the step or time at which each run reaches an error [mrad]; inf if it does not."""
@@ -56,8 +56,7 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     groups: dict[str, dict[int, tuple[Path, dict[str, Array]]]] = {}
     for folder in folders:
         try:
-            settings = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-            seed = settings.pop("seed")
+            settings, seed = training(folder)
             with (folder / "curve.csv").open() as file:
                 rows = list(csv.DictReader(file))
             run = {name: np.array([float(row[name]) for row in rows]) for name in ("steps", "cpu_s", "validation_mrad")}
@@ -65,7 +64,7 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
             raise ValueError(
                 f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({type(problem).__name__}: {problem})"
             ) from None
-        runs = groups.setdefault(json.dumps(settings, sort_keys=True), {})
+        runs = groups.setdefault(settings, {})
         if seed in runs:
             raise ValueError(f"RUN must differ in settings or seed, got {str(runs[seed][0])!r} and {str(folder)!r}")
         runs[seed] = folder, run

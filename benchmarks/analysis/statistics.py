@@ -1,9 +1,10 @@
 """Statistics of the leaderboard: pure functions on arrays.
 
 Runs lie in arrays [... x s x n] of s scenarios and n seeds; axes before these stay. A bootstrap
-resample is a row of counts, the weight of each seed, and `resample` draws all of a bootstrap at
-once. Statistics with the same counts use the same resampled seeds, so policies are compared in
-pairs.
+resample is a row of counts, the weight of each seed. `resample` draws all b - 1 resamples of a
+bootstrap at once, below a first row for the data themselves. A statistic is computed for each row,
+and `interval` turns its draws [b x ...] into an estimate. Statistics with the same counts use the
+same resampled seeds, so policies are compared in pairs.
 
 Scenarios share seeds: seed 7 has the same motion everywhere, so a policy's errors in two scenarios
 are correlated. All scenarios therefore share the resampled seeds. Resampling the seeds of each
@@ -14,7 +15,7 @@ Smaller errors are better. A run that diverged counts with its worst error and i
 NaN is refused.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,10 +62,13 @@ class Estimate:
     high: Array
 
 
-def resample(n: int, seed: int, resamples: int = RESAMPLES) -> Array:
-    """Return the weight of each of n seeds in each of b resamples, [b x n]; each row sums to n."""
+def resample(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> Array:
+    """Return the weight of each of n seeds in the data, and in each resample, [b x n].
+
+    The first row is of the data, all ones. Each row sums to n.
+    """
     n, resamples = check_whole("n", n, low=1), check_whole("resamples", resamples, low=1)
-    return np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples).astype(float)
+    return np.vstack([np.ones(n), np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples)])
 
 
 def mean(runs: ArrayLike, counts: Array) -> Array:
@@ -82,41 +86,36 @@ def geometric_mean(runs: ArrayLike, counts: Array) -> Array:
     return np.exp(mean(np.log(runs), counts))
 
 
-def interval(value: ArrayLike, draws: Array) -> Estimate:
-    """Return a value [...] with the percentile interval of its bootstrap draws [b x ...]."""
-    low, high = np.quantile(draws, (TAIL, 1 - TAIL), axis=0)
-    return Estimate(np.asarray(value)[()], low, high)
+def interval(draws: Array) -> Estimate:
+    """Return the first of some draws [b x ...], with the percentile interval of the others."""
+    low, high = np.quantile(draws[1:], (TAIL, 1 - TAIL), axis=0)
+    return Estimate(draws[0], low, high)
 
 
-def estimate(
-    runs: ArrayLike, counts: Array, statistic: Callable[[ArrayLike, Array], Array] = geometric_mean
-) -> Estimate:
-    """Return a statistic of the runs [... x s x n] with its interval, each [...]."""
-    return interval(statistic(runs, np.ones((1, counts.shape[1])))[0], statistic(runs, counts))
+def wins(a: ArrayLike, b: ArrayLike, counts: Array) -> Array:
+    """Return the share of the runs in which a errs less than b on the same seed, [b x ...].
 
-
-def wins(a: ArrayLike, b: ArrayLike, counts: Array) -> Estimate:
-    """Return the share of the runs in which a errs less than b on the same seed; ties are half."""
-    a, b = np.asarray(a), np.asarray(b)
-    return estimate((a < b) + 0.5 * (a == b), counts, mean)
-
-
-def profile(x: ArrayLike, tau: ArrayLike, counts: Array) -> Estimate:
-    """Return the share of the runs [... x s x n] with an error of at most tau [k], as [... x k].
-
-    This is the performance profile, with a pointwise band.
+    Ties are half.
     """
-    reached = np.asarray(x)[..., None, :, :] <= np.asarray(tau)[:, None, None]
-    return estimate(reached, counts, mean)
+    a, b = np.asarray(a), np.asarray(b)
+    return mean((a < b) + 0.5 * (a == b), counts)
+
+
+def profile(x: ArrayLike, tau: ArrayLike, counts: Array) -> Array:
+    """Return the share of the runs [... x s x n] with an error of at most tau [k], [b x ... x k].
+
+    This is the performance profile.
+    """
+    return mean(np.asarray(x)[..., None, :, :] <= np.asarray(tau)[:, None, None], counts)
 
 
 def ranks(draws: Array) -> Estimate:
     """Return median and interval of each policy's rank over the resamples.
 
     Rank 1 has the smallest number of a draw [b x p], and ties share their mean. Bounds and median
-    are ranks that occurred.
+    are ranks that occurred. The first draw, that of the data, is left out.
     """
-    rank = stats.rankdata(draws, axis=-1)
+    rank = stats.rankdata(draws[1:], axis=-1)
     low, median, high = np.quantile(rank, (TAIL, 0.5, 1 - TAIL), axis=0, method="inverted_cdf")
     return Estimate(median, low, high)
 

@@ -21,6 +21,7 @@ from benchmarks.run.suite import Cell
 from benchmarks.run.traces import FORMATS
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
+from fbl_gym.checks import check_number
 
 # Types of arguments: functions of the text that was typed.
 
@@ -30,6 +31,14 @@ def count(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more, got {text!r}")
     return int(text)
+
+
+def positive(text: str) -> float:
+    """Return a finite number greater than 0."""
+    try:
+        return check_number("", float(text), above=0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a finite number greater than 0, got {text!r}") from None
 
 
 def episodes(text: str) -> int:
@@ -185,7 +194,7 @@ def trust(arguments: argparse.Namespace, *more: str) -> None:
 
     A Python file or module that is typed needs no permission.
     """
-    typed = [getattr(arguments, "policies", ()), getattr(arguments, "policy", ())]
+    typed = [getattr(arguments, name, None) or () for name in ("policies", "policy")]
     names = [name for some in typed for name in ((some,) if isinstance(some, str) else some)]
     for name in (*names, *more) if arguments.trust else ():
         external.trust(name)

@@ -2,7 +2,7 @@
 
 import argparse
 
-from benchmarks.analysis.statistics import estimate, resample, wins
+from benchmarks.analysis.statistics import geometric_mean, interval, resample, wins
 from benchmarks.cli.common import add_policies, console, trust
 from benchmarks.cli.evaluate import add_episodes, write_files
 from benchmarks.policies.spec import resolve_apart
@@ -37,8 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *more, f"errs less than {first}")
     lines = []
     for policy, runs in rows.items():
-        better, mean = wins(errors[policy], errors[first], counts), summarize(runs)
-        error, worst = estimate(errors[policy], counts).value, max(errors[policy][0])
+        better, mean = interval(wins(errors[policy], errors[first], counts)), summarize(runs)
+        error, worst = geometric_mean(errors[policy], counts)[0], max(errors[policy][0])
         numbers = (error, worst, 100 * mean["diverged"], *(mean[name] for name in ("variation", *more)))
         share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})"
         lines.append((policy, *map("{:.3g}".format, numbers), share if policy != first else ""))

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.analysis.curves import Group, read_groups
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.cli.common import add_plot, console
+from benchmarks.cli.common import add_plot, console, positive
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import table
 
@@ -17,7 +17,7 @@ AXES = {"steps": "environment steps", "cpu_s": "processor time [s]"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folders of `fbl-gym train`")
-    parser.add_argument("--reach", type=float, metavar="MRAD", help="also print steps and time to this error")
+    parser.add_argument("--reach", type=positive, metavar="MRAD", help="also print steps and time to this error")
     add_plot(parser, "error against steps and against processor time")
 
 

@@ -56,9 +56,9 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
     for policy in suite.policies if arguments.suite.endswith(".toml") and not arguments.policies else ():
         trust(arguments, str(policy))
         external.expect_trust(str(policy), arguments.suite)
-    suite = narrow(suite, arguments.policies, arguments.scenarios, arguments.seeds)
-    suite = dataclasses.replace(suite, metrics=arguments.metrics)
-    return narrow(suite, (*suite.policies, *arguments.policy)) if arguments.policy else suite
+    policies = (*(arguments.policies or suite.policies), *arguments.policy)
+    suite = narrow(suite, policies, arguments.scenarios, arguments.seeds)
+    return dataclasses.replace(suite, metrics=arguments.metrics)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

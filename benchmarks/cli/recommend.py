@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status: 1 if no policy is safe."""
     if arguments.seeds < 2:
         raise ValueError(f"--seeds must be at least 2 for an interval, got {arguments.seeds}")
-    trust(arguments, *(arguments.policies or ()))
+    trust(arguments)
     policies, run_cells = arguments.policies or recommend.candidates(), partial(run_all, arguments=arguments)
     if arguments.check:
         return _check(arguments, policies, run_cells)
@@ -94,8 +94,9 @@ def _print(result: Recommendation) -> None:
     first = result.choices[0].policy
     for condition, (policy, error, reference) in result.overturned.items():
         screen.print(f"{condition}: {policy} is better, {error:.3g} % against {reference:.3g} % of {first}")
-    for policy, reason in result.failed.items():
-        screen.print(f"without {policy}, which failed: {reason}", markup=False)
+    for reason in dict.fromkeys(result.failed.values()):
+        without = ", ".join(policy for policy, why in result.failed.items() if why == reason)
+        screen.print(f"without {without}: {reason}", markup=False)
     screen.print(f"{RULE}.\nerror: median of the runs of all conditions. delay margin: with exact sensors.")
 
 

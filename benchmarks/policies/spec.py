@@ -8,7 +8,8 @@ The text is one of:
 - "cascade-flm+kalman+predictor", a law composed with parts, also with "@tuned";
 - a law with gains at the end, "cascade-flm@K=30" or "my_law.py@K=30,20@F=10", or with those of a
   file: "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
-- "ppo-memory@3", a shipped agent of one training seed;
+- "ppo-memory@3", a shipped agent of one training seed; "ppo-memory" is that with the smallest
+  validation error, and on a board all of them (`benchmarks.run.suite.members`);
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
 - "./path/to/run", a folder that `fbl-gym train` wrote;
@@ -79,6 +80,7 @@ class PolicySpec:
         configuration: its gains as exact plain data.
         problem: error of its declaration, for which no result can be stored; empty: none.
         trusted: True if it is an archive that may be loaded, see `external.trust`.
+        rows: names of the rows of a board that it is a member of; empty: its own name.
     """
 
     name: str
@@ -94,6 +96,7 @@ class PolicySpec:
     configuration: Mapping[str, Any] = field(default_factory=dict, hash=False)
     problem: str = ""
     trusted: bool = False
+    rows: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def code(self) -> str:
@@ -169,7 +172,7 @@ class PolicySpec:
     def to_dict(self) -> dict[str, Any]:
         """Return the specification as plain data."""
         plain = {**dataclasses.asdict(self), "needs": list(self.needs)}
-        del plain["trusted"]
+        del plain["trusted"], plain["rows"]
         return plain
 
     @classmethod

@@ -103,6 +103,9 @@ def columns(board: Board) -> list[Column]:
         value, low, high = ((scale * np.asarray(x)).tolist() for x in (estimate.value, estimate.low, estimate.high))
         return Column(key, title, meaning, value, low, high, **more)  # type: ignore[arg-type]
 
+    seeds = [f"{size} training seeds" if size > 1 else "" for size in board.sizes]
+    stays = [f"stays in {n} of {len(board.scenarios)}" if n else "" for n in failures]
+    notes = [", ".join(filter(None, pair)) for pair in zip(seeds, stays, strict=True)]
     violation = board.runs["violation_pct"][:, board.main]
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
@@ -112,8 +115,8 @@ def columns(board: Board) -> list[Column]:
             rank, low=ends[0], high=ends[1], form="{:.0f}".format, place="short", ends="range",
         ),
         Column(
-            "policy", "policy", "Name of the policy. Where it failed, it counts as an arm that stays.", board.policies,
-            notes=[f"stays in {n} of {len(board.scenarios)}" if n else "" for n in failures], place="short",
+            "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
+            "failed, it counts as an arm that stays.", board.policies, notes=notes, place="short",
         ),
         *(
             estimated(
@@ -140,8 +143,8 @@ def columns(board: Board) -> list[Column]:
         *(
             [Column(
                 "violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
-                [float(np.nanmean(runs)) if not np.isnan(runs).all() else None for runs in violation], best=-1,
-                form=percent, place="short",
+                [float(np.nanmean(runs)) if not np.isnan(runs).all() else None for runs in board.split(violation)],
+                best=-1, form=percent, place="short",
             )] if not np.isnan(violation).all() else []
         ),
         *(
@@ -177,13 +180,13 @@ def columns(board: Board) -> list[Column]:
         Column(
             "variation", "torque variation kN m/s",
             "Total variation of the torque per second, both joints, median of the runs.",
-            (np.median(board.runs["variation"][:, board.main], axis=(1, 2)) / 1e3).tolist(),
+            [float(np.median(runs)) / 1e3 for runs in board.split(board.runs["variation"][:, board.main])],
         ),
         *(
             Column(
                 f"metric-{metric.name}", metric.name, f"{metric.meaning}: median of the runs {here}.",
                 [float(np.median(runs[~np.isnan(runs)])) if not np.isnan(runs).all() else None
-                 for runs in board.runs[metric.name][:, board.main]], place="table",
+                 for runs in board.split(board.runs[metric.name][:, board.main])], place="table",
             )
             for metric in board.metrics
         ),

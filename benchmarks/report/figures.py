@@ -172,7 +172,7 @@ def _heatmap(title: str, description: str, data: Figure, **axes: Any) -> Figure:
 def profiles(board: Board) -> list[Figure]:
     """Return the performance profile: the share of runs with at most some error."""
     tau = np.geomspace(0.05, 100.0, 60)
-    estimate = statistics.profile(board.errors, tau, board.counts)
+    estimate = statistics.interval(board.average(statistics.profile(board.errors, tau, board.counts)))
     data = _curves(board, tau, estimate)
     text = "Share of all runs with a tracking error of at most the value on the x axis."
     return [_figure("All scenarios", text, data, "tracking error [%]", "share of runs", xaxis=LOG)]
@@ -183,11 +183,11 @@ def pairs(board: Board) -> list[Figure]:
     names = [board.policies[i] for i in board.order]
     share, text = np.full((len(names), len(names)), np.nan), [[""] * len(names) for _ in names]
     for a, i in enumerate(board.order):
+        wins = board.wins(i)
         for b, j in enumerate(board.order):
             if i != j:
-                wins = statistics.wins(board.errors[i], board.errors[j], board.counts)
-                share[a, b] = wins.value
-                text[a][b] = f"{names[a]} against {names[b]}: {wins.value:.2f} ({wins.low:.2f}–{wins.high:.2f})"
+                share[a, b] = wins.value[j]
+                text[a][b] = f"{names[a]} against {names[b]}: {share[a, b]:.2f} ({wins.low[j]:.2f}–{wins.high[j]:.2f})"
     colors = [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]]
     heatmap = {"x": names, "y": names, "z": share, "text": text, "zmax": 1, "colorscale": colors}
     description = "Share of the runs in which the row's policy errs less than the column's on the same seed."

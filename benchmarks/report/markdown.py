@@ -59,7 +59,7 @@ def leaderboard(board: Board, *, short: bool = False) -> str:
 
 def _cell(column: Column, i: int) -> str:
     if column.key == "policy":
-        return code(column.text(i)) + (f" {column.notes[i]}" if column.notes[i] else "")
+        return code(column.text(i)) + (f", {column.notes[i]}" if column.notes[i] else "")
     return plain(column.cell(i)) or "not ranked"
 
 

@@ -63,7 +63,7 @@ def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[s
         "summary": (
             f"{len(board.policies)} policies on {len(board.scenarios)} scenarios with the same {len(board.seeds)} seeds. "
             f"{_tiers(board)}"
-            "Intervals cover 95 %, by a bootstrap over seeds."
+            "Intervals cover 95 %, by a bootstrap over the seeds, and over the training seeds of agents."
             + ("" if statistics.enough(len(board.seeds)) else " Too few episodes to claim a share of diverged runs.")
             + "".join(f" {remark.removesuffix('.')}." for remark in board.remarks)
         ),

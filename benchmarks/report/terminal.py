@@ -42,15 +42,16 @@ def leaderboard(console: Console, board: Board) -> None:
     fit follow in further tables.
     """
     text_width = console.width
-    left = [column for column in columns(board) if column.place != "page" and column.key != "policy"]
+    rank, policy, *left = (column for column in columns(board) if column.place != "page")
+    left = [rank, *left]
     if not console.is_terminal:
-        console.width = max(console.width, _width(console, _board(board, left)))
+        console.width = max(console.width, _width(console, _board(board, policy, left)))
     counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
     title: str | None = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items()) + " each"
     while left:
-        fits = [n for n in range(len(left) + 1) if _width(console, _board(board, left[:n])) <= console.width]
+        fits = [n for n in range(len(left) + 1) if _width(console, _board(board, policy, left[:n])) <= console.width]
         n = max([*fits, 1])
-        table = _board(board, left[:n])
+        table = _board(board, policy, left[:n])
         table.title = title
         console.print(table)
         left, title = left[n:], None
@@ -65,8 +66,8 @@ def _width(console: Console, table: Table) -> int:
     return console.measure(table, options=console.options.update(width=10_000)).maximum
 
 
-def _board(board: Board, selected: Sequence[Column]) -> Table:
-    """Return a table with some columns."""
+def _board(board: Board, policy: Column, selected: Sequence[Column]) -> Table:
+    """Return a table with the policies and some columns."""
     table = Table(title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
     table.add_column("policy", no_wrap=True)
     for column in selected:
@@ -75,7 +76,7 @@ def _board(board: Board, selected: Sequence[Column]) -> Table:
     leaders = [column.leader(board.ranked) for column in selected]
     for i in board.order:
         privileged = not board.specs[i].ranked
-        cells = [escape(f"({board.policies[i]})" if privileged else board.policies[i])]
+        cells = [escape(f"({policy.cell(i)})" if privileged else policy.cell(i))]
         for column, leader in zip(selected, leaders, strict=True):
             best = not privileged and leader is not None and column.values[i] == leader
             text = escape(column.cell(i, brief=True))

@@ -3,15 +3,16 @@
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import controllers
-from benchmarks.policies.external import entry_module
+from benchmarks.policies.external import entry_module, form_of
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_apart
+from benchmarks.rl.policy import best_seed, shipped
 from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
@@ -115,6 +116,45 @@ class Suite:
 
 def _resolved(policy: PolicySpec | str) -> PolicySpec:
     return resolve_apart(policy) if isinstance(policy, str) else policy
+
+
+def training(folder: Path) -> tuple[str, int]:
+    """Return the settings of a run of `fbl-gym train` without the seed, as text, and the seed."""
+    settings = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    seed = settings.pop("seed")
+    return json.dumps(settings, sort_keys=True), seed
+
+
+def members(policies: Iterable[PolicySpec | str]) -> tuple[PolicySpec, ...]:
+    """Return the members of a board's policies, each with its rows.
+
+    The members of a shipped agent are its training seeds, first that with the smallest validation
+    error. Folders of `fbl-gym train` whose settings differ in the seed alone are members of one
+    row, with the name of the first folder without the seed at its end. Any other policy is its only
+    member. NAME and NAME@0 are two rows, both of which have the member NAME@0.
+
+    Raises:
+        ValueError: two folders have the same settings and seed.
+    """
+    rows: dict[str, tuple[PolicySpec, ...]] = {}
+    runs: dict[str, dict[int, PolicySpec]] = {}
+    for spec in dict.fromkeys(map(_resolved, policies)):
+        if spec.name in shipped():
+            seeds = sorted(shipped()[spec.name], key=lambda seed: seed != best_seed(spec.name))
+            rows[spec.name] = tuple(resolve(f"{spec.name}@{seed}") for seed in seeds)
+        elif form_of(spec.name) == "agent" and Path(spec.name, "run.json").is_file():
+            settings, seed = training(Path(spec.name))
+            if (other := runs.setdefault(settings, {}).setdefault(seed, spec)) != spec:
+                raise ValueError(f"runs must differ in settings or seed, got {other.name!r} and {spec.name!r}")
+        else:
+            for row in spec.rows or (spec.name,):
+                rows[row] = (*rows.get(row, ()), spec)
+    for run in runs.values():
+        seed, spec = next(iter(run.items()))
+        name = spec.name.removesuffix(f"-{seed}") if len(run) > 1 else spec.name
+        rows[spec.name if name in rows else name] = tuple(run.values())
+    specs = dict.fromkeys(spec for row in rows.values() for spec in row)
+    return tuple(dataclasses.replace(spec, rows=tuple(row for row in rows if spec in rows[row])) for spec in specs)
 
 
 def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
@@ -225,10 +265,13 @@ def narrow(
     tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
     seeds: int | None = None,
 ) -> Suite:
-    """Return the suite with other policies, scenarios or seeds; empty and None keep its own."""
+    """Return the suite of a board: with the `members` of its policies.
+
+    Policies, scenarios and seeds replace the suite's; empty and None keep these.
+    """
     return dataclasses.replace(
         suite,
-        policies=tuple(map(_resolved, policies)) or suite.policies,
+        policies=members(policies or suite.policies),
         scenarios=expand(tasks) or suite.scenarios,
         seeds=suite.seeds if seeds is None else seeds,
     )

@@ -12,6 +12,7 @@ from rich.console import Console
 import controllers
 from benchmarks import cli
 from benchmarks.analysis import board as analysis_board
+from benchmarks.analysis import statistics
 from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
 from benchmarks.analysis.statistics import diverged_share
 from benchmarks.policies.spec import resolve
@@ -152,6 +153,48 @@ def test_diverged_runs_cost_their_price():
     assert once.diverged.value[2] == 1 / 8
 
 
+def test_a_row_of_several_members_is_their_mean():
+    """Each number against the rows of its members; the intervals against members drawn again."""
+    single = board(families=("nominal", "mass-error-1"), seeds=4)
+    zero, *pair, oracle = single.specs
+    found = dataclasses.replace(single, rows={"zero": (zero,), "pair": tuple(pair), "oracle-flm": (oracle,)})
+    for numbers, expected in (
+        (found.score, single.score),
+        (found.error, single.error),
+        (found.diverged, single.diverged),
+    ):
+        for name in ("value", "low", "high"):
+            np.testing.assert_array_equal(getattr(numbers, name)[::2], getattr(expected, name)[::3])
+    assert found.score.value[1] == pytest.approx(single.score.value[1:3].mean())
+    assert found.error.value[1] == pytest.approx(np.sqrt(single.error.value[1:3].prod()))
+    assert found.effort[1] == pytest.approx(single.effort[1:3].mean())
+    assert found.worst[1] == pytest.approx(single.errors[1:3].max())
+    errors = single.family_errors["mass-error"].value
+    assert found.family_errors["mass-error"].value[1] == pytest.approx(np.sqrt(errors[1:3].prod()))
+    assert found.wins(1).value[0] == pytest.approx((single.wins(1).value[0] + single.wins(2).value[0]) / 2)
+    assert found.error.low[1] <= single.error.value[2] < single.error.value[1] <= found.error.high[1]
+    assert [found.policies[i] for i in found.order] == ["pair", "zero", "oracle-flm"]
+    draws = single.average(statistics.mean(single.errors, single.counts))
+    drawn = [
+        np.repeat(row[1:3], count.astype(int)).mean()
+        for row, count in zip(draws, 2 * found.weights[:, 1:3], strict=True)
+    ]
+    np.testing.assert_allclose(found.average(draws)[:, 1], drawn)
+    assert "| `pair`, 2 training seeds |" in markdown.leaderboard(found)
+
+
+def test_a_member_that_fails_or_lacks_a_result_counts_for_its_row():
+    names = ("oracle-flm", "pid-flm", "cascade-flm")
+    members = [dataclasses.replace(resolve(name), rows=() if name == names[0] else ("pair",)) for name in names]
+    results = [run_cell(Cell(spec, task, (0, 1))) for spec in members for task in ("nominal", "noise-1")]
+    assert assemble(results).policies == ("oracle-flm", "pair")
+    assert assemble(results[:-1], [results[-1].cell]).incomplete == {"pair": "cascade-flm: no result yet for noise-1"}
+    failed = dataclasses.replace(results[-1], rows=(), error="RuntimeError: no")
+    found = assemble([*results[:-1], failed])
+    assert found.failed == {(1, 1): "RuntimeError: no"}
+    np.testing.assert_array_equal(found.errors[1:, 1], found.runs["stay_pct"][1:, 1])
+
+
 def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
     monkeypatch.setattr(analysis_board, "tier_of", lambda name: "surprise" if name == "noise-1" else "hardware")
     found = board(families=("noise-1", "nominal"), seeds=3)
@@ -186,7 +229,7 @@ def test_a_suite_that_does_not_separate_its_best_is_too_easy():
     found = board(families=("nominal",), seeds=4)
     alike = dataclasses.replace(
         found,
-        specs=tuple(dataclasses.replace(found.specs[2], name=f"twin-{i}") for i in range(10)) + found.specs[3:],
+        rows={**{f"twin-{i}": (found.specs[2],) for i in range(10)}, "oracle-flm": (found.specs[3],)},
         runs={name: np.concatenate([values[[2] * 10], values[3:]]) for name, values in found.runs.items()},
         decision_us=np.ones(11),
     )
@@ -233,7 +276,7 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
     assert list(found.failed) == [(1, 1)]
     np.testing.assert_array_equal(found.errors[1, 1], found.runs["stay_pct"][0, 1])
     assert "Count as an arm that stays (needs a sensor of velocity): pid-flm in noise-1." in found.remarks
-    assert "`pid-flm` stays in 1 of 2 |" in markdown.leaderboard(found)
+    assert "`pid-flm`, stays in 1 of 2 |" in markdown.leaderboard(found)
     assert found.diverged.high[1] > found.diverged.high[0]  # fewer runs
 
 

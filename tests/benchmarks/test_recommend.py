@@ -107,6 +107,9 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     assert cli.main([*arguments, "--policies", "zero"]) == 1
     assert "No policy is safe on short" in capsys.readouterr().out
     assert cli.main([*arguments, "--seeds", "1"]) == 2
+    monkeypatch.setattr(recommend, "candidates", lambda: ("pd-gravity",))
+    assert cli.main(arguments) == 0
+    assert "pd-gravity" in capsys.readouterr().out
 
 
 def test_retuned_gains_compete(tmp_path, capsys, monkeypatch):

@@ -1,8 +1,12 @@
 """Suites: their names, files, seeds and scenarios."""
 
+import json
+import shutil
+
 import pytest
 
-from benchmarks.run.suite import SUITES, Suite, load, named, narrow
+from benchmarks.rl.policy import SHIPPED
+from benchmarks.run.suite import SUITES, Suite, load, members, named, narrow
 from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
 
@@ -75,3 +79,29 @@ def test_a_family_stands_for_its_severities_on_both_arms_or_on_one():
 def test_what_is_given_twice_counts_once():
     suite = Suite("twice", ("zero", "zero"), (scenarios.get("nominal"),) * 2, 1)
     assert len(suite.cells) == 1
+
+
+def rows_of(*policies):
+    return {spec.name: spec.rows for spec in members(policies)}
+
+
+def test_an_agent_stands_for_its_training_seeds_on_a_board():
+    """The first has the smallest validation error; a training seed that is asked for has a row too."""
+    agent = "ppo-residual-predictor"
+    rows = rows_of("zero", agent, f"{agent}@2")
+    assert list(rows) == ["zero", f"{agent}@1", f"{agent}@0", f"{agent}@2"]
+    assert rows["zero"] == ("zero",)
+    assert (rows[f"{agent}@0"], rows[f"{agent}@2"]) == ((agent,), (agent, f"{agent}@2"))
+    assert rows_of(*narrow(named("ideal"), [agent], ["nominal"]).policies) == rows_of(agent)
+
+
+def test_folders_of_training_runs_are_grouped_by_their_settings(tmp_path):
+    runs = []
+    for name, settings in (("a-0", {"seed": 0, "steps": 9}), ("a-1", {"seed": 1, "steps": 9}), ("b-1", {"seed": 1})):
+        shutil.copytree(SHIPPED / "sac" / "0", tmp_path / name)
+        (tmp_path / name / "run.json").write_text(json.dumps(settings))
+        runs.append(str(tmp_path / name))
+    assert list(rows_of(*runs).values()) == [(f"{tmp_path}/a",), (f"{tmp_path}/a",), (runs[2],)]
+    (tmp_path / "b-1" / "run.json").write_text(json.dumps({"seed": 1, "steps": 9}))
+    with pytest.raises(ValueError, match=r"runs must differ in settings or seed, got .*a-1' and .*b-1'"):
+        rows_of(*runs)

@@ -102,7 +102,7 @@ def test_an_agent_with_context_needs_the_environment(tmp_path):
         resolve(str(tmp_path)).make(env).predict(observations[:1])
 
 
-AGENTS = ("ppo-context", str(SHIPPED / "ppo-context" / "0"))
+AGENTS = ("ppo-context@0", str(SHIPPED / "ppo-context" / "0"))
 
 
 def test_the_board_does_not_rank_an_agent_with_context():
