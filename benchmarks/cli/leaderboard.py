@@ -16,6 +16,7 @@ from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.apart import Limits, limit
 from benchmarks.report import terminal
+from benchmarks.report.scenes import selected
 from benchmarks.run.cell import Outcome
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
@@ -68,7 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
-    cells, store = suite_of(arguments).cells, Store(arguments.store)
+    suite, store = suite_of(arguments), Store(arguments.store)
+    cells, shown = suite.cells, selected([scenario.name for scenario in suite.scenarios])
     outcomes: list[Outcome] = []
     stopped: KeyboardInterrupt | None = None
     columns = (
@@ -78,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(cells), rate="", failures="")
         try:
-            for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line()):
+            for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line(), traced=shown):
                 outcomes.append(outcome)
                 done = Counter(outcome.done for outcome in outcomes)
                 rate = done["computed"] / (progress.tasks[0].elapsed or math.inf)

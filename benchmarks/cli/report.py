@@ -1,6 +1,7 @@
 """The command `fbl-gym report`."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -11,10 +12,10 @@ from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv
 from benchmarks.report.page import contents, write_page
-from benchmarks.report.scenes import selected
+from benchmarks.report.scenes import scene, selected
+from benchmarks.run.runner import traces
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
-from benchmarks.run.traces import trace_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,15 +43,20 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(arguments.out / "board.md", markdown.leaderboard(board))
     write_csv(arguments.out / "board.csv", results)
     tasks = {result.cell.scenario.name: result.cell.scenario for result in results}
-    traces = [
-        {
-            board.policies[i]: trace_of(Cell(board.specs[i], tasks[name], board.seeds[:1]), store)
+    moving = {
+        name: {
+            board.policies[i]: Cell(board.specs[i], tasks[name], board.seeds[:1])
             for i in board.order
             if (i, board.scenarios.index(name)) not in board.failed
         }
         for name in selected(board.scenarios)
+    }
+    stored = traces([cell for cells in moving.values() for cell in cells.values()], store, os.cpu_count() or 1)
+    scenes = [
+        scene(tasks[name], board.seeds[0], {policy: stored[cell.id] for policy, cell in cells.items()})
+        for name, cells in moving.items()
     ]
-    write_page(arguments.out / "board.html", contents(board, results, traces, command_line()))
+    write_page(arguments.out / "board.html", contents(board, results, scenes, command_line()))
     if arguments.readme is not None:
         text = arguments.readme.read_text(encoding="utf-8")
         write_text(arguments.readme, markdown.replace_between(text, markdown.leaderboard(board, short=True)))

@@ -1,8 +1,6 @@
 """The command `fbl-gym sweep`: the error over the values of one or two options."""
 
 import argparse
-import csv
-import io
 import itertools
 import sys
 from pathlib import Path
@@ -13,7 +11,7 @@ from rich.progress import track
 
 from benchmarks.cli.common import add_metrics, add_plot, add_run, add_scenario, command_line, count, policy_name, trust
 from benchmarks.cli.names import options
-from benchmarks.files import write_text
+from benchmarks.report.export import csv_file
 from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines, plot_maps
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
@@ -78,18 +76,14 @@ def run(arguments: argparse.Namespace) -> int:
         if outcome.error:
             failed += 1
             print(f"fbl-gym: {outcome.id} failed: {outcome.error}", file=sys.stderr)
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["policy", *names, "seed", *cells[0].columns])
     curves: dict[str, list[np.ndarray]] = {}
-    for i, cell in enumerate(cells):
-        result, point = store.find(cell), points[i // (len(cells) // len(points))]
-        runs = result.rows if result else ()
-        for seed, metrics in zip(cell.seeds, runs, strict=False):
-            rows.writerow([cell.policy.name, *point, seed, *map("{:.7g}".format, metrics.values())])
-        band = np.quantile(counted_errors(runs), QUANTILES) if runs else np.full(3, np.nan)
-        curves.setdefault(cell.policy.name, []).append(band)
-    write_text(arguments.out, text.getvalue())
+    with csv_file(arguments.out, ("policy", *names), cells[0].columns) as append:
+        for i, cell in enumerate(cells):
+            band = np.full(3, np.nan)
+            if (result := store.find(cell)) is not None:
+                append((cell.policy.name, *points[i // (len(cells) // len(points))]), result)
+                band = np.quantile(counted_errors(result.rows), QUANTILES)
+            curves.setdefault(cell.policy.name, []).append(band)
     path = arguments.plot or arguments.out.with_suffix(".png")
     title = f"Error on {arguments.scenario}, {arguments.seeds} seeds"
     bands = {policy: np.array(bands) for policy, bands in curves.items()}

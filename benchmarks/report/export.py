@@ -1,12 +1,14 @@
 """Results as rows: CSV, Parquet, and questions in SQL."""
 
+import contextlib
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.files import write_text
+from benchmarks.files import replacing
 from benchmarks.run.current import current_keys, current_runs
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
@@ -16,13 +18,6 @@ COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 
 APART = ("key", "current", "seeds", "code", "time")
 """Columns that only the table `all_results` has."""
-
-
-def rows(results: Iterable[Result]) -> Iterator[dict[str, Any]]:
-    """Yield one row for each policy, scenario and seed."""
-    for result in results:
-        for i in range(len(result.rows)):
-            yield _row(result, i)
 
 
 def _row(result: Result, i: int) -> dict[str, Any]:
@@ -36,18 +31,41 @@ def _columns(results: Sequence[Result]) -> list[str]:
     return [*COLUMNS, *dict.fromkeys(metric.name for result in results for metric in result.cell.metrics)]
 
 
-def _short(row: dict[str, Any]) -> dict[str, Any]:
-    return {name: f"{value:.7g}" if isinstance(value, float) else value for name, value in row.items()}
+@contextlib.contextmanager
+def csv_file(path: Path, columns: Sequence[str], metrics: Sequence[str]) -> Iterator[Callable[..., None]]:
+    """Yield a function `append(values, result)` that writes the runs of a result to a CSV file.
+
+    Numbers have seven digits; the store has all digits. One result at a time needs memory.
+
+    Args:
+        path: of the file, which is complete or absent.
+        columns: names of the `values`, which come before the seed.
+        metrics: the metrics that follow the seed.
+    """
+    with replacing(path) as beside, beside.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*columns, "seed", *metrics])
+
+        def append(values: Sequence[Any], result: Result) -> None:
+            text = io.StringIO()
+            csv.writer(text, lineterminator="").writerow(values)
+            known = set(result.cell.columns)
+            form = ",".join(
+                [text.getvalue().replace("%", "%%"), "%d", *("%.7g" if m in known else "" for m in metrics)]
+            )
+            numbers = operator.itemgetter(*(m for m in metrics if m in known))
+            pairs = zip(result.cell.seeds, result.rows, strict=False)  # a failed cell has no rows
+            file.writelines(form % (seed, *numbers(row)) + "\n" for seed, row in pairs)
+
+        yield append
 
 
-def write_csv(path: Path, results: Iterable[Result]) -> None:
-    """Write the rows as CSV, with seven digits of each number; the store has all digits."""
-    text = io.StringIO()
-    stored = list(results)
-    writer = csv.DictWriter(text, _columns(stored), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(map(_short, rows(stored)))
-    write_text(path, text.getvalue())
+def write_csv(path: Path, results: Sequence[Result]) -> None:
+    """Write all runs as CSV."""
+    with csv_file(path, COLUMNS[:3], _columns(results)[4:]) as append:
+        for result in results:
+            task = result.cell.scenario
+            append((result.cell.policy.name, task.name, f"{task.control_dt:.7g}"), result)
 
 
 def query(

@@ -21,8 +21,6 @@ from benchmarks.files import write_text
 from benchmarks.report import figures
 from benchmarks.report.columns import Column, Value, columns
 from benchmarks.report.figures import DASHES, MARKS, style
-from benchmarks.report.scenes import scene
-from benchmarks.run.rollout import Trace
 from benchmarks.run.store import Result
 
 DIGITS = 5
@@ -45,7 +43,7 @@ _SECTIONS: dict[str, tuple[Callable[[Board], list[figures.Figure]], str, str]] =
 """The figures of each section, its title, and the text below the title."""
 
 
-def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[str, Trace]], command: str) -> Any:
+def contents(board: Board, results: Sequence[Result], scenes: Sequence[Mapping[str, Any]], command: str) -> Any:
     """Return the page's content, by name.
 
     `policies` and `summaries` are in the order of the columns' entries, `order` has the best policy
@@ -54,7 +52,7 @@ def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[s
     Args:
         board: of the page.
         results: those of the board's cells, for their provenance.
-        traces: of each moving arm: of one seed, by policy.
+        scenes: the moving arms, from `scene`.
         command: that wrote the page.
     """
     latest = max(results, key=lambda result: result.provenance.get("time", ""))
@@ -81,7 +79,7 @@ def contents(board: Board, results: Sequence[Result], traces: Sequence[Mapping[s
         "ranked": [board.policies[i] for i in board.ranked],
         "columns": columns(board),
         "figures": {name: draw(board) for name, (draw, _, _) in _SECTIONS.items()},
-        "scenes": [scene(group) for group in traces],
+        "scenes": list(scenes),
     }
 
 
@@ -110,7 +108,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> None:
         "PLOTLY": get_plotlyjs(),
         # In a script element only "<" could end it; JSON reads the escaped character as the same.
         "DATA": json.dumps(
-            _plain({"figures": drawn, "scenes": page["scenes"]}), ensure_ascii=False, allow_nan=False
+            {"figures": _plain(drawn), "scenes": page["scenes"]}, ensure_ascii=False, allow_nan=False
         ).replace("<", "\\u003c"),
     }
     template = resources.files("benchmarks.report").joinpath("page.html").read_text(encoding="utf-8")

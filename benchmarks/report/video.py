@@ -8,7 +8,6 @@ import imageio_ffmpeg
 import numpy as np
 
 from benchmarks.files import replacing
-from benchmarks.report.scenes import first_of
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
 from fbl_gym.arm import ArmParameters, joint_positions
@@ -51,9 +50,23 @@ def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size:
         writer.close()
 
 
+def _first_of(traces: Mapping[str, Trace]) -> Trace:
+    """Return the first of some traces; all must be of one scenario and the same seeds."""
+    if not traces:
+        raise ValueError("traces must have at least one trace, got none")
+    first = next(iter(traces.values()))
+    for policy, trace in traces.items():
+        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
+            raise ValueError(
+                f"traces must be of one scenario and the same seeds, got {first.scenario.name!r} with seeds {first.seeds} "
+                f"and, for {policy}, {trace.scenario.name!r} with seeds {trace.seeds}"
+            )
+    return first
+
+
 def film(traces: Mapping[str, Trace], fps: float, *, lane: int = 0, size: int = 480) -> Iterator[Frame]:
     """Yield the frames of `write_video`, one for each 1 / fps seconds of the episode."""
-    first = first_of(traces)
+    first = _first_of(traces)
     if not 0 <= lane < len(first.seeds):
         raise ValueError(f"lane must be one of the {len(first.seeds)} seeds' places, counted from 0, got {lane}")
     scenes = [Scene(name, trace, lane) for name, trace in traces.items()]

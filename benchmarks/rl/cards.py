@@ -31,7 +31,8 @@ def page() -> str:
 What was each agent trained on, with which budget, and where does it fail? The numbers are those of its `agent.json`,
 in `benchmarks/rl/agents/NAME/TRAINING_SEED`, which also has all hyperparameters.
 The steps are those until the best validation. `NAME` is the agent of the training seed with the smallest validation
-error, `NAME@SEED` that of another one. The command is that of `NAME`. [Learning agents](rl.md) compares the agents.
+error, and on the board the mean over all; `NAME@SEED` is that of one. The command is that of `NAME`.
+[Learning agents](rl.md) compares the agents.
 
 All agents are multilayer perceptrons in plain NumPy files, under the MIT licence. They are made for this simulated
 arm: none has moved a real one. `python -m benchmarks.rl.cards > docs/agents.md` writes this page.

@@ -4,6 +4,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from benchmarks.policies import external
 from benchmarks.policies.apart import Failed, Limits, call_apart, limits, reason_of
 from benchmarks.policies.spec import PolicySpec
@@ -12,7 +14,11 @@ from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, rollout, rollout_trials
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.run.suite import Cell
+from benchmarks.run.traces import save_trace
 from fbl_gym import Scenario
+
+BATCH = 1000
+"""Largest number of seeds that run at once. It limits the memory of a cell with many seeds."""
 
 
 @dataclass(frozen=True)
@@ -32,46 +38,58 @@ class Outcome:
     error: str = ""
 
 
-def run_cell(cell: Cell, command: str = "") -> Result:
+def run_cell(cell: Cell, command: str = "", store: Store | None = None) -> Result:
     """Run one cell in this process and return its result, or its error where the policy fails.
 
-    `command` is the command that was typed, for the record.
+    Args:
+        cell: to be run.
+        command: the command that was typed, for the record.
+        store: for the trace of the first seed; None: it is not stored.
     """
     from threadpoolctl import threadpool_limits
 
     begin = time.perf_counter()
+    rows: list[dict[str, float]] = []
+    decisions: list[float] = []
+    kept: Trace | None = None
     try:
         if cell.policy.problem:
             raise ValueError(cell.policy.problem)
         with external.watch() as reads, threadpool_limits(1):
-            trace = rollout(cell.policy, cell.scenario, cell.seeds)
+            for first in range(0, len(cell.seeds), BATCH):
+                trace = rollout(cell.policy, cell.scenario, cell.seeds[first : first + BATCH])
+                rows += measure(trace, more=cell.metrics)
+                decisions.append(1e6 * trace.decision_time)
+                kept = kept or trace
         cell.policy.check(reads)
-        rows, decision = tuple(measure(trace, more=cell.metrics)), 1e6 * trace.decision_time
     except (Exception, SystemExit) as problem:  # an external policy may raise anything, and other cells must not suffer
         return Result.failure(cell, reason_of(problem), time.perf_counter() - begin, command)
-    return Result(cell, rows, decision, time.perf_counter() - begin, provenance=provenance(command))
+    if store is not None and kept is not None:
+        save_trace(cell, kept, rows[0]["error_pct"], store)
+    decision, wall = float(np.median(decisions)), time.perf_counter() - begin
+    return Result(cell, tuple(rows), decision, wall, provenance=provenance(command))
 
 
-def compute(cell: Cell, store: Store, command: str, workers: int = 1) -> Outcome:
-    """Run a cell and write its result into the store, unless it is there.
+def compute(cell: Cell, store: Store, command: str, workers: int = 1, traced: bool = False) -> Outcome:
+    """Run a cell and write its result, and perhaps a trace, into the store, unless it is there.
 
     With one worker, a built-in policy runs in this process.
     """
     if store.find(cell) is not None:
         return Outcome(cell.id, "found")
     apart = workers > 1 or cell.policy.external or external.has_loaded() or limits() != Limits()
-    result = run_apart(cell, command) if apart else run_cell(cell, command)
+    result = (run_apart if apart else run_cell)(cell, command, store if traced else None)
     store.save(result)
     return Outcome(cell.id, "failed" if result.error else "computed", result.wall_s, result.error)
 
 
-def run_apart(cell: Cell, command: str = "") -> Result:
+def run_apart(cell: Cell, command: str = "", store: Store | None = None) -> Result:
     """Run a cell as `run_cell` does, in a process that only its policy uses."""
     begin = time.perf_counter()
     owner = cell.policy.name if cell.policy.external else ""
     try:
         function = "run_checked" if owner else "run_cell"
-        result: Result = call_apart(owner, f"benchmarks.run.cell:{function}", cell, command)
+        result: Result = call_apart(owner, f"benchmarks.run.cell:{function}", cell, command, store)
     except (Failed, ValueError) as problem:
         return Result.failure(cell, str(problem), time.perf_counter() - begin, command)
     return result
@@ -93,8 +111,8 @@ def trials_apart(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], t
     return traces
 
 
-def run_checked(cell: Cell, command: str) -> Result:
+def run_checked(cell: Cell, command: str, store: Store | None) -> Result:
     """Run a cell of an external policy, unless the policy breaks a promise on its scenario."""
     if not cell.policy.problem and (reason := broken(cell.policy, cell.scenario)):
         return Result.failure(cell, reason, command=command)
-    return run_cell(cell, command)
+    return run_cell(cell, command, store)

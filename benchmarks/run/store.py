@@ -8,6 +8,7 @@ cluster's shared file system too. A result that is there is not computed again.
 import contextlib
 import dataclasses
 import datetime
+import functools
 import hashlib
 import json
 import math
@@ -85,10 +86,16 @@ def provenance(command: str) -> dict[str, Any]:
     return {
         "command": command,
         "python": platform.python_version(),
-        "packages": {name: metadata.version(name) for name in PACKAGES},
+        "packages": _versions(),
         "machine": f"{platform.node()}, {platform.machine()} {platform.system()}, {os.cpu_count()} cores",
         "time": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
     }
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    """Return the versions of the packages, once for a process: reading them takes milliseconds."""
+    return {name: metadata.version(name) for name in PACKAGES}
 
 
 @dataclass(frozen=True)
@@ -139,13 +146,12 @@ class Store:
     def find(self, cell: Cell) -> Result | None:
         """Return the result of a cell, or None; a damaged one is moved aside, with a warning."""
         path = self.path(cell)
-        result = self._read(path) if path.exists() else None
-        return result and dataclasses.replace(result, cell=cell)
+        return self._read(path, cell) if path.exists() else None
 
     def find_failure(self, cell: Cell) -> Result | None:
         """Return the result of a cell that failed when it last ran, or None."""
         try:
-            return dataclasses.replace(self.load(self.path(cell).with_suffix(".error")), cell=cell)
+            return self.load(self.path(cell).with_suffix(".error"), cell)
         except (OSError, Damaged):
             return None
 
@@ -159,10 +165,10 @@ class Store:
         """Return the files of the results, sorted."""
         return sorted(path for path in self.folder.glob("*--*.json") if not path.name.startswith("."))
 
-    def _read(self, path: Path) -> Result | None:
+    def _read(self, path: Path, cell: Cell | None = None) -> Result | None:
         """Return the result in a file; None if it is of another format, or damaged and moved."""
         try:
-            result = self.load(path)
+            result = self.load(path, cell)
             if (right := self.path(result.cell)).name != path.name:
                 raise Damaged(f"{path} is damaged (it holds the result {right.name})")
             return result
@@ -177,8 +183,12 @@ class Store:
                 warnings.warn(text, stacklevel=3)
             return None
 
-    def load(self, path: Path) -> Result:
+    def load(self, path: Path, cell: Cell | None = None) -> Result:
         """Return the result in a file of a store, or in a copy of one.
+
+        Args:
+            path: of the file.
+            cell: of the result; None: the one that the file describes.
 
         Raises:
             OtherFormat: another version of fbl-gym wrote the file.
@@ -190,12 +200,14 @@ class Store:
                 raise OtherFormat(f"{path} has format {document.get('format')}, this version reads {FORMAT}")
             if document.pop("sha256") != _digest(document):
                 raise ValueError("its checksum is wrong")
-            metrics = tuple(Metric(**metric) for metric in document.get("metrics", ()))
-            cell = Cell(
-                PolicySpec.from_dict(document["policy"]), document["scenario"], tuple(document["seeds"]), metrics
-            )
-            if cell.key != document["key"]:
-                raise ValueError("its key is not that of its content")
+            if cell is None:
+                metrics = tuple(Metric(**metric) for metric in document.get("metrics", ()))
+                policy = PolicySpec.from_dict(document["policy"])
+                cell = Cell(policy, document["scenario"], tuple(document["seeds"]), metrics)
+                if cell.key != document["key"]:
+                    raise ValueError("its key is not that of its content")
+            elif cell.key != document["key"]:
+                raise ValueError(f"it holds the result {document['id']} with the key {document['key']}")
             columns = document["rows"]
             if set(columns) != set(cell.columns):
                 others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
@@ -215,7 +227,7 @@ class Store:
 
 
 def _file_part(text: str) -> str:
-    return re.sub(r"[^\w@.-]+", "_", text)
+    return re.sub(r"[^\w@.-]+", "_", text).lstrip(".")  # a hidden file would not be listed
 
 
 def _document(result: Result) -> dict[str, Any]:

@@ -1,38 +1,60 @@
 """Traces: stored beside the results for the report's moving arms, or written for other programs."""
 
 import dataclasses
+import json
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.files import replacing
-from benchmarks.run.cell import trace_apart
+from benchmarks.files import replacing, write_text
 from benchmarks.run.rollout import Trace
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
+from fbl_gym.arm import Array
 
-_ARRAYS = (
-    "time", "position", "velocity", "reference", "torque", "disturbance", "alive", "payload", "lengths", "event_times",
-)  # fmt: skip
+POINTS = 201
+"""Largest number of samples of a stored trace: the start and 200 steps."""
 
 
-def trace_of(cell: Cell, store: Store) -> Trace:
-    """Return the trace of a cell; run the cell and store its trace if the store lacks it.
+def trace_path(cell: Cell, store: Store) -> Path:
+    """Return the place of the trace of a cell's first seed; cells that share the seed share it."""
+    return store.path(dataclasses.replace(cell, seeds=cell.seeds[:1], metrics=())).with_suffix(".trace")
 
-    Args:
-        cell: Cell, whose policy must not fail.
-        store: Store of results and traces.
+
+def save_trace(cell: Cell, trace: Trace, error_pct: float, store: Store) -> None:
+    """Write the trace of a cell's first seed with few samples and digits: a page has hundreds."""
+    samples = slice(0, None, math.ceil((len(trace.time) - 1) / (POINTS - 1)))
+    alive = trace.alive[:, 0]
+    signals = {
+        "time": trace.time,
+        "lengths": trace.lengths[0],
+        "reference": trace.reference[:, 0],
+        "disturbance": trace.disturbance[:, 0],
+        "position": np.where(alive[:, None], trace.position[:, 0], np.nan),
+        "torque": np.where(alive[:, None], trace.torque[:, 0], np.nan),
+    }
+    thinned = {name: _short(signal if name == "lengths" else signal[samples].T) for name, signal in signals.items()}
+    diverged = math.nan if alive.all() else trace.time[np.argmin(alive)]
+    ends = dict(zip(("error_pct", "diverged"), _short(np.array([error_pct, diverged])), strict=True))
+    write_text(trace_path(cell, store), json.dumps({**thinned, **ends}, separators=(",", ":")) + "\n")
+
+
+def load_trace(cell: Cell, store: Store) -> dict[str, Any]:
+    """Return the stored trace of a cell's first seed as plain data, None where it diverged.
+
+    Time and `diverged`, the time at which the run diverged or None, are in s, `lengths` in m.
+    `reference`, `position`, `torque` and `disturbance` are [2 x k], in rad and N m.
     """
-    path = store.path(cell).with_suffix(".npz")
-    if not path.exists():
-        trace = dataclasses.replace(trace_apart(cell.policy, cell.scenario, cell.seeds), watched={})
-        arrays = {name: getattr(trace, name) for name in _ARRAYS}
-        with replacing(path) as beside:
-            np.savez_compressed(beside, decision_time=trace.decision_time, **arrays)
-    with np.load(path, allow_pickle=False) as file:
-        arrays = {name: file[name] for name in _ARRAYS}
-        return Trace(scenario=cell.scenario, seeds=cell.seeds, decision_time=float(file["decision_time"]), **arrays)
+    trace: dict[str, Any] = json.loads(trace_path(cell, store).read_text(encoding="utf-8"))
+    return trace
+
+
+def _short(values: Array) -> Any:
+    if values.ndim > 1:
+        return [_short(row) for row in values]
+    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
 SIGNALS = {

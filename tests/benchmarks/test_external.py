@@ -58,9 +58,9 @@ def test_a_policy_that_patches_the_package_changes_no_other_row_that_is_shown(tm
     script = (
         "import sys; from pathlib import Path; from benchmarks import cli; from benchmarks.run.suite import Cell; "
         "from benchmarks.policies.spec import resolve_apart; from benchmarks.run.store import Store; "
-        "from benchmarks.run.traces import trace_of; import numpy; store = Store(Path('store')); "
-        "traces = [trace_of(Cell(resolve_apart(p), 'nominal', (0,)), store) for p in ('patches.py', 'zero', 'pd-gravity')]; "
-        "print([round(float(abs(trace.position).max()), 3) for trace in traces], numpy.geterr()['divide']); "
+        "from benchmarks.run.runner import traces; import numpy; store = Store(Path('store')); "
+        "cells = [Cell(resolve_apart(p), 'nominal', (0,)) for p in ('patches.py', 'zero', 'pd-gravity')]; "
+        "print([float(numpy.abs(t['position']).max()) for t in traces(cells, store).values()], numpy.geterr()['divide']); "
         "cli.main(['compare', 'patches.py', 'pd-gravity', '--seeds', '1'])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)

@@ -16,14 +16,15 @@ from benchmarks.analysis.board import assemble
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.report.figures import degradation
 from benchmarks.report.page import contents, write_page
-from benchmarks.report.scenes import POINTS, scene
-from benchmarks.run import traces
+from benchmarks.report.scenes import scene
+from benchmarks.run import runner
 from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
+from benchmarks.run.runner import run, traces
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
-from benchmarks.run.traces import trace_of
+from benchmarks.run.traces import POINTS, load_trace, trace_path
 from fbl_gym import scenarios
 
 POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm-ls", "oracle-flm")
@@ -50,11 +51,13 @@ def data(board, tmp_path_factory):
     """Contents of a page of six policies on two families, with a title that could end its script."""
     results = [run_cell(Cell("zero", short("nominal"), SEEDS))]
     store = Store(tmp_path_factory.mktemp("store"))
-    kept = [
-        {board.policies[i]: trace_of(Cell(board.policies[i], short(s), SEEDS[:1]), store) for i in board.order}
-        for s in SCENARIOS
-    ]
-    page = contents(board, results, kept, "pytest")
+    moving = []
+    for name in SCENARIOS:
+        for policy in board.policies:
+            run_cell(Cell(policy, short(name), SEEDS[:1]), store=store)
+        runs = {board.policies[i]: load_trace(Cell(board.policies[i], short(name), SEEDS), store) for i in board.order}
+        moving.append(scene(short(name), 0, runs))
+    page = contents(board, results, moving, "pytest")
     return {**page, "title": "fbl-gym leaderboard </script><b>"}
 
 
@@ -94,37 +97,50 @@ def test_a_policy_cannot_put_markup_into_the_page(data, tmp_path):
     assert "<img" not in (tmp_path / "index.html").read_text(encoding="utf-8").split("* plotly.js")[0]
 
 
-def test_a_scene_is_one_lane_of_its_traces(data):
+def test_a_scene_is_the_first_lane_of_its_traces(data):
     stored = data["scenes"][SCENARIOS.index("disturbance-3")]
     trace = rollout("pd-gravity", short("disturbance-3"), SEEDS)
     (run,) = [run for run in stored["runs"] if run["policy"] == "pd-gravity"]
     assert (stored["scenario"], stored["seed"]) == ("disturbance-3", 0)
     assert len(stored["time"]) <= POINTS
-    assert run["error_pct"] == measure(trace)[0]["error_pct"]
+    assert run["error_pct"] == pytest.approx(measure(trace)[0]["error_pct"], rel=1e-4)
     for signal, expected in (
         (run["position"], trace.position),
         (run["torque"], trace.torque),
         (stored["reference"], trace.reference),
         (stored["disturbance"], trace.disturbance),
     ):
-        np.testing.assert_array_equal(np.transpose(signal), expected[:, 0])
+        np.testing.assert_allclose(np.transpose(signal), expected[:, 0], rtol=1e-4)
     np.testing.assert_array_equal(stored["lengths"], [0.7, 0.5])
     (still,) = [run for run in stored["runs"] if run["policy"] == "zero"]
     zero = rollout("zero", short("disturbance-3"), SEEDS)
     assert (still["diverged"] is None) == bool(zero.alive[-1, 0])
-    with pytest.raises(ValueError, match="traces must be of one scenario and the same seeds"):
-        scene({"one": trace, "other": rollout("zero", short("nominal"), SEEDS)})
 
 
-def test_a_trace_is_kept_in_the_store(tmp_path, monkeypatch):
-    cell, store = Cell("pd-gravity", short("mass-error-2"), SEEDS[:2]), Store(tmp_path)
-    first = trace_of(cell, store)
-    assert store.files() == []  # a trace is no result
-    monkeypatch.setattr(traces, "trace_apart", lambda *_: pytest.fail("it was run again"))
-    second = trace_of(cell, store)
-    for name in ("time", "position", "velocity", "reference", "torque", "disturbance", "alive", "lengths"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-    assert (first.scenario, first.seeds, first.decision_time) == (second.scenario, second.seeds, second.decision_time)
+def test_a_diverged_run_stays_without_position_and_torque(tmp_path):
+    store = Store(tmp_path)
+    cell = Cell("zero", short("nominal").replace(limits={"position": 9.0, "velocity": 1.0}), SEEDS)
+    result, trace = run_cell(cell, store=store), load_trace(cell, store)
+    assert result.rows[0]["diverged"] == 1.0
+    assert trace["error_pct"] == pytest.approx(result.rows[0]["error_pct"], rel=1e-4)
+    assert [position is None for position in trace["position"][0]] == [
+        time >= trace["diverged"] for time in trace["time"]
+    ]
+    assert None not in trace["reference"][0]
+
+
+def test_a_run_of_cells_stores_their_traces_and_the_page_runs_none_again(tmp_path, monkeypatch):
+    cells, store = (
+        [Cell("pd-gravity", short(s).replace(duration=0.1), SEEDS[:2]) for s in SCENARIOS[:2]],
+        Store(tmp_path),
+    )
+    assert [outcome.done for outcome in run(cells, store, traced=SCENARIOS[:1])] == ["computed"] * 2
+    assert len(store.files()) == 2  # a trace is no result
+    (absent,) = [cell for cell in cells if not trace_path(cell, store).exists()]
+    assert absent.scenario.name == SCENARIOS[1]
+    first = traces([*cells, *cells], store)
+    monkeypatch.setattr(runner, "run_apart", lambda *_: pytest.fail("it was run again"))
+    assert traces(cells, store) == first
 
 
 @pytest.fixture(scope="module")

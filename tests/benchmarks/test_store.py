@@ -49,6 +49,13 @@ def test_a_finished_cell_is_found_and_not_run_again(tmp_path, monkeypatch):
     assert {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()} == before
 
 
+def test_the_result_of_a_relative_path_is_listed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("law.py").write_text("from controllers import Zero as make_policy\n")
+    store = Store(tmp_path / "store")
+    assert not store.path(cells(["./law.py"], families=["noise-1"])[0]).name.startswith(".")
+
+
 def test_a_stored_result_is_what_was_measured(tmp_path):
     (cell,) = cells(["cascade-flm"], families=["noise-1"])
     fresh = run_cell(cell)
@@ -135,6 +142,14 @@ def test_a_file_of_another_format_is_left_alone(tmp_path):
     old.write_text(json.dumps({"id": "zero/nominal", "rows": {}}))
     assert len(list(Store(tmp_path).results())) == len(cells(["zero"]))
     assert old.is_file()
+
+
+def test_a_cell_runs_many_seeds_in_batches(monkeypatch):
+    cell = cells(["robust-flm"])[0]
+    whole = run_cell(cell)
+    monkeypatch.setattr(cell_module, "BATCH", 2)
+    for one, two in zip(run_cell(cell).rows, whole.rows, strict=True):
+        np.testing.assert_allclose(list(one.values()), list(two.values()), rtol=1e-12)
 
 
 @pytest.mark.parametrize("change", ["added", "removed"])
