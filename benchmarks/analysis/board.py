@@ -125,7 +125,8 @@ class Board:
 
     def average(self, draws: Array) -> Array:
         """Return the mean of draws [b x m x ...] over each policy's members, [b x p x ...]."""
-        weights = self.weights.reshape(*self.weights.shape, *[1] * (draws.ndim - 2))
+        weights = self.weights[: len(draws)]
+        weights = weights.reshape(*weights.shape, *[1] * (draws.ndim - 2))
         return np.add.reduceat(weights * draws, self._starts, axis=1)
 
     @cached_property
@@ -288,6 +289,8 @@ class Board:
         """Metrics of each scenario with events: the mean over the runs that did not diverge [p]."""
         names = ("recovery_s", "recovery_rad_s", "unrecovered_pct", "diverged")
         places = np.flatnonzero(np.isfinite(self.runs["recovery_s"]).any(axis=(0, 2)))
+        if not len(places):
+            return {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a policy whose runs all diverged has NaN
             means = {x: self.average(np.nanmean(self.runs[x], axis=-1)[None])[0] for x in names}

@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
     suite, store = suite_of(arguments), Store(arguments.store)
-    cells, shown = suite.cells, selected([scenario.name for scenario in suite.scenarios])
+    cells, traced = suite.cells, selected([scenario.name for scenario in suite.scenarios])
     outcomes: list[Outcome] = []
     stopped: KeyboardInterrupt | None = None
     columns = (
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(cells), rate="", failures="")
         try:
-            for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line(), traced=shown):
+            for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line(), traced=traced):
                 outcomes.append(outcome)
                 done = Counter(outcome.done for outcome in outcomes)
                 rate = done["computed"] / (progress.tasks[0].elapsed or math.inf)
@@ -92,7 +92,12 @@ def run(arguments: argparse.Namespace) -> int:
             stopped = stop
     results = results_of(cells, store, outcomes)
     if any(result.rows for result in results):
-        terminal.leaderboard(console(), assemble(results))
+        try:
+            terminal.leaderboard(console(), assemble(results, cells))
+        except ValueError as problem:
+            if stopped is None:
+                raise
+            print(f"fbl-gym: {problem}", file=sys.stderr)  # no policy is complete yet
         print(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
     if stopped is not None:
         place = f"{len(results)} of {len(cells)} cells in {arguments.store}"
@@ -103,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def counts(error: str) -> bool:
     """Return True if an error counts as a failure. An absent extra or sensor does not."""
-    return bool(error) and not error.startswith("DependencyNotInstalled") and "needs a sensor of" not in error
+    return bool(error) and "DependencyNotInstalled" not in error and "needs a sensor of" not in error
 
 
 def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] = ()) -> list[Result]:

@@ -55,6 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     scenes = [
         scene(tasks[name], board.seeds[0], {policy: stored[cell.id] for policy, cell in cells.items()})
         for name, cells in moving.items()
+        if cells
     ]
     write_page(arguments.out / "board.html", contents(board, results, scenes, command_line()))
     if arguments.readme is not None:

@@ -27,16 +27,20 @@ def over(text: str) -> Over:
     """Return an option and its values; an argument's type."""
     path, _, values = text.partition("=")
     try:
-        if ":" not in values:
-            return path, "linear", [float(value) for value in values.split(",")]
-        low, high, scale, number = values.split(":")
-        ends = float(low), float(high), count(number)
-        points = {"log": lambda: np.geomspace(*ends), "lin": lambda: np.linspace(*ends)}[scale]()
-        return path, scale.replace("lin", "linear"), [float(f"{value:.6g}") for value in points]
+        if ":" in values:
+            low, high, scale, number = values.split(":")
+            ends = float(low), float(high), count(number)
+            points = {"log": lambda: np.geomspace(*ends), "lin": lambda: np.linspace(*ends)}[scale]().tolist()
+        else:
+            scale, points = "lin", [float(value) for value in values.split(",")]
     except (ValueError, KeyError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(
             f"must be such as noise.position=1e-4:1e-2:log:9, actuator.delay=0:0.03:lin:4 or arm.m2=2,4,6, got {text!r}"
         ) from None
+    points = [float(f"{point:.6g}") for point in points]
+    if len(set(points)) < len(points):
+        raise argparse.ArgumentTypeError(f"must have values that differ in their first six digits, got {text!r}")
+    return path, scale.replace("lin", "linear"), points
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ The text is one of:
 - "cascade-flm+kalman+predictor", a law composed with parts, also with "@tuned";
 - a law with gains at the end, "cascade-flm@K=30" or "my_law.py@K=30,20@F=10", or with those of a
   file: "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
-- "ppo-memory@3", a shipped agent of one training seed; "ppo-memory" is that with the smallest
+- "ppo-memory@2", a shipped agent of one training seed; "ppo-memory" is that with the smallest
   validation error, and on a board all of them (`benchmarks.run.suite.members`);
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
@@ -270,7 +270,7 @@ def _form(text: str) -> str:
 
 
 def _with_seed(text: str) -> tuple[str, dict[str, int]]:
-    """Return a policy's name and, of "ppo-memory@3", its training seed as an argument."""
+    """Return a policy's name and, of "ppo-memory@2", its training seed as an argument."""
     name, _, seed = text.rpartition("@")
     return (name, {"seed": int(seed)}) if seed.isdigit() and name in shipped() else (text, {})
 

@@ -1,5 +1,6 @@
 """One cell: run it, in this process or in one that no other policy shares, and store its result."""
 
+import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -51,7 +52,7 @@ def run_cell(cell: Cell, command: str = "", store: Store | None = None) -> Resul
     begin = time.perf_counter()
     rows: list[dict[str, float]] = []
     decisions: list[float] = []
-    kept: Trace | None = None
+    first_trace: Trace | None = None
     try:
         if cell.policy.problem:
             raise ValueError(cell.policy.problem)
@@ -60,12 +61,13 @@ def run_cell(cell: Cell, command: str = "", store: Store | None = None) -> Resul
                 trace = rollout(cell.policy, cell.scenario, cell.seeds[first : first + BATCH])
                 rows += measure(trace, more=cell.metrics)
                 decisions.append(1e6 * trace.decision_time)
-                kept = kept or trace
+                first_trace = first_trace or trace if store is not None else None
         cell.policy.check(reads)
     except (Exception, SystemExit) as problem:  # an external policy may raise anything, and other cells must not suffer
         return Result.failure(cell, reason_of(problem), time.perf_counter() - begin, command)
-    if store is not None and kept is not None:
-        save_trace(cell, kept, rows[0]["error_pct"], store)
+    if store is not None and first_trace is not None:
+        with contextlib.suppress(OSError):  # the report makes absent traces
+            save_trace(cell, first_trace, rows[0]["error_pct"], store)
     decision, wall = float(np.median(decisions)), time.perf_counter() - begin
     return Result(cell, tuple(rows), decision, wall, provenance=provenance(command))
 
@@ -89,6 +91,7 @@ def run_apart(cell: Cell, command: str = "", store: Store | None = None) -> Resu
     owner = cell.policy.name if cell.policy.external else ""
     try:
         function = "run_checked" if owner else "run_cell"
+        store = store and Store(store.folder.absolute())  # a policy may change the folder of its process
         result: Result = call_apart(owner, f"benchmarks.run.cell:{function}", cell, command, store)
     except (Failed, ValueError) as problem:
         return Result.failure(cell, str(problem), time.perf_counter() - begin, command)

@@ -108,7 +108,7 @@ class Store:
         """Return the place of a cell's result."""
         name = _file_part(f"{cell.policy.name}--{cell.scenario.name}")[-120:]
         # File systems count the bytes of a name, 255 at most.
-        name = name.encode(errors="replace")[-180:].decode(errors="ignore")
+        name = name.encode(errors="replace")[-180:].decode(errors="ignore").lstrip(".")  # hidden files are not read
         return self.folder / f"{name}--{cell.key}.json"
 
     def save(self, result: Result) -> Path:
@@ -227,7 +227,7 @@ class Store:
 
 
 def _file_part(text: str) -> str:
-    return re.sub(r"[^\w@.-]+", "_", text).lstrip(".")  # a hidden file would not be listed
+    return re.sub(r"[^\w@.-]+", "_", text)
 
 
 def _document(result: Result) -> dict[str, Any]:

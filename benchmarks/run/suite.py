@@ -120,8 +120,12 @@ def _resolved(policy: PolicySpec | str) -> PolicySpec:
 
 def training(folder: Path) -> tuple[str, int]:
     """Return the settings of a run of `fbl-gym train` without the seed, as text, and the seed."""
-    settings = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    seed = settings.pop("seed")
+    try:
+        settings = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        seed = settings.pop("seed")
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
+        reason = f"{type(problem).__name__}: {problem}"
+        raise ValueError(f"{folder / 'run.json'} must be as fbl-gym train writes it ({reason})") from None
     return json.dumps(settings, sort_keys=True), seed
 
 
@@ -130,29 +134,30 @@ def members(policies: Iterable[PolicySpec | str]) -> tuple[PolicySpec, ...]:
 
     The members of a shipped agent are its training seeds, first that with the smallest validation
     error. Folders of `fbl-gym train` whose settings differ in the seed alone are members of one
-    row, with the name of the first folder without the seed at its end. Any other policy is its only
-    member. NAME and NAME@0 are two rows, both of which have the member NAME@0.
-
-    Raises:
-        ValueError: two folders have the same settings and seed.
+    row, with the name of the first folder without the seed at its end; a second folder of the same
+    settings and seed is a row of its own. Any other policy is its only member. NAME and NAME@0 are
+    two rows, both of which have the member NAME@0.
     """
     rows: dict[str, tuple[PolicySpec, ...]] = {}
     runs: dict[str, dict[int, PolicySpec]] = {}
-    for spec in dict.fromkeys(map(_resolved, policies)):
+    given = dict.fromkeys(map(_resolved, policies))
+    for spec in given:
         if spec.name in shipped():
-            seeds = sorted(shipped()[spec.name], key=lambda seed: seed != best_seed(spec.name))
+            best = best_seed(spec.name)
+            seeds = (best, *(seed for seed in shipped()[spec.name] if seed != best))
             rows[spec.name] = tuple(resolve(f"{spec.name}@{seed}") for seed in seeds)
-        elif form_of(spec.name) == "agent" and Path(spec.name, "run.json").is_file():
+            continue
+        if form_of(spec.name) == "agent" and Path(spec.name, "run.json").is_file():
             settings, seed = training(Path(spec.name))
-            if (other := runs.setdefault(settings, {}).setdefault(seed, spec)) != spec:
-                raise ValueError(f"runs must differ in settings or seed, got {other.name!r} and {spec.name!r}")
-        else:
-            for row in spec.rows or (spec.name,):
-                rows[row] = (*rows.get(row, ()), spec)
+            if runs.setdefault(settings, {}).setdefault(seed, spec) is spec:
+                continue
+        for row in spec.rows or (spec.name,):
+            rows[row] = (*rows.get(row, ()), spec)
     for run in runs.values():
         seed, spec = next(iter(run.items()))
         name = spec.name.removesuffix(f"-{seed}") if len(run) > 1 else spec.name
-        rows[spec.name if name in rows else name] = tuple(run.values())
+        taken = name in rows or any(name == other.name for other in given)
+        rows[spec.name if taken else name] = tuple(run.values())
     specs = dict.fromkeys(spec for row in rows.values() for spec in row)
     return tuple(dataclasses.replace(spec, rows=tuple(row for row in rows if spec in rows[row])) for spec in specs)
 
@@ -288,10 +293,10 @@ def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenari
         if not isinstance(name, str) or split_file(name)[0] or name.partition("@")[0] in scenarios.names():
             chosen.append(as_scenario(name))
             continue
-        members = _family(name)
-        if not members:
+        family = _family(name)
+        if not family:
             raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
-        chosen.extend(members)
+        chosen.extend(family)
     return tuple(chosen)
 
 

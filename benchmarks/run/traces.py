@@ -17,10 +17,13 @@ from fbl_gym.arm import Array
 POINTS = 201
 """Largest number of samples of a stored trace: the start and 200 steps."""
 
+SUFFIX = ".trace1"
+"""Ending of a trace's file, with the number of its format."""
+
 
 def trace_path(cell: Cell, store: Store) -> Path:
     """Return the place of the trace of a cell's first seed; cells that share the seed share it."""
-    return store.path(dataclasses.replace(cell, seeds=cell.seeds[:1], metrics=())).with_suffix(".trace")
+    return store.path(dataclasses.replace(cell, seeds=cell.seeds[:1], metrics=())).with_suffix(SUFFIX)
 
 
 def save_trace(cell: Cell, trace: Trace, error_pct: float, store: Store) -> None:

@@ -93,7 +93,8 @@ def main() -> None:
         runs = [measure_training(make(), seed, options.updates) for seed in range(options.seeds)]
         columns = dict.fromkeys(column for run in runs for column in run)
         medians = {column: median(run.get(column, math.inf) for run in runs) for column in columns}
-        print(name, *(f"{column} {value:,.4g}" for column, value in medians.items()), sep=" | ", flush=True)
+        texts = [f"{column} {value:,.{0 if value >= 100 else 1}f}" for column, value in medians.items()]
+        print(name, *texts, sep=" | ", flush=True)
 
 
 if __name__ == "__main__":

@@ -64,6 +64,7 @@ def test_two_options_give_a_map(folder):
     ("over", "message"),
     [
         ("--over noise.position=1:2:log", "must be such as noise.position=1e-4:1e-2:log:9"),
+        ("--over noise.position=0.0010000001,0.0010000002", "must have values that differ in their first six digits"),
         ("--over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
         (
             "--over arm.m1=1 --over arm.m2=1 --over arm.L1=1",
