@@ -56,13 +56,14 @@ def run_cell(cell: Cell, command: str = "", store: Store | None = None) -> Resul
     try:
         if cell.policy.problem:
             raise ValueError(cell.policy.problem)
-        with external.watch() as reads, threadpool_limits(1):
-            for first in range(0, len(cell.seeds), BATCH):
+        for first in range(0, len(cell.seeds), BATCH):
+            with external.watch() as reads, threadpool_limits(1):
                 trace = rollout(cell.policy, cell.scenario, cell.seeds[first : first + BATCH])
-                rows += measure(trace, more=cell.metrics)
-                decisions.append(1e6 * trace.decision_time)
-                first_trace = first_trace or trace if store is not None else None
-        cell.policy.check(reads)
+            cell.policy.check(reads)
+            rows += measure(trace, more=cell.metrics)
+            decisions.append(1e6 * trace.decision_time)
+            if first == 0 and store is not None:
+                first_trace = trace
     except (Exception, SystemExit) as problem:  # an external policy may raise anything, and other cells must not suffer
         return Result.failure(cell, reason_of(problem), time.perf_counter() - begin, command)
     if store is not None and first_trace is not None:
