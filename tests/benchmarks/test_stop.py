@@ -61,8 +61,8 @@ def start(tmp_path):
             "--seeds", "1", "--workers", str(workers), "--store", str(tmp_path / "store"),
         ]  # fmt: skip
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        # A shell's background job ignores SIGINT, and so would its children.
-        pipes["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+        # A shell's background job ignores SIGINT, one of nohup SIGHUP, and so would its children.
+        pipes["preexec_fn"] = lambda: [signal.signal(n, signal.SIG_DFL) for n in (signal.SIGINT, signal.SIGHUP)]
         process = subprocess.Popen(command, **pipes, start_new_session=True, stdin=subprocess.DEVNULL)
         processes.append(process)
         assert wait(lambda: flag.exists() and (workers == 1 or Store(tmp_path / "store").files()), 120)
@@ -83,7 +83,7 @@ def test_a_stopped_board_leaves_no_process_and_says_what_is_kept(number, to_all,
     """A terminal sends its signals to all processes, `kill` to one."""
     process = start()
     (os.killpg if to_all else os.kill)(process.pid, number)
-    out, errors = process.communicate(timeout=60)
+    out, errors = process.communicate(timeout=20)
     assert process.returncode == status
     assert "stopped with 1 of 2 cells in " in errors
     assert "the same command goes on from there" in errors
@@ -107,7 +107,7 @@ def test_other_commands_say_what_is_kept_too(tmp_path):
     assert wait(lambda: list(tmp_path.glob("*.db")), 240)
     time.sleep(1)
     process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=20)
     assert (process.returncode, errors) == (
         143, "fbl-gym: stopped; finished trials are kept, and the same command goes on\n",
     )  # fmt: skip
