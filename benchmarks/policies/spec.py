@@ -38,9 +38,9 @@ from benchmarks.policies import external
 from benchmarks.policies.apart import Failed, call_apart
 from benchmarks.policies.configuration import Inexact, configuration, gains_file, read_gains
 from benchmarks.policies.digest import closure, code_digest, file_of
-from benchmarks.rl.agent import access_of, saved_agent
+from benchmarks.rl.agent import access_of, needs_of, saved_agent
 from benchmarks.rl.policy import shipped
-from benchmarks.rl.sb3 import load_zip
+from benchmarks.rl.sb3 import MOTION, load_zip
 from controllers.policy import ACCESS
 from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
@@ -307,8 +307,9 @@ def _trained(text: str) -> PolicySpec:
     archive = _form(text) == "archive"
     digests = [external.file_digest(path) for path in external.weights(text)]
     modules = _files((load_zip if archive else saved_agent).__module__)
+    access, needs = ("nominal", MOTION) if archive else (access_of(Path(text)), needs_of(Path(text)))
     return PolicySpec(
-        text, "learned", "nominal" if archive else access_of(Path(text)), tuning="trained", external=True,
+        text, "learned", access, needs=needs, tuning="trained", external=True,
         digest=_digest(modules, hashlib.sha256("".join(digests).encode()).hexdigest()), trusted=archive,
     )  # fmt: skip
 

@@ -140,6 +140,12 @@ def access_of(folder: Path) -> str:
     return "privileged" if describe(folder)["interface"].get("context") else "nominal"
 
 
+def needs_of(folder: Path) -> tuple[str, ...]:
+    """Return the sensors that a folder's agent observes."""
+    sensors = describe(folder)["interface"].get("sensors", SENSORS)
+    return tuple(name for name in SENSORS if name in sensors)
+
+
 def saved_agent(env: Any, folder: str) -> Agent:
     """Return the agent of a folder; only one with context gets the environment itself."""
     settings, actor = read(Path(folder))

@@ -95,6 +95,11 @@ def test_an_agent_stands_for_its_training_seeds_on_a_board():
     assert rows_of(*narrow(named("ideal"), [agent], ["nominal"]).policies) == rows_of(agent)
 
 
+def test_a_folder_needs_the_sensors_of_its_agent():
+    (spec,) = members([str(SHIPPED / "ppo-residual" / "0")])
+    assert spec.needs == ("position", "velocity")
+
+
 def test_folders_of_training_runs_are_grouped_by_their_settings(tmp_path):
     runs = []
     for name, settings in (("a-0", {"seed": 0, "steps": 9}), ("a-1", {"seed": 1, "steps": 9}), ("b-1", {"seed": 1})):
