@@ -50,7 +50,11 @@ def load_trace(cell: Cell, store: Store) -> dict[str, Any]:
     Time and `diverged`, the time at which the run diverged or None, are in s, `lengths` in m.
     `reference`, `position`, `torque` and `disturbance` are [2 x k], in rad and N m.
     """
-    trace: dict[str, Any] = json.loads(trace_path(cell, store).read_text(encoding="utf-8"))
+    path = trace_path(cell, store)
+    try:
+        trace: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as problem:
+        raise ValueError(f"{path} is damaged ({problem}): delete it, and the report writes it again") from None
     return trace
 
 

@@ -141,6 +141,9 @@ def test_a_run_of_cells_stores_their_traces_and_the_page_runs_none_again(tmp_pat
     first = traces([*cells, *cells], store)
     monkeypatch.setattr(runner, "run_apart", lambda *_: pytest.fail("it was run again"))
     assert traces(cells, store) == first
+    trace_path(cells[0], store).write_text("{")
+    with pytest.raises(ValueError, match=r"trace1 is damaged .*: delete it"):
+        traces(cells, store)
 
 
 @pytest.fixture(scope="module")

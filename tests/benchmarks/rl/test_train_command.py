@@ -62,7 +62,7 @@ def test_the_page_on_learning_runs(tmp_path, monkeypatch):
     absent = [package for package in ("d3rlpy", "minari") if find_spec(package) is None]
     code = "\n".join(block for block in blocks if not any(f"import {package}" in block for package in absent))
     code = code.replace("learn(150_000)", "learn(2_048)").replace("range(20_000)", "range(20)")
-    code = code.replace("n_steps=10_000", "n_steps=20, n_steps_per_epoch=10")
+    code = code.replace("(1, 3)", "()").replace("n_steps=10_000", "n_steps=20, n_steps_per_epoch=10")
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
     assert (tmp_path / "trace.png").exists()
