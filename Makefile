@@ -1,14 +1,15 @@
-# Each command installs what it needs into .venv. It needs Python >= 3.10, pip and make.
+# Each command installs what it needs into .venv. It needs Python >= 3.11, pip and make.
 #   make plot           draw a controller on a hard arm into trace.png
 #   make leaderboard    run the leaderboard and print it
-#   make test           check everything
+#   make test           check everything but what is slow by nature
+#   make test-long      run the tests that are slow by nature, before a board or a release
 #   make docs           build the documentation into build/docs
 
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: plot leaderboard test lint format docs constraints test-oldest clean
+.PHONY: plot leaderboard test test-long lint format docs constraints test-oldest clean
 
 plot: .venv/ready-bench
 	$(BIN)/fbl-gym evaluate cascade-flm@tuned --scenario everything-2 --plot trace.png
@@ -18,6 +19,9 @@ leaderboard: .venv/ready-bench
 
 test: .venv/ready-dev lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+test-long: .venv/ready-dev
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m slow
 
 lint: .venv/ready-dev
 	$(BIN)/ruff check .
@@ -34,23 +38,23 @@ format: .venv/ready-dev
 	$(BIN)/ruff format .
 
 .venv/python:
-	$(PYTHON) -c 'import sys; sys.exit("fbl-gym needs Python 3.10 or newer, this is " + sys.version) if sys.version_info < (3, 10) else 0'
+	$(PYTHON) -c 'import sys; sys.exit("fbl-gym needs Python 3.11 or newer, this is " + sys.version) if sys.version_info < (3, 11) else 0'
 	$(PYTHON) -m venv .venv
 	touch $@
 
 .venv/ready-bench: .venv/python pyproject.toml constraints.txt
-	$(INSTALL) '.[bench,mpc]'
+	$(INSTALL) '.[analysis,mpc]'
 	touch $@
 
 .venv/ready-dev: .venv/python pyproject.toml constraints.txt
 	$(INSTALL) '.[all,dev]'
 	touch $@
 
-# Writes the versions that the commands above install, for Python 3.10 and newer, without torch's dependencies.
+# Writes the versions that the commands above install, for Python 3.11 and newer, without torch's dependencies.
 constraints:
 	printf 'torch==2.13.0\n' > .venv/pins.txt
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.10 --no-header --no-annotate --constraint .venv/pins.txt \
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate --constraint .venv/pins.txt \
 		--all-extras pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv/constraints.txt
 	mv .venv/constraints.txt constraints.txt
 
@@ -62,7 +66,7 @@ test-oldest:
 	.venv-oldest/bin/uv pip compile --quiet --resolution lowest-direct --no-header --no-annotate --constraint .venv-oldest/pins.txt \
 		--all-extras pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv-oldest/oldest.txt
 	.venv-oldest/bin/python -m pip install --quiet --requirement .venv-oldest/oldest.txt --editable .
-	.venv-oldest/bin/python -m pytest -n 2 --dist loadfile -W default
+	.venv-oldest/bin/python -m pytest -n 2 --dist loadfile -m '' -W default
 
 clean:
 	rm -rf .venv .venv-oldest build dist results .*_cache .hypothesis

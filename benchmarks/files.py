@@ -2,16 +2,37 @@
 
 import contextlib
 import os
+import platform
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+
+_PREFIX = f".unfinished-{platform.node()[:40]}-"
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove the files that `replacing` left in a folder when its process was killed."""
+    for path in folder.glob(f"{_PREFIX}*"):
+        process = path.name.removeprefix(_PREFIX).partition("-")[0]
+        if process.isdigit() and not _runs(int(process)):
+            path.unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    if os.name == "nt":  # where signal 0 ends a process
+        return True
+    try:
+        os.kill(process, 0)
+    except OSError as problem:
+        return not isinstance(problem, ProcessLookupError)
+    return True
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a place to write a file to. The file is renamed to its path if the block succeeds."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{uuid.uuid4().hex}{path.suffix[:20]}")
+    beside = path.with_name(f"{_PREFIX}{os.getpid()}-{uuid.uuid4().hex}{path.suffix[:20]}")
     try:
         yield beside
         with beside.open("rb+") as file:

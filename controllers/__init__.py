@@ -1,4 +1,4 @@
-"""Policies: laws on the nominal model, the oracle, an arm that stays, and shipped agents by name.
+"""Policies by name: laws on the nominal model, the oracles, and shipped agents.
 
 `make("pid-flm", env)` builds one, and `names()` lists them. `TorqueLaw` is the base for a new law.
 """

@@ -1,7 +1,7 @@
 """The paper's adaptive controller: parameter estimator, gain scheduling and cascade (§4)."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from controllers.estimator import estimate, lumped_of, point_masses
 from controllers.gain_scheduling import FORMS, schedule
 from controllers.kalman import RobustFlm
 from controllers.policy import State
-from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, regressor, with_rotors
+from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, regressor, with_rotors
 from fbl_gym.records import choice, declared, number
 
 SAMPLES = 3
@@ -23,6 +23,18 @@ def _check_alpha(name: str, value: object) -> tuple[tuple[float, ...], ...]:
     if alpha.shape != (2, 2) or not np.isfinite(alpha).all() or (alpha < 0).any():
         raise ValueError(f"{name} must be four numbers [2 x 2], zero or more, got {value!r}")
     return tuple(tuple(float(x) for x in row) for row in alpha)
+
+
+class AdaptiveState(NamedTuple):
+    """State of the adaptive controllers."""
+
+    integral: Array  # of the cascade [n x 2]
+    regressors: Array  # of the last samples [n x SAMPLES x 2 x 5]
+    torques: Array  # right sides of the regression [n x SAMPLES x 2]: torques up to each, less those of the rotors
+    samples: Array  # observations so far [n]
+    applied: Array  # torque applied in the interval that ends now [n x 2]; "printed": a
+    lumped: Array  # the estimate [n x 5]
+    kalman: State = ()  # of the Kalman filter, if there is one
 
 
 @dataclass(frozen=True)
@@ -64,50 +76,47 @@ class AdaptiveFlm(CascadeFlm):
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
 
     def initial(self, observation: Array) -> State:
-        """Return the state; see the comments for its parts."""
+        """Return the state before the first observation, with the nominal estimate."""
         n = len(observation)
-        return (
-            np.zeros((n, 2)),  # the cascade's integral
-            np.zeros((n, SAMPLES, 2, 5)),  # regressors of the last samples
-            np.zeros((n, SAMPLES, 2)),  # right sides of the regression: torques up to each, less those of the rotors
-            np.zeros(n, dtype=int),  # observations so far
-            np.zeros((n, 2)),  # torque applied in the interval that ends now; "printed": a
-            np.broadcast_to(self.interface.nominal.lumped, (n, 5)).copy(),  # the estimate
-        )
+        lumped = np.broadcast_to(self.interface.nominal.lumped, (n, 5)).copy()
+        zeros, regressors, torques = np.zeros((n, 2)), np.zeros((n, SAMPLES, 2, 5)), np.zeros((n, SAMPLES, 2))
+        return AdaptiveState(zeros, regressors, torques, np.zeros(n, dtype=int), zeros, lumped)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
         return self.adapt(observation, q, v, a, state)
 
-    def adapt(self, observation: Array, q: Array, v: Array, a: Array, state: State) -> tuple[Array, State]:
+    def adapt(
+        self, observation: Array, q: Array, v: Array, a: Array, state: AdaptiveState
+    ) -> tuple[Array, AdaptiveState]:
         """Return the torque [n x 2] N m and the next state for a measured or estimated motion.
 
         Position, velocity and acceleration are [n x 2]; the observation gives the reference.
         """
-        integral, y, torques, count, applied, lumped = state
+        y, torques, count, lumped = state.regressors, state.torques, state.samples, state.lumped
         rotor = self.interface.nominal.rotor
-        apart = max(round(self.spacing / self.interface.control_dt), 1)
+        stride = max(round(self.spacing / self.interface.control_dt), 1)
         # An episode's first observation ends no interval, so estimates start three samples later.
-        due = (count % apart == 0) & (count > 0)
+        due = (count % stride == 0) & (count > 0)
         if due.any():
-            row, right = regressor(q, v, a), applied - np.array(rotor) * a
+            row, right = regressor(q, v, a), state.applied - np.array(rotor) * a
             if self.regression == "printed":
-                error = np.einsum("nij,nj->ni", inertia_matrix(with_rotors(lumped, rotor), q), applied - a)
+                error = np.einsum("nij,nj->ni", inertia_matrix(with_rotors(lumped, rotor), q), state.applied - a)
                 right = np.einsum("nij,nj->ni", row, lumped) + error
             new = due[:, None, None]
             y = np.where(new[..., None], np.concatenate([y[:, 1:], row[:, None]], axis=1), y)
             torques = np.where(new, np.concatenate([torques[:, 1:], right[:, None]], axis=1), torques)
             fitted, accepted = self.fit(y, torques)
-            lumped = np.where((due & accepted & (count >= SAMPLES * apart))[:, None], fitted, lumped)
+            lumped = np.where((due & accepted & (count >= SAMPLES * stride))[:, None], fitted, lumped)
         factor = schedule(v, self.alpha, self.v_s, self.scheduling)
         model = with_rotors(lumped, rotor)
-        torque, integral = self.drive(observation, q, v, integral, model, factor)
+        torque, integral = self.drive(observation, q, v, state.integral, model, factor)
         if self.regression == "printed":
             applied = forward_dynamics(model, q, v, torque - self.loads(v))
         else:
             applied = self.interface.saturate(torque) - self.loads(v)
-        return torque, (integral, y, torques, count + 1, applied, lumped)
+        return torque, AdaptiveState(integral, y, torques, count + 1, applied, lumped, state.kalman)
 
     def fit(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return lumped parameters [n x 5] that fit the last samples, and their acceptance [n]."""
@@ -121,7 +130,7 @@ class AdaptiveFlm(CascadeFlm):
 
     def parameters(self, state: State) -> Array:
         """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""
-        return point_masses(state[5], self.total_mass)
+        return point_masses(state.lumped, self.total_mass)
 
 
 @dataclass(frozen=True)
@@ -150,11 +159,12 @@ class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
 
     def initial(self, observation: Array) -> State:
         """Return the states of `AdaptiveFlm` and of the Kalman filter."""
-        return (*AdaptiveFlm.initial(self, observation), *RobustFlm.initial(self, observation)[1:])
+        kalman = RobustFlm.initial(self, observation).kalman
+        return AdaptiveFlm.initial(self, observation)._replace(kalman=kalman)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         position, acceleration = self.read(observation, "position", "acceleration")
-        motion, samples, _ = self.filter.update(state[-2], state[-1], position, acceleration)
-        torque, after = self.adapt(observation, motion[..., 0], motion[..., 1], acceleration, state[:-2])
-        return torque, (*after, motion, samples)
+        kalman = self.filter.update(state.kalman, position, acceleration)
+        state = state._replace(kalman=kalman)
+        return self.adapt(observation, kalman.position, kalman.velocity, acceleration, state)

@@ -2,20 +2,34 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.estimator import plausible, point_masses
-from controllers.kalman import RobustFlm
+from controllers.kalman import KalmanState, RobustFlm
 from controllers.passivity import friction_regressor
 from controllers.policy import State
 from controllers.solving import accumulate, exceeds, solve
-from fbl_gym.arm import Array, regressor, with_rotors
+from fbl_gym.model.arm import Array, regressor, with_rotors
 from fbl_gym.records import number
 
 TERMS = 9
 """Unknowns: five lumped parameters, viscous and Coulomb friction of both joints."""
+
+
+class LeastSquaresState(NamedTuple):
+    """State of `AdaptiveFlmLs`."""
+
+    integral: Array  # of the cascade [n x 2]
+    kalman: KalmanState
+    regressor: Array  # z [n x 2 x 9]
+    filtered: Array  # torque through the low-pass filter, without the known rotors' part [n x 2]
+    a: Array  # A [n x 9 x 9]
+    b: Array  # b [n x 9]
+    unknowns: Array  # their estimate [n x 9]
+    applied: Array  # torque applied in the interval that ends now [n x 2]
 
 
 @dataclass(frozen=True)
@@ -63,45 +77,41 @@ class AdaptiveFlmLs(RobustFlm):
         return np.concatenate([np.maximum(lumped, 1e-9), np.full(4, weight)])
 
     def initial(self, observation: Array) -> State:
-        """Return the state of `RobustFlm`, and the parts in the comments."""
+        """Return the state before the first observation, with the nominal estimate."""
         n = len(observation)
         start = np.concatenate([self.interface.nominal.lumped, np.zeros(4)])
-        return (
-            *super().initial(observation),
-            np.zeros((n, 2, TERMS)),  # filtered regressor
-            np.zeros((n, 2)),  # filtered torque, without the known rotors' part
-            np.zeros((n, TERMS, TERMS)),  # A
-            np.zeros((n, TERMS)),  # b
-            np.broadcast_to(start, (n, TERMS)).copy(),  # estimate of the unknowns
-            np.zeros((n, 2)),  # torque applied in the interval that ends now
-        )
+        z, a, b, zeros = np.zeros((n, 2, TERMS)), np.zeros((n, TERMS, TERMS)), np.zeros((n, TERMS)), np.zeros((n, 2))
+        kalman = super().initial(observation).kalman
+        return LeastSquaresState(zeros, kalman, z, zeros, a, b, np.tile(start, (n, 1)), zeros)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        integral, motion, count, z, filtered, a_sum, b_sum, unknowns, applied = state
+        unknowns = state.unknowns
         position, acceleration = self.read(observation, "position", "acceleration")
-        motion, count, _ = self.filter.update(motion, count, position, acceleration)
-        q, v = motion[..., 0], motion[..., 1]
+        kalman = self.filter.update(state.kalman, position, acceleration)
+        q, v = kalman.position, kalman.velocity
 
         # The first sample of an episode ends no interval; the second sets the filters.
-        keep = np.where(count > 1, np.exp(-self.bandwidth * self.interface.control_dt), 0.0)
-        z = keep[:, None, None] * z + (1.0 - keep)[:, None, None] * np.concatenate(
+        keep = np.where(kalman.samples > 1, np.exp(-self.bandwidth * self.interface.control_dt), 0.0)
+        z = keep[:, None, None] * state.regressor + (1.0 - keep)[:, None, None] * np.concatenate(
             [regressor(q, v, acceleration), friction_regressor(v, self.turn)], axis=-1
         )
         rotor = self.interface.nominal.rotor
-        filtered = keep[:, None] * filtered + (1.0 - keep)[:, None] * (applied - np.array(rotor) * acceleration)
-        moves = (count > 0) & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
-        a_sum, b_sum = self.add(z, filtered, a_sum, b_sum, moves)
-        rich = moves & exceeds(a_sum, self.excitation)
+        filtered = keep[:, None] * state.filtered + (1.0 - keep)[:, None] * (
+            state.applied - np.array(rotor) * acceleration
+        )
+        moves = (kalman.samples > 0) & (np.abs(z[:, :, 5:7]).max(axis=(1, 2)) > self.moving)
+        a, b = self.add(z, filtered, state.a, state.b, moves)
+        rich = moves & exceeds(a, self.excitation)
         if rich.any():
-            unknowns = np.where(rich[:, None], self.fit(a_sum, b_sum, unknowns), unknowns)
+            unknowns = np.where(rich[:, None], self.fit(a, b, unknowns), unknowns)
 
-        torque, integral = self.drive(observation, q, v, integral, with_rotors(unknowns[:, :5], rotor))
+        torque, integral = self.drive(observation, q, v, state.integral, with_rotors(unknowns[:, :5], rotor))
         # The Coulomb friction fed forward follows the reference's velocity, whose sign is steady.
         (r_dot,) = self.read(observation, "reference_velocity")
         torque = torque + (unknowns[:, 5:7] * v + unknowns[:, 7:9] * np.tanh(r_dot / self.turn))
         applied = self.interface.saturate(torque)
-        return torque, (integral, motion, count, z, filtered, a_sum, b_sum, unknowns, applied)
+        return torque, LeastSquaresState(integral, kalman, z, filtered, a, b, unknowns, applied)
 
     def add(self, z: Array, torque: Array, a: Array, b: Array, moves: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return A [n x 9 x 9] and b [n x 9] with one sample more, in shares of the nominal arm.
@@ -122,4 +132,4 @@ class AdaptiveFlmLs(RobustFlm):
 
     def parameters(self, state: State) -> Array:
         """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""
-        return point_masses(state[7][:, :5])
+        return point_masses(state.unknowns[:, :5])

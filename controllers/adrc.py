@@ -2,15 +2,21 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.parts import Eso
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, forward_dynamics, inverse_dynamics
 from fbl_gym.records import pair
+
+
+class AdrcState(NamedTuple):
+    """State of `Adrc`."""
+
+    memory: Array  # of the observer [n x 2 x 4]
 
 
 @dataclass(frozen=True)
@@ -44,17 +50,17 @@ class Adrc(TorqueLaw):
         return Eso(self.interface.control_dt, self.observer_bandwidth)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the observer's memory [n x 2 x 4]."""
-        return (self.observer.initial(*self.read(observation, "position", "reference_velocity")),)
+        """Return the state at rest."""
+        return AdrcState(self.observer.initial(*self.read(observation, "position", "reference_velocity")))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the observer's next memory."""
         (position,) = self.read(observation, "position")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        estimate = self.observer.correct(state[0], position)
+        estimate = self.observer.correct(state.memory, position)
         q, v, _, f = np.moveaxis(estimate, -1, 0)
         w = np.array(self.controller_bandwidth)
         torque = inverse_dynamics(self.interface.nominal, q, v, r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v) - f)
         # u: the nominal acceleration under the applied torque.
         u = forward_dynamics(self.interface.nominal, q, v, self.interface.saturate(torque))
-        return torque, (self.observer.predict(estimate, u),)
+        return torque, AdrcState(self.observer.predict(estimate, u))

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.feedback_linearization import friction_torque, winds_up
-from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import ArmParameters, Array, inverse_dynamics
+from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import ArmParameters, Array, inverse_dynamics
+from fbl_gym.options import Friction
 from fbl_gym.records import Distribution, number, pair, record
-from fbl_gym.uncertainty import Friction
 
 
 @dataclass(frozen=True)
@@ -40,23 +40,21 @@ class CascadeFlm(TorqueLaw):
     disturbance: Pair | float = pair(0.0, unit="N m")
 
     def validate(self) -> None:
-        """Refuse a known friction that varies, or that is not equation (43)."""
+        """Refuse a known friction that varies."""
         super().validate()
         fields = () if self.friction is None else vars(self.friction).values()
-        if any(isinstance(value, Distribution) for value in fields) or getattr(
-            self.friction, "stribeck_velocity", None
-        ):
-            raise ValueError(f"friction must have fixed numbers and v_s, got {self.friction}")
+        if any(isinstance(value, Distribution) for value in fields):
+            raise ValueError(f"friction must have fixed numbers, got {self.friction}")
 
     def initial(self, observation: Array) -> State:
         """Return the state: the integral of the velocity error [n x 2], zero."""
-        return (np.zeros((len(observation), 2)),)
+        return IntegralState(np.zeros((len(observation), 2)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""
         q, v = self.read(observation, "position", "velocity")
-        torque, integral = self.drive(observation, q, v, state[0], self.interface.nominal)
-        return torque, (integral,)
+        torque, integral = self.drive(observation, q, v, state.integral, self.interface.nominal)
+        return torque, IntegralState(integral)
 
     def drive(
         self,

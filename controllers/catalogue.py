@@ -22,11 +22,7 @@ LAWS = (
     ("computed-torque-dob", "computed_torque:ComputedTorqueDob", "computed torque with a momentum observer"),
     ("computed-torque-tde", "time_delay:ComputedTorqueTde", "computed torque with time-delay estimation"),
     ("l1-adaptive", "l1_adaptive:L1Adaptive", "L1 adaptive control on the nominal linearisation (Hovakimyan, Cao)"),
-    (
-        "computed-torque-gp",
-        "gaussian_process:ComputedTorqueGp",
-        "computed torque with a Gaussian process learned online",
-    ),
+    ("computed-torque-gp", "gaussian_process:ComputedTorqueGp", "computed torque and an online Gaussian process"),
     ("computed-torque-ilc", "iterative_learning:ComputedTorqueIlc", "computed torque that learns over repeated trials"),
     ("slotine-li", "passivity:SlotineLi", "adaptive passivity-based control of the lumped parameters"),
     ("slotine-li-composite", "passivity:CompositeSlotineLi", "slotine-li, driven by the prediction error too"),

@@ -10,23 +10,32 @@ import dataclasses
 import inspect
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.parts import OBSERVERS, Barrier, Drive, Observer, Predictor
 from controllers.policy import Policy, State, TorqueLaw, reference_at
-from fbl_gym.arm import Array, forward_dynamics, gravity_torque
 from fbl_gym.checks import check_choices
-from fbl_gym.interface import Interface, Limits, make_layout
+from fbl_gym.interface import Interface, make_layout
+from fbl_gym.model.arm import Array, forward_dynamics, gravity_torque
+from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records import declarations, declared
-from fbl_gym.uncertainty import SENSORS
 
 PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "barrier": Barrier}
 """The parts, by name."""
 
 DEFAULT = "eso"
 """The observer, with its default gains, for a sensor that is missing where no observer is named."""
+
+
+class ComposedState(NamedTuple):
+    """State of a composed law."""
+
+    queue: Array  # commands under way [n x depth x 2] N m
+    torque: Array  # on the joints [n x 2] N m
+    memory: Array  # of the observer [n x 2 x 4]
+    inside: State = ()  # of the law inside
 
 
 class Composed(TorqueLaw):
@@ -40,137 +49,135 @@ class Composed(TorqueLaw):
 
     The composition supposes that the torque it returns is the one that is commanded.
 
-    Attributes:
-        law: class of the law inside.
-        parts: names of the parts.
+    Names other than those of `TorqueLaw` begin with an underscore, since gains may have all others.
     """
 
-    law: ClassVar[type[TorqueLaw]]
-    parts: ClassVar[tuple[str, ...]]
+    _law: ClassVar[type[TorqueLaw]]
+    _parts: ClassVar[tuple[str, ...]]
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
     def validate(self) -> None:
         """Refuse an interface without position, and gains that the law inside refuses."""
         super().validate()
-        _ = self.inside
+        _ = self._inside
 
     @cached_property
-    def inside(self) -> TorqueLaw:
+    def _inside(self) -> TorqueLaw:
         """The law on its own interface."""
         outer = self.interface
-        wanted = {"position", "velocity", *self.law.needs}
+        wanted = {"position", "velocity", *self._law.needs}
         sensors = tuple(name for name in SENSORS if name in wanted or name in outer.layout)
-        position, velocity, acceleration, _ = self.bounds
+        position, velocity, acceleration, _ = self._bounds
         limits = Limits(position=position / 2, velocity=velocity / 2, acceleration=acceleration)
-        layout = make_layout(sensors, limits, outer.action_limit, "", 0, self.preview_samples)
+        layout = make_layout(sensors, limits, outer.action_limit, "", 0, self._preview_samples)
         inner = dataclasses.replace(outer, layout=layout)
-        if self.predictor is not None:
+        if self._predictor is not None:
             inner = dataclasses.replace(inner, delay=(0.0, 0.0), lag=(0.0, 0.0), latency=0.0)
-        gains = {field.name: getattr(self, field.name) for field in dataclasses.fields(self.law)}
-        return self.law(**{**gains, "interface": inner})
+        gains = {field.name: getattr(self, field.name) for field in dataclasses.fields(self._law)}
+        return self._law(**{**gains, "interface": inner})
 
     @cached_property
-    def bounds(self) -> Array:
+    def _bounds(self) -> Array:
         """Bounds of an estimate's numbers [4], as of the sensors' readings."""
         high = {slot.name: slot.high[0] for slot in self.interface.layout.slots}
         position, velocity, acceleration = (high[f"reference_{name}"] for name in SENSORS)
         return np.array([position, velocity, acceleration, acceleration])
 
     @property
-    def preview_samples(self) -> int:
+    def _preview_samples(self) -> int:
         """Coming samples of the reference in the observation."""
         return sum(slot.size for slot in self.interface.layout.slots if slot.name == "preview") // 6
 
     @cached_property
-    def drive(self) -> Drive:
+    def _drive(self) -> Drive:
         """The drive of the interface."""
         return Drive.of(self.interface)
 
     @cached_property
-    def predictor(self) -> Predictor | None:
+    def _predictor(self) -> Predictor | None:
         """The predictor; None: there is none."""
-        return Predictor(self.drive, **self._gains("predictor")) if "predictor" in self.parts else None
+        return Predictor(self._drive, **self._gains("predictor")) if "predictor" in self._parts else None
 
     @cached_property
-    def barrier(self) -> Barrier | None:
+    def _barrier(self) -> Barrier | None:
         """The safety filter; None: there is none."""
-        return Barrier(self.inside.interface, **self._gains("barrier")) if "barrier" in self.parts else None
+        return Barrier(self._inside.interface, **self._gains("barrier")) if "barrier" in self._parts else None
 
     @cached_property
-    def observer(self) -> Observer:
+    def _observer(self) -> Observer:
         """The observer that is named, or else the default one."""
-        name = next((name for name in self.parts if name in OBSERVERS), DEFAULT)
+        name = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
         return OBSERVERS[name](self.interface.control_dt, **self._gains(name))
 
     def _gains(self, part: str) -> dict[str, Any]:
         """Return the gains of a part that is named."""
-        names = declarations(PARTS[part]) if part in self.parts else ()
+        names = declarations(PARTS[part]) if part in self._parts else ()
         return {name: getattr(self, gain_name(part, name)) for name in names}
 
     def initial(self, observation: Array) -> State:
-        """Return the state: commands under way, torque on the joints, the observer's, the law's."""
-        (q,) = self.read(observation, "position")
-        v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
-        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        queue = np.repeat(hold[:, None], self.drive.whole + 1, axis=1)
-        state = queue, hold, self.observer.initial(q, v)
-        return (*state, *self.inside.initial(self.look(observation, state)[0]))
+        """Return the state: the torque holds the nominal arm still."""
+        state = self._outside(observation)
+        return state._replace(inside=self._inside.initial(self._look(observation, state)[0]))
 
     def restart(self, observation: Array, state: State) -> State:
         """Return the state for the next episode, with all that the law inside has learned."""
-        fresh = self.initial(observation)[:3]
-        return (*fresh, *self.inside.restart(self.look(observation, fresh)[0], state[3:]))
+        fresh = self._outside(observation)
+        return fresh._replace(inside=self._inside.restart(self._look(observation, fresh)[0], state.inside))
+
+    def _outside(self, observation: Array) -> ComposedState:
+        """Return the state at an episode's start, without that of the law inside."""
+        (q,) = self.read(observation, "position")
+        v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
+        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        return ComposedState(self._drive.fill(hold), hold, self._observer.initial(q, v))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        queue, present, _, *inner = state
-        seen, estimate, due = self.look(observation, state)
-        torque, after = self.inside.torque(seen, tuple(inner))
-        if self.barrier is not None:
-            torque = self.barrier.filtered(torque, *self.inside.measured_motion(seen))
-        if self.predictor is not None:
-            torque = due + self.predictor.gain * (self.interface.saturate(torque) - due)
+        seen, estimate, due = self._look(observation, state)
+        torque, inside = self._inside.torque(seen, state.inside)
+        if self._barrier is not None:
+            torque = self._barrier.filtered(torque, *self._inside.measured_motion(seen))
+        if self._predictor is not None:
+            torque = due + self._predictor.gain * (self.interface.saturate(torque) - due)
         measured = self.measured_motion(observation)
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
-        queue, present, mean = self.drive.pass_interval(queue, present, torque)
-        u = np.zeros_like(mean)
-        if self.observer.uses_model:
-            u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], mean)
-        return torque, (queue, present, self.observer.predict(estimate, u), *after)
+        queue, present, mean = self._drive.pass_interval(state.queue, state.torque, torque)
+        u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], mean)
+        return torque, ComposedState(queue, present, self._observer.predict(estimate, u), inside)
 
-    def look(self, observation: Array, state: State) -> tuple[Array, Array, Array]:
+    def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array]:
         """Return all that the law inside depends on.
 
         Args:
             observation: [n x size].
-            state: of the drive and of the observer, and more.
+            state: of the drive and of the observer; that of the law inside is not read.
 
         Returns:
             The observation of the law inside [n x its size], the estimate [n x 2 x 4] at the last
             reading, and the torque [n x 2] N m at the time when the next command acts.
         """
-        queue, present, memory, *_ = state
-        layout, arm, inside = self.interface.layout, self.interface.nominal, self.inside.interface
+        present = state.torque
+        layout, arm, inside = self.interface.layout, self.interface.nominal, self._inside.interface
         motion = {name: self.read(observation, name)[0] for name in SENSORS if name in layout}
-        estimate = self.observer.correct(memory, motion["position"], motion.get("velocity"))
+        estimate = self._observer.correct(state.memory, motion["position"], motion.get("velocity"))
         # An arm that diverges may carry an estimate away; its numbers stay finite.
-        estimate = np.clip(estimate, -self.bounds, self.bounds)
+        estimate = np.clip(estimate, -self._bounds, self._bounds)
         estimated = dict(zip(SENSORS, np.moveaxis(estimate, -1, 0), strict=False))
-        if any(part in OBSERVERS for part in self.parts):
+        if any(part in OBSERVERS for part in self._parts):
             motion.pop("velocity", None)
             del motion["position"]
         q, v, a = ((estimated | motion)[name] for name in SENSORS)
         ahead, due = 0.0, present
-        if self.predictor is not None:
+        if self._predictor is not None:
             missed = a - forward_dynamics(arm, q, v, present)
             f = estimate[..., 3]
-            q, v, due = self.drive.predict(arm, q, v, f, present, self.drive.coming(queue))
-            q, v, torque = self.drive.predict(arm, q, v, f, due, [(self.predictor.lateness, queue[:, 0])])
+            q, v, due = self._drive.predict(arm, q, v, f, present, self._drive.coming(state.queue))
+            q, v, torque = self._drive.predict(arm, q, v, f, due, [(self._predictor.lateness, state.queue[:, 0])])
             a = forward_dynamics(arm, q, v, torque) + missed
-            ahead = self.drive.delay - self.interface.latency + self.predictor.lateness
+            ahead = self._drive.delay - self.interface.latency + self._predictor.lateness
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
-        times = ahead + inside.control_dt * np.arange(1 + self.preview_samples, dtype=float)
+        times = ahead + inside.control_dt * np.arange(1 + self._preview_samples, dtype=float)
         reference = reference_at(self.interface, observation, times)
         seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
         return np.clip(seen, *inside.layout.bounds), estimate, due
@@ -208,7 +215,7 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
     """Return the class of a law with parts.
 
     Its fields are the gains of the law and, with the part's name before, those of each part:
-    `kalman_bandwidth`, `high_gain_bandwidth`, `predictor_lead`, `barrier_decay`.
+    `kalman_bandwidth`, `predictor_lead`, `barrier_decay`.
 
     Args:
         law: a subclass of `TorqueLaw`.
@@ -230,11 +237,8 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
         known = declarations(cls)
         for field in dataclasses.fields(cls):
             if field.name in known:
-                d = known[field.name]
-                copy = declared(
-                    field.default, d.convert, d.form, d.unit, tune=d.tune, optional=d.optional, classes=d.classes
-                )
-            elif prefix == "" and field.name != "interface":
+                copy = declared(field.default, **vars(known[field.name]))
+            elif cls is law and field.name != "interface":
                 copy = dataclasses.field(default=field.default, default_factory=field.default_factory)
             else:
                 continue
@@ -242,7 +246,7 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
     return dataclasses.make_dataclass(
         "+".join((law.__name__, *parts)), fields, bases=(Composed,), frozen=True,
         namespace={
-            "law": law, "parts": parts, "access": law.access, "preview": law.preview, "__module__": __name__,
+            "_law": law, "_parts": parts, "access": law.access, "preview": law.preview, "__module__": __name__,
             "__doc__": f"`{law.__name__}` with {' and '.join(parts) or 'an observer of the missing sensors'}.",
         },
     )  # fmt: skip
@@ -256,10 +260,10 @@ def completed(policy: Callable[..., Any], interface: Interface) -> Callable[...,
 
 
 def gain_name(part: str, name: str) -> str:
-    """Return the name of a part's gain in a composed law, such as "high_gain_bandwidth".
+    """Return the name of a part's gain in a composed law, such as "kalman_bandwidth".
 
     Args:
         part: name of the part; empty: the law.
         name: of the gain in the part's class.
     """
-    return f"{part}_{name}".replace("-", "_").lstrip("_")
+    return f"{part}_{name}".lstrip("_")

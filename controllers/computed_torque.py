@@ -1,12 +1,13 @@
 """Computed torque, the textbook law for a known model, alone and with a disturbance observer."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
 from fbl_gym.records import number, pair
 
 
@@ -39,6 +40,16 @@ class ComputedTorque(TorqueLaw):
         return r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v)
 
 
+class DobState(NamedTuple):
+    """State of `ComputedTorqueDob`, each array [n x 2]."""
+
+    disturbance: Array  # d^ [N m]
+    momentum: Array  # at the last sample [N m s]
+    drift: Array  # C'v - G at the last sample [N m]
+    applied: Array  # torque within its limits since the last sample [N m]
+    started: Array  # False before the first sample [n]
+
+
 @dataclass(frozen=True)
 class ComputedTorqueDob(ComputedTorque):
     """Computed torque with a disturbance observer on the momentum p = M(q) v.
@@ -60,20 +71,21 @@ class ComputedTorqueDob(ComputedTorque):
     bandwidth: float = number(10.0, unit="rad/s", above=0, tune=(2.0, 200.0))
 
     def initial(self, observation: Array) -> State:
-        """Return the state: d^, last p, last C'v - G, applied torque, False before a sample."""
+        """Return the state before the first sample: zeros."""
         zeros = np.zeros((len(observation), 2))
-        return zeros, zeros, zeros, zeros, np.zeros(len(observation), dtype=bool)
+        return DobState(zeros, zeros, zeros, zeros, np.zeros(len(observation), dtype=bool))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        disturbance, momentum, drift, applied, started = state
         q, v = self.read(observation, "position", "velocity")
         model, dt = self.interface.nominal, self.interface.control_dt
-        new_momentum = np.einsum("nij,nj->ni", inertia_matrix(model, q), v)
-        new_drift = np.einsum("nji,nj->ni", coriolis_matrix(model, q, v, skew=True), v) - gravity_torque(model, q)
+        momentum = np.einsum("nij,nj->ni", inertia_matrix(model, q), v)
+        drift = np.einsum("nji,nj->ni", coriolis_matrix(model, q, v, skew=True), v) - gravity_torque(model, q)
         # d = torque + (C'v - G) - p', averaged over the interval that ends now.
-        missing = applied + 0.5 * (drift + new_drift) - (new_momentum - momentum) / dt
+        missing = state.applied + 0.5 * (state.drift + drift) - (momentum - state.momentum) / dt
         keep = np.exp(-self.bandwidth * dt)
-        disturbance = np.where(started[:, None], keep * disturbance + (1.0 - keep) * missing, disturbance)
+        filtered = keep * state.disturbance + (1.0 - keep) * missing
+        disturbance = np.where(state.started[:, None], filtered, state.disturbance)
         torque = inverse_dynamics(model, q, v, self.acceleration(observation, q, v)) + disturbance
-        return torque, (disturbance, new_momentum, new_drift, self.interface.saturate(torque), np.ones_like(started))
+        applied = self.interface.saturate(torque)
+        return torque, DobState(disturbance, momentum, drift, applied, np.ones_like(state.started))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.solving import least_squares
-from fbl_gym.arm import STANDARD_GRAVITY, Array
+from fbl_gym.model.arm import STANDARD_GRAVITY, Array
 
 
 def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:

@@ -1,11 +1,13 @@
 """The anti-windup of the laws that linearise by `arm.inverse_dynamics`, and known friction."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.arm import ArmParameters, Array, forward_dynamics
 from fbl_gym.interface import Interface
-from fbl_gym.uncertainty import Friction
+from fbl_gym.model.arm import Array, forward_dynamics
+from fbl_gym.options import Friction
 
 
 def friction_torque(friction: Friction, velocity: Array) -> Array:
@@ -16,23 +18,17 @@ def friction_torque(friction: Friction, velocity: Array) -> Array:
 
 
 def winds_up(
-    interface: Interface,
-    model: ArmParameters | Array,
-    position: Array,
-    velocity: Array,
-    acceleration: Array,
-    torque: Array,
-    error: Array,
-    loads: Array | float = 0.0,
+    interface: Interface, model: Any, q: Array, v: Array, a: Array, torque: Array, error: Array, loads: Any = 0.0
 ) -> NDArray[np.bool_]:
     """Return where an integrator of `error` must pause [n x 2].
 
     It pauses where the torque, which is that of `inverse_dynamics` plus known loads, saturates and
     the error asks for more of the part that is cut off. The acceleration under the saturated torque
-    comes from the model. A joint therefore also pauses when the other joint's saturation takes its
-    acceleration away through the coupling.
+    comes from the model, at position q and velocity v; the desired one is a, [n x 2] each. A joint
+    therefore also pauses when the other joint's saturation takes its acceleration away through the
+    coupling.
     """
     saturated = interface.saturate(torque)
-    remaining = forward_dynamics(model, position, velocity, saturated - loads)
+    remaining = forward_dynamics(model, q, v, saturated - loads)
     cut = np.any(saturated != torque, axis=-1, keepdims=True)
-    return cut & ((acceleration - remaining) * error > 0)
+    return cut & ((a - remaining) * error > 0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
 FORMS = ("soft", "hard", "fuzzy")
 """Forms of a schedule: (46), a switch, and linguistic rules."""

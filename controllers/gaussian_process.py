@@ -2,14 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
 from controllers.parts import Drive
 from controllers.policy import State
-from fbl_gym.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.records import number
 
 FEATURES = 40
@@ -20,6 +21,17 @@ LENGTHS = np.array([1.0, 1.0, 2.0, 2.0, 5.0, 5.0])
 
 SIGNAL = 3.0
 """Standard deviation of the process: the torque missed, over the stretched inertia [rad/s^2]."""
+
+
+class GpState(NamedTuple):
+    """State of `ComputedTorqueGp`."""
+
+    queue: Array  # commands under way [n x depth x 2] N m
+    torque: Array  # on the joints [n x 2] N m
+    mean: Array  # of that torque over the last interval [n x 2] N m
+    velocity: Array  # at the last sample [n x 2] rad/s
+    weights: Array  # their mean [n x 2 x FEATURES]
+    covariance: Array  # of the weights [n x FEATURES x FEATURES]
 
 
 @dataclass(frozen=True)
@@ -62,37 +74,32 @@ class ComputedTorqueGp(ComputedTorque):
         return Drive.of(self.interface)
 
     def initial(self, observation: Array) -> State:
-        """Return the state; see the comments for its parts."""
+        """Return the state: torques that hold the nominal arm still, and the weights' prior."""
         n = len(observation)
         q, v = self.read(observation, "position", "velocity")
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        return (
-            np.repeat(hold[:, None], self.drive.whole + 1, axis=1),  # commands under way
-            hold,  # torque on the joints
-            inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v)),  # its mean over the last interval
-            v,  # at the last sample
-            np.zeros((n, 2, FEATURES)),  # mean of the weights
-            np.tile(SIGNAL**2 * np.eye(FEATURES), (n, 1, 1)),  # their covariance
-        )
+        queue, mean = self.drive.fill(hold), inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v))
+        prior = np.zeros((n, 2, FEATURES)), np.tile(SIGNAL**2 * np.eye(FEATURES), (n, 1, 1))
+        return GpState(queue, hold, mean, v, *prior)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        queue, present, mean, last, weights, covariance = state
         q, v = self.read(observation, "position", "velocity")
         motion = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         nominal, dt = self.interface.nominal, self.interface.control_dt
         frequencies, phases = self.spectrum
         z = np.sqrt(2.0 / FEATURES) * np.cos(np.concatenate(motion, axis=-1) @ frequencies + phases)
-        y = (mean - inverse_dynamics(nominal, q, 0.5 * (v + last), (v - last) / dt)) / self.stretched
+        last = state.velocity
+        y = (state.mean - inverse_dynamics(nominal, q, 0.5 * (v + last), (v - last) / dt)) / self.stretched
         # The weights decay towards the prior, then the sample corrects them.
         keep = np.exp(-dt / self.memory)
-        covariance = keep**2 * covariance + (1.0 - keep**2) * SIGNAL**2 * np.eye(FEATURES)
+        covariance = keep**2 * state.covariance + (1.0 - keep**2) * SIGNAL**2 * np.eye(FEATURES)
         spread = (covariance @ z[:, :, None])[..., 0]
         gain = spread / (self.noise**2 + (z * spread).sum(axis=-1, keepdims=True))
         covariance = covariance - gain[:, :, None] * spread[:, None, :]
-        weights = keep * weights
+        weights = keep * state.weights
         weights = weights + (y - (weights @ z[:, :, None])[..., 0])[:, :, None] * gain[:, None, :]
         learned = (weights @ z[:, :, None])[..., 0]
         torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + self.stretched * learned
-        queue, present, mean = self.drive.pass_interval(queue, present, self.interface.saturate(torque))
-        return torque, (queue, present, mean, v, weights, covariance)
+        queue, present, mean = self.drive.pass_interval(state.queue, state.torque, self.interface.saturate(torque))
+        return torque, GpState(queue, present, mean, v, weights, covariance)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,22 @@ from scipy.ndimage import gaussian_filter1d
 from controllers.computed_torque import ComputedTorque
 from controllers.parts import Drive
 from controllers.policy import State
-from fbl_gym.arm import Array, inverse_dynamics
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, inverse_dynamics
 from fbl_gym.records import number
 
 CAPACITY = 64
 """Samples of a trial that the state has room for at first. The room doubles when it is full."""
+
+
+class IlcState(NamedTuple):
+    """State of `ComputedTorqueIlc`."""
+
+    step: Array  # of the trial [n]
+    longest: Array  # steps of the longest trial [n]
+    start: Array  # of the reference [n x 2] rad
+    u: Array  # u_k [n x capacity x 2] rad/s^2
+    e: Array  # e_k [n x capacity x 2] rad
 
 
 @dataclass(frozen=True)
@@ -62,36 +73,36 @@ class ComputedTorqueIlc(ComputedTorque):
         return int((drive.delay + drive.lag) / drive.dt + 1.5 + 1e-9)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: step, steps of the longest trial, start of the reference, u_k, e_k."""
+        """Return the state before the first trial."""
         (start,) = self.read(observation, "reference_position")
         count, signal = np.zeros(len(start), dtype=int), np.zeros((len(start), CAPACITY, 2))
-        return count, count, start, signal, signal
+        return IlcState(count, count, start, signal, signal)
 
     def restart(self, observation: Array, state: State) -> State:
         """Return the state before the next trial, with u of it."""
-        step, longest, start, u, e = state
-        zero, _, new_start, *_ = self.initial(observation)
-        last, samples = np.maximum(step - 1, 0)[:, None], np.arange(u.shape[1])
+        new = self.initial(observation)
+        last, samples = np.maximum(state.step - 1, 0)[:, None], np.arange(state.u.shape[1])
 
         def held(signal: Array, sample: NDArray[np.int_]) -> Array:
             return np.take_along_axis(signal, np.minimum(sample, last)[..., None], axis=1)
 
         w, dt = np.array(self.frequency), self.interface.control_dt
-        coming = held(e, samples + self.lead)
+        coming = held(state.e, samples + self.lead)
         p = w**2 * coming + 2.0 * w * np.gradient(coming, dt, axis=1)
         width = math.sqrt(math.log(2.0)) / (self.bandwidth * dt)
-        u = gaussian_filter1d(held(u, samples) + self.gain * p, width, axis=1, mode="nearest")
-        again = (start == new_start).all(axis=1)
-        u = np.where((again & (step >= longest))[:, None, None], u, 0.0)
-        return zero, np.where(again, np.maximum(step, longest), 0), new_start, u, np.zeros_like(e)
+        u = gaussian_filter1d(held(state.u, samples) + self.gain * p, width, axis=1, mode="nearest")
+        again = (state.start == new.start).all(axis=1)
+        u = np.where((again & (state.step >= state.longest))[:, None, None], u, 0.0)
+        longest = np.where(again, np.maximum(state.step, state.longest), 0)
+        return IlcState(new.step, longest, new.start, u, np.zeros_like(state.e))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        step, longest, start, u, e = state
+        step, u, e = state.step, state.u, state.e
         if step.max() >= u.shape[1]:
             u, e = (np.concatenate([signal, np.zeros_like(signal)], axis=1) for signal in (u, e))
         q, v, r = self.read(observation, "position", "velocity", "reference_position")
         now, e = (np.arange(len(step)), step), e.copy()
         e[now] = r - q
         a = self.acceleration(observation, q, v) + u[now]
-        return inverse_dynamics(self.interface.nominal, q, v, a), (step + 1, longest, start, u, e)
+        return inverse_dynamics(self.interface.nominal, q, v, a), state._replace(step=step + 1, u=u, e=e)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from filterpy.common import Q_discrete_white_noise
@@ -10,7 +10,7 @@ from filterpy.kalman import KalmanFilter
 
 from controllers.cascade import CascadeFlm
 from controllers.policy import State
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 from fbl_gym.records import choice, number
 
 PAPER_SIGMA = float(np.sqrt(0.1))
@@ -73,13 +73,26 @@ def gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
     return table
 
 
+class KalmanState(NamedTuple):
+    """State of `JointKalman`."""
+
+    position: Array  # [n x 2] rad
+    velocity: Array  # [n x 2] rad/s
+    samples: Array  # their number [n]; -1 before the first observation
+
+
+class RobustState(NamedTuple):
+    """State of `RobustFlm`."""
+
+    integral: Array  # of the cascade [n x 2]
+    kalman: KalmanState
+
+
 @dataclass(frozen=True)
 class JointKalman:
     """The Kalman filter of both joints, driven by acceleration and corrected by position.
 
-    Its state is the estimate [n x 2 x 2] (for each joint position and velocity) and the number of
-    samples [n], -1 before the first observation. That one ends no sample and leaves the estimate
-    alone.
+    The first observation ends no sample and leaves the estimate alone.
 
     Args:
         dt: sample time [s].
@@ -93,29 +106,26 @@ class JointKalman:
     position_sigma: float
     form: str = "discrete"
 
-    def initial(self, position: Array, velocity: Array) -> State:
-        """Return the first estimate [n x 2 x 2], and the number of samples [n], -1."""
-        return np.stack([position, velocity], axis=-1), np.full(len(position), -1)
+    def initial(self, position: Array, velocity: Array) -> KalmanState:
+        """Return the state before the first observation, from a motion [n x 2]."""
+        return KalmanState(position, velocity, np.full(len(position), -1))
 
-    def update(self, estimate: Array, count: Array, position: Array, acceleration: Array) -> tuple[Array, Array, Array]:
-        """Return estimate [n x 2 x 2], number of samples [n] and innovation [n x 2], by (19).
+    def update(self, state: KalmanState, position: Array, acceleration: Array) -> KalmanState:
+        """Return the state at a sample's end, by (19).
 
-        The position [rad] is measured at the sample's end, the acceleration [rad/s^2] in the
-        sample.
+        The position [n x 2] rad is measured there, the acceleration [n x 2] rad/s^2 in the sample.
         """
         table = (continuous_gains if self.form == "continuous" else gains)(
             self.dt, self.acceleration_sigma, self.position_sigma
         )
-        gain = table[np.clip(count, 0, len(table) - 1)]
-        q, v = estimate[..., 0], estimate[..., 1]
+        gain, before = table[np.clip(state.samples, 0, len(table) - 1)], state.samples[:, None] < 0
         # x = F x + B u
-        q = q + self.dt * v + 0.5 * self.dt**2 * acceleration
-        v = v + self.dt * acceleration
+        q = state.position + self.dt * state.velocity + 0.5 * self.dt**2 * acceleration
+        v = state.velocity + self.dt * acceleration
         # x = x + K (y - H x)
         innovation = position - q
         q, v = q + gain[:, :1] * innovation, v + gain[:, 1:] * innovation
-        updated = np.stack([q, v], axis=-1)
-        return np.where(count[:, None, None] < 0, estimate, updated), count + 1, innovation
+        return KalmanState(np.where(before, state.position, q), np.where(before, state.velocity, v), state.samples + 1)
 
 
 @dataclass(frozen=True)
@@ -148,14 +158,13 @@ class RobustFlm(CascadeFlm):
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma, self.filtering)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: integral, estimate, number of samples."""
+        """Return the state before the first observation."""
         position, velocity = self.read(observation, "position", "reference_velocity")
-        return np.zeros_like(position), *self.filter.initial(position, velocity)
+        return RobustState(np.zeros_like(position), self.filter.initial(position, velocity))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        integral, *motion = state
-        estimate, count, _ = self.filter.update(*motion, *self.read(observation, "position", "acceleration"))
-        q, v = estimate[..., 0], estimate[..., 1]
-        torque, integral = self.drive(observation, q, v, integral, self.interface.nominal)
-        return torque, (integral, estimate, count)
+        kalman = self.filter.update(state.kalman, *self.read(observation, "position", "acceleration"))
+        nominal = self.interface.nominal
+        torque, integral = self.drive(observation, kalman.position, kalman.velocity, state.integral, nominal)
+        return torque, RobustState(integral, kalman)

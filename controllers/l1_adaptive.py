@@ -1,14 +1,22 @@
 """L1 adaptive control: fast estimation, and a low-pass filter on all that it adds."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
 from controllers.policy import State
-from fbl_gym.arm import Array, forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, forward_dynamics, inverse_dynamics
 from fbl_gym.records import pair
+
+
+class L1State(NamedTuple):
+    """State of `L1Adaptive`, each array [n x 2]."""
+
+    predicted: Array  # v^ [rad/s]
+    filtered: Array  # C(s) f^ [rad/s^2]
 
 
 @dataclass(frozen=True)
@@ -39,16 +47,16 @@ class L1Adaptive(ComputedTorque):
     def initial(self, observation: Array) -> State:
         """Return the state: the predictor's velocity, and C(s) f^, zero."""
         (v,) = self.read(observation, "velocity")
-        return v, np.zeros_like(v)
+        return L1State(v, np.zeros_like(v))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        predicted, filtered = state
         q, v = self.read(observation, "position", "velocity")
         nominal, dt, pole = self.interface.nominal, self.interface.control_dt, np.array(self.pole)
-        f = -pole / np.expm1(pole * dt) * (predicted - v)
-        filtered = filtered - np.expm1(-np.array(self.bandwidth) * dt) * (f - filtered)
+        f = -pole / np.expm1(pole * dt) * (state.predicted - v)
+        filtered = state.filtered - np.expm1(-np.array(self.bandwidth) * dt) * (f - state.filtered)
         torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v) - filtered)
         u = forward_dynamics(nominal, q, v, self.interface.saturate(torque))
         keep = np.exp(-pole * dt)
-        return torque, (v + dt * u + keep * (predicted - v) + (1.0 - keep) / pole * f, filtered)
+        predicted = v + dt * u + keep * (state.predicted - v) + (1.0 - keep) / pole * f
+        return torque, L1State(predicted, filtered)

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from controllers.feedback_linearization import winds_up
-from controllers.kalman import JointKalman
+from controllers.kalman import JointKalman, RobustState
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, inverse_dynamics
 from fbl_gym.checks import Pair, check_pair
+from fbl_gym.model.arm import Array, inverse_dynamics
 from fbl_gym.records import number, pair
 
 
@@ -78,22 +78,21 @@ class Lqg(TorqueLaw):
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: z, estimate, number of samples."""
+        """Return the state before the first observation."""
         position, velocity = self.read(observation, "position", "reference_velocity")
-        return np.zeros_like(position), *self.filter.initial(position, velocity)
+        return RobustState(np.zeros_like(position), self.filter.initial(position, velocity))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        integral, estimate, count = state
         y, y_ddot = self.read(observation, "position", "acceleration")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        estimate, count, _ = self.filter.update(estimate, count, y, y_ddot)
-        q, v = estimate[..., 0], estimate[..., 1]
+        kalman = self.filter.update(state.kalman, y, y_ddot)
+        q, v = kalman.position, kalman.velocity
         nominal, error = self.interface.nominal, r - y
         # e'' = r'' - a = u = -K x
-        x = np.stack([integral, r - q, r_dot - v], axis=-1)
+        x = np.stack([state.integral, r - q, r_dot - v], axis=-1)
         a = r_ddot + (self.gain * x).sum(axis=-1)
         torque = inverse_dynamics(nominal, q, v, a)
         pause = winds_up(self.interface, nominal, q, v, a, torque, error)
-        integral = integral + np.where(pause, 0.0, error * self.interface.control_dt)
-        return torque, (integral, estimate, count)
+        integral = state.integral + np.where(pause, 0.0, error * self.interface.control_dt)
+        return torque, RobustState(integral, kalman)

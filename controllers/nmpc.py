@@ -9,7 +9,7 @@ solver for embedded quadratic programming using recursive LDL' updates", IEEE TA
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
@@ -17,7 +17,8 @@ from scipy.linalg import cholesky, solve_discrete_are
 
 from controllers.parts import Eso, runge_kutta
 from controllers.policy import State, TorqueLaw, reference_at
-from fbl_gym.arm import (
+from fbl_gym.checks import Pair, check_pair
+from fbl_gym.model.arm import (
     ArmParameters,
     Array,
     coriolis_terms,
@@ -28,7 +29,6 @@ from fbl_gym.arm import (
     inertia_terms,
     solve_terms,
 )
-from fbl_gym.checks import Pair, check_pair
 from fbl_gym.records import pair
 
 try:
@@ -117,6 +117,14 @@ def planner(arm: ArmParameters, step: float, weights: tuple[Pair, Pair], limit: 
     return ca.Function("planner", [start, reference, plan], [plan + scale * change]).map(lanes)
 
 
+class NmpcState(NamedTuple):
+    """State of `Nmpc`."""
+
+    memory: Array  # of the observer [n x 2 x 4]
+    plan: Array  # torques from now on [n x HORIZON x 2] N m
+    steps: Array  # their number [n]
+
+
 @dataclass(frozen=True)
 class Nmpc(TorqueLaw):
     """Nonlinear model predictive control with preview and a disturbance estimate.
@@ -144,6 +152,7 @@ class Nmpc(TorqueLaw):
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
     preview: ClassVar[float] = HORIZON * STEP
+    packages: ClassVar[tuple[str, ...]] = ("casadi",)
 
     @property
     def stride(self) -> int:
@@ -156,23 +165,24 @@ class Nmpc(TorqueLaw):
         return Eso(self.interface.control_dt, self.observer_bandwidth)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the observer's memory, a plan at rest, and a count of steps."""
+        """Return the state at rest."""
         q, r_dot = self.read(observation, "position", "reference_velocity")
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        return self.observer.initial(q, r_dot), np.repeat(hold[:, None], HORIZON, axis=1), np.zeros(len(q), dtype=int)
+        plan = np.repeat(hold[:, None], HORIZON, axis=1)
+        return NmpcState(self.observer.initial(q, r_dot), plan, np.zeros(len(q), dtype=int))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        memory, plan, count = state
+        plan = state.plan
         (position,) = self.read(observation, "position")
-        estimate = self.observer.correct(memory, position)
-        due = count % self.stride == 0
+        estimate = self.observer.correct(state.memory, position)
+        due = state.steps % self.stride == 0
         if due.any():
             plan = plan.copy()
             plan[due] = self.plan(observation[due], estimate[due], plan[due])
         torque = plan[:, 0]
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], torque)
-        return torque, (self.observer.predict(estimate, u), plan, count + 1)
+        return torque, NmpcState(self.observer.predict(estimate, u), plan, state.steps + 1)
 
     def plan(self, observation: Array, estimate: Array, plan: Array) -> Array:
         """Return the torques from now on [n x HORIZON x 2] N m, from those planned a step ago.

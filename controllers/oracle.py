@@ -2,16 +2,16 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
 from controllers.policy import Law, State, reference_at
 from controllers.true_arm import TrueArm
-from fbl_gym.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.records import number, pair
 
 PREVIEW = 0.15
@@ -57,8 +57,7 @@ class _Oracle(Law):
 
         The k times count from the one at which the next command begins to act [s].
         """
-        each = arm.truth.delay[:, None] + times
-        return np.split(reference_at(self.interface, observation, each), 3, axis=-1)
+        return np.split(reference_at(self.interface, observation, arm.truth.delay[:, None] + times), 3, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -120,6 +119,13 @@ COSINES = np.linspace(-1.0, 1.0, 5)
 """Cosines of the second joint's angle for which gains are computed."""
 
 
+class ElasticState(NamedTuple):
+    """State of `OracleElastic`."""
+
+    design: Array  # parameters of each arm that gains were computed for [n x 12]; NaN: none yet
+    gains: Array  # [n x 5 x 2 x size]
+
+
 @dataclass(frozen=True)
 class OracleElastic(_Oracle):
     """The oracle of elastic joints: an optimal regulator on the full true state.
@@ -148,28 +154,27 @@ class OracleElastic(_Oracle):
     preview: ClassVar[float] = PREVIEW
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the numbers of each arm that gains were computed for, and the gains."""
+        """Return the state before any gains are computed."""
         n, size = len(observation), 10 if TrueArm.of(self.env).elastic else 6
-        return np.full((n, 12), np.nan), np.zeros((n, len(COSINES), 2, size))
+        return ElasticState(np.full((n, 12), np.nan), np.zeros((n, len(COSINES), 2, size)))
 
     def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, and the gains."""
-        truth, (old, gains) = arm.truth, state
+        truth, gains = arm.truth, state.gains
         columns = (truth.lumped, truth.stiffness, truth.damping, truth.viscous, truth.lag[:, None])
         design = np.concatenate(columns, axis=-1)
-        changed = np.any(design != old, axis=-1)
+        changed = np.any(design != state.design, axis=-1)
         if changed.any():
             gains = gains.copy()
             gains[changed] = self.gains(arm, changed)
         x = arm.predicted()
-        place = (np.cos(x[0][:, 1]) + 1.0) / (COSINES[1] - COSINES[0])
-        low = np.minimum(place.astype(int), len(COSINES) - 2)
-        share = (place - low)[:, None, None]
-        every = np.arange(len(gains))
-        gain = (1.0 - share) * gains[every, low] + share * gains[every, low + 1]
+        index = (np.cos(x[0][:, 1]) + 1.0) / (COSINES[1] - COSINES[0])
+        low = np.minimum(index.astype(int), len(COSINES) - 2)
+        share, lanes = (index - low)[:, None, None], np.arange(len(gains))
+        gain = (1.0 - share) * gains[lanes, low] + share * gains[lanes, low + 1]
         wanted, command = self.course(observation, arm, x)
         error = np.concatenate([r - y for r, y in zip(wanted, x, strict=True)], axis=-1)
-        return command + np.einsum("nij,nj->ni", gain, error), (design, gains)
+        return command + np.einsum("nij,nj->ni", gain, error), ElasticState(design, gains)
 
     def course(self, observation: Array, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
         """Return the state along the reference, and the feed-forward command [n x 2] N m."""
@@ -213,11 +218,11 @@ class OracleElastic(_Oracle):
             motor = np.broadcast_to(np.diag(1.0 / np.array(arm.rotor)), inverse.shape)
             stiffness, damping = _diagonal(truth.stiffness[lanes]), _diagonal(truth.damping[lanes])
             a[..., 4:6, 6:8] = eye
-            for sign, place in ((-1.0, 0), (1.0, 4)):
-                a[..., 2:4, place : place + 2] = sign * inverse @ stiffness
-                a[..., 2:4, place + 2 : place + 4] = sign * inverse @ damping
-                a[..., 6:8, place : place + 2] = -sign * motor @ stiffness
-                a[..., 6:8, place + 2 : place + 4] = -sign * motor @ damping
+            for sign, first in ((-1.0, 0), (1.0, 4)):
+                a[..., 2:4, first : first + 2] = sign * inverse @ stiffness
+                a[..., 2:4, first + 2 : first + 4] = sign * inverse @ damping
+                a[..., 6:8, first : first + 2] = -sign * motor @ stiffness
+                a[..., 6:8, first + 2 : first + 4] = -sign * motor @ damping
         a[..., size - 4 : size - 2, size - 4 : size - 2] -= motor @ viscous
         a[..., size - 4 : size - 2, size - 2 : size] = motor
         a[..., size - 2 : size, size - 2 : size] = -eye / lag

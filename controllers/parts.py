@@ -7,14 +7,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from fbl_gym.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
+from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.records import Record, number, pair
 
 TUNE = (15.0, 300.0)
@@ -35,14 +35,9 @@ class Observer(Record):
 
     Args:
         dt: sample time [s].
-
-    Attributes:
-        uses_model: True if the nominal acceleration drives the observer.
     """
 
     dt: float
-
-    uses_model: ClassVar[bool] = True
 
     def initial(self, position: Array, velocity: Array) -> Array:
         """Return the memory before the first sample of an episode."""
@@ -62,40 +57,6 @@ class Observer(Record):
     def predict(self, estimate: Array, u: Array) -> Array:
         """Return the memory for the next sample; u [n x 2] is the nominal acceleration now."""
         raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class Derivative(Observer):
-    """The dirty derivative: differences of the readings behind a first-order low-pass filter.
-
-        v = s bandwidth / (s + bandwidth) q,    a = s bandwidth / (s + bandwidth) v
-
-    A measured velocity is used unchanged.
-
-    Args:
-        bandwidth: of the filter [rad/s].
-    """
-
-    bandwidth: float = number(100.0, unit="rad/s", above=0, tune=TUNE)
-
-    uses_model: ClassVar[bool] = False
-
-    def initial(self, position: Array, velocity: Array) -> Array:
-        """Return position, velocity and acceleration before the start, as of a uniform motion."""
-        memory = super().initial(position, velocity)
-        memory[..., 0] -= self.dt * velocity
-        return memory
-
-    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
-        """Return the estimate at a sample."""
-        last, v, a, f = np.moveaxis(memory, -1, 0)
-        share = -math.expm1(-self.bandwidth * self.dt)
-        new = v + share * ((position - last) / self.dt - v) if velocity is None else velocity
-        return np.stack([position, new, a + share * ((new - v) / self.dt - a), f], axis=-1)
-
-    def predict(self, estimate: Array, u: Array) -> Array:
-        """Return the estimate."""
-        return estimate
 
 
 @dataclass(frozen=True)
@@ -141,31 +102,6 @@ class Eso(Observer):
 
 
 @dataclass(frozen=True)
-class HighGain(Eso):
-    """The high-gain observer: as "eso", without the model.
-
-    Its third state is the acceleration itself.
-
-    Args:
-        bandwidth: all three poles are minus this [rad/s], per joint.
-    """
-
-    bandwidth: Pair | float = pair(150.0, unit="rad/s", above=0, tune=TUNE)
-
-    uses_model: ClassVar[bool] = False
-
-    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
-        """Return the estimate at a sample; f is zero."""
-        estimate = super().correct(memory, position, velocity)
-        estimate[..., 3] = 0.0
-        return estimate
-
-    def predict(self, estimate: Array, u: Array) -> Array:
-        """Return the prediction of position, velocity and acceleration."""
-        return super().predict(estimate[..., [0, 1, 3, 2]], np.zeros_like(u))
-
-
-@dataclass(frozen=True)
 class Kalman(Observer):
     """The Kalman filter of a double integrator at steady state, driven by the nominal acceleration.
 
@@ -199,7 +135,7 @@ class Kalman(Observer):
         return np.stack([q + self.dt * v + 0.5 * self.dt**2 * u, v + self.dt * u, u, f], axis=-1)
 
 
-OBSERVERS: dict[str, type[Observer]] = {"derivative": Derivative, "kalman": Kalman, "eso": Eso, "high-gain": HighGain}
+OBSERVERS: dict[str, type[Observer]] = {"kalman": Kalman, "eso": Eso}
 """The observers, by name."""
 
 
@@ -254,6 +190,10 @@ class Drive:
         """The delay less its whole control intervals [s]."""
         return max(self.delay - self.whole * self.dt, 0.0)
 
+    def fill(self, torque: Array) -> Array:
+        """Return the queue after a long time at a torque [n x 2] N m."""
+        return np.repeat(torque[:, None], self.whole + 1, axis=1)
+
     def coming(self, queue: Array) -> list[tuple[float, Array]]:
         """Return the torques until the next command acts, each a duration and a command [n x 2]."""
         return [(self.rest, queue[:, -1]), *((self.dt, queue[:, k]) for k in range(self.whole - 1, -1, -1))]
@@ -271,13 +211,11 @@ class Drive:
         """
         commands = np.concatenate([command[:, None], queue], axis=1)
         total = np.zeros_like(torque)
-        for duration, each in (
-            (self.rest, commands[:, self.whole + 1]),
-            (self.dt - self.rest, commands[:, self.whole]),
-        ):
+        older, newer = commands[:, self.whole + 1], commands[:, self.whole]
+        for duration, acting in ((self.rest, older), (self.dt - self.rest, newer)):
             keep, area = self._fade(duration)
-            total = total + duration * each + area * (torque - each)
-            torque = each + keep * (torque - each)
+            total = total + duration * acting + area * (torque - acting)
+            torque = acting + keep * (torque - acting)
         return commands[:, : self.whole + 1], torque, total / self.dt
 
     def predict(

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, inertia_matrix
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records import number, pair
 
 TURN = 0.05
@@ -54,6 +55,24 @@ def friction_regressor(v: Array, turn: float) -> Array:
     p has both joints' viscous friction, then both joints' Coulomb friction.
     """
     return np.concatenate([v[..., None] * np.eye(2), np.tanh(v / turn)[..., None] * np.eye(2)], axis=-1)
+
+
+class SlotineLiState(NamedTuple):
+    """State of `SlotineLi`."""
+
+    estimate: Array  # p^ [n x 9]
+
+
+class CompositeState(NamedTuple):
+    """State of `CompositeSlotineLi`."""
+
+    estimate: Array  # p^ [n x 9]
+    position: Array  # at the last sample [n x 2] rad
+    velocity: Array  # at the last sample [n x 2] rad/s
+    regressor: Array  # W [n x 2 x 9]
+    filtered: Array  # torque through the low-pass filter, without the rotors' part [n x 2] N m
+    applied: Array  # torque applied since the last sample [n x 2] N m
+    started: Array  # False before the first sample [n]
 
 
 @dataclass(frozen=True)
@@ -105,12 +124,12 @@ class SlotineLi(TorqueLaw):
     def initial(self, observation: Array) -> State:
         """Return the state: the estimates [n x 9], nominal and without friction."""
         start = np.concatenate([self.interface.nominal.lumped, np.zeros(4)])
-        return (np.tile(start, (len(observation), 1)),)
+        return SlotineLiState(np.tile(start, (len(observation), 1)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next estimates."""
-        torque, estimate = self.adapt(observation, state[0])
-        return torque, (estimate,)
+        torque, estimate = self.adapt(observation, state.estimate)
+        return torque, SlotineLiState(estimate)
 
     def adapt(self, observation: Array, estimate: Array, prediction: Array | float = 0.0) -> tuple[Array, Array]:
         """Return the torque [n x 2] N m, and the next estimates [n x 9].
@@ -151,36 +170,30 @@ class CompositeSlotineLi(SlotineLi):
     filtering: float = number(20.0, unit="rad/s", above=0)
 
     def initial(self, observation: Array) -> State:
-        """Return the state; see the comments for its parts."""
-        n = len(observation)
-        q, v = self.read(observation, "position", "velocity")
-        return (
-            *super().initial(observation),  # estimates
-            q,  # at the last sample
-            v,  # at the last sample
-            np.zeros((n, 2, 9)),  # W
-            np.zeros((n, 2)),  # filtered torque, without the rotors' part
-            np.zeros((n, 2)),  # torque applied since the last sample
-            np.zeros(n, dtype=bool),  # False before the first sample
-        )
+        """Return the state before the first sample, with the estimates of `SlotineLi`."""
+        n, (q, v) = len(observation), self.read(observation, "position", "velocity")
+        estimate, w, zeros = super().initial(observation).estimate, np.zeros((n, 2, 9)), np.zeros((n, 2))
+        return CompositeState(estimate, q, v, w, zeros, zeros, np.zeros(n, dtype=bool))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        estimate, q0, v0, w, filtered, applied, started = state
+        q0, v0, estimate = state.position, state.velocity, state.estimate
         q, v = self.read(observation, "position", "velocity")
         dt = self.interface.control_dt
         # Over the interval that ends now, torque = d/dt (M v) + (G - C'v) + friction.
         mean = 0.5 * (drift_regressor(q, v) + drift_regressor(q0, v0))
         mean += (momentum_regressor(q, v) - momentum_regressor(q0, v0)) / dt
         friction = 0.5 * (friction_regressor(v, TURN) + friction_regressor(v0, TURN))
-        keep = np.where(started, np.exp(-self.filtering * dt), 1.0)[:, None]
-        w = keep[..., None] * w + (1.0 - keep[..., None]) * np.concatenate([mean, friction], axis=-1)
-        filtered = keep * filtered + (1.0 - keep) * (applied - np.array(self.interface.nominal.rotor) * (v - v0) / dt)
+        keep = np.where(state.started, np.exp(-self.filtering * dt), 1.0)[:, None]
+        w = keep[..., None] * state.regressor + (1.0 - keep[..., None]) * np.concatenate([mean, friction], axis=-1)
+        rotors = np.array(self.interface.nominal.rotor) * (v - v0) / dt
+        filtered = keep * state.filtered + (1.0 - keep) * (state.applied - rotors)
         missed = np.einsum("nij,nj->ni", w, estimate) - filtered
         size = 1.0 + np.einsum("nij,nij,j->n", w, w, self.rates)[:, None]
         prediction = -self.composite * np.einsum("nij,ni->nj", w, missed) / size
         torque, estimate = self.adapt(observation, estimate, prediction)
-        return torque, (estimate, q, v, w, filtered, self.interface.saturate(torque), np.ones_like(started))
+        applied, started = self.interface.saturate(torque), np.ones_like(state.started)
+        return torque, CompositeState(estimate, q, v, w, filtered, applied, started)
 
 
 @dataclass(frozen=True)

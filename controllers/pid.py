@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.feedback_linearization import winds_up
-from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, inverse_dynamics
+from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, inverse_dynamics
 from fbl_gym.records import pair
 
 
@@ -35,15 +35,14 @@ class PidFlm(TorqueLaw):
 
     def initial(self, observation: Array) -> State:
         """Return the state: the integral of the error [n x 2], zero."""
-        return (np.zeros((len(observation), 2)),)
+        return IntegralState(np.zeros((len(observation), 2)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""
         q, v = self.read(observation, "position", "velocity")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        (integral,) = state
         error = r - q
-        a = r_ddot + np.array(self.kp) * error + np.array(self.kd) * (r_dot - v) + np.array(self.ki) * integral
+        a = r_ddot + np.array(self.kp) * error + np.array(self.kd) * (r_dot - v) + np.array(self.ki) * state.integral
         torque = inverse_dynamics(self.interface.nominal, q, v, a)
         pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, error)
-        return torque, (integral + np.where(pause, 0.0, error * self.interface.control_dt),)
+        return torque, IntegralState(state.integral + np.where(pause, 0.0, error * self.interface.control_dt))

@@ -5,25 +5,46 @@ Values that change during a run travel in `state`.
 """
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from fbl_gym.arm import Array, inertia_matrix
 from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records import Record
 
-State: TypeAlias = tuple[Array, ...]
+State: TypeAlias = Any
+"""A `NamedTuple` of arrays with a row for each lane, or of such states; () for a law without."""
 
 ACCESS = ("none", "nominal", "privileged")
 """A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked)."""
 
 
+class IntegralState(NamedTuple):
+    """State of a law with integral action."""
+
+    integral: Array  # [n x 2]
+
+
+def map_state(function: Callable[..., Any], *states: State) -> State:
+    """Return the state with the results of a function of the arrays of some states of one law."""
+    if not isinstance(states[0], tuple | list):
+        return function(*states)
+    parts = [map_state(function, *arrays) for arrays in zip(*states, strict=True)]
+    return type(states[0])(*parts) if hasattr(states[0], "_fields") else tuple(parts)
+
+
+def leaves(state: State) -> list[Any]:
+    """Return all arrays of a state."""
+    return [array for part in state for array in leaves(part)] if isinstance(state, tuple | list) else [state]
+
+
 def where_lanes(lanes: Array, new: State, old: State) -> State:
     """Return the new state in some lanes [n] and the old one in all others."""
-    return tuple(np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y) for x, y in zip(new, old, strict=True))
+    return map_state(lambda x, y: np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y), new, old)
 
 
 def reference_at(interface: Interface, observation: Array, times: Array) -> Array:
@@ -58,12 +79,8 @@ class Policy(Protocol):
     """A policy, classical or learned."""
 
     def predict(
-        self,
-        observation: Array,
-        state: State | None = None,
-        episode_start: Array | None = None,
-        deterministic: bool = False,
-    ) -> tuple[Array, State | None]:
+        self, observation: Array, state: State = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Array, State]:
         """Return the action for an observation [size], or actions for a batch [n x size].
 
         Args:
@@ -118,12 +135,8 @@ class Law(Record):
         return position, self.read(observation, "velocity")[0]
 
     def predict(
-        self,
-        observation: Array,
-        state: State | None = None,
-        episode_start: Array | None = None,
-        deterministic: bool = False,
-    ) -> tuple[Array, State | None]:
+        self, observation: Array, state: State = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Array, State]:
         """Return the action and the next state, as `Policy.predict` describes."""
         size = self.interface.layout.size
         observation = np.asarray(observation, dtype=float)
@@ -149,7 +162,7 @@ class TorqueLaw(Law):
 
     A subclass is a frozen dataclass, and its fields are its gains. It defines `torque`, and
     `initial` if it has a state. Both work on batches: an observation is [n x size], a torque
-    [n x 2] N m, and a state a tuple of arrays with n rows each.
+    [n x 2] N m, and a state a `NamedTuple` of arrays with n rows each.
 
     A gain may be declared with its unit, bounds and tuning range, and is then checked:
 
@@ -162,7 +175,7 @@ class TorqueLaw(Law):
     e = r - q. M, C and G are the nominal inertia, Coriolis and gravity terms. A prime is the time
     derivative of a signal, and the transpose of a vector or matrix. int is the integral over time,
     and p^ an estimate of p. Sections and equations without a source are those of the paper, which
-    `fbl_gym.arm` names.
+    `fbl_gym.model.arm` names.
 
     Args:
         interface: all that the law may know: `env.unwrapped.interface`.

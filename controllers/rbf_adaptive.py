@@ -1,12 +1,13 @@
 """Neural adaptive control: radial basis functions learn the model's torque error."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
 from fbl_gym.records import number, pair
 
 NODES = 6
@@ -45,6 +46,12 @@ def features(q: Array, v: Array, a: Array) -> Array:
     return np.concatenate([gravity, inertia, np.tanh(v / TURN)], axis=-1)
 
 
+class RbfState(NamedTuple):
+    """State of `RbfAdaptive`."""
+
+    weights: Array  # W [n x 2 x FEATURES]
+
+
 @dataclass(frozen=True)
 class RbfAdaptive(TorqueLaw):
     """Neural adaptive control with radial basis functions.
@@ -76,11 +83,10 @@ class RbfAdaptive(TorqueLaw):
 
     def initial(self, observation: Array) -> State:
         """Return the state: the weights W [n x 2 x FEATURES], zero."""
-        return (np.zeros((len(observation), 2, FEATURES)),)
+        return RbfState(np.zeros((len(observation), 2, FEATURES)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next weights."""
-        (weights,) = state
         q, v = self.read(observation, "position", "velocity")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         nominal, error_rate = self.interface.nominal, np.array(self.error_rate)
@@ -89,13 +95,13 @@ class RbfAdaptive(TorqueLaw):
         inertia, coriolis = inertia_matrix(nominal, q), coriolis_matrix(nominal, q, v, skew=True)
         model = np.einsum("nij,nj->ni", inertia, a_r + np.array(self.gain) * s)
         model = model + np.einsum("nij,nj->ni", coriolis, v_r) + gravity_torque(nominal, q)
-        torque = model + self.learned(weights, phi)
+        torque = model + self.learned(state.weights, phi)
         learns = (torque - self.interface.saturate(torque)) * s <= 0.0
         # Forgetting is implicit, which is stable at every size of s.
         step = (self.interface.control_dt * np.array(self.rate) * learns)[..., None]
         size = np.linalg.norm(s, axis=-1)[:, None, None]
-        weights = (weights + step * s[..., None] * phi[:, None, :]) / (1.0 + step * self.forget * size)
-        return torque, (weights,)
+        weights = (state.weights + step * s[..., None] * phi[:, None, :]) / (1.0 + step * self.forget * size)
+        return torque, RbfState(weights)
 
     def learned(self, weights: Array, phi: Array) -> Array:
         """Return the network's torque [n x 2] N m."""

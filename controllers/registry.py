@@ -41,6 +41,29 @@ class _Entry:
 _REGISTRY: dict[str, _Entry] = {}
 
 
+@dataclass(frozen=True)
+class LawName:
+    """The name of a policy in the registry: LAW, LAW+PART, either with @tuned."""
+
+    law: str
+    parts: tuple[str, ...] = ()
+    tuned: bool = False
+
+    @classmethod
+    def parse(cls, text: str) -> "LawName":
+        """Return the name that a text gives."""
+        law, *parts = text.removesuffix("@tuned").split("+")
+        return cls(law, tuple(parts), text.endswith("@tuned"))
+
+    @property
+    def file(self) -> Path:
+        """The file of the tuned gains."""
+        return TUNED / f"{'+'.join((self.law, *self.parts))}.json"
+
+    def __str__(self) -> str:
+        return "+".join((self.law, *self.parts)) + "@tuned" * self.tuned
+
+
 def register(
     name: str, factory: str | Callable[..., Any], summary: str, access: str | None = None, kind: str = "classical"
 ) -> None:
@@ -81,12 +104,13 @@ def external() -> dict[str, metadata.EntryPoint]:
     return {point.name: point for point in points if point.name not in _REGISTRY}
 
 
-def _entry(name: str) -> _Entry:
-    name, parts = _split(name)
-    if parts:
+def _entry(text: str) -> _Entry:
+    parsed = LawName.parse(text)
+    name = parsed.law
+    if parsed.parts:
         law = _entry(name)
-        factory = compose(_load(law), *parts)
-        return _Entry(factory, f"{law.summary}; with {' and '.join(parts)}", None, law.kind)
+        factory = compose(_load(law), *parsed.parts)
+        return _Entry(factory, f"{law.summary}; with {' and '.join(parsed.parts)}", None, law.kind)
     if name in _REGISTRY:
         return _REGISTRY[name]
     if name not in external():
@@ -95,12 +119,6 @@ def _entry(name: str) -> _Entry:
     summary = (inspect.getdoc(factory) or "").split("\n")[0]
     kind = check_choice(f"kind of {name}", getattr(factory, "kind", "classical"), KINDS)
     return _Entry(factory, summary, None, kind)
-
-
-def _split(name: str) -> tuple[str, list[str]]:
-    """Return the name of a law without "@tuned", and the names of its parts."""
-    law, *parts = name.removesuffix("@tuned").split("+")
-    return law, parts
 
 
 def _load(entry: _Entry) -> Callable[..., Any]:
@@ -117,11 +135,11 @@ def is_composed(name: str) -> bool:
     Raises:
         ValueError: a part is unknown.
     """
-    law, parts = _split(name)
-    if not parts or law not in names():
+    parsed = LawName.parse(name)
+    if not parsed.parts or parsed.law not in names():
         return False
-    check_choices("parts", parts, PARTS)
-    return not name.endswith("@tuned") or (TUNED / f"{name.removesuffix('@tuned')}.json").is_file()
+    check_choices("parts", parsed.parts, PARTS)
+    return not parsed.tuned or parsed.file.is_file()
 
 
 def names() -> tuple[str, ...]:
@@ -155,15 +173,6 @@ def factory(name: str) -> Callable[..., Any]:
     return _load(_entry(name))
 
 
-def modules() -> dict[str, str]:
-    """Return the module of every policy, by its name; imports none of them."""
-    laws = {
-        name: entry.factory.__module__ if callable(entry.factory) else entry.factory.split(":")[0]
-        for name, entry in _REGISTRY.items()
-    }
-    return laws | {name: point.module for name, point in external().items()}
-
-
 def tuned() -> tuple[str, ...]:
     """Return the policies with tuned gains, such as "pid-flm@tuned"; composed ones come last."""
     files = {path.stem for path in TUNED.glob("*.json")}
@@ -174,10 +183,9 @@ def tuned() -> tuple[str, ...]:
 
 def tuned_gains(name: str) -> dict[str, float]:
     """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@tuned"."""
-    path = TUNED / f"{name.removesuffix('@tuned')}.json"
     if name not in tuned():
         raise unknown("tuned policy", name, tuned())
-    gains: dict[str, float] = json.loads(path.read_text())["gains"]
+    gains: dict[str, float] = json.loads(LawName.parse(name).file.read_text())["gains"]
     return gains
 
 
@@ -198,7 +206,7 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
             where privileged access needs the environment.
     """
     build = factory(name) if isinstance(name, str) else name
-    if isinstance(name, str) and name.endswith("@tuned"):
+    if isinstance(name, str) and LawName.parse(name).tuned:
         gains = tuned_gains(name) | gains
     interface = env if isinstance(env, Interface) else env.unwrapped.interface
     build = completed(build, interface)

@@ -5,9 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, gravity_torque
+from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, gravity_torque
 from fbl_gym.records import pair
 
 
@@ -74,14 +74,13 @@ class PidGravity(PdGravity):
 
     def initial(self, observation: Array) -> State:
         """Return the state: the integral of the error [n x 2], zero."""
-        return (np.zeros((len(observation), 2)),)
+        return IntegralState(np.zeros((len(observation), 2)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""
-        (integral,) = state
         q, r = self.read(observation, "position", "reference_position")
         error = r - q
         ki = np.array(self.integral) * np.array(self.frequency) ** 3 * self.stretched
-        torque = super().torque(observation, ())[0] + ki * integral
+        torque = super().torque(observation, ())[0] + ki * state.integral
         pause = (self.interface.saturate(torque) != torque) & (torque * error > 0.0)
-        return torque, (integral + np.where(pause, 0.0, error * self.interface.control_dt),)
+        return torque, IntegralState(state.integral + np.where(pause, 0.0, error * self.interface.control_dt))

@@ -6,9 +6,9 @@ import numpy as np
 
 from controllers.computed_torque import ComputedTorque
 from controllers.feedback_linearization import winds_up
-from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array, forward_dynamics, inverse_dynamics
+from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, forward_dynamics, inverse_dynamics
 from fbl_gym.records import number, pair
 
 
@@ -38,20 +38,20 @@ class SuperTwisting(TorqueLaw):
 
     def initial(self, observation: Array) -> State:
         """Return the state: z [n x 2], zero."""
-        return (np.zeros((len(observation), 2)),)
+        return IntegralState(np.zeros((len(observation), 2)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next z."""
-        (z,) = state
         q, v = self.read(observation, "position", "velocity")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         slope, bound = np.array(self.slope), np.array(self.bound)
         s = r_dot - v + slope * (r - q)
         sign = np.sign(s) if self.layer == 0.0 else np.clip(s / self.layer, -1.0, 1.0)
-        a = r_ddot + slope * (r_dot - v) + 1.5 * np.sqrt(bound * np.abs(s)) * sign + z
+        a = r_ddot + slope * (r_dot - v) + 1.5 * np.sqrt(bound * np.abs(s)) * sign + state.integral
         torque = inverse_dynamics(self.interface.nominal, q, v, a)
         pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, sign)
-        return torque, (z + np.where(pause, 0.0, 1.1 * bound * sign * self.interface.control_dt),)
+        change = np.where(pause, 0.0, 1.1 * bound * sign * self.interface.control_dt)
+        return torque, IntegralState(state.integral + change)
 
 
 @dataclass(frozen=True)
@@ -79,14 +79,13 @@ class IntegralSlidingMode(ComputedTorque):
     layer: float = number(1.0, unit="rad/s", above=0, tune=(0.01, 10.0))
 
     def initial(self, observation: Array) -> State:
-        """Return the state: v less s [n x 2]."""
-        return self.read(observation, "velocity")
+        """Return the state: the integral v - s [n x 2]."""
+        return IntegralState(*self.read(observation, "velocity"))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m, and the next v less s."""
-        (wanted,) = state
+        """Return the torque [n x 2] N m, and the next integral."""
         q, v = self.read(observation, "position", "velocity")
-        extra = -np.array(self.bound) * np.clip((v - wanted) / self.layer, -1.0, 1.0)
+        extra = -np.array(self.bound) * np.clip((v - state.integral) / self.layer, -1.0, 1.0)
         torque = inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v) + extra)
         left = forward_dynamics(self.interface.nominal, q, v, self.interface.saturate(torque)) - extra
-        return torque, (wanted + self.interface.control_dt * left,)
+        return torque, IntegralState(state.integral + self.interface.control_dt * left)

@@ -9,8 +9,8 @@ notices a change in this file only.
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.arm import Array
-from fbl_gym.fastmath import cached_njit
+from fbl_gym.kernel.fastmath import cached_njit
+from fbl_gym.model.arm import Array
 
 LANES = 32
 """Lanes of a block: few enough that their data stay in the processor's first cache."""

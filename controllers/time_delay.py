@@ -1,15 +1,22 @@
 """Time-delay control, and computed torque with time-delay estimation."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
 from controllers.policy import State
-from fbl_gym.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.checks import Pair
+from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.records import pair
+
+
+class TimeDelayState(NamedTuple):
+    """State of `TimeDelay`, each array [n x 2]."""
+
+    velocity: Array  # at the last sample [rad/s]
+    applied: Array  # the last torque within its limits [N m]
 
 
 @dataclass(frozen=True)
@@ -39,15 +46,21 @@ class TimeDelay(ComputedTorque):
     def initial(self, observation: Array) -> State:
         """Return the state: the last velocity, and the torque that holds the nominal arm still."""
         q, v = self.read(observation, "position", "velocity")
-        return v, self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        return TimeDelayState(v, self.interface.saturate(gravity_torque(self.interface.nominal, q)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        last, applied = state
         q, v = self.read(observation, "position", "velocity")
-        change = self.acceleration(observation, q, v) - (v - last) / self.interface.control_dt
-        torque = applied + np.array(self.inertia) * self.stretched * change
-        return torque, (v, self.interface.saturate(torque))
+        change = self.acceleration(observation, q, v) - (v - state.velocity) / self.interface.control_dt
+        torque = state.applied + np.array(self.inertia) * self.stretched * change
+        return torque, TimeDelayState(v, self.interface.saturate(torque))
+
+
+class TdeState(NamedTuple):
+    """State of `ComputedTorqueTde`, each array [n x 2]."""
+
+    missed: Array  # d [N m]
+    applied: Array  # the last torque within its limits [N m]
 
 
 @dataclass(frozen=True)
@@ -79,15 +92,14 @@ class ComputedTorqueTde(ComputedTorque):
     def initial(self, observation: Array) -> State:
         """Return the state: d, zero, and the torque that holds the nominal arm still."""
         (q,) = self.read(observation, "position")
-        return np.zeros_like(q), self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        return TdeState(np.zeros_like(q), self.interface.saturate(gravity_torque(self.interface.nominal, q)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        missed, applied = state
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
         nominal = self.interface.nominal
         # d = d + (1 - exp(-g dt)) (torque_0 - (M a_0 + C v + G) - d)
         share = -np.expm1(-np.array(self.bandwidth) * self.interface.control_dt)
-        missed = missed + share * (applied - inverse_dynamics(nominal, q, v, a) - missed)
+        missed = state.missed + share * (state.applied - inverse_dynamics(nominal, q, v, a) - state.missed)
         torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + missed
-        return torque, (missed, self.interface.saturate(torque))
+        return torque, TdeState(missed, self.interface.saturate(torque))

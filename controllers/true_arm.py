@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.parts import runge_kutta
-from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, with_rotors
-from fbl_gym.batch import Truth
 from fbl_gym.checks import Pair
+from fbl_gym.kernel.batch import Truth
+from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 
 TURN = 0.02
 """Speed over which the friction of a wanted motion changes its sign [rad/s]."""
@@ -70,7 +70,8 @@ class TrueArm:
         """Return the torque of the springs on the links [n x 2] N m."""
         truth, gap = self.truth, 0.5 * self.truth.backlash
         force = truth.stiffness * (stretch - np.clip(stretch, -gap, gap))
-        return force + np.where(np.abs(stretch) >= gap, truth.damping * rate, 0.0)
+        force = force + np.where(np.abs(stretch) >= gap, truth.damping * rate, 0.0)
+        return np.where((gap > 0.0) & (force * stretch < 0.0), 0.0, force)  # teeth push and never pull
 
     def predicted(self) -> tuple[Array, ...]:
         """Return the state at the time at which the next command begins to act.

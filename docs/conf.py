@@ -1,8 +1,37 @@
 """Configuration of Sphinx, for `make docs`."""
 
 import inspect
+import itertools
+import os
+import re
+from pathlib import Path
 
+from benchmarks.cli import COMMANDS, prepare
+from benchmarks.cli.names import options
 from fbl_gym import TwoLinkArmEnv, __version__
+
+
+def options_page() -> str:
+    """Return the page of options, in Markdown."""
+    text = """# All options
+
+`gym.make` and `Scenario` take each option as a record or as plain data: `friction={"viscous": 1.0}`. The field
+`disturbance[sine].amplitude` is given by `disturbance={"kind": "sine", "amplitude": 10.0}`. One number for a field
+of two numbers is the value of both joints.
+
+`fbl-gym list options` prints this list, and `make docs` writes this page.
+"""
+    for option, fields in itertools.groupby(options(), lambda field: re.split(r"[.\[]", field.path)[0]):
+        text += f"\n## `{option}`\n\n| field | valid values | unit | default | meaning |\n|---|---|---|---|---|\n"
+        for field in fields:
+            cells = (f"`{field.path}`", field.form, field.unit, field.default, field.meaning)
+            text += "| " + " | ".join(cell.replace("|", "\\|").replace("*", "\\*") for cell in cells) + " |\n"
+    return text
+
+
+OPTIONS = Path(__file__).parent / "reference" / "options.md"
+if OPTIONS.read_text(encoding="utf-8") != options_page():
+    OPTIONS.write_text(options_page(), encoding="utf-8")
 
 project, author, release = "fbl-gym", "The fbl-gym authors", __version__
 copyright = author
@@ -16,9 +45,13 @@ extensions = [
 html_theme = "furo"
 html_title = f"fbl-gym {release}"
 myst_enable_extensions = ["dollarmath", "amsmath", "substitution"]
-myst_substitutions = {"datasheet": inspect.getdoc(TwoLinkArmEnv)}  # the docstring is in Markdown, as Gymnasium's are
+os.environ["COLUMNS"] = "100"  # of the commands' help
+myst_substitutions = {
+    "datasheet": inspect.getdoc(TwoLinkArmEnv),  # the docstring is in Markdown, as Gymnasium's are
+    "commands": "\n".join(f"## {name}\n\n```text\n{prepare(name)[0].format_help()}```\n" for name in COMMANDS),
+}
 myst_heading_anchors = 3
-exclude_patterns = ["paper/claims.md", "_build"]
+exclude_patterns = ["explanation/paper/claims.md", "_build"]
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 autodoc_default_options = {"members": True}

@@ -6,19 +6,14 @@ user has one of these names and comes first in `sys.path`.
 
 import importlib
 import sys
-from importlib.util import find_spec
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from fbl_gym.neighbours import ROOT, hidden_by
 
 
 def main() -> int:
     """Run a command and return the exit status."""
-    for name in ("controllers", "benchmarks"):
-        spec = find_spec(name)
-        folders = spec.submodule_search_locations if spec else None
-        if ROOT / name not in [Path(folder).resolve() for folder in folders or ()]:
-            sys.path.insert(0, str(ROOT))  # workers get the same path
+    if hidden_by():
+        sys.path.insert(0, str(ROOT))  # workers get the same path
     status: int = importlib.import_module("benchmarks.cli").main()
     return status
 

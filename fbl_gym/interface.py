@@ -7,79 +7,15 @@ torque limits and the meaning of an action. It never sees the real arm.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from fbl_gym.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair, unknown
-from fbl_gym.records import Record, choice, number, pair
+from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
+from fbl_gym.options.limits import Constraints, Limits
 
 ACTIONS = ("normalized", "torque", "acceleration")
-
-
-@dataclass(frozen=True)
-class Limits(Record):
-    """The limits beyond which an arm has diverged, and the ranges of the interface's numbers.
-
-    Args:
-        position: largest distance of a joint from its start; readings saturate at twice that.
-        velocity: largest joint velocity; readings saturate at twice that.
-        acceleration: range of the acceleration sensor and of the reference's acceleration.
-        command: range of an acceleration action.
-        error: an arm is lost once a joint has been farther than this from its reference for
-            `error_time`; None: however far.
-        error_time: see `error`.
-    """
-
-    position: float = number(4 * np.pi, unit="rad", above=0)
-    velocity: float = number(100.0, unit="rad/s", above=0)
-    acceleration: float = number(1e5, unit="rad/s^2", above=0)
-    command: float = number(100.0, unit="rad/s^2", above=0)
-    error: float | None = number(None, unit="rad", above=0)
-    error_time: float = number(1.0, unit="s", above=0)
-
-
-@dataclass(frozen=True)
-class Constraints(Record):
-    """Bounds that the arm shall keep. A step whose end is beyond one of them costs 1.
-
-    The bounds are those of the real links, also with elastic joints. A policy knows them.
-
-    Args:
-        low: smallest position of each joint; None: no bound.
-        high: largest position of each joint; None: no bound.
-        velocity: largest velocity of each joint, of either sign; None: no bound.
-        violation: consequence beyond a bound: "cost" alone, or "end", which also ends the episode.
-    """
-
-    low: Pair | float | None = pair(None, unit="rad")
-    high: Pair | float | None = pair(None, unit="rad")
-    velocity: Pair | float | None = pair(None, unit="rad/s", above=0)
-    violation: str = choice("cost", ("cost", "end"))
-
-    def validate(self) -> None:
-        """Refuse an empty range of positions."""
-        low, high, _ = self.bounds
-        if (low >= high).any():
-            raise ValueError(f"low must be below high, got low={self.low} and high={self.high}")
-
-    @property
-    def bounds(self) -> tuple[Array, Array, Array]:
-        """Return lowest and highest position and largest velocity [2]; infinite: no bound."""
-        low, high, velocity = (
-            np.full(2, none) if given is None else np.array(given)
-            for given, none in ((self.low, -np.inf), (self.high, np.inf), (self.velocity, np.inf))
-        )
-        return low, high, velocity
-
-    def violated(self, position: Array, velocity: Array) -> NDArray[np.bool_]:
-        """Return True where a bound is violated [...], from position and velocity [... x 2]."""
-        low, high, fastest = self.bounds
-        kept = (low <= position) & (position <= high) & (np.abs(velocity) <= fastest)
-        return np.asarray(~kept.all(axis=-1))
 
 
 @dataclass(frozen=True)
@@ -106,16 +42,10 @@ class Slot:
         """Return the slice of the entries."""
         return slice(self.start, self.start + self.size)
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Return the unit of each entry."""
-        units = self.unit.split(", ")
-        return tuple(units[i // 2 % len(units)] for i in range(self.size))
-
 
 @dataclass(frozen=True)
 class Layout:
-    """Names, slices, units and bounds of the flat observation.
+    """Names, slices and bounds of the flat observation.
 
     `observation[..., layout["velocity"]]` is the measured velocity of both joints. `"velocity" in
     layout` is True if the observation has it. A slot that is absent is an error that lists the
@@ -145,11 +75,6 @@ class Layout:
     def names(self) -> tuple[str, ...]:
         """Return the name of each entry, such as "velocity[1]" or "preview[6]"."""
         return tuple(f"{slot.name}[{i}]" for slot in self.slots for i in range(slot.size))
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Return the unit of each entry."""
-        return tuple(unit for slot in self.slots for unit in slot.units)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -260,9 +185,6 @@ class Interface:
         return self.saturate(inverse_dynamics(self.nominal, position, velocity, acceleration))
 
 
-_Bounds: TypeAlias = tuple[float, ...]
-
-
 def make_layout(
     sensors: tuple[str, ...], limits: Limits, action_limit: Pair, action_unit: str, past_actions: int, preview: int
 ) -> Layout:
@@ -279,7 +201,7 @@ def make_layout(
     """
     slots: list[Slot] = []
 
-    def add(name: str, unit: str, bound: _Bounds) -> None:
+    def add(name: str, unit: str, bound: tuple[float, ...]) -> None:
         start = slots[-1].start + slots[-1].size if slots else 0
         slots.append(Slot(name, start, len(bound), unit, tuple(-x for x in bound), bound))
 

@@ -132,15 +132,13 @@ def whole(default: Any = MISSING, *, low: int = 0, varies: bool = False) -> Any:
 def choice(default: Any, known: Iterable[str]) -> Any:
     """Declare one of several names."""
     known = tuple(known)
-    convert = lambda name, value: check_choice(name, value, known)  # noqa: E731
-    return declared(default, convert, _names(known))
+    return declared(default, functools.partial(check_choice, known=known), _names(known))
 
 
 def choices(default: Any, known: Iterable[str]) -> Any:
     """Declare some of several names, held in the order of `known`; one name stands alone."""
     known = tuple(known)
-    convert = lambda name, value: check_choices(name, value, known)  # noqa: E731
-    return declared(default, convert, "some of " + ", ".join(known))
+    return declared(default, functools.partial(check_choices, known=known), "some of " + ", ".join(known))
 
 
 def table(default: Any = MISSING, *, unit: str = "") -> Any:
@@ -153,14 +151,14 @@ def record(cls: type, default: Any = MISSING, *, scalar: str | None = None) -> A
 
     `scalar` is the field that a bare value stands for; without it, a bare value is refused.
     """
-    form = _either((_article(cls), "a dict of its fields", *([f"its {scalar}"] if scalar else [])))
-    return declared(default, lambda name, value: build(name, value, cls, scalar=scalar), form, classes=(cls,))
+    form = either((_article(cls), "a dict of its fields", *([f"its {scalar}"] if scalar else [])))
+    return declared(default, functools.partial(build, cls=cls, scalar=scalar), form, classes=(cls,))
 
 
 def one_of(classes: tuple[type, ...], default: Any = MISSING) -> Any:
     """Declare one of several records with a field `kind`, given as itself, a dict or its kind."""
     form = "a dict with a kind of " + _names(cls.kind for cls in classes)  # type: ignore[attr-defined]
-    return declared(default, lambda name, value: build_kind(name, value, classes), form, classes=classes)
+    return declared(default, functools.partial(build_kind, classes=classes), form, classes=classes)
 
 
 def kind(name: str) -> Any:
@@ -169,10 +167,10 @@ def kind(name: str) -> Any:
 
 
 def _names(known: Iterable[str]) -> str:
-    return _either([f'"{name}"' for name in known])
+    return either([f'"{name}"' for name in known])
 
 
-def _either(texts: Sequence[str], word: str = "or") -> str:
+def either(texts: Sequence[str], word: str = "or") -> str:
     """Return "a, b or c"."""
     return f" {word} ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
 
@@ -300,7 +298,7 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
                 raise unknown(f"field of {name}", key, fields)
         lacking = [f.name for f in dataclasses.fields(cls) if _is_required(f) and f.name not in value]  # type: ignore[arg-type]
         if lacking:
-            raise ValueError(f"{name} must give {_either(lacking, 'and')}, got {dict(value)!r}")
+            raise ValueError(f"{name} must give {either(lacking, 'and')}, got {dict(value)!r}")
         given = dict(value)
     elif scalar is not None and not isinstance(value, str):
         given = {scalar: value}
@@ -328,6 +326,24 @@ def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
     if not isinstance(value["kind"], str) or value["kind"] not in by_kind:
         raise unknown(f"kind of {name}", value["kind"], by_kind)
     return build(name, value, by_kind[value["kind"]])
+
+
+def merged(base: Any, changes: Any) -> Any:
+    """Return plain data with changes, table by table; the base is left alone.
+
+    A table of another `kind` and a distribution replace the base's value. `False` becomes None.
+    """
+    if changes is False:
+        return None
+    if (
+        not isinstance(base, Mapping)
+        or not isinstance(changes, Mapping)
+        or set(changes) in ({"uniform"}, {"log_uniform"}, {"choice"})
+    ):
+        return changes
+    if changes.get("kind", base.get("kind")) != base.get("kind"):
+        return changes
+    return {**base, **{name: merged(base.get(name), value) for name, value in changes.items()}}
 
 
 def set_fields(record: object, **values: object) -> None:

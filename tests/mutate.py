@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 TARGETS = [
     (
-        "fbl_gym/arm.py",
+        "fbl_gym/model/arm.py",
         ("lumped_terms", "inertia_terms", "coriolis_terms", "gravity_terms", "solve_terms"),
         ["tests/fbl_gym/test_arm.py"],
     ),

@@ -50,18 +50,33 @@ def named_files():
 # Code and commands.
 
 
+SHORTER = {
+    "learn(150_000)": "learn(64)",
+    'device="cpu")': 'device="cpu", n_steps=64)',
+    "range(400)": "range(4)",
+    "range(32)": "range(4)",
+    "replace(duration=3.0)": "replace(duration=0.5)",
+}
+"""What makes the Python of a page short."""
+
+
+LEARNING = ("docs/how-to/train.md", "docs/how-to/offline-learning.md", "docs/results/agents.md")
+"""Pages whose Python tests/benchmarks/rl runs."""
+
+
 @pytest.mark.parametrize(
     ("page", "block"),
-    [(page, block) for page in PAGES if page != "docs/rl.md" for block in blocks(page, "python")],
+    [(page, block) for page in PAGES if page not in LEARNING for block in blocks(page, "python")],
     ids=lambda text: text.partition("\n")[0],
 )
-def test_python_of_a_page_runs(page, block, tmp_path):
-    """All pages but docs/rl.md, which tests/benchmarks/rl runs."""
+def test_python_of_a_page_runs(page, block, tmp_path, monkeypatch):
+    """All pages but those on learning; without a warning."""
+    monkeypatch.chdir(tmp_path)
     if "stable_baselines3" in block:
         pytest.importorskip("stable_baselines3")
-    block = block.replace("learn(150_000)", "learn(2_048)").replace("range(400)", "range(4)")
-    done = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, f"{page}\n{done.stderr}"
+    for long, short in SHORTER.items():
+        block = block.replace(long, short)
+    exec(compile(block, page, "exec"), {"__name__": "__main__"})
 
 
 def parser_of(command):
@@ -77,15 +92,11 @@ def commands(page):
 SHORT = {
     "leaderboard": ["--seeds", "1", "--scenarios", "mass-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"],
     "report": ["--seeds", "1", "--scenarios", "mass-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"],
-    "speed": ["--rounds", "1"],
     "evaluate": ["--seeds", "2"],
-    "compare": ["--seeds", "2"],
-    "trials": ["--seeds", "2", "--trials", "2"],
     "sweep": ["--seeds", "1", "--workers", "1"],
-    "tune": ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--jobs", "1"],
-    "transfer": ["--seeds", "4", "--world", "mujoco-bend", "--scenario", "hardware-nominal"],
+    "tune": ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--workers", "1"],
     "record": ["--episodes", "2"],
-    "recommend": ["--seeds", "2", "--policies", "pd-gravity", "computed-torque"],
+    "recommend": ["--seeds", "1", "--policies", "pd-gravity", "computed-torque", "--workers", "1"],
 }
 """Arguments that make a command short."""
 
@@ -93,7 +104,15 @@ ELSEWHERE = ("reproduce", "train", "curves")
 """Commands that other tests run."""
 
 
-@pytest.mark.parametrize("page", [page for page in pages_with("sh") if commands(page)])
+LONG_PAGES = ("docs/start/your-robot.md", "docs/results/mujoco.md")
+
+
+def marked(page):
+    """Return a page as a parameter of a test, slow if its commands take long."""
+    return pytest.param(page, marks=[pytest.mark.slow] if page in LONG_PAGES else [])
+
+
+@pytest.mark.parametrize("page", [marked(page) for page in pages_with("sh") if commands(page)])
 def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
     """In the page's order and in one folder, each with arguments that make it short; long ones are only parsed."""
     monkeypatch.chdir(tmp_path)
@@ -106,19 +125,21 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
         parser_of(command[0]).parse_args(command[1:])
         if command[0] not in ELSEWHERE:
             short = SHORT.get(command[0], [])
-            if "--check" in command:
-                short = [*short, "--check", "1"]
+            if "--trials" in command and command[0] == "evaluate":
+                short = ["--seeds", "2", "--trials", "2"]
+            if "--world" in command:
+                short = ["--seeds", "4", "--scenarios", "hardware-nominal"]
             if "my_paper.toml" in command:
                 short = ["--seeds", "1", *(["--workers", "1"] if command[0] == "leaderboard" else [])]
             assert cli.main([*command, *short]) == 0, command
 
 
 def test_the_suite_of_the_documentation_is_read(tmp_path, monkeypatch):
-    """The file of docs/leaderboard.md, with the law of docs/tutorials.md beside it."""
+    """The file of docs/how-to/own-suite.md, with the law of docs/start/your-robot.md beside it."""
     monkeypatch.chdir(tmp_path)
     for name, text in named_files().items():
         Path(name).write_text(text)
-    suite = load("mine.toml")
+    suite = load("mine.toml").build()
     assert suite.cells[-1].policy.name == "my_law.py"
     assert {"noise-1@500Hz", "heavy@500Hz"} <= {scenario.name for scenario in suite.scenarios}
 
@@ -161,6 +182,7 @@ def test_links_of_a_page_lead_somewhere(page):
             assert anchor in anchors(str(target.resolve().relative_to(ROOT))), f"{link} in {page}"
 
 
+@pytest.mark.slow
 def test_the_documentation_builds_without_a_warning(tmp_path):
     """Every link has a target, and mathematics is shown without a network."""
     pytest.importorskip("sphinx")
@@ -168,10 +190,10 @@ def test_the_documentation_builds_without_a_warning(tmp_path):
     built = tmp_path / "html"
     done = subprocess.run([sys.executable, "-m", *command, str(built)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    page = (built / "controllers" / "adrc.html").read_text()
+    page = (built / "reference" / "controllers" / "adrc.html").read_text()
     assert not re.findall(r"(?:src|href)=\"(?:https?:)?//[^\"]*\.(?:js|css)", page)
     (mathjax,) = re.findall(r"src=\"([^\"?]*mathjax[^\"?]*)", page, flags=re.I)
-    assert (built / "controllers" / mathjax).exists()
+    assert (built / "reference" / "controllers" / mathjax).exists()
 
 
 # Fields.

@@ -9,6 +9,8 @@ import sysconfig
 import tarfile
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -25,6 +27,7 @@ def build(target, tmp_path):
     return tmp_path / python(code, cwd=ROOT).splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_a_built_package_works_outside_the_checkout(tmp_path):
     """The sdist is built, a wheel is built from it and installed in a fresh environment, used, and uninstalled."""
     sdist = build("sdist", tmp_path)
@@ -55,7 +58,7 @@ def test_a_built_package_works_outside_the_checkout(tmp_path):
     assert "ppo-residual" in run("fbl-gym", "leaderboard", *few, "--workers", "1")
     run("fbl-gym", "report", *few)
     assert (tmp_path / "results" / "report" / "board.html").stat().st_size > 1e6
-    few = ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--scenario", "nominal"]
+    few = ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--scenarios", "nominal"]
     assert "use them as pd-gravity@" in run("fbl-gym", "tune", "pd-gravity", *few)
     assert (site / "fbl_gym" / "py.typed").exists()
     assert not (site / "tests").exists()
@@ -74,7 +77,17 @@ def test_the_sdist_has_all_that_the_readme_names(tmp_path):
 def test_importing_brings_no_graphics_and_no_learning():
     code = "import sys, fbl_gym, controllers, benchmarks.cli; print([m for m in sys.modules if '.' not in m])"
     loaded = set(ast.literal_eval(python(code)))
-    assert not loaded & {"matplotlib", "pygame", "torch", "stable_baselines3", "rich", "pandas"}
+    assert not loaded & {
+        "matplotlib",
+        "pygame",
+        "torch",
+        "stable_baselines3",
+        "rich",
+        "plotly",
+        "duckdb",
+        "control",
+        "optuna",
+    }
 
 
 def test_the_environment_is_found_by_module_prefix():
@@ -103,4 +116,14 @@ def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
     line = [sys.executable, "-m", "fbl_gym", "doctor"]
     done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
     for name in ("controllers", "benchmarks"):
-        assert f"warning: {tmp_path / name / '__init__.py'} has the same name" in done.stdout
+        assert f"warning: {tmp_path / name / '__init__.py'} may be imported in its place" in done.stdout
+
+
+def test_a_users_folder_of_the_same_name_is_named_by_the_import(tmp_path):
+    (tmp_path / "controllers.py").write_text("")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    line = [sys.executable, "-c", "import fbl_gym"]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert f"UserWarning: import controllers finds {tmp_path / 'controllers.py'}, which hides" in done.stderr
+    assert "import benchmarks" not in done.stderr

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from benchmarks.analysis import statistics
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import Metric
+from benchmarks.run.metrics import Metric, counted_error
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
-TIERS = ("hardware", "ideal", "surprise", "practice")
-"""The tiers of scenarios. A board is ranked in the first of these that it has."""
+RANKED_FIRST = ("hardware", "ideal", "surprise", "practice")
+"""A board is ranked in the first of these tiers that it has."""
 
 UNSCORED = "No scores: no classical law with privileged access is a ceiling on this board. Ranked by the error."
 """The remark on a board without a ceiling."""
 
 CLEAR = 0.5
-"""A ceiling errs at most CLEAR times as much as an arm that stays at its start."""
+"""A ceiling errs at most CLEAR times as much as the motionless baseline."""
 
 MOST_DIVERGED = 0.1
 """Largest share of runs that diverge for which a law can be a ceiling."""
@@ -50,7 +50,7 @@ class Board:
         rows: members of each policy [p], by the policy's name, with a result for every scenario.
         scenarios: [s] names.
         seeds: [n].
-        runs: each metric, [m x s x n]. Where a policy failed, they are those of an arm that stays.
+        runs: each metric, [m x s x n]. Where a policy failed, they are the motionless baseline's.
         decision_us: time of a decision of each policy, the median over scenarios [p].
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.
@@ -96,7 +96,7 @@ class Board:
             rows.setdefault(self.policies[i], []).append(self.scenarios[k])
         for reason, rows in reasons.items():
             names = (f"{policy} in {_and_more(tasks)}" for policy, tasks in rows.items())
-            sentences.append(f"Count as an arm that stays ({reason}): {', '.join(names)}.")
+            sentences.append(f"Count as the motionless baseline ({reason}): {', '.join(names)}.")
         return sentences + self.gaps
 
     @cached_property
@@ -135,7 +135,8 @@ class Board:
 
         An error below the encoder's resolution counts as the resolution.
         """
-        return np.maximum(self.runs["error_pct"], self.runs["resolution_pct"])
+        errors: Array = counted_error(self.runs)
+        return errors
 
     @cached_property
     def ranked(self) -> list[int]:
@@ -145,8 +146,8 @@ class Board:
     @cached_property
     def tiers(self) -> dict[str, list[int]]:
         """Indices of the scenarios of each tier; the first tier is the one that ranks."""
-        places = [tier_of(scenario) for scenario in self.scenarios]
-        return {tier: [i for i, place in enumerate(places) if place == tier] for tier in TIERS if tier in places}
+        tiers = [tier_of(scenario) for scenario in self.scenarios]
+        return {x: [i for i, tier in enumerate(tiers) if tier == x] for x in RANKED_FIRST if x in tiers}
 
     @property
     def main(self) -> list[int]:
@@ -172,12 +173,12 @@ class Board:
         """
         specs = zip(self._starts, self.specs, strict=True)
         laws = [i for i, spec in specs if spec.kind == "classical" and not spec.ranked]
-        errors, stay = np.log(self.errors).mean(axis=-1), np.log(self.runs["stay_pct"][0]).mean(axis=-1)
+        errors, baseline = np.log(self.errors).mean(axis=-1), np.log(self.runs["baseline_error_pct"][0]).mean(axis=-1)
         diverged = self.runs["diverged"].mean(axis=-1)
         ceilings = np.full(len(self.scenarios), -1)
         for k in range(len(self.scenarios)):
             best = min(laws, key=lambda i: errors[i, k], default=-1)
-            if best >= 0 and errors[best, k] <= stay[k] + np.log(CLEAR) and diverged[best, k] <= MOST_DIVERGED:
+            if best >= 0 and errors[best, k] <= baseline[k] + np.log(CLEAR) and diverged[best, k] <= MOST_DIVERGED:
                 ceilings[k] = best
         return ceilings
 
@@ -185,24 +186,26 @@ class Board:
     def _scores(self) -> dict[str, Array]:
         """Score of each policy in each tier with a ceiling, without its lower bound [b x p]."""
         weights = self.counts.T
-        errors, stay = (np.log(x) @ weights / len(self.seeds) for x in (self.errors, self.runs["stay_pct"][0]))
+        errors, baseline = (
+            np.log(x) @ weights / len(self.seeds) for x in (self.errors, self.runs["baseline_error_pct"][0])
+        )
         scores = {}
-        for tier, places in self.tiers.items():
-            scored = [k for k in places if self.ceilings[k] >= 0]
+        for tier, indices in self.tiers.items():
+            scored = [k for k in indices if self.ceilings[k] >= 0]
             if scored:
-                gains = stay[scored] - errors[:, scored]
-                # A resample may lack the seeds on which the ceiling is clearly below staying.
-                spans = np.maximum(stay[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
-                counted = self.runs["diverged"][:, places].sum(axis=1) @ weights
-                runs = np.repeat(self._runs(places), self.sizes).tolist()
+                gains = baseline[scored] - errors[:, scored]
+                # A resample may lack the seeds on which the ceiling is clearly below the baseline.
+                spans = np.maximum(baseline[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
+                counted = self.runs["diverged"][:, indices].sum(axis=1) @ weights
+                runs = np.repeat(self._runs(indices), self.sizes).tolist()
                 diverged = [statistics.diverged_share(*x) for x in zip(counted, runs, strict=True)]
                 scores[tier] = self.average(statistics.score(gains.swapaxes(0, 1), spans[:, None], diverged).T)
         return scores
 
-    def _runs(self, places: Sequence[int]) -> NDArray[np.int64]:
+    def _runs(self, indices: Sequence[int]) -> NDArray[np.int64]:
         """Return the number of runs of a member of each policy where it did not fail [p]."""
-        failed = [sum(j == i and k in places for j, k in self.failed) for i in range(len(self.specs))]
-        return np.maximum((len(places) - np.array(failed)) * len(self.seeds), 1)
+        failed = [sum(j == i and k in indices for j, k in self.failed) for i in range(len(self.specs))]
+        return np.maximum((len(indices) - np.array(failed)) * len(self.seeds), 1)
 
     @cached_property
     def scores(self) -> dict[str, Estimate]:
@@ -244,24 +247,26 @@ class Board:
 
         None: the tier that ranks has no ceiling.
         """
-        places = [k for k in self.main if self.ceilings[k] >= 0]
+        scored = [k for k in self.main if self.ceilings[k] >= 0]
         variation = np.median(self.runs["variation"], axis=-1)
-        ratio = variation[:, places] / variation[self.ceilings[places], places]
-        return self.average(np.median(ratio, axis=-1)[None])[0] if places else None
+        ratio = variation[:, scored] / variation[self.ceilings[scored], scored]
+        return self.average(np.median(ratio, axis=-1)[None])[0] if scored else None
+
+    @cached_property
+    def _levels(self) -> Array:
+        """Numbers that order the policies, the smallest first: by score, else by error [b x p]."""
+        scores = self._scores.get(next(iter(self.tiers)))
+        return self._mean_errors(self.errors[:, self.main]) if scores is None else -scores
 
     @cached_property
     def rank(self) -> Estimate:
-        """Rank of each ranked policy, in the order of `ranked`: by score, else by error."""
-        if self.score is not None:
-            return statistics.ranks(-self._scores[next(iter(self.tiers))][:, self.ranked])
-        return statistics.ranks(self._mean_errors(self.errors[:, self.main])[:, self.ranked])
+        """Rank of each ranked policy, in the order of `ranked`."""
+        return statistics.ranks(self._levels[:, self.ranked])
 
     @cached_property
     def order(self) -> list[int]:
         """Indices of the policies, the best first; unranked ones stand at the end."""
-        scores = self._scores.get(next(iter(self.tiers)))
-        value = self.error.value if scores is None else -scores[0]
-        return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, value[i]))
+        return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, self._levels[0, i]))
 
     @cached_property
     def families(self) -> dict[str, list[int]]:
@@ -276,7 +281,7 @@ class Board:
     def family_errors(self) -> dict[str, Estimate]:
         """Geometric mean of each policy's errors in each family [p]."""
         families = self.families.items()
-        return {family: statistics.interval(self._mean_errors(self.errors[:, places])) for family, places in families}
+        return {family: statistics.interval(self._mean_errors(self.errors[:, i])) for family, i in families}
 
     def wins(self, i: int) -> Estimate:
         """Return the share of runs in which policy i errs less than each other one [p]."""
@@ -285,37 +290,36 @@ class Board:
         return statistics.interval((self.average(draws.swapaxes(1, 2)) * self.weights[:, None, members]).sum(axis=-1))
 
     @cached_property
-    def recovery(self) -> dict[str, dict[str, Array]]:
-        """Metrics of each scenario with events: the mean over the runs that did not diverge [p]."""
-        names = ("recovery_s", "recovery_rad_s", "unrecovered_pct", "diverged")
-        places = np.flatnonzero(np.isfinite(self.runs["recovery_s"]).any(axis=(0, 2)))
-        if not len(places):
-            return {}
+    def recovery(self) -> Array | None:
+        """Time until the error of each policy is back after an event [p].
+
+        It is the mean over the scenarios with events, without diverged runs; None: there are none.
+        """
+        times = self.runs["recovery_s"][:, np.isfinite(self.runs["recovery_s"]).any(axis=(0, 2))]
+        if not times.size:
+            return None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a policy whose runs all diverged has NaN
-            means = {x: self.average(np.nanmean(self.runs[x], axis=-1)[None])[0] for x in names}
-            return {self.scenarios[k]: {x: means[x][:, k] for x in names} for k in places}
+            return self.average(np.nanmean(times, axis=-1)[None])[0].mean(axis=-1)
 
     @cached_property
     def degradation(self) -> dict[str, tuple[str, list[int], Estimate]]:
         """Description, severities [k], errors [p x k] of each family with two or more, by title."""
-        groups: dict[tuple[str, str, str], dict[str, dict[int, int]]] = {}
+        groups: dict[tuple[str, ...], dict[int, int]] = {}
         for i, name in enumerate(self.scenarios):
             if member := scenarios.member(name):
                 # Severities of one arm, at one rate and in one world belong together.
-                group = groups.setdefault((tier_of(name), member.arm, name.partition("@")[2]), {})
-                group.setdefault(member.family, {})[member.severity] = i
+                group = tier_of(name), member.arm, name.partition("@")[2], member.family
+                groups.setdefault(group, {})[member.severity] = i
         curves = {}
-        for (tier, arm, suffix), group in groups.items():
-            for family, members in group.items():
-                severities = sorted((group.get("nominal", {}) | members).items())
-                if family != "nominal" and len(severities) > 1:
-                    runs = self.errors[:, [i for _, i in severities]][:, :, None]
-                    estimate = statistics.interval(self._mean_errors(runs))
-                    title = (family if arm == "table-1" else f"{arm}/{family}") + (f"@{suffix}" if suffix else "")
-                    title = title if tier == next(iter(self.tiers)) else f"{tier} {title}"
-                    text = meaning_of(self.scenarios[severities[-1][1]])
-                    curves[title] = text, [severity for severity, _ in severities], estimate
+        for (tier, arm, suffix, family), members in groups.items():
+            severities = sorted((groups.get((tier, arm, suffix, "nominal"), {}) | members).items())
+            if family != "nominal" and len(severities) > 1:
+                runs = self.errors[:, [i for _, i in severities]][:, :, None]
+                title = (family if arm == "table-1" else f"{arm}/{family}") + (f"@{suffix}" if suffix else "")
+                title = title if tier == next(iter(self.tiers)) else f"{tier} {title}"
+                text, estimate = meaning_of(self.scenarios[severities[-1][1]]), self._mean_errors(runs)
+                curves[title] = text, [severity for severity, _ in severities], statistics.interval(estimate)
         return curves
 
 
@@ -349,8 +353,8 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     """Return the board of a suite's results.
 
     Members of a row are the policies whose specifications name it in `rows`. A row with a member
-    that failed in a scenario counts there as an arm that stays. One with a member that failed in
-    all of them, or lacks a result, is left out and named.
+    that failed in a scenario counts there as the motionless baseline: an arm at its start. One
+    with a member that failed in all of them, or lacks a result, is left out and named.
 
     Args:
         results: of cells with the same seeds.
@@ -380,14 +384,16 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     if not complete:
         reasons = "; ".join(f"{row}: {reason}" for row, reason in incomplete.items()) or "the store has no cell"
         raise ValueError(f"there is no policy with a result for every scenario: {reasons}")
-    stays = {r.cell.scenario.name: [_staying(row) for row in r.rows] for r in results if r.rows}
+    baselines = {r.cell.scenario.name: [_motionless(row) for row in r.rows] for r in results if r.rows}
     failed, table, decision = {}, [], []
     for i, members in enumerate(complete.values()):
         for k, task in enumerate(tasks):
             if errors := [error for spec in members if (error := stored[spec.name][task].error)]:
                 failed[i, k] = errors[0]
         for spec in members:
-            row = [stays[task] if (i, k) in failed else stored[spec.name][task].rows for k, task in enumerate(tasks)]
+            row = [
+                baselines[task] if (i, k) in failed else stored[spec.name][task].rows for k, task in enumerate(tasks)
+            ]
             table.append(row)
         decision.append(np.median([r.decision_us for spec in members for r in stored[spec.name].values() if r.rows]))
     cell = results[0].cell
@@ -407,16 +413,16 @@ def _and_more(names: Sequence[str]) -> str:
     return names[0] + (f" and {len(names) - 1} more" if names[1:] else "")
 
 
-def _staying(row: dict[str, float]) -> dict[str, float]:
-    """Return the metrics of an arm that stays at its start, from those of any policy's run."""
-    reference = {name: row[name] for name in ("stay_pct", "resolution_pct")}
-    still = {"error_pct": row["stay_pct"], "variation": 0.0, "diverged": 0.0}
+def _motionless(row: dict[str, float]) -> dict[str, float]:
+    """Return the metrics of the motionless baseline, from those of any policy's run."""
+    reference = {name: row[name] for name in ("baseline_error_pct", "resolution_pct")}
+    still = {"error_pct": row["baseline_error_pct"], "variation": 0.0, "diverged": 0.0}
     return dict.fromkeys(row, float("nan")) | reference | still
 
 
-def _by_name(things: Iterable[Any]) -> dict[str, Any]:
+def _by_name(entries: Iterable[Any]) -> dict[str, Any]:
     named: dict[str, Any] = {}
-    for thing in things:
-        if named.setdefault(thing.name, thing) != thing:
-            raise ValueError(f"names on a board must differ, but two different entries are named {thing.name!r}")
+    for entry in entries:
+        if named.setdefault(entry.name, entry) != entry:
+            raise ValueError(f"names on a board must differ, but two different entries are named {entry.name!r}")
     return named

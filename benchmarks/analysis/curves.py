@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, resample
 from benchmarks.run.suite import training
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
 
 @dataclass(frozen=True)

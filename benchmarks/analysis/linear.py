@@ -18,14 +18,14 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env
-from fbl_gym.arm import Array, forward_dynamics, inertia_matrix, with_rotors
-from fbl_gym.batch import Truth
+from controllers.policy import leaves, map_state
 from fbl_gym.checks import Pair, check_number, check_pair
 from fbl_gym.interface import Interface
+from fbl_gym.kernel.batch import Truth
+from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
+from fbl_gym.options import ArrayReference, Friction, Payload
 from fbl_gym.records import middle
-from fbl_gym.references import ArrayReference
 from fbl_gym.scenarios import Scenario, as_scenario
-from fbl_gym.uncertainty import Friction, Payload
 
 POINT: Pair = (-1.0, 0.5)
 """A point within the default motion at which gravity acts on both joints [rad]."""
@@ -270,8 +270,8 @@ def linearize(
         point, zero = check_pair("at", at), (0.0, 0.0)
         reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
         scenario = scenario.replace(reference=reference, initial_error=0.0)
-    looks = steps or [round(time / dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
-    scenario = scenario.replace(duration=(max(looks) + 1) * dt)
+    candidates = steps or [round(time / dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
+    scenario = scenario.replace(duration=(max(candidates) + 1) * dt)
     spec = resolve(policy)
     if not spec.ranked:
         raise NotLinear("the policy reads the true state")
@@ -280,9 +280,9 @@ def linearize(
     observation, _ = env.reset(seed=[seed])
     state: Any = None
     loops = {}
-    for k in range(max(looks) + 1):
+    for k in range(max(candidates) + 1):
         action, after = actor.predict(observation, state=state, deterministic=True)
-        if k in looks:
+        if k in candidates:
             truth = env.truth
             at_rest = np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max()
             if steps or at_rest:
@@ -351,7 +351,7 @@ def _law(
     torque and the next state.
     """
     layout, m = interface.layout, len(entries)
-    parts = [np.asarray(part) for part in state or ()]
+    parts = [np.asarray(part) for part in leaves(state or ())]
     if any(part.shape[:1] != (1,) for part in parts):
         raise NotLinear("the policy's state has no row for each lane")
     real = [i for i, part in enumerate(parts) if part.dtype.kind == "f"]
@@ -367,7 +367,10 @@ def _law(
         lanes = [np.repeat(part + later if part.dtype.kind in "iu" else part, n, axis=0) for part in parts]
         for i, start, stop in zip(real, cuts[:-1], cuts[1:], strict=True):
             lanes[i] = points[:, start:stop].reshape(n, *parts[i].shape[1:])
-        action, after = actor.predict(observations, state=None if state is None else tuple(lanes), deterministic=True)
+        rows = iter(lanes)
+        now = None if state is None else map_state(lambda _: next(rows), state)
+        action, after = actor.predict(observations, state=now, deterministic=True)
+        after = leaves(after or ())
         q = observations[:, layout["position"]]
         v = observations[:, layout["velocity"]] if "velocity" in layout else np.zeros_like(q)
         torque = interface.torque_from_action(np.asarray(action), q, v)

@@ -1,31 +1,29 @@
 """The policies to use on an arm that is described by a scenario.
 
 Policies run in the scenario and in conditions around it. In each of these, one kind of uncertainty
-is twice as large. The order is that of the mean logarithm of the errors, plus the price of diverged
-runs as in the score; a condition costs at most as much as an arm that stays at its start. The
+is twice as large. The order is that of the mean logarithm of the errors, plus the divergence
+penalty of the score; a condition costs at most as much as the motionless baseline. The
 scenario itself counts as much as all its conditions together.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from benchmarks.analysis.linear import NotLinear, linearize
 from benchmarks.analysis.statistics import proportion, tail_mean
 from benchmarks.analysis.transfer import Runs
-from benchmarks.policies.spec import names, resolve_apart
+from benchmarks.policies.spec import names, resolve_isolated
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell, Suite
 from benchmarks.seeds import SPLITS
-from fbl_gym.arm import ArmParameters, gravity_torque, inverse_dynamics
+from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
+from fbl_gym.options import SensorError
 from fbl_gym.records import Distribution, ends, scaled
-from fbl_gym.scenarios import Scenario, conditions, in_world, judged
-from fbl_gym.scenarios.hardware import FAMILIES, PRACTICE_MOTION
-from fbl_gym.uncertainty import SensorError
+from fbl_gym.scenarios import Scenario, conditions
 
 Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
 """Runs cells and returns their results by id. A failed one has an error."""
@@ -33,15 +31,15 @@ Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
 SCREENED = 8
 """Policies that go on from the scenario alone to its conditions."""
 
-MOST_DIVERGED = 0.01
+SAFE_DIVERGED = 0.01
 """A policy is not safe if the lower bound of its share of diverged runs is above this one."""
 
-WORST_ERROR = 0.5
-"""A policy is not safe if it errs more than this share of an arm that stays at its start."""
+SAFE_ERROR = 0.5
+"""A policy is not safe if it errs more than this share of the motionless baseline."""
 
 RULE = (
-    f"safe: in the scenario itself, at most {100 * MOST_DIVERGED:g} % of the runs diverge (lower bound of Clopper and "
-    f"Pearson's 95 % interval), and the error is below {WORST_ERROR:g} of an arm's that stays at its start"
+    f"safe: in the scenario itself, at most {100 * SAFE_DIVERGED:g} % of the runs diverge (lower bound of Clopper and "
+    f"Pearson's 95 % interval), and the error is below {SAFE_ERROR:g} of that of the motionless baseline"
 )
 
 KINDS = (
@@ -56,14 +54,14 @@ def around(base: Scenario) -> dict[str, Scenario]:
     What a scenario does not have, such as noise, comes in the size of the tier `hardware`. Rigid
     joints stay rigid: no stiffness can be guessed.
     """
-    every = {"as described": base}
+    scenarios = {"as described": base}
     for kind in KINDS:
         if (changed := push(base, kind, 2.0)) != base:
-            every[kind] = changed.replace(name=f"{base.name}+{kind.replace(' ', '-')}")
+            scenarios[kind] = changed.replace(name=f"{base.name}+{kind.replace(' ', '-')}")
     everything = base
     for kind in KINDS[:-1]:
         everything = push(everything, kind, 1.5)
-    return every | {"everything": everything.replace(name=f"{base.name}+everything")}
+    return scenarios | {"everything": everything.replace(name=f"{base.name}+everything")}
 
 
 def push(base: Scenario, kind: str, factor: float) -> Scenario:
@@ -140,7 +138,7 @@ def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
 
 def _times(value: Any, factor: float) -> Any:
     """Return a number or a distribution, or one for each joint, times a factor."""
-    return tuple(scaled(each, factor) for each in value) if isinstance(value, tuple) else scaled(value, factor)
+    return tuple(scaled(x, factor) for x in value) if isinstance(value, tuple) else scaled(value, factor)
 
 
 def _payload(scenario: Scenario) -> float:
@@ -155,11 +153,8 @@ def candidates() -> list[str]:
     `nmpc` is left out, since its decisions take longest, and `computed-torque-ilc`, since it
     learns over trials.
     """
-    return [
-        name
-        for name in names()
-        if not name.startswith(("nmpc", "zero", "computed-torque-ilc")) and resolve_apart(name).ranked
-    ]
+    without = ("nmpc", "zero", "computed-torque-ilc")
+    return [name for name in names() if (spec := resolve_isolated(name)).ranked and spec.parsed.source not in without]
 
 
 @dataclass(frozen=True)
@@ -174,8 +169,6 @@ class Choice:
         diverged: number of diverged runs.
         runs: number of runs.
         diverged_bound: upper bound of the share of diverged runs.
-        delay_margin_s: further delay at which the linearised loop is unstable [s]; None: it has no
-            linearisation.
         effort: variation of the torque, relative to that of the calmest policy that is recommended.
     """
 
@@ -186,7 +179,6 @@ class Choice:
     diverged: int
     runs: int
     diverged_bound: float
-    delay_margin_s: float | None
     effort: float
 
 
@@ -215,53 +207,60 @@ class Recommendation:
         return any(choice.safe for choice in self.choices)
 
 
-def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run, count: int = 3) -> Recommendation:
-    """Return the best `count` of some policies on the arm of a scenario, on a number of test seeds.
+def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run) -> Recommendation:
+    """Return the best three of some policies on the arm of a scenario, on a number of test seeds.
 
     Raises:
         ValueError: every policy failed.
     """
     suite = Suite("recommend", tuple(policies), (base,), number)
     (base,), first = suite.scenarios, suite.cells
-    every, results = around(base), dict(run(first))
+    around_base, results = around(base), dict(run(first))
     working = [cell.policy for cell in first if not results[cell.id].error]
     if not working:
         raise ValueError(f"every policy failed, the first one with: {results[first[0].id].error}")
     levels = Runs.of([[results[f"{spec.name}/{base.name}"]] for spec in working]).levels[:, 0]
     screened = [working[i] for i in np.argsort(levels)[:SCREENED]]
-    cells = {spec.name: [Cell(spec, scenario, first[0].seeds) for scenario in every.values()] for spec in screened}
+    cells = {
+        spec.name: [Cell(spec, scenario, first[0].seeds) for scenario in around_base.values()] for spec in screened
+    }
     results |= run([cell for row in cells.values() for cell in row])
     failed = {result.cell.policy.name: result.error for result in results.values() if result.error}
     complete = [name for name in cells if name not in failed]
     table = [[results[cell.id] for cell in cells[name]] for name in complete]
     runs = Runs.of(table)
     safe = [is_safe(row[0]) for row in table]
-    stays = np.array([[np.mean([np.log(run["stay_pct"]) for run in result.rows]) for result in row] for row in table])
-    levels = np.minimum(runs.levels, stays)
+    levels = np.minimum(runs.levels, np.log(_metric(table, "baseline_error_pct")).mean(axis=-1))
     levels = levels[:, 0] + levels[:, 1:].mean(axis=1)
     order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
-    best = order[:count]
-    variation = {i: float(np.median([run["variation"] for result in table[i] for run in result.rows])) for i in best}
-    calmest = min(filter(None, variation.values()), default=1.0)  # a policy without a torque has none
+    best = order[:3]
+    variation = np.median(_metric(table, "variation"), axis=(1, 2))
+    calmest = min(filter(None, variation[best]), default=1.0)  # a policy without a torque has none
     choices = []
     for i in best:
         errors, diverged, count = runs.error[i].ravel(), int(runs.diverged[i].sum()), runs.diverged[i].size
         choices.append(
             Choice(
                 complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors)), diverged, count,
-                float(proportion(diverged, count).high), delay_margin(complete[i], base),
-                variation[i] / calmest,
+                float(proportion(diverged, count).high), float(variation[i] / calmest),
             )
         )  # fmt: skip
-    overturned = _overturned(runs, complete, best[0], tuple(every))
-    return Recommendation(base.name, tuple(choices), tuple(every), overturned, failed)
+    overturned = _overturned(runs, complete, best[0], tuple(around_base))
+    return Recommendation(base.name, tuple(choices), tuple(around_base), overturned, failed)
+
+
+def _metric(table: Sequence[Sequence[Result]], name: str) -> Array:
+    """Return a metric of results [policies x scenarios], for each run."""
+    return np.array([[[run[name] for run in result.rows] for result in row] for row in table])
 
 
 def is_safe(result: Result) -> bool:
     """Return True if a policy is safe by `RULE`, from its result in the scenario itself."""
-    diverged, error, stay = (np.array([run[n] for run in result.rows]) for n in ("diverged", "error_pct", "stay_pct"))
+    diverged, error, baseline = (
+        _metric([[result]], name)[0, 0] for name in ("diverged", "error_pct", "baseline_error_pct")
+    )
     share = proportion(diverged.sum(), len(diverged)).low
-    return bool(share <= MOST_DIVERGED and np.log(error / stay).mean() < np.log(WORST_ERROR))
+    return bool(share <= SAFE_DIVERGED and np.log(error / baseline).mean() < np.log(SAFE_ERROR))
 
 
 def _overturned(
@@ -277,79 +276,3 @@ def _overturned(
             errors = np.exp(some.logs.mean(axis=(1, 2)))
             overturned[name] = policies[best], float(errors[best]), float(errors[first])
     return overturned
-
-
-def delay_margin(policy: str, scenario: Scenario) -> float | None:
-    """Return the delay margin of a policy's linearised loop with exact sensors [s], or None."""
-    try:
-        (loop,) = linearize(policy, scenario.replace(encoder=None, noise=None, joint=None))
-        return loop.margins().delay
-    except (NotLinear, ValueError):
-        return None
-
-
-def practice(base: Scenario) -> Scenario:
-    """Return a scenario for tuning: the same arm with a motion that the board does not have."""
-    steps = round(8.0 / base.control_dt)
-    scenario = base.replace(
-        name=f"{base.name}+practice", reference=PRACTICE_MOTION, events=(), plant=None, duration=steps * base.control_dt
-    )
-    if reason := judged(scenario):
-        raise ValueError(f"{base.name!r} cannot be practised: {reason}")
-    return scenario
-
-
-@dataclass(frozen=True)
-class Check:
-    """A recommendation on a drawn arm, checked in another world.
-
-    Attributes:
-        scenario: its name.
-        choice: the first choice; empty: none is safe.
-        best: the best policy in the other world.
-        ratio: error of the first choice there, relative to that of the best policy there.
-        diverged: number of diverged runs of the first choice there.
-    """
-
-    scenario: str
-    choice: str
-    best: str
-    ratio: float
-    diverged: int
-
-
-WITHIN = 1.5
-"""A first choice is good if it errs at most WITHIN times as much as the best policy."""
-
-
-def check(number: int, policies: Sequence[str], runs: int, run: Run, world: str = "mujoco-lab") -> Iterator[Check]:
-    """Yield a check of the first choice, on some test seeds, for each of a number of drawn arms."""
-    for i in range(number):
-        base = draw(i)
-        result = recommend(base, policies, runs, run, count=1)
-        cells = Suite("check", tuple(policies), (in_world(base, world),), runs).cells
-        results = [result for result in run(cells).values() if not result.error]
-        names = [result.cell.policy.name for result in results]
-        there = Runs.of([[result] for result in results])
-        best = int(np.argmin(there.levels[:, 0]))
-        if not result.safe:
-            yield Check(base.name, "", names[best], float("nan"), 0)
-            continue
-        first = names.index(result.choices[0].policy)
-        logs = there.logs.mean(axis=(1, 2))
-        ratio = float(np.exp(logs[first] - logs[best]))
-        yield Check(base.name, names[first], names[best], ratio, int(there.diverged[first].sum()))
-
-
-def draw(number: int) -> Scenario:
-    """Return a scenario with a drawn arm and drawn conditions of the tier `hardware`.
-
-    Links have 1 to 30 kg and 0.2 to 1 m, from a rod's mass distribution to a point mass's.
-    """
-    rng = np.random.default_rng(number)
-    mass, length = np.exp(rng.uniform(np.log(1.0), np.log(30.0), 2)), rng.uniform(0.2, 1.0, 2)
-    point = rng.uniform(0.0, 1.0, 2)
-    shape = {"centre": tuple(0.5 + 0.5 * point), "inertia": tuple((1.0 - point) / 12.0)}
-    arm = ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
-    family, severity = str(rng.choice([*FAMILIES])), int(rng.integers(1, 3))
-    return Scenario(name=f"drawn-{number}-{family}-{severity}", **conditions(arm, family, severity))

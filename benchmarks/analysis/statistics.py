@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from fbl_gym.arm import Array
 from fbl_gym.checks import check_whole
+from fbl_gym.model.arm import Array
 
 LEVEL = 0.95
 """Confidence of every interval."""
@@ -37,7 +37,7 @@ RESAMPLES = 2000
 BOUNDS = -100.0, 120.0
 """Least and largest score."""
 
-DIVERGENCE_PRICE = 100 * np.log(2.0)
+DIVERGENCE_PENALTY = 100 * np.log(2.0)
 """Price of a share of diverged runs in the logarithm of the error: each percent costs as much as
 doubling the error."""
 
@@ -128,13 +128,13 @@ def score(gains: ArrayLike, spans: ArrayLike, diverged: ArrayLike) -> Array:
 
     Args:
         gains: ln(E_stay / E) [s x ...]. E is the geometric mean error of the runs, E_stay that of
-            an arm that stays at its start.
+            the motionless baseline.
         spans: ln(E_stay / E_ceiling) [s x ...] for the best law that knows the truth.
         diverged: share of the runs that diverged [...], see `diverged_share`.
     """
     spans = np.asarray(spans)
     errors = np.clip(100 * np.asarray(gains) / spans, *BOUNDS).mean(axis=0)
-    return np.asarray(errors - 100 * DIVERGENCE_PRICE * np.asarray(diverged) / spans.mean(axis=0))
+    return np.asarray(errors - 100 * DIVERGENCE_PENALTY * np.asarray(diverged) / spans.mean(axis=0))
 
 
 def diverged_share(diverged: ArrayLike, runs: int) -> Array:

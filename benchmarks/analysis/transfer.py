@@ -1,16 +1,16 @@
-"""Agreement between the orders of policies in two worlds, and the best of one in the other."""
+"""Orders of policies in two worlds, and their agreement."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from benchmarks.analysis.statistics import DIVERGENCE_PRICE, TAIL, diverged_share
+from benchmarks.analysis.statistics import DIVERGENCE_PENALTY, TAIL, diverged_share
+from benchmarks.run.metrics import counted_errors
 from benchmarks.run.store import Result
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,8 @@ class Runs:
     @classmethod
     def of(cls, results: Sequence[Sequence[Result]]) -> "Runs":
         """Return the runs of results [policies x scenarios]."""
-        columns = ("error_pct", "resolution_pct", "diverged")
-        error, resolution, diverged = (
-            np.array([[[run[name] for run in result.rows] for result in row] for row in results]) for name in columns
-        )
-        return cls(np.maximum(error, resolution), diverged)
+        diverged = [[[run["diverged"] for run in result.rows] for result in row] for row in results]
+        return cls(np.array([[counted_errors(result.rows) for result in row] for row in results]), np.array(diverged))
 
     @property
     def logs(self) -> Array:
@@ -39,9 +36,9 @@ class Runs:
 
     @property
     def levels(self) -> Array:
-        """Mean logarithm of the errors, and the price of diverged runs, [policies x scenarios]."""
+        """Mean logarithm of the errors, and the divergence penalty, [policies x scenarios]."""
         share = diverged_share(self.diverged.sum(axis=-1), self.diverged.shape[-1])
-        return self.logs.mean(axis=-1) + DIVERGENCE_PRICE * share
+        return self.logs.mean(axis=-1) + DIVERGENCE_PENALTY * share
 
     @property
     def intervals(self) -> tuple[Array, Array]:
@@ -91,42 +88,3 @@ def compare_orders(first: Runs, second: Runs) -> Agreement:
 def compare_halves(runs: Runs) -> Agreement:
     """Return the agreement between the orders of two halves of the seeds, a ceiling for worlds."""
     return compare_orders(runs[..., 0::2], runs[..., 1::2])
-
-
-@dataclass(frozen=True)
-class Transferred:
-    """One of the best policies on the package's arm, in another world.
-
-    Attributes:
-        policy: its index.
-        error: geometric mean there [%].
-        diverged: number of diverged runs there.
-        ratio: error relative to that of the best policy there.
-        worst: largest ratio of a scenario to the best policy of that scenario, and
-        scenario: its index.
-    """
-
-    policy: int
-    error: float
-    diverged: int
-    ratio: float
-    worst: float
-    scenario: int
-
-
-def transfer_best(package: Runs, world: Runs, ranked: NDArray[np.bool_], count: int) -> list[Transferred]:
-    """Return the best policies on the package's arm over all scenarios, in another world.
-
-    Both runs are of the same policies and scenarios. `ranked` says which policies may be among the
-    best, [policies].
-    """
-    places = np.where(ranked, package.levels.mean(axis=1), np.inf)
-    logs = world.logs.mean(axis=-1)
-    best = np.argmin(np.where(ranked, world.levels.mean(axis=1), np.inf))
-    ratios = np.exp(logs - logs[ranked].min(axis=0))
-    rows = []
-    for i in np.argsort(places)[: min(count, int(ranked.sum()))]:
-        ratio = float(np.exp(logs[i].mean() - logs[best].mean()))
-        worst, lost = int(np.argmax(ratios[i])), int(world.diverged[i].sum())
-        rows.append(Transferred(int(i), float(np.exp(logs[i].mean())), lost, ratio, float(ratios[i, worst]), worst))
-    return rows

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-
 from benchmarks.policies import external
-from benchmarks.policies.apart import reason_of
+from benchmarks.policies.isolation import Failed, reason_of, run_isolated
+from benchmarks.policies.name import PolicyName
 from benchmarks.run.metrics import Metric, find_metrics, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
@@ -52,11 +51,11 @@ def episodes(text: str) -> int:
 
 def policy_name(text: str) -> str:
     """Return the text that names a policy. A path must exist."""
-    code = external.split_gains(text)[0]
-    if ("/" in code or os.sep in code) and external.form_of(text) != "file":
-        if not Path(code).exists():
+    name = PolicyName.parse(text)
+    if ("/" in name.source or os.sep in name.source) and name.form != "file":
+        if not Path(name.source).exists():
             raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
-        if Path(code).is_dir() and external.form_of(text) == "name":
+        if Path(name.source).is_dir() and name.form == "name":
             raise argparse.ArgumentTypeError(f"must be a folder with an agent.json or a .zip, got {text!r}")
     return text
 
@@ -64,7 +63,9 @@ def policy_name(text: str) -> str:
 def _file(text: str, endings: Sequence[str]) -> Path:
     path = Path(text)
     if path.suffix not in endings:
-        raise argparse.ArgumentTypeError(f"must end in {', '.join(endings[:-1])} or {endings[-1]}, got {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"must end in {' or '.join(filter(None, (', '.join(endings[:-1]), endings[-1])))}, got {text!r}"
+        )
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     try:
         with tempfile.TemporaryFile(dir=folder):
@@ -78,16 +79,17 @@ def _file(text: str, endings: Sequence[str]) -> Path:
 
 picture = partial(_file, endings=(".png", ".svg", ".pdf"))
 trace_file = partial(_file, endings=FORMATS)
+csv_path = partial(_file, endings=(".csv",))
 
 
 def metrics(text: str) -> tuple[Metric, ...]:
     """Return external metrics that work on a trace."""
     try:
-        found = find_metrics(text)
-        measure(rollout("zero", scenarios.get("nominal"), range(3)), more=found)
-        return found
+        external_metrics = find_metrics(text)
+        run_isolated(measure, rollout("zero", scenarios.get("nominal"), range(3)), None, external_metrics)
+        return external_metrics
     except Exception as problem:  # the file's code may raise anything
-        text = str(problem) if isinstance(problem, ValueError) else reason_of(problem)
+        text = str(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
         raise argparse.ArgumentTypeError(text) from None
 
 
@@ -96,11 +98,6 @@ def film(text: str) -> Path:
     path = _file(text, (".mp4", ".gif"))
     importlib.import_module("benchmarks.report.video")  # if its extra is missing, the error comes before the work
     return path
-
-
-def console() -> Console:
-    """Return the console for tables; a file has no width, so 132 columns are used."""
-    return Console(width=None if sys.stdout.isatty() else 132, emoji=False)
 
 
 def command_line() -> str:
@@ -155,6 +152,10 @@ def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
         parser.add_argument("--seeds", type=episodes, default=seeds, metavar="N", help=f"test seeds 0 to N-1 ({seeds})")
     cores = os.cpu_count() or 1
     parser.add_argument("--workers", type=count, default=cores, metavar="N", help="processes (one per core)")
+    parser.add_argument(
+        "--cluster", default="", metavar="ADDRESS",
+        help="run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)",
+    )  # fmt: skip
     add_trust(parser)
     add_store(parser)
 
@@ -175,7 +176,9 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
 def run_all(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[str, Result]:
     """Run the cells that the store lacks, and return all results by id."""
     store, errors = Store(arguments.store), {}
-    for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line()):
+    for outcome in run_cells(
+        cells, store, workers=arguments.workers, command=command_line(), cluster=arguments.cluster
+    ):
         if outcome.error:
             errors[outcome.id] = outcome.error
     return {cell.id: store.find(cell) or Result.failure(cell, errors.get(cell.id, "no result")) for cell in cells}
@@ -183,7 +186,7 @@ def run_all(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[str, R
 
 def refuse_judged(scenario: Scenario) -> None:
     """Refuse a scenario that tuning and training may not use."""
-    if reason := scenarios.judged(scenario):
+    if reason := scenarios.held_out_reason(scenario):
         raise ValueError(
             f"{scenario.name} is for judging alone: {reason}; change that, or use a scenario of the tier practice"
         )
@@ -197,4 +200,4 @@ def trust(arguments: argparse.Namespace, *more: str) -> None:
     typed = [getattr(arguments, name, None) or () for name in ("policies", "policy")]
     names = [name for some in typed for name in ((some,) if isinstance(some, str) else some)]
     for name in (*names, *more) if arguments.trust else ():
-        external.trust(name)
+        external.trust(PolicyName.parse(name))

@@ -7,9 +7,9 @@ import numpy as np
 
 from benchmarks.analysis.curves import Group, read_groups
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.cli.common import add_plot, console, positive
+from benchmarks.cli.common import add_plot, positive
 from benchmarks.report.plot import Line, Panel, plot_lines
-from benchmarks.report.terminal import table
+from benchmarks.report.terminal import Screen, table
 
 AXES = {"steps": "environment steps", "cpu_s": "processor time [s]"}
 
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.reach is not None:
             row += [_reached(group.until(axis, arguments.reach)) for axis in AXES]
         rows.append(row)
-    console().print(table("Validation error [mrad]", header, rows))
+    Screen().print(table("Validation error [mrad]", header, rows))
     print("Geometric mean over the training seeds, of the best agent so far, with a 95 % interval over these seeds.")
     if arguments.plot is not None:
         panels = [Panel("", label, "validation error [mrad]", _lines(groups, axis), ("log", "log"))

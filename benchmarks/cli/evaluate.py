@@ -1,70 +1,136 @@
-"""The command `fbl-gym evaluate`."""
+"""The command `fbl-gym evaluate`: one policy, several side by side, or several trials in a row."""
 
 import argparse
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from functools import partial
 
-from rich.console import Console
+import numpy as np
+from rich.table import Table
 
+from benchmarks.analysis.statistics import geometric_mean, interval, resample, tail_mean, wins
 from benchmarks.cli import common
-from benchmarks.policies.spec import resolve
+from benchmarks.policies.spec import resolve_isolated
 from benchmarks.report import terminal
-from benchmarks.report.plot import caption, plot_trace
-from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import Trace, rollout
+from benchmarks.report.export import csv_file
+from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
+from benchmarks.run.cell import run_trials
+from benchmarks.run.metrics import counted_errors, measure, summarize
+from benchmarks.run.rollout import Trace
 from benchmarks.run.store import Store
 from benchmarks.run.traces import export
-from fbl_gym import scenarios
+from fbl_gym import Scenario, scenarios
+from fbl_gym.model.arm import Array
+
+Rows = list[dict[str, float]]
+"""The metrics of each seed."""
 
 
-def add_episodes(parser: argparse.ArgumentParser, seeds: int, plot: str, video: str) -> None:
-    """Add the arguments of `evaluate` and `compare`: the episodes, and the files of them."""
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    common.add_policies(parser)
     common.add_scenario(parser)
     parser.add_argument(
-        "--seeds", type=common.episodes, default=seeds, metavar="N", help=f"how many episodes, seeds 0 to N-1 ({seeds})"
+        "--seeds", type=common.episodes, default=16, metavar="N", help="test seeds 0 to N-1, an arm each (16)"
     )
-    common.add_plot(parser, plot)
-    parser.add_argument("--video", type=common.film, metavar="FILE", help=f"film {video}: .mp4 or .gif (extra: render)")
+    parser.add_argument(
+        "--trials", type=common.count, default=1, metavar="K", help="repeat each arm's motion in K episodes in a row (1)"
+    )  # fmt: skip
+    common.add_plot(parser, "the signals of one policy, the errors of several, or the errors over the trials")
+    parser.add_argument(
+        "--video", type=common.film, metavar="FILE", help="film the first seed, side by side: .mp4 or .gif (extra: render)"
+    )  # fmt: skip
+    parser.add_argument("--csv", type=common.csv_path, metavar="FILE", help="write all metrics of all runs: .csv")
+    parser.add_argument(
+        "--trace", type=common.trace_file, metavar="FILE",
+        help="write all signals of all seeds of one policy: .npz, .csv, .mat or .parquet (extra: analysis)",
+    )  # fmt: skip
     common.add_metrics(parser)
     common.add_trust(parser)
     common.add_store(parser)
 
 
-def write_files(
-    arguments: argparse.Namespace, screen: Console, traces: Mapping[str, Trace], plot: Callable[[Path, int], None]
-) -> None:
-    """Write the plot and the film that the arguments name."""
-    if arguments.plot is not None:
-        plot(arguments.plot, arguments.columns)
-        screen.print(f"plot: {arguments.plot}, {caption(arguments.seeds)}", markup=False)
-    if arguments.video is not None:
-        from benchmarks.report.video import write_video  # pygame and a codec: the extra `render`
-
-        write_video(traces, arguments.video)
-        screen.print(f"video: {arguments.video}", markup=False)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    common.add_policy(parser)
-    add_episodes(parser, 16, "the signals over the seeds", "the first seed")
-    parser.add_argument(
-        "--trace", type=common.trace_file, metavar="FILE",
-        help="write all signals of all seeds: .npz, .csv, .mat or .parquet",
-    )  # fmt: skip
-
-
 def run(arguments: argparse.Namespace) -> int:
+    """Run the policies, print their metrics, and write the files that the arguments name."""
     common.trust(arguments)
-    scenario = scenarios.get(arguments.scenario)
-    policy = resolve(arguments.policy)
-    trace = rollout(policy, scenario, range(arguments.seeds))
-    Store(arguments.store).look(policy, scenario)
-    screen, more = common.console(), arguments.metrics
-    title = f"{arguments.policy} on {scenario.name}, {arguments.seeds} seeds"
-    terminal.evaluation(screen, title, measure(trace, more=more), 1e6 * trace.decision_time, more)
-    screen.print(scenario.description, markup=False)
-    write_files(arguments, screen, {arguments.policy: trace}, lambda *place: plot_trace(trace, title, *place))
+    policies = list(dict.fromkeys(arguments.policies))
+    if arguments.trace is not None and (len(policies) > 1 or arguments.trials > 1):
+        raise ValueError(f"--trace is for one policy and one trial, got {len(policies)} and {arguments.trials}")
+    scenario, more = scenarios.get(arguments.scenario), arguments.metrics
+    traces: dict[str, list[Trace]] = {}
+    for policy in policies:
+        spec = resolve_isolated(policy)
+        traces[policy] = run_trials(spec, scenario, range(arguments.seeds), arguments.trials)
+        Store(arguments.store).record_access(spec, scenario)
+    runs = {policy: [measure(trace, more=more) for trace in trials] for policy, trials in traces.items()}
+    last = {policy: trials[-1] for policy, trials in traces.items()}
+    title = f"{scenario.name}, {arguments.seeds} seeds"
+    screen = terminal.Screen()
+    if arguments.trials > 1:
+        screen.print(_trials_table(title, traces, runs))
+        draw = partial(plot_lines, f"Error over trials of {scenario.name}", [_trials_panel(runs)])
+    elif len(policies) > 1:
+        screen.print(_comparison(title, {policy: rows for policy, (rows,) in runs.items()}, scenario, more))
+        draw = partial(plot_comparison, last, f"Tracking errors on {scenario.name}")
+    else:
+        (trace,), ((rows,),) = last.values(), runs.values()
+        title = f"{policies[0]} on {title}"
+        terminal.evaluation(screen, title, rows, 1e6 * trace.decision_time, more)
+        screen.say(scenario.description)
+        draw = partial(plot_trace, trace, title)
+    if arguments.plot is not None:
+        draw(arguments.plot, arguments.columns)
+        screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
+    if arguments.video is not None:
+        from benchmarks.report.video import write_video  # the extra `render`
+
+        write_video(last, arguments.video)
+        screen.say(f"video: {arguments.video}")
     if arguments.trace is not None:
-        export(trace, arguments.trace)
-        screen.print(f"trace: {arguments.trace}", markup=False)
+        export(last[policies[0]], arguments.trace)
+        screen.say(f"trace: {arguments.trace}")
+    if arguments.csv is not None:
+        with csv_file(arguments.csv, ("policy", "trial"), list(runs[policies[0]][0][0])) as append:
+            for policy, trials in runs.items():
+                for trial, rows in enumerate(trials, 1):
+                    append((policy, trial), range(arguments.seeds), rows)
+        screen.say(f"runs: {arguments.csv}")
     return 0
+
+
+def _comparison(title: str, runs: Mapping[str, Rows], scenario: Scenario, more: Sequence[common.Metric]) -> Table:
+    """Return a table of several policies, each compared with the first."""
+    errors = {policy: [counted_errors(rows)] for policy, rows in runs.items()}
+    first = next(iter(runs))
+    counts = resample(len(runs[first]), 0)
+    names = [*(["violation_pct"] if scenario.constraints is not None else []), *(metric.name for metric in more)]
+    header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *names, f"errs less than {first}")
+    lines = []
+    for policy, rows in runs.items():
+        better, mean = interval(wins(errors[policy], errors[first], counts)), summarize(rows)
+        error, worst = geometric_mean(errors[policy], counts)[0], max(errors[policy][0])
+        values = (error, worst, 100 * mean["diverged"], *(mean[name] for name in ("variation", *names)))
+        share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})"
+        lines.append((policy, *map("{:.3g}".format, values), share if policy != first else ""))
+    return terminal.table(title, header, lines)
+
+
+def _trials_table(title: str, traces: Mapping[str, list[Trace]], runs: Mapping[str, list[Rows]]) -> Table:
+    """Return a table with a row for each trial and a column for each policy."""
+    columns = []
+    for policy, trials in runs.items():
+        errors, diverged = _errors(trials), [int((~trace.alive[-1]).sum()) for trace in traces[policy]]
+        columns.append([
+            f"{np.median(error):.3g} ({tail:.3g})" + f", {lost} diverged" * (lost > 0)
+            for error, tail, lost in zip(errors, tail_mean(errors), diverged, strict=True)
+        ])  # fmt: skip
+    rows = ((str(trial), *cells) for trial, cells in enumerate(zip(*columns, strict=True), 1))
+    return terminal.table(f"error % on {title}: median (worst 5 %)", ("trial", *runs), rows)
+
+
+def _trials_panel(runs: Mapping[str, list[Rows]]) -> Panel:
+    lines = (band(np.arange(1.0, len(trials) + 1.0), _errors(trials), policy) for policy, trials in runs.items())
+    return Panel("", "trial", "error [%]", tuple(lines), ("linear", "log"))
+
+
+def _errors(trials: Sequence[Rows]) -> Array:
+    """Return the errors of each trial and seed [trials x seeds] in %."""
+    return np.array(list(map(counted_errors, trials)), dtype=np.float64)

@@ -1,26 +1,26 @@
 """The command `fbl-gym leaderboard`."""
 
 import argparse
-import dataclasses
 import math
 import sys
 from collections import Counter
 from collections.abc import Sequence
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from benchmarks.analysis.board import assemble
-from benchmarks.cli.common import add_metrics, add_run, command_line, console, count, policy_name, trust
+from benchmarks.cli import transfer
+from benchmarks.cli.common import add_metrics, add_run, command_line, count, policy_name, trust
 from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
-from benchmarks.policies.apart import Limits, limit
+from benchmarks.policies.isolation import CallLimits
+from benchmarks.policies.name import PolicyName
 from benchmarks.report import terminal
-from benchmarks.report.scenes import selected
-from benchmarks.run.cell import Outcome
+from benchmarks.report.terminal import Screen
+from benchmarks.run.runner import Outcome
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
-from benchmarks.run.suite import SUITES, Cell, Suite, load, narrow
+from benchmarks.run.suite import SUITES, Cell, Suite, load
 
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
@@ -41,8 +41,8 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
     add_metrics(parser)
     parser.add_argument(
-        "--cell-timeout", type=float, default=Limits.seconds, metavar="S",
-        help=f"longest time of a cell, and of loading a policy [s] ({Limits.seconds:g}, for external policies alone)",
+        "--cell-timeout", type=float, default=CallLimits.seconds, metavar="S",
+        help=f"longest time of a cell, and of loading a policy [s] ({CallLimits.seconds:g}, for external policies alone)",
     )  # fmt: skip
     parser.add_argument(
         "--cell-memory", type=float, metavar="GB", help="most memory of a cell's process, on Linux (as much as there is)"
@@ -50,37 +50,48 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
 
 
 def suite_of(arguments: argparse.Namespace) -> Suite:
-    """Return the suite that the arguments describe, and set the limits of its cells."""
+    """Return the suite that the arguments describe."""
     trust(arguments)
-    limit(Limits(arguments.cell_timeout, arguments.cell_memory))
-    suite = load(arguments.suite)
-    for policy in suite.policies if arguments.suite.endswith(".toml") and not arguments.policies else ():
-        trust(arguments, str(policy))
-        external.expect_trust(str(policy), arguments.suite)
-    policies = (*(arguments.policies or suite.policies), *arguments.policy)
-    suite = narrow(suite, policies, arguments.scenarios, arguments.seeds)
-    return dataclasses.replace(suite, metrics=arguments.metrics)
+    spec, limits = load(arguments.suite), limits_of(arguments)
+    for policy in spec.policies if spec.file and not arguments.policies else ():
+        trust(arguments, policy)
+        external.expect_trust(PolicyName.parse(policy), arguments.suite)
+    return spec.build(
+        arguments.policies, arguments.scenarios, arguments.seeds, more=arguments.policy, metrics=arguments.metrics,
+        limits=limits,
+    )  # fmt: skip
+
+
+def limits_of(arguments: argparse.Namespace) -> CallLimits:
+    """Return the limits of a cell that the arguments give."""
+    return CallLimits(arguments.cell_timeout, arguments.cell_memory)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
+    transfer.add_world(parser)
     add_run(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
     suite, store = suite_of(arguments), Store(arguments.store)
-    cells, traced = suite.cells, selected([scenario.name for scenario in suite.scenarios])
+    if arguments.world:
+        return transfer.compare(suite, arguments)
+    cells = suite.cells
     outcomes: list[Outcome] = []
     stopped: KeyboardInterrupt | None = None
     columns = (
         TextColumn("{task.description:<44}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
         TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[rate]} [red]{task.fields[failures]}"),
     )  # fmt: skip
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    with Progress(*columns, console=Screen(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(cells), rate="", failures="")
         try:
-            for outcome in run_cells(cells, store, workers=arguments.workers, command=command_line(), traced=traced):
+            for outcome in run_cells(
+                cells, store, workers=arguments.workers, command=command_line(), limits=limits_of(arguments),
+                cluster=arguments.cluster,
+            ):  # fmt: skip
                 outcomes.append(outcome)
                 done = Counter(outcome.done for outcome in outcomes)
                 rate = done["computed"] / (progress.tasks[0].elapsed or math.inf)
@@ -93,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
     results = results_of(cells, store, outcomes)
     if any(result.rows for result in results):
         try:
-            terminal.leaderboard(console(), assemble(results, cells))
+            terminal.leaderboard(Screen(), assemble(results, cells))
         except ValueError as problem:
             if stopped is None:
                 raise

@@ -3,10 +3,9 @@
 import argparse
 from collections.abc import Sequence
 
-from benchmarks.analysis.linear import POINT, LinearLoop, NotLinear, linearize
-from benchmarks.cli.common import add_policies, add_scenario, console, picture
-from benchmarks.report import terminal
+from benchmarks.cli.common import add_plot, add_policies, add_scenario
 from benchmarks.report.plot import plot_loops
+from benchmarks.report.terminal import Screen, table
 from fbl_gym import scenarios
 
 
@@ -15,20 +14,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scenario(parser)
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the real arm, where it is drawn (0)")
     parser.add_argument(
-        "--at", nargs=2, type=float, default=POINT, metavar=("Q1", "Q2"), help="where the arm rests, in rad (-1 0.5)"
-    )
+        "--at", nargs=2, type=float, default=(-1.0, 0.5), metavar=("Q1", "Q2"), help="where the arm rests, in rad (-1 0.5)"
+    )  # fmt: skip
     parser.add_argument(
         "--time", type=float, metavar="T", help="along the motion instead, so many seconds after its start"
     )
-    parser.add_argument("--plot", type=picture, metavar="FILE", help="draw |L| and |S|: .png, .svg or .pdf")
+    add_plot(parser, "|L| and |S|")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the margins of each policy, and draw its loop."""
+    from benchmarks.analysis.linear import LinearLoop, NotLinear, linearize  # the extra `analysis`
+
     scenario = scenarios.get(arguments.scenario)
     times = () if arguments.time is None else (arguments.time,)
     q1, q2 = arguments.at
-    place = f"at rest at ({q1:g}, {q2:g}) rad" if arguments.time is None else f"{arguments.time:g} s into the motion"
+    point = f"at rest at ({q1:g}, {q2:g}) rad" if arguments.time is None else f"{arguments.time:g} s into the motion"
     rows: list[Sequence[str]] = []
     loops: dict[str, LinearLoop] = {}
     reasons: list[str] = []
@@ -49,13 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
             f"{max(j.sensitivity for j in joints):.2f}",
             f"{max(j.complementary for j in joints):.2f}",
         ))  # fmt: skip
-    screen = console()
+    screen = Screen()
     header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")
-    screen.print(terminal.table(f"{scenario.name}, {place}", header, rows))
+    screen.print(table(f"{scenario.name}, {point}", header, rows))
     for reason in reasons:
-        screen.print(reason, markup=False)
-    screen.print("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
+        screen.say(reason)
+    screen.say("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
     if arguments.plot is not None and loops:
-        plot_loops(loops, f"{scenario.name}, {place}", arguments.plot)
-        screen.print(f"plot: {arguments.plot}")
+        responses = {policy: [loop.response(joint) for joint in (0, 1)] for policy, loop in loops.items()}
+        plot_loops(responses, f"{scenario.name}, {point}", arguments.plot, arguments.columns)
+        screen.say(f"plot: {arguments.plot}")
     return 0

@@ -1,4 +1,4 @@
-"""`fbl-gym list`: all names with one line each, and the documentation's page of options."""
+"""`fbl-gym list`: all names with one line each."""
 
 import argparse
 import contextlib
@@ -8,13 +8,15 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping
 
+from gymnasium.error import DependencyNotInstalled
+
 import controllers
-from benchmarks.paper import claims
-from benchmarks.policies.apart import reason_of
+from benchmarks.policies.isolation import reason_of
 from benchmarks.run.suite import SUITES
+from benchmarks.text import visible
 from controllers.composition import PARTS, gain_name
 from fbl_gym import Reward, Scenario, scenarios
-from fbl_gym.descriptions import Description, describe
+from fbl_gym.options.descriptions import Description, describe
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "what", nargs="?", choices=tuple(LISTS),
         help="the list to print (all); a terminal gets one line for each name, a file or a pipe the whole text",
     )  # fmt: skip
-    parser.add_argument("--markdown", action="store_true", help="print the options as a page for the documentation")
 
 
 def _policies() -> dict[str, str]:
@@ -38,15 +39,11 @@ def _policy(name: str) -> str:
 
 def _scenarios() -> dict[str, str]:
     """Return each scenario, with one entry for all severities of a family."""
-    severities: dict[str, list[str]] = {}
-    for name in scenarios.names():
-        member = scenarios.member(name)
-        one = member is None or not name.endswith(f"-{member.severity}")
-        severities.setdefault(name if one else name[:-2], []).append(name)
     texts = {}
-    for each in severities.values():
-        last = f", {each[-1][-2:]}" if len(each) == 2 else f" to {each[-1][-2:]}"
-        texts[each[0] + (last if each[1:] else "")] = scenarios.get(each[0]).description
+    for _, group in itertools.groupby(scenarios.names(), lambda name: re.sub(r"-\d$", "", name)):
+        first, *others = group
+        last = f"{',' if len(others) == 1 else ' to'} {others[-1][-2:]}" if others else ""
+        texts[first + last] = scenarios.get(first).description
     return texts
 
 
@@ -59,7 +56,7 @@ def _gains() -> dict[str, str]:
     texts: dict[str, str] = {}
     for name in controllers.names():
         if controllers.kind(name) == "classical":
-            with contextlib.suppress(ImportError):
+            with contextlib.suppress(ImportError, DependencyNotInstalled):
                 texts |= _lines(*describe(controllers.factory(name), f"{name}."))  # type: ignore[arg-type]
     for name, part in PARTS.items():
         texts |= _lines(*describe(part, f"+{name} {gain_name(name, '')}"))
@@ -79,29 +76,17 @@ def _line(field: Description) -> str:
     return "; ".join(filter(None, (field.form + unit, default, tune, field.meaning)))
 
 
-def options_page() -> str:
-    """Return the documentation's page of options, in Markdown."""
-    text = """# All options
+def _claims() -> dict[str, str]:
+    from benchmarks.paper.claims import CLAIMS  # the claims' code is imported with them
 
-`gym.make` and `Scenario` take each option as a record or as plain data: `friction={"viscous": 1.0}`. The field
-`disturbance[sine].amplitude` is given by `disturbance={"kind": "sine", "amplitude": 10.0}`. One number for a field
-of two numbers is the value of both joints.
-
-`fbl-gym list options` prints this list, and `fbl-gym list options --markdown` this page.
-"""
-    for option, fields in itertools.groupby(options(), lambda field: re.split(r"[.\[]", field.path)[0]):
-        text += f"\n## `{option}`\n\n| field | valid values | unit | default | meaning |\n|---|---|---|---|---|\n"
-        for field in fields:
-            cells = (f"`{field.path}`", field.form, field.unit, field.default, field.meaning)
-            text += "| " + " | ".join(cell.replace("|", "\\|").replace("*", "\\*") for cell in cells) + " |\n"
-    return text
+    return {name: claim.fields["claim"] for name, claim in CLAIMS.items()}
 
 
 LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
     "policies": _policies,
     "scenarios": _scenarios,
-    "suites": lambda: SUITES,
-    "claims": claims.listed,
+    "suites": lambda: {name: suite.meaning for name, suite in SUITES.items()},
+    "claims": _claims,
     "options": lambda: _lines(*options()),
     "gains": _gains,
 }
@@ -109,11 +94,6 @@ LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the lists."""
-    if arguments.markdown:
-        if arguments.what != "options":
-            raise ValueError(f"--markdown needs the list 'options', got {arguments.what!r}")
-        print(options_page(), end="")
-        return 0
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for what in (arguments.what,) if arguments.what else LISTS:
         texts = LISTS[what]()
@@ -121,6 +101,6 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"{what}:")
         name_width = max(map(len, texts), default=0) + 2
         for name, text in texts.items():
-            line = f"{name:<{name_width}}{text}"
+            line = visible(f"{name:<{name_width}}{text}")
             print(line if width is None or len(line) <= width else line[: width - 1] + "…")
     return 0

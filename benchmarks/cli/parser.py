@@ -13,9 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-import gymnasium
-
-from benchmarks.policies.apart import Failed
+from benchmarks.text import visible
 from fbl_gym import __version__
 from fbl_gym.checks import nearest, unknown
 
@@ -31,23 +29,17 @@ class Command:
 
 
 COMMANDS: dict[str, Command] = {
-    "evaluate": Command("evaluate", "evaluate one policy on one scenario: metrics, plot, video",
-        "cascade-flm --scenario everything-2 --plot trace.png"),
-    "compare": Command("compare", "compare policies on one scenario and the same seeds: table, plot, video",
+    "evaluate": Command("evaluate", "evaluate policies on one scenario: metrics or a comparison, plot, video, trials",
         "pid-flm cascade-flm --scenario payload-2 --plot errors.png"),
     "leaderboard": Command("leaderboard", "run a suite: all policies on all scenario families, with the same seeds",
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4"),
     "report": Command("report", "write the board as Markdown, CSV and one HTML page, from stored results",
-        "--out board", "traces are in the store"),
+        "--policies pid-flm cascade-flm zero oracle-flm --seeds 4 --out board"),
     "query": Command("query", "query stored results in SQL, or write them as CSV or Parquet",
         '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"'),
-    "transfer": Command("transfer", "run policies on the package's arm and on MuJoCo's, and compare their orders",
-        "pd-gravity computed-torque lqg@tuned --scenario everything-2 --world mujoco-bend --seeds 4"),
     "sweep": Command("sweep", "measure policies over the values of one or two options: CSV and figure",
-        "--over noise.position=1e-4:1e-2:log:5 --policies pid-flm lqg --scenario nominal --seeds 8",
+        "pid-flm lqg --over noise.position=1e-4:1e-2:log:5 --scenario nominal --seeds 8",
         "finished cells are kept"),
-    "trials": Command("trials", "repeat one motion of one arm: error of policies against trial, as CSV and figure too",
-        "computed-torque computed-torque-ilc --scenario practice-friction-3 --trials 6 --plot trials.pdf"),
     "recommend": Command("recommend", "name the policies to use on an arm: a scenario and conditions around it",
         "hardware-nominal --policies pd-gravity computed-torque --seeds 4"),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
@@ -63,34 +55,24 @@ COMMANDS: dict[str, Command] = {
         "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
     "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
         "--only figure-2-table-1 --short", "finished claims are kept"),
-    "speed": Command("speed", "measure steps per second beside other environments, in one interleaved run"),
     "list": Command("names", "list policies, scenarios, options, gains, suites or claims, with one line each",
         "scenarios"),
-    "completion": Command("completion", "print a script that completes commands, options and names in a shell",
-        "bash > ~/.local/share/bash-completion/completions/fbl-gym"),
-    "warm-up": Command("warm_up", "compile everything now, so that no first step has to wait"),
-    "doctor": Command("doctor", "show versions, extras, compile cache and places of the packages, and run a self-check"),
+    "doctor": Command("doctor", "show versions, extras, compile cache and folders of the packages, and run a self-check",
+        "--compile"),
 }  # fmt: skip
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": (
-        "control", "duckdb", "matplotlib", "optuna", "pandas", "plotly", "rich", "shtab", "threadpoolctl",
-    ),
+    "bench": ("matplotlib", "rich", "threadpoolctl"),
+    "analysis": ("control", "duckdb", "optuna", "plotly"),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
+    "cluster": ("distributed",),
     "mpc": ("casadi",),
     "mujoco": ("mujoco",),
-    "urdf": ("yourdfpy",),
     "data": ("h5py", "minari"),
-}  # fmt: skip
+}
 """The modules that each extra installs."""
-
-
-_NAMED = (
-    ValueError, Failed, gymnasium.error.Error, MemoryError, OSError, ModuleNotFoundError, SyntaxError,
-)  # fmt: skip
-"""Errors whose text is enough. Any other one is of external code, or of fbl-gym itself."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -110,8 +92,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except _NAMED as problem:
-        print(f"fbl-gym: {_reason(problem)}", file=sys.stderr)
+    except Exception as problem:
+        print(visible(f"fbl-gym: {_reason(problem)}"), file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
         kept = COMMANDS[given[0]].kept if given and given[0] in COMMANDS else ""
@@ -121,18 +103,27 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _reason(problem: Exception) -> str:
-    """Return the text of an error; raise the error of a missing package that no extra installs."""
+    """Return the text of an error where that is enough; raise any other error.
+
+    Others are errors of external code or of fbl-gym itself, and of a missing package that no extra
+    installs.
+    """
+    import gymnasium  # slow to import, and an error has time
+
+    from benchmarks.policies.isolation import Failed
+
     if isinstance(problem, MemoryError):
         return f"not enough memory: {problem}"
     if isinstance(problem, OSError) and problem.filename:
         return f"{problem.strerror}: {problem.filename}"
-    if not isinstance(problem, ModuleNotFoundError):
+    if isinstance(problem, ModuleNotFoundError):
+        package = (problem.name or "").partition(".")[0]
+        extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
+        if extra is not None:
+            return f"this needs {package}, which is not installed: pip install 'fbl-gym[{extra}]'"
+    elif isinstance(problem, ValueError | Failed | gymnasium.error.Error | OSError | SyntaxError):
         return str(problem)
-    package = (problem.name or "").partition(".")[0]
-    extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
-    if extra is None:
-        raise problem
-    return f"this needs {package}, which is not installed: pip install 'fbl-gym[{extra}]'"
+    raise problem
 
 
 def _run(run: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:

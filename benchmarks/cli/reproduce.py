@@ -2,13 +2,15 @@
 
 import argparse
 
-from rich.console import Console
 from rich.progress import Progress
+from rich.text import Text
 
-from benchmarks.cli.common import add_folder, console
+from benchmarks.cli.common import add_folder
 from benchmarks.paper.claim import FULL, SHORT
 from benchmarks.paper.claims import load, measure_claim, save, select
-from benchmarks.report import terminal
+from benchmarks.report.terminal import Screen, table
+
+_COLOURS = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red", "–": "default"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure claims, save and print them; return the exit status."""
     names = select(arguments.only)
     claims = load(arguments.out)
-    with Progress(console=Console(stderr=True)) as progress:
+    with Progress(console=Screen(stderr=True)) as progress:
         task = progress.add_task("measuring", total=len(names))
         for name in names:
             progress.update(task, description=name)
@@ -34,6 +36,9 @@ def run(arguments: argparse.Namespace) -> int:
                 draw(arguments.out / f"{name}.{suffix}")
             save(arguments.out, claims)
             progress.advance(task)
-    terminal.claims(console(), [claims[name] for name in names])
+    header = ("figure", "claim", "paper", "measured", "holds", "verdict")
+    measured = [claims[name] for name in names]
+    rows = [(c.figure, c.claim, c.paper, c.measured, c.holds, Text(c.verdict, _COLOURS[c.verdict])) for c in measured]
+    Screen().print(table("The paper's claims, measured", header, rows, "left"))
     print(f"claims and plots: {arguments.out}")
     return 0

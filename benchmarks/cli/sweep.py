@@ -6,17 +6,28 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.progress import track
 
-from benchmarks.cli.common import add_metrics, add_plot, add_run, add_scenario, command_line, count, policy_name, trust
+from benchmarks.cli.common import (
+    add_metrics,
+    add_plot,
+    add_policies,
+    add_run,
+    add_scenario,
+    command_line,
+    count,
+    csv_path,
+    trust,
+)
 from benchmarks.cli.names import options
 from benchmarks.report.export import csv_file
 from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines, plot_maps
+from benchmarks.report.terminal import Screen
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Suite, with_option
+from benchmarks.text import visible
 from fbl_gym import scenarios
 
 Over = tuple[str, str, list[float]]
@@ -44,17 +55,21 @@ def over(text: str) -> Over:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_policies(parser)
     parser.add_argument(
         "--over", type=over, action="append", required=True, metavar="OPTION=VALUES",
         help="an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
         "given twice, every pair of values",
     )  # fmt: skip
-    parser.add_argument("--policies", nargs="+", type=policy_name, required=True, metavar="P", help="to be measured")
     add_scenario(parser)
     parser.add_argument(
-        "--out", type=Path, default=Path("results/sweep.csv"), metavar="FILE", help="all runs (results/sweep.csv)"
+        "--csv",
+        type=csv_path,
+        default=Path("results/sweep.csv"),
+        metavar="FILE",
+        help="write all metrics of all runs: .csv (results/sweep.csv)",
     )
-    add_plot(parser, "the errors (a .png beside --out)")
+    add_plot(parser, "the errors (a .png beside --csv)")
     add_metrics(parser)
     add_run(parser, seeds=32)
 
@@ -65,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     names, scales, values = zip(*arguments.over, strict=True)
     if len(names) > 2:
         raise ValueError(f"--over may be given once or twice, got {' '.join(names)}")
+    if len(names) == 2 and any(f"{one}.".startswith(f"{other}.") for one, other in (names, names[::-1])):
+        raise ValueError(f"--over must name two options that are no part of each other, got {' '.join(names)}")
     points = list(itertools.product(*values))
     tasks = []
     for point in points:
@@ -74,21 +91,21 @@ def run(arguments: argparse.Namespace) -> int:
         tasks.append(task)
     suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds, arguments.metrics)
     store, cells = Store(arguments.store), suite.cells
-    outcomes = run_cells(cells, store, workers=arguments.workers, command=command_line())
+    outcomes = run_cells(cells, store, workers=arguments.workers, command=command_line(), cluster=arguments.cluster)
     failed = 0
-    for outcome in track(outcomes, "cells", len(cells), console=Console(stderr=True)):
+    for outcome in track(outcomes, "cells", len(cells), console=Screen(stderr=True)):
         if outcome.error:
             failed += 1
-            print(f"fbl-gym: {outcome.id} failed: {outcome.error}", file=sys.stderr)
+            print(visible(f"fbl-gym: {outcome.id} failed: {outcome.error}"), file=sys.stderr)
     curves: dict[str, list[np.ndarray]] = {}
-    with csv_file(arguments.out, ("policy", *names), cells[0].columns) as append:
+    with csv_file(arguments.csv, ("policy", *names), cells[0].columns) as append:
         for i, cell in enumerate(cells):
             band = np.full(3, np.nan)
             if (result := store.find(cell)) is not None:
-                append((cell.policy.name, *points[i // (len(cells) // len(points))]), result)
+                append((cell.policy.name, *points[i // (len(cells) // len(points))]), cell.seeds, result.rows)
                 band = np.quantile(counted_errors(result.rows), QUANTILES)
             curves.setdefault(cell.policy.name, []).append(band)
-    path = arguments.plot or arguments.out.with_suffix(".png")
+    path = arguments.plot or arguments.csv.with_suffix(".png")
     title = f"Error on {arguments.scenario}, {arguments.seeds} seeds"
     bands = {policy: np.array(bands) for policy, bands in curves.items()}
     units = {option.path: option.unit for option in options()}
@@ -102,5 +119,5 @@ def run(arguments: argparse.Namespace) -> int:
         shape = tuple(map(len, values))
         maps = {policy: band[:, 1].reshape(shape) for policy, band in bands.items()}
         plot_maps(title, labels, values, maps, path, arguments.columns)
-    print(f"runs: {arguments.out}\nfigure: {path}, {caption(arguments.seeds)}")
+    print(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0

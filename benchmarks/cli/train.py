@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import controllers
-from benchmarks.cli.common import add_scenario, command_line, count, refuse_judged
+from benchmarks.cli.common import add_scenario, command_line
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
-from benchmarks.rl.training_settings import TrainingSettings, at_radius
+from benchmarks.rl.training_settings import TrainingSettings
 from fbl_gym import scenarios
-from fbl_gym.interface import Interface
-from fbl_gym.uncertainty import SENSORS
-from fbl_gym.vector_env import TwoLinkArmVectorEnv
+from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
+from fbl_gym.options import SENSORS
 
 HARDEST = (3,)
 """Severities of a tier that is trained on, beside its nominal scenario."""
@@ -43,9 +39,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--context", action="store_true", help="let the agent observe the true parameters (privileged access)"
     )
     add_scenario(parser, "everything-2", "or a tier (practice), for training and validation, ")
-    parser.add_argument(
-        "--radius", type=float, metavar="R", help="radius of the parameter error, instead of the scenario's"
-    )
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="training seed (0)")
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--steps", type=int, metavar="N", help="steps of all arms together (from the hyperparameters)")
@@ -53,77 +46,48 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hyperparameters", type=Path, metavar="FILE", help="JSON file, instead of the shipped hyperparameters"
     )
-    parser.add_argument("--threads", type=count, default=1, metavar="N", help="threads of torch (1)")
-    parser.add_argument("--wandb", metavar="PROJECT", help="also report to this project of Weights & Biases")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (runs/ALGORITHM-INTERFACE-SEED)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Train an agent; return the exit status."""
-    settings = _settings(arguments)
+    name = arguments.scenario
+    names = scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,)
+    tasks = tuple(map(scenarios.get, names))
+    settings = TrainingSettings(
+        arguments.algorithm,
+        _adapter(arguments, tasks[0]),
+        tasks,
+        arguments.seed,
+        arguments.steps,
+        arguments.minutes,
+        _hyperparameters(arguments.hyperparameters, arguments.algorithm) if arguments.hyperparameters else {},
+    )
     import torch  # the extra `rl`
 
     from benchmarks.rl.train import train
 
+    torch.set_num_threads(1)  # small networks learn fastest so
     history = f"-history-{arguments.history}" if arguments.history else ""
     context = "-context" if arguments.context else ""
-    name = f"{settings.algorithm}-{settings.adapter.action}{history}{context}-{settings.seed}"
-    folder = arguments.out or Path("runs") / name
-    torch.set_num_threads(arguments.threads)
-    train(settings, folder, command_line(), 40 if len(settings.scenarios) == 1 else 15, arguments.wandb)
-    with contextlib.suppress(ImportError):  # of the extra `bench`, which a training does not need
-        _plot_curve(folder)
+    default = f"runs/{arguments.algorithm}-{arguments.interface}{history}{context}-{arguments.seed}"
+    folder = arguments.out or Path(default)
+    train(settings, folder, command_line(), 40 if len(tasks) == 1 else 15)
     print(f"agent: {folder}")
     return 0
 
 
-def _plot_curve(folder: Path) -> None:
-    """Draw the learning curve of a run into its folder."""
-    from benchmarks.report.plot import Line, Panel, plot_lines
-
-    steps, *_, error = np.loadtxt(folder / "curve.csv", delimiter=",", skiprows=1, ndmin=2).T
-    lines = (Line(steps, error, "error"), Line(steps, np.minimum.accumulate(error), "of the saved agent", style="--"))
-    panel = Panel("", "steps of all arms", "error on the validation seeds [mrad]", lines, ("linear", "log"))
-    plot_lines(f"Training of {folder.name}", (panel,), folder / "curve.png")
-
-
-def _settings(arguments: argparse.Namespace) -> TrainingSettings:
-    name = arguments.scenario
-    names = scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,)
-    each = [scenarios.get(name) for name in names]
-    for scenario in each:
-        refuse_judged(scenario)
-    if arguments.radius is not None:
-        each = [at_radius(scenario, arguments.radius) for scenario in each]
-    hyperparameters: dict[str, Any] = {}
-    if arguments.hyperparameters is not None:
-        hyperparameters = _hyperparameters(arguments.hyperparameters, arguments.algorithm)
-    return TrainingSettings(
-        algorithm=arguments.algorithm,
-        adapter=_adapter(arguments, TwoLinkArmVectorEnv(1, each[0]).interface),
-        scenarios=tuple(each),
-        seed=arguments.seed,
-        steps=arguments.steps,
-        minutes=arguments.minutes,
-        hyperparameters=hyperparameters,
-    )
-
-
-def _adapter(arguments: argparse.Namespace, interface: Interface) -> AdapterSettings:
-    options: dict[str, Any] = {} if arguments.scales is None else {"scales": arguments.scales}
+def _adapter(arguments: argparse.Namespace, scenario: scenarios.Scenario) -> AdapterSettings:
+    names = ("history", "drive", "context", "sensors")
+    options: dict[str, Any] = {name: getattr(arguments, name) for name in names}
+    if arguments.scales is not None:
+        options["scales"] = arguments.scales
     if arguments.base is not None:
-        law: Any = controllers.make(arguments.base, interface)
+        law: Any = controllers.make(arguments.base, TwoLinkArmVectorEnv(1, scenario).interface)
         gains = {name: value for name, value in vars(law).items() if name in law.__dataclass_fields__}
         del gains["interface"]
         options |= {"base": arguments.base.removesuffix("@tuned"), "gains": gains}
-    return AdapterSettings(
-        arguments.interface,
-        history=arguments.history,
-        drive=arguments.drive,
-        context=arguments.context,
-        sensors=arguments.sensors,
-        **options,
-    )
+    return AdapterSettings(arguments.interface, **options)
 
 
 def _hyperparameters(path: Path, algorithm: str) -> Any:

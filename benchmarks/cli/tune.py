@@ -5,11 +5,22 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.cli.common import add_folder, add_policies, command_line, count, refuse_judged
-from benchmarks.policies.apart import at_once, call_apart
+from benchmarks.cli.common import add_policies, command_line, count, refuse_judged
+from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import distinguish, expand
-from benchmarks.tuning.search import JUDGED, SCENARIOS, Task, judge, seeds, summary, tune, write_gains
+from benchmarks.tuning.search import (
+    JUDGED,
+    SCENARIOS,
+    STORAGE,
+    Task,
+    judge,
+    open_study,
+    seeds,
+    summary,
+    tune,
+    write_gains,
+)
 from controllers.registry import TUNED
 from fbl_gym import Scenario
 
@@ -27,12 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fresh-seeds", type=count, default=128, metavar="N", help="tuning seeds to judge on, of each scenario (128)"
     )
     parser.add_argument(
-        "--scenario", nargs="+", action="extend", metavar="S",
+        "--scenarios", nargs="+", action="extend", metavar="S",
         help="scenarios of trials and judging: names, families, .toml files "
         f"({len(SCENARIOS)} of the tier practice for trials, {len(JUDGED)} for judging)",
     )  # fmt: skip
-    add_folder(parser, "--storage", "results/tuning", "the studies, which processes may share")
-    parser.add_argument("--jobs", type=count, default=1, metavar="N", help="policies that are tuned at a time (1)")
+    parser.add_argument(
+        "--storage", default=STORAGE, metavar="URL",
+        help=f"database of the studies, as for Optuna, which processes and machines may share ({STORAGE})",
+    )  # fmt: skip
+    parser.add_argument("--workers", type=count, default=1, metavar="N", help="processes, a policy each (1)")
     target = parser.add_mutually_exclusive_group()
     target.add_argument(
         "--out", type=Path, default=Path("results/gains"), metavar="DIR",
@@ -49,32 +63,33 @@ def run(arguments: argparse.Namespace) -> int:
     tried, fresh = seeds(arguments.seeds, arguments.fresh_seeds)
     pairs = []
     for policy in map(resolve, dict.fromkeys(arguments.policies)):
-        if arguments.ship and (policy.external or "@" in policy.name):
+        if arguments.ship and (policy.external or policy.parsed.gains or policy.parsed.tuned):
             raise ValueError(f"--ship is for the laws that fbl-gym comes with, got {policy.name!r}: give --out instead")
         task, judging = (
             Task(policy, _scenarios(arguments, usual), numbers)
             for usual, numbers in ((SCENARIOS, tried), (JUDGED, fresh))
         )
-        task.check({})
+        open_study(task, arguments.storage)  # here, since no two processes may create a database at once
         pairs.append((task, judging))
-    workers = min(arguments.jobs, len(pairs))
-    tune_pair = partial(call_apart, "", "benchmarks.cli.tune:tune_one") if workers > 1 else tune_one
-    jobs = [partial(tune_pair, task, judging, arguments, command_line()) for task, judging in pairs]
-    for text in at_once(jobs, workers):
-        print(text, flush=True)
+    work = partial(tune_one, arguments, command_line())
+    for _, answer in run_parallel(work, pairs, min(arguments.workers, len(pairs))):
+        if isinstance(answer, Failed):
+            raise answer
+        print(answer, flush=True)
     return 0
 
 
 def _scenarios(arguments: argparse.Namespace, usual: Sequence[str]) -> tuple[Scenario, ...]:
     """Return the scenarios that the arguments name, or the usual ones."""
-    tasks = distinguish(expand(arguments.scenario or usual))
+    tasks = distinguish(expand(arguments.scenarios or usual))
     for task in tasks:
         refuse_judged(task)
     return tasks
 
 
-def tune_one(task: Task, judging: Task, arguments: argparse.Namespace, command: str) -> str:
+def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Task]) -> str:
     """Tune one policy, write its gains, and return the verdict in words."""
+    task, judging = tasks
     name = task.policy.name
     study = tune(task, arguments.trials, arguments.storage)
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)

@@ -7,11 +7,12 @@ import numpy as np
 
 from benchmarks.cli.common import add_store, add_trust, trust
 from benchmarks.policies import external
-from benchmarks.policies.spec import resolve_apart
-from benchmarks.run.cell import run_apart, run_cell
+from benchmarks.policies.spec import resolve_isolated
+from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.run.suite import Cell
+from benchmarks.text import visible
 from fbl_gym.checks import unknown
 
 
@@ -26,13 +27,13 @@ def run(arguments: argparse.Namespace) -> int:
     differs = 0
     for row in arguments.rows:
         for published in _find(store, row):
-            name = published.cell.policy.name
-            trust(arguments, name)
+            name = published.cell.policy.parsed
+            trust(arguments, name.text)
             external.expect_trust(name, f"the result {published.cell.id}")
-            cell = Cell(resolve_apart(name), published.cell.scenario, published.cell.seeds)
-            difference = compare(published, run_apart(cell) if cell.policy.external else run_cell(cell))
+            cell = Cell(resolve_isolated(name), published.cell.scenario, published.cell.seeds)
+            difference = compare(published, run_cell(cell))
             differs += bool(difference)
-            print(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")
+            print(visible(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}"))
     return 1 if differs else 0
 
 
@@ -60,6 +61,6 @@ def compare(published: Result, now: Result) -> str:
     text = f"DIFFERS: {[*METRICS][int(worst.argmax())]} by up to {worst.max():.3g}"
     if published.cell.key != now.cell.key:
         text += "; the code or the configuration of the policy changed since"
-    old, new = published.provenance.get("packages", {}), provenance("")["packages"]
+    old, new = published.provenance.get("packages", {}), provenance("", published.cell.packages)["packages"]
     changed = [f"{package} {old.get(package)} -> {new[package]}" for package in new if old.get(package) != new[package]]
     return "; ".join([text, *([", ".join(changed)] if changed else [])])

@@ -3,16 +3,17 @@
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, proportion
-from benchmarks.report.plot import Panel
+from benchmarks.report.plot import Panel, plot_lines, plot_trace
 from benchmarks.run.metrics import departure, measure
 from benchmarks.run.rollout import Trace, Watch, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario, scenarios
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
 REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED, NO_CLAIM = "reproduced", "under assumptions", "not reproduced", "–"
 """The verdicts, by one rule. A claim is measured in cases: at the paper's stated values, with
@@ -154,6 +155,13 @@ class Finding(NamedTuple):
     title: str
     drawn: Sequence[Panel] | Trace
     seeds: int = 1
+
+    def draw(self, path: Path) -> None:
+        """Draw the figure to a file."""
+        if isinstance(self.drawn, Trace):
+            plot_trace(self.drawn, self.title, path)
+        else:
+            plot_lines(self.title, self.drawn, path)
 
 
 class Declared(NamedTuple):

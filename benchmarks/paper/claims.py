@@ -8,9 +8,7 @@ from pathlib import Path
 from benchmarks.files import write_text
 from benchmarks.paper import section_2, section_3, section_4
 from benchmarks.paper.claim import Claim, Declared, Effort, judge
-from benchmarks.report import markdown
-from benchmarks.report.plot import plot_lines, plot_trace
-from benchmarks.run.rollout import Trace
+from benchmarks.report.markdown import table
 from fbl_gym.checks import unknown
 
 CLAIMS: dict[str, Declared] = {
@@ -19,11 +17,6 @@ CLAIMS: dict[str, Declared] = {
     for name, claim in vars(section).items()
     if isinstance(claim, Declared)
 }
-
-
-def listed() -> dict[str, str]:
-    """Return one line on each claim, by name."""
-    return {name: claim.fields["claim"] for name, claim in CLAIMS.items()}
 
 
 def select(names: Sequence[str]) -> list[str]:
@@ -43,21 +36,13 @@ def select(names: Sequence[str]) -> list[str]:
 def measure_claim(name: str, effort: Effort) -> tuple[Claim, Callable[[Path], None]]:
     """Measure one of `CLAIMS`; return it and a function that draws its figure to a file."""
     fields, measure = CLAIMS[name]
-    cases, measured, title, drawn, seeds = measure(effort)
-    verdict, holds = judge(cases)
-    seed, command = "0" if seeds == 1 else f"0-{seeds - 1}", f"fbl-gym reproduce --only {name}"
-    rows = tuple(case.row for case in cases)
-
-    def draw(path: Path) -> None:
-        if isinstance(drawn, Trace):
-            plot_trace(drawn, title, path)
-        else:
-            plot_lines(title, drawn, path)
-
+    finding = measure(effort)
+    verdict, holds = judge(finding.cases)
     claim = Claim(
-        measured=measured, verdict=verdict, holds=holds, seed=seed, cases=rows, command=command, **fields
+        measured=finding.measured, verdict=verdict, holds=holds, cases=tuple(case.row for case in finding.cases),
+        seed="0" if finding.seeds == 1 else f"0-{finding.seeds - 1}", command=f"fbl-gym reproduce --only {name}", **fields,
     )  # fmt: skip
-    return claim, draw
+    return claim, finding.draw
 
 
 def load(folder: Path) -> dict[str, Claim]:
@@ -82,4 +67,17 @@ def save(folder: Path, claims: Mapping[str, Claim]) -> None:
     claims = {name: claims[name] for name in CLAIMS if name in claims}
     rows = [{"name": name, **dataclasses.asdict(claim)} for name, claim in claims.items()]
     write_text(folder / "claims.json", json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
-    write_text(folder / "claims.md", markdown.claims(claims))
+    write_text(folder / "claims.md", page(claims))
+
+
+def page(claims: Mapping[str, Claim]) -> str:
+    """Return a table of claims and their verdicts in Markdown, and a section on each."""
+    header = ("figure", "claim", "paper", "verdict", "holds in cases", "details")
+    rows = [(c.figure, c.claim, c.paper, c.verdict, c.holds, f"[{name}](#{name})") for name, c in claims.items()]
+    sections = [table(header, rows)]
+    for name, c in claims.items():
+        sections.append(f"\n### {name}\n\n{c.claim} ({c.paper}): *{c.verdict}*. Measured: {c.measured}.\n\n")
+        sections.append(f"Measured with: {c.assumptions}. Scenario `{c.scenario}`, seeds {c.seed}.\n")
+        if len(c.cases) > 1:
+            sections.append("\n" + table(("case", "measured", "seeds that meet it", "holds"), c.cases))
+    return "".join(sections)

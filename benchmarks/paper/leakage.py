@@ -8,7 +8,7 @@ from benchmarks.paper.claim import Case, Finding, run
 from benchmarks.report.plot import Line, Panel
 from benchmarks.run.rollout import Watch
 from fbl_gym import Scenario, TwoLinkArmVectorEnv
-from fbl_gym.arm import Array, coriolis_matrix, forward_dynamics, gravity_torque, inertia_matrix
+from fbl_gym.model.arm import Array, coriolis_matrix, forward_dynamics, gravity_torque, inertia_matrix
 
 
 def leakage(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Array:

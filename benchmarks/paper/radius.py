@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.paper.claim import ARMS, run, share
 from benchmarks.report.plot import Line, Panel
 from fbl_gym import Scenario, scenarios
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
 SHARE = 0.95
 """At the radius, this share of the seeds must track."""
@@ -61,8 +61,8 @@ def radius(r: Array, error: Array, bound: float) -> tuple[float, float, float]:
     fine, errors = between(r, error)
     shares = share(errors <= bound)
     ends: list[float] = []
-    for each in (shares.value, shares.low, shares.high):
-        below = np.flatnonzero(each < SHARE)
+    for curve_of_shares in (shares.value, shares.low, shares.high):
+        below = np.flatnonzero(curve_of_shares < SHARE)
         ends.append(float(fine[max(below[0] - 1, 0)]) if len(below) else np.inf)
     return ends[0], ends[1], ends[2]
 

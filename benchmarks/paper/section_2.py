@@ -10,7 +10,7 @@ from benchmarks.paper.claim import ARMS, Case, Effort, Finding, claim, percents,
 from benchmarks.paper.leakage import compare_leakage
 from benchmarks.report.plot import Line, Panel
 from fbl_gym import Scenario, TwoLinkArmEnv, scenarios
-from fbl_gym.arm import Array, inverse_dynamics
+from fbl_gym.model.arm import Array, inverse_dynamics
 
 _HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.3),)}
 _POINTS = vars(scenarios.get("paper-3a").reference)["points"]

@@ -25,7 +25,7 @@ from benchmarks.report.plot import Line, Panel
 from benchmarks.run.rollout import Trace, rollout
 from controllers.kalman import PAPER_SIGMA, continuous_gains, gains
 from fbl_gym import Noise, Scenario, scenarios
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
 
 @claim(
@@ -249,7 +249,7 @@ def kalman_filter(effort: Effort) -> Finding:
         scenario = with_estimate(scenarios.get("paper-4b"), ARMS["§2.2"], DIRECTIONS[direction])
         scenario = scenario.replace(noise=_noise(PAPER_SIGMA), limits={"acceleration": 1e9, "velocity": 1e4})
         for form in ("discrete", "continuous"):
-            watch = {"error": lambda env, _, state: state[1][..., 0] - env.truth.position}
+            watch = {"error": lambda env, _, state: state.kalman.position - env.truth.position}
             trace, rows = run("robust-flm", scenario, effort.seeds, watch, filtering=form)
             sigma = np.sqrt((trace.watched["error"] ** 2).mean(axis=(0, 2)))
             text = f"{np.median(sigma):.3g} rad, {percents(rows['error_pct'])}"

@@ -15,7 +15,7 @@ from controllers.feedback_linearization import friction_torque
 from controllers.gain_scheduling import FORMS, schedule
 from controllers.kalman import PAPER_SIGMA
 from fbl_gym import Friction, Scenario, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.arm import Array, forward_dynamics
+from fbl_gym.model.arm import Array, forward_dynamics
 
 ALPHA: Any = ((20.0, 0.0), (0.0, 20.0))
 """alpha_ij of (46), the project's choice: at rest the gains are 21 times as large."""
@@ -83,7 +83,7 @@ def figure_5(effort: Effort) -> Finding:
     def mismatch(env: TwoLinkArmVectorEnv, policy: Any, state: Any) -> Array:
         truth = env.truth
         motion = truth.position, truth.velocity, truth.applied_torque
-        difference = forward_dynamics(state[5], *motion) - forward_dynamics(env.interface.nominal, *motion)
+        difference = forward_dynamics(state.lumped, *motion) - forward_dynamics(env.interface.nominal, *motion)
         return difference + leakage(env, policy, state)
 
     cases, lines = [], []

@@ -31,10 +31,10 @@ def parse_gain(text: str) -> tuple[str, Any]:
     return name, numbers[0] if len(numbers) == 1 else np.array(numbers)
 
 
-def gains_file(law: str, place: str | Path) -> Path:
+def gains_file(law: str, path: str | Path) -> Path:
     """Return the file with the gains of a law: a .json file itself, or LAW.json in a folder."""
     name = re.sub(r"[^\w.+-]+", "_", Path(law).name) + ".json"
-    return Path(place) if str(place).endswith(".json") else Path(place) / name
+    return Path(path) if str(path).endswith(".json") else Path(path) / name
 
 
 def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
@@ -47,15 +47,28 @@ def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
         path = gains_file(law, text)
         try:
             data = json.loads(path.read_text(encoding="utf-8"))
-            values = data.get("gains", data)
-            gains |= {
-                name: np.array(value) if isinstance(value, list) else float(value) for name, value in values.items()
+            values = {
+                name: np.array(value) if isinstance(value, list) else float(value)
+                for name, value in data.get("gains", data).items()
             }
         except FileNotFoundError:
             raise ValueError(f"gains of {law}: there is no file {path}; `fbl-gym tune` writes one") from None
         except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as problem:
             raise ValueError(f'{path} must be JSON with numbers, such as {{"kp": 25}}: {problem}') from None
+        expect_law(law, path, data)
+        gains |= values
     return gains
+
+
+def expect_law(law: str, path: Path, data: Mapping[str, Any]) -> None:
+    """Refuse the gains of a file that names another law.
+
+    A law in a file is the same law where one of both paths ends with the other.
+    """
+    tuned = data.get("policy", law)
+    parts = zip(*(reversed([x for x in Path(name).parts if x != ".."]) for name in (str(tuned), law)), strict=False)
+    if any(one != other for one, other in parts):
+        raise ValueError(f"{path} has the gains of {tuned}, not of {law}: name another file or folder")
 
 
 def configuration(policy: Any) -> dict[str, Any]:

@@ -11,8 +11,6 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from controllers import registry
-
 PACKAGES = ("benchmarks", "controllers", "fbl_gym")
 """The packages of fbl-gym. Their modules are followed wherever they are imported."""
 
@@ -20,8 +18,8 @@ SKIPPED = (
     "benchmarks.policies",
     "controllers.catalogue",
     "controllers.registry",
-    "fbl_gym.picture",
-    "fbl_gym.render",
+    "fbl_gym.view.picture",
+    "fbl_gym.view.render",
     *(f"fbl_gym.scenarios.{name}" for name in ("files", "hardware", "ideal", "paper", "real", "worlds")),
 )
 """Modules that choose a policy, draw pictures, or hold scenarios.
@@ -29,7 +27,6 @@ SKIPPED = (
 Code that chooses a policy or draws changes no number. A scenario's options are part of the key.
 """
 
-_CORE = ("benchmarks.run", "controllers", "fbl_gym")
 _ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -67,9 +64,7 @@ def _is_docstring(node: object) -> bool:
 def closure(roots: Mapping[str, Path], folder: Path | None = None) -> dict[str, Path]:
     """Return some modules with all that they import, each a name and its file.
 
-    Only modules of fbl-gym, and modules that lie in the folder, are followed. A module outside of
-    fbl-gym that contains the name of a registered policy as a string, such as "cascade-flm",
-    depends on the module of that policy.
+    Only modules of fbl-gym, and modules that lie in the folder, are followed.
     """
     modules = dict(roots)
     left = list(roots.items())
@@ -107,12 +102,6 @@ def _locate(base: str, attribute: str, folder: Path | None) -> list[str]:
     parts = module.split(".")
     if parts[0] not in PACKAGES:
         return [".".join(parts[:n]) for n in range(1, len(parts) + 1)]
-    file = file_of(module)
-    # The __init__ files of fbl-gym only gather names.
-    if attribute and module == base and file is not None and file.name == "__init__.py":
-        for source, name in _imports(file.read_bytes(), base, True):
-            if name == attribute:
-                return _locate(source, name, folder)
     return [module]
 
 
@@ -132,13 +121,4 @@ def _imports(source: bytes, name: str, package: bool) -> tuple[tuple[str, str], 
             parent = parent[: len(parent) - node.level + package] if node.level else []
             base = ".".join([*parent, *([node.module] if node.module else [])])
             imports += [(base, alias.name) if base else (alias.name, "") for alias in node.names]
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and not name.startswith(_CORE):
-            imports += [(module, "") for module in _policy_modules().get(node.value, ())]
     return tuple(imports)
-
-
-@lru_cache(maxsize=1)
-def _policy_modules() -> dict[str, tuple[str, ...]]:
-    """Return the module of each policy of fbl-gym, by the policy's name."""
-    external = {point.name for point in registry.entry_points() if point.module.partition(".")[0] not in PACKAGES}
-    return {name: (module,) for name, module in registry.modules().items() if name not in external}

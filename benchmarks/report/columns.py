@@ -92,11 +92,10 @@ def percent(x: float) -> str:
 def columns(board: Board) -> list[Column]:
     """Return the columns of a board, from left to right."""
     count = len(board.policies)
-    rank: list[Value] = [None] * count
-    ends: list[list[Value]] = [rank[:], rank[:]]
-    for place, i in enumerate(board.ranked):
-        rank[i] = float(board.rank.value[place])
-        ends[0][i], ends[1][i] = float(board.rank.low[place]), float(board.rank.high[place])
+    ranks = [
+        [dict(zip(board.ranked, of_ranked.tolist(), strict=True)).get(i) for i in range(count)]
+        for of_ranked in (board.rank.value, board.rank.low, board.rank.high)
+    ]
     failures = [sum(j == i for j, _ in board.failed) for i in range(count)]
 
     def estimated(key: str, title: str, meaning: str, estimate: Estimate, scale: float = 1.0, **more: object) -> Column:
@@ -104,7 +103,7 @@ def columns(board: Board) -> list[Column]:
         return Column(key, title, meaning, value, low, high, **more)  # type: ignore[arg-type]
 
     seeds = [f"{size} training seeds" if size > 1 else "" for size in board.sizes]
-    stays = [f"stays in {n} of {len(board.scenarios)}" if n else "" for n in failures]
+    stays = [f"motionless in {n} of {len(board.scenarios)}" if n else "" for n in failures]
     notes = [", ".join(filter(None, pair)) for pair in zip(seeds, stays, strict=True)]
     violation = board.runs["violation_pct"][:, board.main]
     first, *others = board.tiers
@@ -112,16 +111,16 @@ def columns(board: Board) -> list[Column]:
     return [
         Column(
             "rank", "rank", "Median rank over the bootstrap. A policy with privileged access has no rank.",
-            rank, low=ends[0], high=ends[1], form="{:.0f}".format, place="short", ends="range",
+            ranks[0], low=ranks[1], high=ranks[2], form="{:.0f}".format, place="short", ends="range",
         ),
         Column(
             "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
-            "failed, it counts as an arm that stays.", board.policies, notes=notes, place="short",
+            "failed, it counts as the motionless baseline.", board.policies, notes=notes, place="short",
         ),
         *(
             estimated(
                 f"score-{tier}" if tier != first else "score", "score" if tier == first else f"{tier} score",
-                "0 is an arm that stays at its start, 100 the ceiling: the law with the least error that knows the truth. "
+                "0 is the motionless baseline, 100 the ceiling: the law with the least error that knows the truth. "
                 f"Logarithmic in the error; each percent of diverged runs counts as twice the error. Mean of the scenarios "
                 f"in the tier {tier}.",
                 score, best=1, form="{:.1f}".format, place="short" if tier == first else "table", ends="interval",
@@ -154,11 +153,10 @@ def columns(board: Board) -> list[Column]:
             )]
         ),
         *(
-            [Column(
+            [] if board.recovery is None else [Column(
                 "recovery", "recovery s", "Time until the error is back after an event, mean of the scenarios with events.",
-                np.mean([metrics["recovery_s"] for metrics in board.recovery.values()], axis=0).tolist(), best=-1,
-                place="table",
-            )] if board.recovery else []
+                board.recovery.tolist(), best=-1, place="table",
+            )]
         ),
         *(
             estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[places[0]])}.",

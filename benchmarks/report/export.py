@@ -3,10 +3,12 @@
 import contextlib
 import csv
 import io
-import operator
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from benchmarks.files import replacing
 from benchmarks.run.current import current_keys, current_runs
@@ -16,8 +18,11 @@ from benchmarks.run.store import Result
 COLUMNS = ("policy", "scenario", "control_dt", "seed", *METRICS)
 """Columns of every table of runs. Those of external metrics follow."""
 
-APART = ("key", "current", "seeds", "code", "time")
+FURTHER = ("key", "current", "seeds", "code", "time")
 """Columns that only the table `all_results` has."""
+
+TEXTS = ("policy", "scenario", "key", "code", "time")
+"""Columns of text."""
 
 
 def _row(result: Result, i: int) -> dict[str, Any]:
@@ -33,9 +38,9 @@ def _columns(results: Sequence[Result]) -> list[str]:
 
 @contextlib.contextmanager
 def csv_file(path: Path, columns: Sequence[str], metrics: Sequence[str]) -> Iterator[Callable[..., None]]:
-    """Yield a function `append(values, result)` that writes the runs of a result to a CSV file.
+    """Yield a function `append(values, seeds, rows)` that writes the runs of a cell to a CSV file.
 
-    Numbers have seven digits; the store has all digits. One result at a time needs memory.
+    Numbers have seven digits; the store has all digits. One cell at a time needs memory.
 
     Args:
         path: of the file, which is complete or absent.
@@ -46,16 +51,9 @@ def csv_file(path: Path, columns: Sequence[str], metrics: Sequence[str]) -> Iter
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*columns, "seed", *metrics])
 
-        def append(values: Sequence[Any], result: Result) -> None:
-            text = io.StringIO()
-            csv.writer(text, lineterminator="").writerow(values)
-            known = set(result.cell.columns)
-            form = ",".join(
-                [text.getvalue().replace("%", "%%"), "%d", *("%.7g" if m in known else "" for m in metrics)]
-            )
-            numbers = operator.itemgetter(*(m for m in metrics if m in known))
-            pairs = zip(result.cell.seeds, result.rows, strict=False)  # a failed cell has no rows
-            file.writelines(form % (seed, *numbers(row)) + "\n" for seed, row in pairs)
+        def append(values: Sequence[Any], seeds: Sequence[int], rows: Sequence[Mapping[str, float]]) -> None:
+            for seed, row in zip(seeds, rows, strict=False):  # a failed cell has no rows
+                writer.writerow([*values, seed, *(f"{row[name]:.7g}" if name in row else "" for name in metrics)])
 
         yield append
 
@@ -65,14 +63,15 @@ def write_csv(path: Path, results: Sequence[Result]) -> None:
     with csv_file(path, COLUMNS[:3], _columns(results)[4:]) as append:
         for result in results:
             task = result.cell.scenario
-            append((result.cell.policy.name, task.name, f"{task.control_dt:.7g}"), result)
+            values = (result.cell.policy.name, task.name, f"{task.control_dt:.7g}")
+            append(values, result.cell.seeds, result.rows)
 
 
 def query(
     results: Iterable[Result],
     sql: str,
     files: bool = False,
-    looks: Mapping[tuple[str, str], int] | None = None,
+    test_accesses: Mapping[tuple[str, str], int] | None = None,
     short: bool = False,
 ) -> str | None:
     """Return DuckDB's answer to a question about stored results as CSV; None for a command.
@@ -81,28 +80,30 @@ def query(
 
     The table `results` has each run of the current results once, with the columns of the CSV. The
     table `all_results` has every stored run, those of older code and other sets of seeds among
-    them, and the columns `APART` too. A question is "SELECT policy, avg(error_pct) FROM results
+    them, and the columns `FURTHER` too. A question is "SELECT policy, avg(error_pct) FROM results
     GROUP BY policy", a command "COPY results TO 'board.parquet'". With `files`, it may read and
-    write files, and load extensions. The table `looks` counts the configurations of each policy
-    that were run on each scenario for judging.
+    write files, and load extensions. The table `test_accesses` counts the configurations of each
+    policy that were run on each scenario for judging.
     """
-    import duckdb
-    import pandas as pd
+    import duckdb  # the extra `analysis`
 
     stored = list(results)
     keys = current_keys(stored)
-    current = [_row(result, i) for result, i in current_runs(stored)]
     every = [
         {**_row(result, i), "key": result.cell.key, "current": result.cell.key in keys, "seeds": len(result.rows),
          "code": result.cell.policy.digest[:12], "time": result.provenance.get("time", "")}
         for result in stored for i in range(len(result.rows))
     ]  # fmt: skip
+    counts = [{"policy": law, "scenario": task, "test_accesses": n} for (law, task), n in (test_accesses or {}).items()]
     columns = _columns(stored)
+    tables = {
+        "results": ([_row(result, i) for result, i in current_runs(stored)], columns),
+        "all_results": (every, [*columns, *FURTHER]),
+        "test_accesses": (counts, ["policy", "scenario", "test_accesses"]),
+    }
     connection = duckdb.connect()
-    connection.register("results", pd.DataFrame.from_records(current, columns=columns))
-    connection.register("all_results", pd.DataFrame.from_records(every, columns=[*columns, *APART]))
-    counts = [(*names, number) for names, number in (looks or {}).items()]
-    connection.register("looks", pd.DataFrame.from_records(counts, columns=["policy", "scenario", "looks"]))
+    for name, (rows, names) in tables.items():
+        connection.register(name, {column: _values(rows, column) for column in names})
     try:
         if not files:
             connection.execute("SET enable_external_access = false")
@@ -114,5 +115,10 @@ def query(
         csv.writer(text, lineterminator="\n").writerows([answer.columns, *answer.fetchall()])
         return text.getvalue().rstrip("\n")
     except duckdb.Error as problem:
-        known = f"The table results has the columns {', '.join(columns)}; all_results has {', '.join(APART)} too"
+        known = f"The table results has the columns {', '.join(columns)}; all_results has {', '.join(FURTHER)} too"
         raise ValueError(f"{problem}\n{known}") from None
+
+
+def _values(rows: Sequence[Mapping[str, Any]], column: str) -> Any:
+    """Return a column of some rows as an array, NaN where a row lacks it."""
+    return np.array([row.get(column, math.nan) for row in rows], dtype=object if column in TEXTS else None)

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import MOST_DIVERGED, Board
 from benchmarks.analysis.statistics import Estimate
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
 Figure: TypeAlias = dict[str, Any]
 """A title, a description, and Plotly's `data` and `layout`."""
@@ -55,7 +55,7 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
         line = {
             **shared, "name": policy, "y": value, "line": {"color": color, "dash": dash, "width": 2},
             "marker": {"color": color, "symbol": mark, "size": 7}, "customdata": np.stack([low, high], axis=-1),
-            "hovertemplate": f"{policy}: %{{y:.3g}} (%{{customdata[0]:.3g}}–%{{customdata[1]:.3g}})<extra></extra>",
+            "hovertemplate": "%{fullData.name}: %{y:.3g} (%{customdata[0]:.3g}–%{customdata[1]:.3g})<extra></extra>",
         }  # fmt: skip
         if len(x) <= FEW:
             bars = {"array": high - value, "arrayminus": value - low, "color": color, "thickness": 1.2, "width": 3}
@@ -68,19 +68,12 @@ def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> lis
 
 
 def degradation(board: Board) -> list[Figure]:
-    """Return error against severity, a figure for each arm and family.
-
-    A severity without runs leaves a gap in the curves.
-    """
-    figures = []
-    for title, (text, severities, estimate) in board.degradation.items():
-        x = np.arange(severities[0], severities[-1] + 1.0)
-        gaps = [np.full((len(board.policies), len(x)), np.nan) for _ in range(3)]
-        for gap, numbers in zip(gaps, (estimate.value, estimate.low, estimate.high), strict=True):
-            gap[:, np.isin(x, severities)] = numbers
-        data, axes = _curves(board, x, Estimate(*gaps)), {"xaxis": {"dtick": 1}, "yaxis": LOG}
-        figures.append(_figure(title, text, data, "severity", "tracking error [%]", **axes))
-    return figures
+    """Return error against severity, a figure for each arm and family."""
+    axes = {"xaxis": {"dtick": 1}, "yaxis": LOG}
+    return [
+        _figure(title, text, _curves(board, severities, estimate), "severity", "tracking error [%]", **axes)
+        for title, (text, severities, estimate) in board.degradation.items()
+    ]
 
 
 def pareto(board: Board) -> list[Figure]:
@@ -105,19 +98,6 @@ def pareto(board: Board) -> list[Figure]:
     return [{**figure, "height": 520, "points": True}]
 
 
-def tiers(board: Board) -> list[Figure]:
-    """Return the score in each further tier against the score of the board."""
-    first, figures = next(iter(board.tiers)), []
-    for tier in board.scores:
-        if tier == first or board.score is None:
-            continue
-        data = _points(board, board.score.value, board.scores[tier].value, board.ranked, [])
-        text = "A policy above the others at its place keeps more of its score there."
-        figure = _figure(f"{tier} against {first}", text, data, f"{first} score", f"{tier} score")
-        figures.append({**figure, "points": True})
-    return figures
-
-
 def _points(board: Board, x: Array, y: Array, chosen: Sequence[int], named: Sequence[int]) -> list[Figure]:
     """Return a mark for each chosen policy, some with their names."""
     place = {i: k for k, i in enumerate(board.order)}
@@ -127,46 +107,10 @@ def _points(board: Board, x: Array, y: Array, chosen: Sequence[int], named: Sequ
             "mode": "markers+text" if i in named else "markers", "text": [board.policies[i]],
             "textposition": "bottom center" if i in named[1::2] else "top center",
             "marker": {"color": style(place[i])[0], "symbol": style(place[i])[1], "size": 9}, "cliponaxis": False,
-            "hovertemplate": f"{board.policies[i]}: %{{x:.3g}}, %{{y:.3g}}<extra></extra>",
+            "hovertemplate": "%{fullData.name}: %{x:.3g}, %{y:.3g}<extra></extra>",
         }
         for i in chosen
     ]  # fmt: skip
-
-
-def recovery(board: Board) -> list[Figure]:
-    """Return the time back after events, for each policy and scenario with events."""
-    if not board.recovery:
-        return []
-    names, tasks = [board.policies[i] for i in board.order], list(board.recovery)
-    times = np.array([[board.recovery[task]["recovery_s"][i] for task in tasks] for i in board.order])
-    text = [
-        [
-            f"{board.policies[i]} in {task}: back after {m['recovery_s'][i]:.3g} s, area {m['recovery_rad_s'][i]:.3g} rad s, "
-            f"never back {m['unrecovered_pct'][i]:.3g} %, diverged {100 * m['diverged'][i]:.3g} %"
-            for task, m in board.recovery.items()
-        ]
-        for i in board.order
-    ]
-    description = (
-        "Seconds until the error is back near its level before the event, mean over events and runs. An event without return "
-        "counts with the time until the next one or the end. Runs that diverged are left out; the pointer shows their share, "
-        "and the area of the error above its level before."
-    )
-    colors = [[0, "rgba(128,128,128,0.08)"], [1, COLORS[1]]]
-    heatmap = {"x": tasks, "y": names, "z": times, "text": text, "texttemplate": "%{z:.2g}", "colorscale": colors}
-    return [_heatmap("Time back after an event", description, heatmap, showgrid=False)]
-
-
-def _heatmap(title: str, description: str, data: Figure, **axes: Any) -> Figure:
-    """Return a heatmap with a row for each policy, the best one on top."""
-    usual = {
-        "type": "heatmap", "hovertemplate": "%{text}<extra></extra>", "zmin": 0, "xgap": 1, "ygap": 1,
-        "colorbar": {"thickness": 10, "outlinewidth": 0},
-    }  # fmt: skip
-    x = {"side": "top", "tickangle": -90, "dtick": 1, **axes}
-    y = {"autorange": "reversed", "dtick": 1, **axes}
-    figure = _figure(title, description, [{**usual, **data}], "", "", xaxis=x, yaxis=y)
-    return {**figure, "height": 240 + 18 * len(data["y"])}
 
 
 def profiles(board: Board) -> list[Figure]:
@@ -188,7 +132,13 @@ def pairs(board: Board) -> list[Figure]:
             if i != j:
                 share[a, b] = wins.value[j]
                 text[a][b] = f"{names[a]} against {names[b]}: {share[a, b]:.2f} ({wins.low[j]:.2f}–{wins.high[j]:.2f})"
-    colors = [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]]
-    heatmap = {"x": names, "y": names, "z": share, "text": text, "zmax": 1, "colorscale": colors}
+    heatmap = {
+        "type": "heatmap", "x": names, "y": names, "z": share, "text": text, "hovertemplate": "%{text}<extra></extra>",
+        "zmin": 0, "zmax": 1, "colorscale": [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]],
+        "xgap": 1, "ygap": 1, "colorbar": {"thickness": 10, "outlinewidth": 0},
+    }  # fmt: skip
     description = "Share of the runs in which the row's policy errs less than the column's on the same seed."
-    return [_heatmap("Smaller error", description, heatmap)]
+    x, y = {"side": "top", "tickangle": -90, "dtick": 1}, {"autorange": "reversed", "dtick": 1}
+    return [
+        {**_figure("Smaller error", description, [heatmap], "", "", xaxis=x, yaxis=y), "height": 240 + 18 * len(names)}
+    ]

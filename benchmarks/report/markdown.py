@@ -1,16 +1,15 @@
 """Tables in Markdown, for the README and the documentation."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from benchmarks.analysis.board import Board
-from benchmarks.paper.claim import Claim
 from benchmarks.report.columns import Column, columns
 
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 """The lines of a file between which the leaderboard is written."""
 
-ROWS = 10
+ROWS = 5
 """Number of rows of the short table."""
 
 
@@ -32,23 +31,10 @@ def plain(text: str) -> str:
     return re.sub(r"([\\`*\[\]<>&]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
 
 
-def claims(measured: Mapping[str, Claim]) -> str:
-    """Return a table of the paper's claims and their verdicts, and a section on each."""
-    header = ("figure", "claim", "paper", "verdict", "holds in cases", "details")
-    rows = [(c.figure, c.claim, c.paper, c.verdict, c.holds, f"[{name}](#{name})") for name, c in measured.items()]
-    sections = [table(header, rows)]
-    for name, c in measured.items():
-        sections.append(f"\n### {name}\n\n{c.claim} ({c.paper}): *{c.verdict}*. Measured: {c.measured}.\n\n")
-        sections.append(f"Measured with: {c.assumptions}. Scenario `{c.scenario}`, seeds {c.seed}.\n")
-        if len(c.cases) > 1:
-            sections.append("\n" + table(("case", "measured", "seeds that meet it", "holds"), c.cases))
-    return "".join(sections)
-
-
 def leaderboard(board: Board, *, short: bool = False) -> str:
     """Return the board as a table, the best policy first, and its remarks.
 
-    A short one has the best ten rows with the main columns, and no remarks on a complete board.
+    A short one has the best five rows with the main columns, and no remarks on a complete board.
     """
     places = ("short",) if short else ("short", "table")
     selected = [column for column in columns(board) if column.place in places]
@@ -76,6 +62,6 @@ def board_page(board: Board, command: str) -> str:
     """Return a page of the documentation with every row of the board."""
     return (
         f"# All rows of the board\n\nHow do all policies do? `{command}`: {len(board.scenarios)} scenarios, "
-        f"{len(board.seeds)} seeds each.\n[The leaderboard](leaderboard.md#columns) explains the columns.\n\n"
+        f"{len(board.seeds)} seeds each.\n[The leaderboard](../reference/columns.md) explains the columns.\n\n"
         + leaderboard(board)
     )

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from plotly.offline import get_plotlyjs
 
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
@@ -28,8 +27,6 @@ DIGITS = 5
 
 _SECTIONS: dict[str, tuple[Callable[[Board], list[figures.Figure]], str, str]] = {
     "pareto": (figures.pareto, "Error and effort", ""),
-    "tiers": (figures.tiers, "Tiers", "Scores in the tier that ranks, and in the others."),
-    "recovery": (figures.recovery, "Recovery", ""),
     "degradation": (
         figures.degradation, "Degradation",
         "Error against severity, one family of uncertainty each. Severity 0 is the nominal arm. Bars are intervals.",
@@ -43,7 +40,11 @@ _SECTIONS: dict[str, tuple[Callable[[Board], list[figures.Figure]], str, str]] =
 """The figures of each section, its title, and the text below the title."""
 
 
-def contents(board: Board, results: Sequence[Result], scenes: Sequence[Mapping[str, Any]], command: str) -> Any:
+_POLICY = ' class="policy"'
+"""The attribute of the cells that stay in place while the board scrolls sideways."""
+
+
+def contents(board: Board, results: Sequence[Result], command: str) -> Any:
     """Return the page's content, by name.
 
     `policies` and `summaries` are in the order of the columns' entries, `order` has the best policy
@@ -52,7 +53,6 @@ def contents(board: Board, results: Sequence[Result], scenes: Sequence[Mapping[s
     Args:
         board: of the page.
         results: those of the board's cells, for their provenance.
-        scenes: the moving arms, from `scene`.
         command: that wrote the page.
     """
     latest = max(results, key=lambda result: result.provenance.get("time", ""))
@@ -79,7 +79,6 @@ def contents(board: Board, results: Sequence[Result], scenes: Sequence[Mapping[s
         "ranked": [board.policies[i] for i in board.ranked],
         "columns": columns(board),
         "figures": {name: draw(board) for name, (draw, _, _) in _SECTIONS.items()},
-        "scenes": list(scenes),
     }
 
 
@@ -90,6 +89,8 @@ def _tiers(board: Board) -> str:
 
 def write_page(path: Path, page: Mapping[str, Any]) -> None:
     """Write the page of some contents to a file; a section without figures is left out."""
+    from plotly.offline import get_plotlyjs  # the extra `analysis`
+
     text = html.escape
     drawn = {name: part for name, part in page["figures"].items() if part}
     parts = {
@@ -107,9 +108,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> None:
         "FACTS": "".join(f"<dt>{text(name)}</dt><dd>{text(str(value))}</dd>" for name, value in page["facts"].items()),
         "PLOTLY": get_plotlyjs(),
         # In a script element only "<" could end it; JSON reads the escaped character as the same.
-        "DATA": json.dumps(
-            {"figures": _plain(drawn), "scenes": page["scenes"]}, ensure_ascii=False, allow_nan=False
-        ).replace("<", "\\u003c"),
+        "DATA": json.dumps(_plain(drawn), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
     }
     template = resources.files("benchmarks.report").joinpath("page.html").read_text(encoding="utf-8")
     write_text(path, re.sub(r"\{\{ (\w+) \}\}", lambda match: parts[match[1]], template))
@@ -118,8 +117,9 @@ def write_page(path: Path, page: Mapping[str, Any]) -> None:
 def _table(page: Mapping[str, Any]) -> str:
     """Return the content of the board's table element; cells carry their values for sorting."""
     heads = "".join(
-        f'<th scope="col" class="{column.key}" aria-sort="none"><button type="button" data-sort="{html.escape(column.key)}" '
-        f'data-first="{-column.best or 1}" title="{html.escape(column.meaning)}">{html.escape(column.title)}</button></th>'
+        f'<th scope="col"{_POLICY if column.key == "policy" else ""} aria-sort="none"><button type="button" '
+        f'data-sort="{html.escape(column.key)}" data-first="{-column.best or 1}" title="{html.escape(column.meaning)}">'
+        f"{html.escape(column.title)}</button></th>"
         for column in page["columns"]
     )
     ranked = [page["policies"].index(name) for name in page["ranked"]]
@@ -143,9 +143,7 @@ def _cell(column: Column, i: int, best: Value, summary: str) -> str:
     small = [column.interval(i, " … "), column.notes[i] if column.notes else ""]
     notes = "".join(f"<small>{html.escape(note)}</small>" for note in small if note)
     if column.key == "policy":
-        return (
-            f'<th scope="row" class="policy" title="{html.escape(summary)}">{html.escape(column.text(i))}{notes}</th>'
-        )
+        return f'<th scope="row"{_POLICY} title="{html.escape(summary)}">{html.escape(column.text(i))}{notes}</th>'
     kind = "best" if best is not None and value == best else "text" if isinstance(value, str) else ""
     stored = "" if value is None else html.escape(str(value))
     return f'<td data-value="{stored}" class="{kind}">{html.escape(column.text(i))}{notes}</td>'

@@ -3,24 +3,25 @@
 A path's ending gives the format. A figure's title is stored in the file and not drawn.
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 
-from benchmarks.analysis.linear import LinearLoop
 from benchmarks.files import replacing
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
+
+if TYPE_CHECKING:  # a figure alone needs Matplotlib
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 """Okabe and Ito's colours, which colour-blind readers tell apart."""
@@ -97,6 +98,9 @@ class Panel:
 @contextmanager
 def _figure(title: str, path: Path, size: tuple[float, float]) -> Iterator[Figure]:
     """Yield a figure of some size [in], and write it to a path at the end."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
     with rc_context(STYLE), replacing(path) as beside:
         figure = Figure(figsize=size, layout="constrained")
         yield figure
@@ -172,13 +176,15 @@ def plot_maps(
         path: of the figure.
         columns: of the page that the figure spans, and maps in a row, 1 or 2.
     """
+    from matplotlib.colors import LogNorm
+
     across = min(columns, len(maps))
     rows = -(-len(maps) // across)
     limits = np.nanquantile(np.array(list(maps.values())), (0.0, 1.0))
     with _figure(title, path, (WIDTHS[columns], 2.5 * rows)) as figure:
         grid = figure.subplots(rows, across, squeeze=False)
-        for axes, (label, numbers) in zip(grid.ravel(), maps.items(), strict=False):
-            image = axes.imshow(numbers.T, origin="lower", norm=LogNorm(*limits), cmap="cividis", aspect="auto")
+        for axes, (label, errors) in zip(grid.ravel(), maps.items(), strict=False):
+            image = axes.imshow(errors.T, origin="lower", norm=LogNorm(*limits), cmap="cividis", aspect="auto")
             axes.set(title=label, xlabel=names[0], ylabel=names[1])
             axes.grid(visible=False)
             axes.set_xticks(range(len(values[0])), [f"{value:.3g}" for value in values[0]], rotation=45)
@@ -263,14 +269,19 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns
     plot_lines(title, panels, path, columns)
 
 
-def plot_loops(loops: Mapping[str, LinearLoop], title: str, path: Path, columns: int = 2) -> None:
-    """Draw |L| and |S| of each joint over the frequency, for loops by their labels."""
-    responses = [{name: loop.response(joint) for name, loop in loops.items()} for joint in (0, 1)]
+def plot_loops(loops: Mapping[str, Sequence[tuple[Array, Array]]], title: str, path: Path, columns: int = 2) -> None:
+    """Draw |L| and |S| of each joint over the frequency.
+
+    Args:
+        loops: by label, for each joint the frequencies [k] rad/s and the loop transfer L [k].
+        title: of the file.
+        path: of the figure.
+        columns: of the page that the figure spans, 1 or 2.
+    """
     panels = []
     for label, size in (("loop transfer |L|", lambda x: np.abs(x)), ("sensitivity |S|", lambda x: np.abs(1 / (1 + x)))):
         for joint in (0, 1):
-            lines = tuple(Line(w, size(transfer), name) for name, (w, transfer) in responses[joint].items())
-            panels.append(
-                Panel(f"joint {joint + 1}", "frequency [rad/s]", label, lines, ("log", "log"), marks=((1.0, ""),))
-            )
+            lines = tuple(Line(loop[joint][0], size(loop[joint][1]), name) for name, loop in loops.items())
+            axes = (f"joint {joint + 1}", "frequency [rad/s]", label)
+            panels.append(Panel(*axes, lines, ("log", "log"), marks=((1.0, ""),)))
     plot_lines(title, panels, path, columns)

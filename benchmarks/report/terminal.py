@@ -1,28 +1,46 @@
 """The leaderboard and the evaluation of one policy, as tables on a terminal."""
 
+import sys
 from collections.abc import Iterable, Sequence
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
 from benchmarks.analysis.board import Board
-from benchmarks.paper.claim import Claim
 from benchmarks.report.columns import Column, columns
 from benchmarks.run.metrics import Metric, counted_errors, describe, summarize
-from benchmarks.speed.environments import Speed
+from benchmarks.text import visible
 
 Justify: TypeAlias = Literal["left", "right"]
 
 MEANING = (
-    "score: 0 for an arm that stays at its start, 100 for the best law that knows the truth. error: geometric mean of the mean "
+    "score: 0 for the motionless baseline, 100 for the best law that knows the truth. error: geometric mean of the mean "
     "absolute tracking error in % of the reference's amplitude. diverged: share of runs, with its upper bound. effort: torque "
     "variation relative to that law's. rank: 95 % interval. In brackets: privileged access, not ranked."
 )
+
+
+class Screen(Console):
+    """A console, 132 columns wide in a file, on which no name controls the terminal."""
+
+    def __init__(self, stderr: bool = False) -> None:
+        terminal = (sys.stderr if stderr else sys.stdout).isatty()
+        super().__init__(stderr=stderr, width=None if terminal else 132, emoji=False)
+
+    def render(self, *arguments: Any, **options: Any) -> Iterable[Segment]:
+        """Yield the segments of an object, with control characters as escapes."""
+        for segment in super().render(*arguments, **options):
+            yield segment if segment.control else segment._replace(text=visible(segment.text))
+
+    def say(self, text: str) -> None:
+        """Print text that has no markup, in lines of any length."""
+        self.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | Text]], justify: Justify = "right") -> Table:
@@ -97,26 +115,3 @@ def evaluation(
         lines.append((name, value, f"{max(known):.4g}" if known else "-", meaning))
     lines.append(("decision_us", f"{decision_us:.3g}", "", "wall time of one decision of one lane [us]"))
     console.print(table(title, ("metric", "mean", "largest", "meaning"), lines, "left"))
-
-
-def claims(console: Console, measured: Sequence[Claim]) -> None:
-    """Print the paper's claims: claim, measurement and verdict."""
-    colour = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red", "–": "default"}
-    header = ("figure", "claim", "paper", "measured", "holds", "verdict")
-    rows = [(c.figure, c.claim, c.paper, c.measured, c.holds, Text(c.verdict, colour[c.verdict])) for c in measured]
-    console.print(table("The paper's claims, measured", header, rows, "left"))
-
-
-def speed(console: Console, rows: Sequence[Speed]) -> None:
-    """Print steps per second, and their ratio to the peer's."""
-    lines = []
-    for row in rows:
-        spread = f"{100 * (row.high - row.low) / row.median:.0f} %"
-        lines.append((row.name, f"{row.median:,.0f}", spread, f"{row.ratio:.3g}" if row.peer else ""))
-    title = "Environment steps per second, one thread, median of the rounds"
-    console.print(table(title, ("environment", "median", "spread", "x peer"), lines))
-    console.print(
-        "x peer: to Acrobot-v1 through gym.make for a single environment, to SyncVectorEnv of 256 for a batch, to the same "
-        "arms in C (physics alone) for a batch of 4,096. busy: stick-slip friction, noise on every sensor and a disturbance. "
-        "One step is ten Runge-Kutta steps of 1 ms."
-    )

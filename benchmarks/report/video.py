@@ -1,5 +1,10 @@
-"""Traces as a film: the arms of several policies side by side, in real time."""
+"""Traces as a film: the arms of several policies side by side, in real time.
 
+Gymnasium's `RecordVideo` films one environment while a policy acts in it, by moviepy. A trace is
+already measured, an external policy's in another process, and no policy acts twice here.
+"""
+
+import itertools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,10 +15,10 @@ import numpy as np
 from benchmarks.files import replacing
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
-from fbl_gym.arm import ArmParameters, joint_positions
 from fbl_gym.checks import Pair
-from fbl_gym.picture import INK, LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Canvas, Frame, Picture, draw
-from fbl_gym.render import full_torque
+from fbl_gym.model.arm import ArmParameters, joint_positions
+from fbl_gym.view.picture import INK, LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Canvas, Frame, Picture, draw
+from fbl_gym.view.render import full_torque
 
 FPS = {".mp4": 50, ".gif": 25}
 """Frames per second; a GIF's frames last whole hundredths of a second."""
@@ -25,17 +30,18 @@ _WRITER: dict[str, dict[str, Any]] = {
 }
 
 
-def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size: int = 480) -> None:
-    """Film one seed of some traces of one scenario, at a constant frame rate and in real time.
+def write_video(traces: Mapping[str, Trace], path: Path, size: int = 480) -> None:
+    """Film the first seed of some traces of one scenario, at a constant rate and in real time.
 
-    The path ends in .mp4 or .gif. Each arm has a square of `size` pixels, an even number.
+    Each arm has a square of `size` pixels, an even number.
+
+    Raises:
+        ValueError: the path does not end in .mp4 or .gif.
     """
     ending = path.suffix.lower()
     if ending not in FPS:
         raise ValueError(f"path must end in {' or '.join(FPS)}, got {str(path)!r}")
-    if size % 2:
-        raise ValueError(f"size must be even, got {size}")
-    frames = film(traces, FPS[ending], lane=lane, size=size)
+    frames = film(traces, FPS[ending], size)
     first = next(frames)
     height, width, _ = first.shape
     with replacing(path) as beside:
@@ -44,34 +50,17 @@ def write_video(traces: Mapping[str, Trace], path: Path, *, lane: int = 0, size:
             **_WRITER[ending],
         )  # fmt: skip
         writer.send(None)
-        writer.send(first)
-        for frame in frames:
+        for frame in itertools.chain([first], frames):
             writer.send(frame)
         writer.close()
 
 
-def _first_of(traces: Mapping[str, Trace]) -> Trace:
-    """Return the first of some traces; all must be of one scenario and the same seeds."""
-    if not traces:
-        raise ValueError("traces must have at least one trace, got none")
-    first = next(iter(traces.values()))
-    for policy, trace in traces.items():
-        if (trace.scenario, trace.seeds) != (first.scenario, first.seeds):
-            raise ValueError(
-                f"traces must be of one scenario and the same seeds, got {first.scenario.name!r} with seeds {first.seeds} "
-                f"and, for {policy}, {trace.scenario.name!r} with seeds {trace.seeds}"
-            )
-    return first
-
-
-def film(traces: Mapping[str, Trace], fps: float, *, lane: int = 0, size: int = 480) -> Iterator[Frame]:
+def film(traces: Mapping[str, Trace], fps: float, size: int = 480) -> Iterator[Frame]:
     """Yield the frames of `write_video`, one for each 1 / fps seconds of the episode."""
-    first = _first_of(traces)
-    if not 0 <= lane < len(first.seeds):
-        raise ValueError(f"lane must be one of the {len(first.seeds)} seeds' places, counted from 0, got {lane}")
-    scenes = [Scene(name, trace, lane) for name, trace in traces.items()]
+    first = next(iter(traces.values()))
+    scenes = [Scene(name, trace) for name, trace in traces.items()]
     header = Canvas(len(traces) * size, 2 * round(0.04 * size))
-    header.write(f"{first.scenario.name}, seed {first.seeds[lane]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
+    header.write(f"{first.scenario.name}, seed {first.seeds[0]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
     strip = header.frame
     for k in range(int(first.time[-1] * fps + 1e-9) + 1):
         sample = min(round(k / fps / first.scenario.control_dt), len(first.time) - 1)
@@ -79,22 +68,21 @@ def film(traces: Mapping[str, Trace], fps: float, *, lane: int = 0, size: int = 
 
 
 class Scene:
-    """One lane of a trace as pictures."""
+    """The first seed of a trace as pictures."""
 
-    def __init__(self, title: str, trace: Trace, lane: int) -> None:
+    def __init__(self, title: str, trace: Trace) -> None:
         self.title = title
         self.trace = trace
-        self.lane = lane
-        self.lengths = _pair(trace.lengths[lane])
+        self.lengths = _pair(trace.lengths[0])
         arm = ArmParameters(L1=self.lengths[0], L2=self.lengths[1])
-        self.tip = joint_positions(arm, trace.position[:, lane])[:, 2]
-        square = (errors(trace)[:, lane] ** 2).mean(axis=-1)
+        self.tip = joint_positions(arm, trace.position[:, 0])[:, 2]
+        square = (errors(trace)[:, 0] ** 2).mean(axis=-1)
         self.rms = np.sqrt(np.cumsum(square) / np.arange(1, len(square) + 1))
-        self.last = int(trace.alive[:, lane].sum()) - 1
+        self.last = int(trace.alive[:, 0].sum()) - 1
 
     def picture(self, k: int) -> Picture:
         """Return the picture of sample k; an arm that diverged stays at its last position."""
-        trace, lane, sample = self.trace, self.lane, min(k, self.last)
+        trace, sample = self.trace, min(k, self.last)
         dt = trace.scenario.control_dt
         stride = max(1, round(TRAIL_STEP / dt))
         oldest = -(-max(k - round(TRAIL_SPAN / dt), 0) // stride) * stride
@@ -105,12 +93,12 @@ class Scene:
             subtitle=running if k <= self.last else f"diverged at {trace.time[self.last + 1]:.2f} s",
             time=float(trace.time[k]),
             lengths=self.lengths,
-            position=_pair(trace.position[sample, lane]),
-            reference=_pair(trace.reference[k, lane]),
-            torque=_pair(trace.torque[sample, lane]),
-            push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[sample, lane]),
+            position=_pair(trace.position[sample, 0]),
+            reference=_pair(trace.reference[k, 0]),
+            torque=_pair(trace.torque[sample, 0]),
+            push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[sample, 0]),
             full_torque=full_torque(trace.scenario),
-            payload=float(trace.payload[sample, lane]),
+            payload=float(trace.payload[sample, 0]),
             trail=np.column_stack([trace.time[points], self.tip[points]]),
         )
 

@@ -8,5 +8,5 @@ adapter.
     policy.py                           the shipped agents
     sb3.py                              classes and archives of stable-baselines3
     training_settings.py, train.py      a training run; with progress.py, validation.py, export.py
-    vector_adapter.py, vec_env.py       the batched environment for training
+    vec_env.py                          the batched environment for training
 """

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import controllers
 from controllers.policy import State, TorqueLaw
 from controllers.registry import is_composed
-from fbl_gym.arm import Array, inertia_matrix, inverse_dynamics
-from fbl_gym.batch import Truth
 from fbl_gym.checks import check_choice, check_number
+from fbl_gym.envs.wrappers import ErrorScales
 from fbl_gym.interface import Interface
+from fbl_gym.kernel.batch import Truth
+from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.records import Record, choice, choices, declared, number, pair, whole
-from fbl_gym.wrappers import ErrorScales
 
 ACTIONS = ("torque", "acceleration", "residual")
 
@@ -39,7 +39,7 @@ def _check_gains(_name: str, value: Any) -> dict[str, Any]:
     return {name: tuple(gain) if isinstance(gain, list) else gain for name, gain in dict(value).items()}
 
 
-def _check_flag(name: str, value: object) -> bool:
+def _check_flag(name: str, value: object) -> object:
     if not isinstance(value, bool):
         raise ValueError(f"{name} must be True or False, got {value!r}")
     return value
@@ -49,16 +49,12 @@ def _check_scales(name: str, value: Any) -> tuple[float, ...]:
     return tuple(check_number(f"{name}[{i}]", scale, above=0) for i, scale in enumerate(value))
 
 
-LONGEST_HISTORY = 10_000
-"""Largest number of earlier steps that an agent observes."""
-
-
 @dataclass(frozen=True)
 class AdapterSettings(Record):
     """The settings of an agent's adapter, as plain data.
 
-    The agent observes tracking errors at a fixed scale, see `fbl_gym.wrappers.ErrorScales`. Steps
-    before the episode are zeros in its history.
+    The agent observes tracking errors at a fixed scale, see `fbl_gym.envs.wrappers.ErrorScales`.
+    Steps before the episode are zeros in its history.
 
     Args:
         action: meaning of the action, which lies in [-1, 1] per joint.
@@ -90,11 +86,6 @@ class AdapterSettings(Record):
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
 
-    def validate(self) -> None:
-        """Refuse a history that no network can learn from."""
-        if self.history > LONGEST_HISTORY:
-            raise ValueError(f"history must be at most {LONGEST_HISTORY} steps, got {self.history}")
-
 
 def true_parameters(truth: Truth, interface: Interface) -> Array:
     """Return the true parameters [n x 5] as an agent with context observes them.
@@ -109,11 +100,17 @@ def true_parameters(truth: Truth, interface: Interface) -> Array:
     return np.clip(np.concatenate([np.log(ratios), payload], axis=-1), -10.0, 10.0)
 
 
+class AdapterState(NamedTuple):
+    """State of an `AgentAdapter`."""
+
+    history: Array  # of errors and actions [n x ...]
+    base: State = ()  # of the law under the residual
+
+
 class AgentAdapter:
     """An adapter between one environment and an agent.
 
-    Its state is a tuple of arrays with one row per lane: the history, then the state of the law
-    under the residual. `size` is that of the agent's observation. The agent observes only its
+    `size` is that of the agent's observation. The agent observes only its
     sensors and the reference.
     """
 
@@ -134,7 +131,7 @@ class AgentAdapter:
     def initial(self, observation: Array) -> State:
         """Return the state at the start of an episode."""
         history = np.zeros((len(observation), self.settings.history * self._step_size))
-        return (history, *(() if self._base is None else self._base.initial(observation)))
+        return AdapterState(history, () if self._base is None else self._base.initial(observation))
 
     def context(self, env: Any, lanes: int) -> Array:
         """Return the true parameters of an environment now [n x 5]; without context [n x 0]."""
@@ -151,21 +148,21 @@ class AgentAdapter:
     def observe(self, observation: Array, state: State, context: Array) -> Array:
         """Return the agent's observation [n x size] from the environment's and `context`."""
         drive = np.broadcast_to(self._drive, (len(observation), len(self._drive)))
-        return np.concatenate([self._errors(observation), state[0], drive, context], axis=-1)
+        return np.concatenate([self._errors(observation), state.history, drive, context], axis=-1)
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m of the agent's action [n x 2], and the next state."""
         action = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
-        history, base_state = state[0], state[1:]
+        history = state.history
         if self.settings.history:
             history = np.concatenate([self._errors(observation), action, history[:, : -self._step_size]], axis=-1)
         nominal = self.interface.nominal
         if self.settings.action == "acceleration":
             q, v = (observation[:, self.interface.layout[name]] for name in ("position", "velocity"))
-            return inverse_dynamics(nominal, q, v, self.settings.acceleration * action), (history,)
+            return inverse_dynamics(nominal, q, v, self.settings.acceleration * action), AdapterState(history)
         if self._base is None:
-            return np.array(self.settings.torque) * action, (history,)
-        torque, base_state = self._base.torque(observation, base_state)
+            return np.array(self.settings.torque) * action, AdapterState(history)
+        torque, base = self._base.torque(observation, state.base)
         inertia = inertia_matrix(nominal, observation[:, self.interface.layout["position"]])
         residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
-        return self.interface.saturate(torque) + residual, (history, *base_state)
+        return self.interface.saturate(torque) + residual, AdapterState(history, base)

@@ -1,20 +1,19 @@
 """An agent as a policy, which is an adapter and an actor network, and the folder that holds it.
 
-In the folder, `agent.json` describes the agent and names the file of its network, which has single
-precision. Both are plain data: reading them runs no code.
+In the folder, `agent.json` describes the agent, and `weights.npz` (or the file that `agent.json`
+names) has its network in single precision. Both are plain data: reading them runs no code.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import io
 import json
 import zipfile
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,11 +23,14 @@ from benchmarks.files import replacing, write_text
 from benchmarks.rl.adapter import SENSORS, AdapterSettings, AgentAdapter
 from benchmarks.rl.network import Actor
 from controllers.policy import State, TorqueLaw
-from fbl_gym.arm import Array
 from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array
 
 DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
-_ZIP = (zipfile.BadZipFile, zlib.error, RuntimeError)  # the errors of damaged archives
+_MALFORMED = (
+    ArithmeticError, AttributeError, EOFError, LookupError, OSError, RuntimeError, TypeError, ValueError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +52,18 @@ class Agent(TorqueLaw):
     def validate(self) -> None:
         """Refuse an interface without the agent's sensors, and context without an environment."""
         present = [name for name in SENSORS if name in self.interface.layout]
-        if any(name not in present for name in self.settings.sensors):
+        if not set(self.settings.sensors) <= set(present):
             raise ValueError(
                 f"not applicable: the agent was trained on sensors of {', '.join(self.settings.sensors)}, "
                 f"got {', '.join(present)}"
             )
         if self.settings.context and self.env is None:
             raise ValueError("an agent with context observes the truth, so it needs the environment, got its interface")
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The law under the residual, which the agent's numbers depend on."""
+        return (self.settings.base,) if self.settings.action == "residual" else ()
 
     @cached_property
     def adapter(self) -> AgentAdapter:
@@ -79,22 +86,11 @@ def write(folder: Path, actor: Actor, description: dict[str, Any]) -> None:
 
     The description is plain data; its entry `interface` holds the fields of the `AdapterSettings`.
     """
-    arrays: dict[str, Any] = {}
-    for i, (weight, bias) in enumerate(actor.layers):
-        arrays[f"weight_{i}"], arrays[f"bias_{i}"] = np.float32(weight), np.float32(bias)
-    content = io.BytesIO()
-    np.savez(content, **arrays)
-    # The weights of an earlier agent stay until the description, in one step, names the new ones.
-    weights = f"weights-{hashlib.sha256(content.getvalue()).hexdigest()[:12]}.npz"
-    with replacing(folder / weights) as beside:
-        beside.write_bytes(content.getvalue())
+    names = [name for i in range(len(actor.layers)) for name in (f"weight_{i}", f"bias_{i}")]
+    with replacing(folder / WEIGHTS) as beside:
+        np.savez(beside, **dict(zip(names, map(np.float32, chain(*actor.layers)), strict=True)))  # type: ignore[arg-type]
     network = {"layers": len(actor.layers), "activation": actor.activation, "output": actor.output}
-    write_text(
-        folder / DESCRIPTION, json.dumps({**description, "weights": weights, "network": network}, indent=1) + "\n"
-    )
-    for file in folder.glob("weights*.npz"):
-        if file.name != weights:
-            file.unlink(missing_ok=True)
+    write_text(folder / DESCRIPTION, json.dumps({**description, "network": network}, indent=1) + "\n")
 
 
 def describe(folder: Path) -> dict[str, Any]:
@@ -118,7 +114,7 @@ def _reading(path: Path) -> Iterator[None]:
     """Turn each error of reading a malformed file into one that names the file."""
     try:
         yield
-    except (ArithmeticError, AttributeError, EOFError, LookupError, OSError, TypeError, ValueError, *_ZIP) as problem:
+    except _MALFORMED as problem:
         reason = f"it lacks {problem}" if isinstance(problem, KeyError) else problem
         raise ValueError(f"{path} must be as `fbl-gym train` wrote it: {reason}") from None
 
@@ -146,9 +142,20 @@ def needs_of(folder: Path) -> tuple[str, ...]:
     return tuple(name for name in SENSORS if name in sensors)
 
 
-def saved_agent(env: Any, folder: str) -> Agent:
-    """Return the agent of a folder; only one with context gets the environment itself."""
-    settings, actor = read(Path(folder))
+def bases_of(folder: Path) -> tuple[str, ...]:
+    """Return the law under the residual of a folder's agent, if there is one."""
+    with _reading(folder / DESCRIPTION):
+        settings = AdapterSettings(**describe(folder)["interface"])
+    return (settings.base,) if settings.action == "residual" else ()
+
+
+def make_agent(env: Any, settings: AdapterSettings, actor: Actor) -> Agent:
+    """Return an agent for an environment or its interface; context needs the former."""
     if isinstance(env, Interface):
         return Agent(env, settings, actor)
     return Agent(env.unwrapped.interface, settings, actor, env.unwrapped if settings.context else None)
+
+
+def saved_agent(env: Any, folder: str) -> Agent:
+    """Return the agent of a folder, see `make_agent`."""
+    return make_agent(env, *read(Path(folder)))

@@ -9,7 +9,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from benchmarks.rl.network import Actor
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 
 
 def export(model: BaseAlgorithm) -> Actor:

@@ -14,15 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from fbl_gym import fastmath
-from fbl_gym.arm import Array
 from fbl_gym.checks import check_choice
-from fbl_gym.fastmath import cached_njit, exp, fma, kernel_njit
+from fbl_gym.kernel import fastmath
+from fbl_gym.kernel.fastmath import cached_njit, exp, fma, kernel_njit
+from fbl_gym.model.arm import Array
 
 _FUNCTIONS = ("clip", "relu", "tanh")
-
-_WIDTH = 8
-"""Size of a vector: zeros fill up the outputs of a layer to a multiple of it."""
 
 
 @kernel_njit
@@ -111,19 +108,15 @@ class Actor:
     @cached_property
     def _compiled(self) -> tuple[Array, Any, Any]:
         """The arguments of the forward pass after the observation."""
-        sizes, parts = [self.layers[0][0].shape[1]], []
-        for weight, bias in self.layers:
-            outputs, inputs = weight.shape
-            rows = np.zeros((sizes[-1] + 1, -(-outputs // _WIDTH) * _WIDTH))
-            rows[0, :outputs], rows[1 : inputs + 1, :outputs] = bias, weight.T
-            sizes.append(rows.shape[1])
-            parts.append(rows.ravel())
+        rows = [np.vstack([bias, weight.T]) for weight, bias in self.layers]
+        sizes = [len(rows[0]) - 1, *(len(bias) for _, bias in self.layers)]
         functions = [self.activation] * (len(self.layers) - 1) + [self.output]
-        return np.concatenate(parts), np.array(sizes), np.array([_FUNCTIONS.index(name) for name in functions])
+        indices = np.array([_FUNCTIONS.index(name) for name in functions])
+        return np.concatenate([row.ravel() for row in rows]), np.array(sizes), indices
 
     def __call__(self, observation: Array) -> Array:
         """Return the action [n x 2]. A lane has the same bits alone and in a batch."""
         inputs = self.layers[0][0].shape[1]
         if observation.shape[1] != inputs:
             raise ValueError(f"observation must have {inputs} entries for this network, got {observation.shape[1]}")
-        return _forward(np.ascontiguousarray(observation), *self._compiled)[:, : len(self.layers[-1][1])]
+        return _forward(np.ascontiguousarray(observation), *self._compiled)

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.rl.agent import Agent, describe, saved_agent
+from benchmarks.rl.agent import Agent, access_of, describe, needs_of, saved_agent
 from fbl_gym.checks import unknown
-from fbl_gym.uncertainty import SENSORS
 
 SHIPPED = Path(__file__).parent / "agents"
 """Folder of the shipped agents: agents/NAME/TRAINING_SEED."""
@@ -29,45 +28,32 @@ def best_seed(name: str) -> int:
 
 def shipped_agent(name: str, env: Any, seed: int | None = None) -> Agent:
     """Return a shipped agent, by default that with the smallest validation error."""
-    _check_name(name)
+    if name not in shipped():
+        raise unknown("agent", name, shipped())
     if seed is not None and seed not in shipped()[name]:
         raise unknown("training seed", seed, map(str, shipped()[name]))
     return saved_agent(env, str(SHIPPED / name / str(best_seed(name) if seed is None else seed)))
 
 
-def _check_name(name: str) -> None:
-    if name not in shipped():
-        raise unknown("agent", name, shipped())
-
-
-def _factory(
-    name: str, summary: str, access: str = "nominal", needs: tuple[str, ...] = SENSORS
-) -> Callable[..., Agent]:
+def _factory(name: str, summary: str) -> Callable[..., Agent]:
     """Return the factory of an agent; a privileged one receives the environment."""
 
     def factory(env: Any, seed: int | None = None) -> Agent:
         return shipped_agent(name, env, seed)
 
-    vars(factory).update(kind="learned", access=access, needs=needs)
+    example = SHIPPED / name / "0"
+    vars(factory).update(kind="learned", access=access_of(example), needs=needs_of(example))
     factory.__doc__ = summary
     return factory
 
 
 ppo_torque = _factory("ppo-torque", "PPO on torques, without memory; trained on everything-2")
 ppo_residual = _factory(
-    "ppo-residual",
-    "PPO with memory on top of computed-torque-dob; trained on the tier practice, for hardware",
-    needs=("position", "velocity"),
+    "ppo-residual", "PPO with memory on top of computed-torque-dob; trained on the tier practice, for hardware"
 )
-ppo_residual_predictor = _factory(
-    "ppo-residual-predictor",
-    "ppo-residual on computed-torque-dob+predictor",
-    needs=("position", "velocity"),
-)
+ppo_residual_predictor = _factory("ppo-residual-predictor", "ppo-residual on computed-torque-dob+predictor")
 ppo_memory = _factory("ppo-memory", "PPO on torques that observes its last steps and actions; trained on everything-2")
-ppo_context = _factory(
-    "ppo-context", "PPO on torques that observes the true parameters; trained on everything-2", "privileged"
-)
+ppo_context = _factory("ppo-context", "PPO on torques that observes the true parameters; trained on everything-2")
 sac = _factory("sac", "SAC on torques; trained on everything-2")
 td3 = _factory("td3", "TD3 on torques; trained on everything-2")
 tqc = _factory("tqc", "TQC on torques; trained on everything-2")

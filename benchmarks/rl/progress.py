@@ -1,163 +1,152 @@
-"""The progress of a training run: validation, the best agent, checkpoints, remaining time."""
+"""The progress of a training run: validations, the best agent, and the checkpoint to go on from."""
 
 from __future__ import annotations
 
-import csv
 import os
 import platform
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import asdict
+from datetime import timedelta
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from benchmarks.files import replacing, write_text
-from benchmarks.rl.agent import Agent, write
+from benchmarks.rl.agent import make_agent, write
 from benchmarks.rl.export import export
 from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.rl.validation import validate
-from fbl_gym import Scenario
 
-COLUMNS = ("steps", "wall_s", "cpu_s", "validation_mrad")
+CHECKPOINT = "checkpoint.pt"
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "torch", "stable-baselines3", "sb3-contrib")
+
+
+class Validation(NamedTuple):
+    """A validation, a row of `curve.csv`: steps so far, wall time, processor time, and error.
+
+    The processor time is that of the training, without validations and checkpoints.
+    """
+
+    steps: int
+    wall_s: float
+    cpu_s: float
+    validation_mrad: float
 
 
 class Progress(BaseCallback):
     """A callback that validates the agent, saves the best one and writes checkpoints.
 
-    `curve` has steps, wall time [s], processor time of the training [s] and error [mrad] of each
-    validation so far. Validations and checkpoints do not count as processor time. Checkpoints take
-    a twentieth of the wall time at most: an algorithm with a large buffer has fewer of them.
+    Checkpoints take a twentieth of the wall time at most, since a replay buffer can have 400 MB.
+
+    Attributes:
+        curve: the validations so far.
     """
 
     def __init__(self, settings: TrainingSettings, folder: Path, command: str, evaluations: int) -> None:
         super().__init__()
         self.settings, self.folder, self.command, self.evaluations = settings, folder, command, evaluations
-        self.curve: list[tuple[int, float, float, float]] = []
-        self._begin, self._cpu_begin = time.monotonic(), time.process_time()
-        self._next_validation = self._next_save = 0.0
+        self.curve: list[Validation] = []
+        self._wall_begin, self._cpu_begin = time.monotonic(), time.process_time()
+        self._next_validation = self._next_checkpoint = 0.0
 
-    def resume(self, steps: int) -> None:
-        """Read the learning curve up to the checkpoint, which was written after `steps` steps."""
-        with (self.folder / "curve.csv").open() as file:
-            rows = [
-                (int(n), float(wall), float(cpu), float(error)) for n, wall, cpu, error in list(csv.reader(file))[1:]
-            ]
-        self.curve = [row for row in rows if row[0] <= steps]
-        self._begin -= self.curve[-1][1]
-        self._cpu_begin -= self.curve[-1][2]
-        self._next_validation = self.fraction(steps) + 1 / self.evaluations
-
-    def fraction(self, steps: int) -> float:
-        """Return the finished fraction of the run, in [0, 1], after a number of steps."""
+    @property
+    def fraction(self) -> float:
+        """Finished fraction of the run, in [0, 1]."""
         if self.settings.minutes is not None:
             return min(1.0, (time.process_time() - self._cpu_begin) / (60 * self.settings.minutes))
-        return min(1.0, steps / self.settings.steps)  # type: ignore[operator]
+        return min(1.0, self.num_timesteps / self.settings.steps)  # type: ignore[operator]
+
+    def resume(self, model: BaseAlgorithm) -> None:
+        """Load the checkpoint into a new model. It is plain data: loading it runs no code."""
+        saved = torch.load(self.folder / CHECKPOINT, weights_only=True)
+        model.set_parameters(saved["parameters"])
+        for name, tensor in _tensors(model).items():
+            tensor.data.copy_(saved["tensors"][name])
+        if buffer := getattr(model, "replay_buffer", None):
+            buffer.pos, buffer.full = saved["position"]
+        self.curve = [Validation(*row) for row in saved["curve"]]
+        last = self.curve[-1]
+        self.num_timesteps = model.num_timesteps = last.steps
+        model._n_updates = saved["updates"]
+        self._wall_begin -= last.wall_s
+        self._cpu_begin -= last.cpu_s
+        self._next_validation = self.fraction + 1 / self.evaluations
 
     def _on_step(self) -> bool:
-        return self.settings.minutes is None or self.fraction(self.num_timesteps) < 1.0
+        return self.settings.minutes is None or self.fraction < 1.0
 
     def _on_rollout_start(self) -> None:
-        fraction = self.fraction(self.num_timesteps)
-        if fraction >= self._next_validation:
+        if (fraction := self.fraction) >= self._next_validation:
             self._next_validation = fraction + 1 / self.evaluations
             self._pause(fraction)
 
     def _on_training_end(self) -> None:
-        self._next_save = 0.0
+        self._next_checkpoint = 0.0
         self._pause(1.0)
 
     def _pause(self, fraction: float) -> None:
-        """Validate the agent, and write a checkpoint if it is time."""
-        cpu, start = time.process_time(), time.monotonic()
-        self._validate(fraction, cpu - self._cpu_begin)
-        if start >= self._next_save:
-            begin = time.monotonic()
-            self._save()
-            self._next_save = time.monotonic() + 20 * (time.monotonic() - begin)
-        self._cpu_begin += time.process_time() - cpu
-
-    def _validate(self, fraction: float, cpu: float) -> None:
-        settings, actor = self.settings, export(self.model)
-        adapter = settings.adapter
-        make = lambda env: Agent(env.interface, adapter, actor, env if adapter.context else None)  # noqa: E731
-        error = validate(make, settings.scenarios)
-        best = min((row[-1] for row in self.curve), default=np.inf)
-        wall = time.monotonic() - self._begin
-        self.curve.append((self.num_timesteps, round(wall, 2), round(cpu, 2), round(error, 4)))
+        """Validate the agent, save the best one, and write the curve and a checkpoint."""
+        begin, wall = time.process_time(), time.monotonic() - self._wall_begin
+        actor = export(self.model)
+        error = validate(lambda env: make_agent(env, self.settings.adapter, actor), self.settings.scenarios)
+        best = min((row.validation_mrad for row in self.curve), default=np.inf)
+        cpu = begin - self._cpu_begin
+        self.curve.append(Validation(self.num_timesteps, round(wall, 2), round(cpu, 2), round(error, 4)))
         if error < best:
             write(self.folder, actor, self._description())
-        lines = [",".join(COLUMNS), *(",".join(map(str, row)) for row in self.curve)]
+        lines = [",".join(map(str, row)) for row in (Validation._fields, *self.curve)]
         write_text(self.folder / "curve.csv", "\n".join(lines) + "\n")
+        if (start := time.monotonic()) >= self._next_checkpoint:
+            with replacing(self.folder / CHECKPOINT) as beside:
+                torch.save(self._checkpoint(), beside)
+            self._next_checkpoint = time.monotonic() + 20 * (time.monotonic() - start)
         self.logger.record("validation/rms_mrad", error)
-        remaining = f", {_clock(wall * (1 - fraction) / fraction)} left" if fraction > 0 else ""
+        left = f", {timedelta(seconds=int(wall * (1 - fraction) / fraction))} left" if fraction > 0 else ""
         print(
             f"{100 * fraction:3.0f} %  {self.num_timesteps:>11,} steps  validation {error:8.3f} mrad  "
-            f"best {min(error, best):8.3f} mrad  {_clock(wall)} elapsed{remaining}",
+            f"best {min(error, best):8.3f} mrad{left}",
             file=sys.stderr,
             flush=True,
         )
+        self._cpu_begin += time.process_time() - begin
 
     def _description(self) -> dict[str, Any]:
-        settings = self.settings
-        steps, wall, cpu, error = self.curve[-1]
+        tasks = self.settings.scenarios
+        trained_on = {"scenario": tasks[0].to_dict()} if len(tasks) == 1 else {"scenarios": [s.name for s in tasks]}
         return {
-            "algorithm": settings.algorithm,
-            "interface": asdict(settings.adapter),
+            "algorithm": self.settings.algorithm,
+            "interface": asdict(self.settings.adapter),
             "command": self.command,
-            "seed": settings.seed,
-            "steps": steps,
-            "wall_s": wall,
-            "cpu_s": cpu,
-            "validation_mrad": error,
-            **_trained_on(settings.scenarios),
-            "hyperparameters": settings.hyperparameters,
-            "packages": {name: version for name in PACKAGES if (version := _version(name))},
+            "seed": self.settings.seed,
+            **self.curve[-1]._asdict(),
+            **trained_on,
+            "hyperparameters": self.settings.hyperparameters,
+            "packages": {name: metadata.version(name) for name in PACKAGES},
             "python": platform.python_version(),
             "machine": f"{platform.machine()} {platform.system()}, {torch.get_num_threads()} of {os.cpu_count()} cores",
             "licence": "MIT",
         }
 
-    def _save(self) -> None:
-        if isinstance(self.model, OffPolicyAlgorithm):
-            with replacing(self.folder / "buffer.pkl") as beside:
-                self.model.save_replay_buffer(beside)
-        with replacing(self.folder / "checkpoint.zip") as beside:
-            self.model.save(beside)
+    def _checkpoint(self) -> dict[str, Any]:
+        buffer = getattr(self.model, "replay_buffer", None)
+        return {
+            "curve": [tuple(row) for row in self.curve],
+            "parameters": self.model.get_parameters(),
+            "tensors": _tensors(self.model),
+            "position": (buffer.pos, buffer.full) if buffer else None,
+            "updates": self.model._n_updates,
+        }
 
 
-class LinearDecay:
-    """A learning rate that falls linearly to zero over the run."""
-
-    def __init__(self, begin: float, progress: Progress) -> None:
-        self.begin, self.progress = begin, progress
-
-    def __call__(self, _: float) -> float:
-        """Return the learning rate now; SB3's measure of progress does not know `minutes`."""
-        return self.begin * (1.0 - self.progress.fraction(self.progress.num_timesteps))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return float, (self.begin,)  # a checkpoint holds the number only; training replaces it
-
-
-def _trained_on(each: Sequence[Scenario]) -> dict[str, Any]:
-    """Return one scenario as plain data, several by their names."""
-    return {"scenario": each[0].to_dict()} if len(each) == 1 else {"scenarios": [scenario.name for scenario in each]}
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def _clock(seconds: float) -> str:
-    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+def _tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
+    """Return the tensors of a model that are no parameters: SAC's entropy and the replay buffer."""
+    tensors = {name: getattr(model, name) for name in model._get_torch_save_params()[1]}
+    arrays = vars(getattr(model, "replay_buffer", None) or object)
+    arrays = {name: torch.from_numpy(array) for name, array in arrays.items() if isinstance(array, np.ndarray)}
+    return {**tensors, **arrays}

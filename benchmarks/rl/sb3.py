@@ -12,53 +12,33 @@ from typing import Any
 import numpy as np
 
 from controllers.policy import Policy
-from fbl_gym.arm import Array, gravity_torque
 from fbl_gym.checks import check_choice
+from fbl_gym.envs.wrappers import ErrorScales
 from fbl_gym.interface import Interface
-from fbl_gym.wrappers import ErrorScales
+from fbl_gym.model.arm import Array, gravity_torque
 
 MOTION = ("position", "velocity")
 """The sensors that a model of the error coordinates observes."""
 
-ALGORITHMS = {
-    "ppo": "stable_baselines3:PPO",
-    "sac": "stable_baselines3:SAC",
-    "td3": "stable_baselines3:TD3",
-    "tqc": "sb3_contrib:TQC",
-    "crossq": "sb3_contrib:CrossQ",
-}
-"""Algorithms that `fbl-gym train` knows, with the place of their class."""
-
-_BY_NETWORK = {
-    "stable_baselines3.sac.policies": "stable_baselines3:SAC",
-    "stable_baselines3.td3.policies": "stable_baselines3:TD3",  # loads archives of DDPG too
-    "sb3_contrib.tqc.policies": "sb3_contrib:TQC",
-    "sb3_contrib.crossq.policies": "sb3_contrib:CrossQ",
-    "sb3_contrib.ars.policies": "sb3_contrib:ARS",
-    "sb3_contrib.common.recurrent.policies": "sb3_contrib:RecurrentPPO",
-    **{f"sbx.{name.lower()}.policies": f"sbx:{name}" for name in ("PPO", "SAC", "TD3", "DDPG", "TQC", "CrossQ")},
-}
-"""The class that loads an archive, by the module of the archive's network."""
-
-_SHARED_NETWORK = "stable_baselines3.common.policies"
-"""Module of the network that PPO, A2C and TRPO share."""
-
-_BY_SETTING = {"clip_range": "stable_baselines3:PPO", "cg_max_steps": "sb3_contrib:TRPO"}
-"""The class that loads an archive with the shared network, by a setting that no other has."""
+_SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
+ALGORITHMS = {"ppo": _SB3, "sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
+"""Algorithms that `fbl-gym train` knows, with the package of their class."""
 
 
 def find_class(algorithm: str) -> Any:
     """Return the class of one of `ALGORITHMS`."""
-    return _import(algorithm, ALGORITHMS[check_choice("algorithm", algorithm, ALGORITHMS)])
+    return _import(algorithm, ALGORITHMS[check_choice("algorithm", algorithm, ALGORITHMS)], algorithm)
 
 
-def _import(user: str, place: str) -> Any:
-    module, name = place.split(":")
+def _import(user: str, package: str, algorithm: str) -> Any:
+    """Return the class of an algorithm, whose name is in lower case."""
     try:
-        return getattr(importlib.import_module(module), name)
+        return {name.lower(): value for name, value in vars(importlib.import_module(package)).items()}[algorithm]
     except ModuleNotFoundError as problem:
-        package = "sbx-rl" if module == "sbx" else "'fbl-gym[rl]'"
-        raise ValueError(f"{user} needs {problem.name}, which is not installed: pip install {package}") from problem
+        install = "sbx-rl" if package == "sbx" else "'fbl-gym[rl]'"
+        raise ValueError(f"{user} needs {problem.name}, which is not installed: pip install {install}") from problem
+    except KeyError:
+        raise ValueError(f"{user} needs {algorithm} of {package}, which has no such algorithm") from None
 
 
 def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
@@ -83,7 +63,9 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
         ) from None
     if (past_actions := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, past_actions)
-    _check_spaces(model, interface)
+    observations = "the observations of fbl_gym/TwoLinkArmTracking-v0 or fbl_gym/TwoLinkArm-v0, without other wrappers"
+    _check_space(model, interface, "observation_space", observations)
+    _check_space(model, interface, "action_space", f'action="{interface.action}"')
     return model
 
 
@@ -140,37 +122,30 @@ def _class_of(path: str | Path) -> Any:
         module = str(data["policy_class"]["__module__"])
     except (zipfile.BadZipFile, zlib.error, LookupError, OSError, RuntimeError, TypeError, ValueError) as problem:
         raise ValueError(f"{path} must be an archive that stable-baselines3's save wrote ({problem})") from None
-    if module == _SHARED_NETWORK:
-        place = next((place for key, place in _BY_SETTING.items() if key in data), "stable_baselines3:A2C")
-    elif module in _BY_NETWORK:
-        place = _BY_NETWORK[module]
-    elif "clip_range" in data and not module.startswith("sb3_contrib."):
-        place = "stable_baselines3:PPO"  # with a network from outside SB3
-    else:
-        known = ", ".join(sorted({place.partition(":")[2] for place in _BY_NETWORK.values()} | {"PPO", "A2C", "TRPO"}))
-        raise ValueError(f"{path} must hold a model of one of {known}, got one whose network is of {module}")
-    return _import(str(path), place)
-
-
-def _check_spaces(model: Any, interface: Interface) -> None:
-    """Refuse a model with other observations or actions; their precision may differ."""
-    observations = "the observations of fbl_gym/TwoLinkArmTracking-v0 or fbl_gym/TwoLinkArm-v0, without other wrappers"
-    _check_space(model, interface, "observation_space", observations)
-    _check_space(model, interface, "action_space", f'action="{interface.action}"')
+    # SAC's network is of stable_baselines3.sac.policies; PPO, A2C and TRPO share another module.
+    parts = module.split(".")
+    package, folder = parts[0], parts[-2:][0]
+    if "cg_max_steps" in data:
+        package, folder = _CONTRIB, "trpo"
+    elif "clip_range" in data and package != _CONTRIB:  # perhaps with a network from outside SB3
+        package, folder = "sbx" if package == "sbx" else _SB3, "ppo"
+    if package not in (_SB3, _CONTRIB, "sbx"):
+        raise ValueError(
+            f"{path} must hold a model of stable-baselines3, sb3-contrib or sbx, got a network of {module}"
+        )
+    return _import(str(path), package, {"common": "a2c", "recurrent": "recurrentppo"}.get(folder, folder))
 
 
 def _check_space(model: Any, interface: Interface, name: str, advice: str) -> None:
+    """Refuse a model with other observations or actions; their precision may differ."""
     given, expected = getattr(model, name), getattr(interface, name)
     if given.shape != expected.shape:
-        raise ValueError(
-            f"the model's {name} must have the environment's shape {expected.shape}, got {given.shape}: "
-            f"train it with {advice}"
-        )
-    if not all(np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")):
-        raise ValueError(
-            f"the model's {name} must have the environment's bounds, {_bounds(expected)}, got {_bounds(given)}: "
-            f"train it with {advice}"
-        )
+        problem = f"shape {expected.shape}, got {given.shape}"
+    elif not all(np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")):
+        problem = f"bounds, {_bounds(expected)}, got {_bounds(given)}"
+    else:
+        return
+    raise ValueError(f"the model's {name} must have the environment's {problem}: train it with {advice}")
 
 
 def _bounds(space: Any) -> str:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,9 @@ from fbl_gym import scenarios
 from fbl_gym.checks import check_number, check_whole
 from fbl_gym.records import Record, choice, number, set_fields, whole
 from fbl_gym.scenarios import Scenario
-from fbl_gym.uncertainty import ParameterError
 
-LANES = 1000
-"""Number of episode seeds that each training seed has for its lanes."""
+SEEDS_PER_RUN = 1000
+"""Number of episode seeds that each training seed has, one for each lane."""
 
 LEAST_LANES = 16
 """Fewest lanes of each of several scenarios: with fewer, Python's share of the time grows."""
@@ -40,7 +38,7 @@ class TrainingSettings(Record):
         hyperparameters: `lanes`, `steps` and `arguments` of SB3's class; empty: the shipped ones.
     """
 
-    algorithm: str = choice(dataclasses.MISSING, ALGORITHMS)
+    algorithm: str = choice(MISSING, ALGORITHMS)
     adapter: AdapterSettings = field(default_factory=AdapterSettings)
     scenarios: tuple[Scenario, ...] = field(default_factory=lambda: (scenarios.get("everything-2"),))
     seed: int = whole(0)
@@ -53,13 +51,10 @@ class TrainingSettings(Record):
         if not self.hyperparameters:
             several = len(self.scenarios) > 1
             set_fields(self, hyperparameters=shipped_hyperparameters(self.algorithm, several))
-        if self.seed > (last := len(SPLITS["training"]) // LANES - 1):
-            raise ValueError(f"seed must be at most {last}, since each has {LANES} training seeds, got {self.seed}")
+        training_seeds(self.seed)
         for scenario in self.scenarios:
-            if reason := scenarios.judged(scenario):
-                raise ValueError(
-                    f"scenario must be one that agents may train on, such as practice, got {scenario.name}: {reason}"
-                )
+            if reason := scenarios.held_out_reason(scenario):
+                raise ValueError(f"scenario must be one to train on, such as practice, got {scenario.name}: {reason}")
         check_hyperparameters(self.hyperparameters)
         if self.minutes is None and self.steps is None:
             set_fields(self, steps=self.hyperparameters["steps"])
@@ -71,15 +66,22 @@ class TrainingSettings(Record):
         return max(share, min(self.hyperparameters["lanes"], LEAST_LANES))
 
 
+def training_seeds(seed: int) -> range:
+    """Return the episode seeds of a training seed."""
+    if not 0 <= seed <= (last := len(SPLITS["training"]) // SEEDS_PER_RUN - 1):
+        raise ValueError(f"seed must be 0 to {last}, since each has {SEEDS_PER_RUN} training seeds, got {seed}")
+    return SPLITS["training"][seed * SEEDS_PER_RUN : (seed + 1) * SEEDS_PER_RUN]
+
+
 def check_hyperparameters(given: Any) -> None:
     """Raise an error unless a training run can use these hyperparameters."""
     for name in ("lanes", "steps", "arguments"):
         if not isinstance(given, Mapping) or name not in given:
             raise ValueError(f"hyperparameters must have lanes, steps and arguments, got {given!r}")
-    if check_whole("hyperparameters.lanes", given["lanes"], low=1) > LANES:
+    if check_whole("hyperparameters.lanes", given["lanes"], low=1) > SEEDS_PER_RUN:
         raise ValueError(
-            f"hyperparameters.lanes must be at most {LANES}, since more would train on the episodes of the next seed, "
-            f"got {given['lanes']}"
+            f"hyperparameters.lanes must be at most {SEEDS_PER_RUN}, since more would train on the episodes of the next "
+            f"seed, got {given['lanes']}"
         )
     check_whole("hyperparameters.steps", given["steps"], low=1)
     arguments = given["arguments"]
@@ -97,12 +99,3 @@ def shipped_hyperparameters(algorithm: str, several: bool = False) -> dict[str, 
     """
     shipped = json.loads(Path(__file__).with_name("hyperparameters.json").read_text())
     return shipped.get(f"{algorithm}-several" if several else algorithm, shipped[algorithm])
-
-
-def at_radius(scenario: Scenario, radius: float) -> Scenario:
-    """Return the scenario with another radius of the parameter error; unchanged if it is equal."""
-    before = scenario.parameter_error or ParameterError()
-    error = dataclasses.replace(before, radius=radius)
-    if error == before:
-        return scenario
-    return scenario.replace(parameter_error=error, name=f"{scenario.name}, radius {radius:g}")

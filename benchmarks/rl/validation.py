@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.seeds import SPLITS
 from controllers import Policy
 from fbl_gym import Scenario
-from fbl_gym.arm import Array
-from fbl_gym.vector_env import TwoLinkArmVectorEnv
+from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
+from fbl_gym.model.arm import Array
 
 VALIDATION = SPLITS["validation"][:16]
 """The seeds of the episodes."""

@@ -4,6 +4,7 @@ import os
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from benchmarks.policies import external
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import action_of, make_env, rollout
+from controllers.policy import leaves
 from fbl_gym import Scenario
-from fbl_gym.arm import Array
+from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import as_scenario
 
 LANES, STEPS = 5, 30
@@ -38,6 +40,7 @@ class Broken(AssertionError):
 
 def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -> Iterator[Check]:
     """Check each promise of a policy in turn."""
+    external.watch_reads()
     spec, task = resolve(policy), as_scenario(scenario)
     for promise, test in _PROMISES.items():
         try:
@@ -45,11 +48,12 @@ def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -
         except Broken as broken:
             yield Check(promise, False, str(broken))
         except (Exception, SystemExit) as problem:  # an external policy may raise anything
-            yield Check(promise, False, f"{type(problem).__name__}: {problem}{_place(spec, problem)}")
+            yield Check(promise, False, f"{type(problem).__name__}: {problem}{_position(spec, problem)}")
 
 
 def broken(policy: PolicySpec, scenario: Scenario) -> str:
     """Return the first promise that a policy breaks, and how; empty: none before an error."""
+    external.watch_reads()
     for promise, test in [*_PROMISES.items()][:-1]:  # the cell runs whole episodes itself
         try:
             test(policy, scenario)
@@ -60,9 +64,9 @@ def broken(policy: PolicySpec, scenario: Scenario) -> str:
     return ""
 
 
-def _place(policy: PolicySpec, problem: BaseException) -> str:
-    """Return the place of an error in an external policy's files, such as " (my_law.py:12)"."""
-    files = {str(file) for file in external.sources(policy.name).values()} if policy.external else set()
+def _position(policy: PolicySpec, problem: BaseException) -> str:
+    """Return the position of an error in an external policy's files, such as " (my_law.py:12)"."""
+    files = {str(file) for file in external.sources(policy.parsed).values()} if policy.external else set()
     lines = [frame for frame in traceback.extract_tb(problem.__traceback__) if frame.filename in files]
     return f" ({os.path.relpath(lines[-1].filename)}:{lines[-1].lineno})" if lines else ""
 
@@ -161,7 +165,7 @@ def _pure(policy: PolicySpec, scenario: Scenario) -> str:
 
 
 def _copies(state: Any) -> list[Array]:
-    return [np.array(x, copy=True) for x in state] if isinstance(state, tuple | list) else []
+    return [np.array(x, copy=True) for x in leaves(state)] if isinstance(state, tuple | list) else []
 
 
 def _blind(policy: PolicySpec, scenario: Scenario) -> str:
@@ -182,6 +186,14 @@ def _episode(policy: PolicySpec, scenario: Scenario) -> str:
     return f"{scenario.name}, seed 0: error {row['error_pct']:.3g} %" + (", diverged" if row["diverged"] else "")
 
 
+def _declares_files(policy: PolicySpec, _scenario: Scenario) -> str:
+    code = external.sources(policy.parsed) if policy.external else {}
+    known = {*code.values(), *map(Path, policy.files.values())}
+    for path in external.data_read(code) if code else ():
+        _expect(path in known, f"reads {path}, which `data_files` does not list, so its key does not notice a change")
+    return ", ".join(policy.files) or "it reads none"
+
+
 _PROMISES: dict[str, Callable[[PolicySpec, Scenario], str]] = {
     "is made from the interface alone": _made_from_the_interface,
     "actions have the observations' shape, are finite and lie in the box": _shapes,
@@ -189,5 +201,6 @@ _PROMISES: dict[str, Callable[[PolicySpec, Scenario], str]] = {
     "episode_start begins exactly those lanes afresh": _resets,
     "predict is a function of its arguments, and leaves them alone": _pure,
     "hidden parameters do not reach it": _blind,
+    "data files are declared": _declares_files,
     "runs an episode to its end": _episode,
 }

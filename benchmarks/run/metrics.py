@@ -5,7 +5,8 @@ turn, the largest error of any sample. No policy gains by diverging.
 """
 
 import ast
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -14,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.policies import external
-from benchmarks.policies.apart import reason_of
 from benchmarks.policies.digest import code_digest
+from benchmarks.policies.isolation import reason_of
+from benchmarks.policies.name import PolicyName
 from benchmarks.run.rollout import Trace
-from fbl_gym.arm import Array
 from fbl_gym.checks import unknown
-from fbl_gym.references import FilteredSteps, Steps
+from fbl_gym.model.arm import Array
+from fbl_gym.options import FilteredSteps, Steps
 
 WORST_ERROR = np.pi
 """Largest error of a joint [rad]; a joint whose run has diverged has it too."""
@@ -64,7 +66,7 @@ METRICS: dict[str, str] = {
     "the end if it never is (events only)",
     "unrecovered_pct": "share of the events after which the error is never back [%] (events only)",
     "diverged": "1 where the run diverged, else 0",
-    "stay_pct": "error_pct of an arm that stays at its start, for which the score is 0",
+    "baseline_error_pct": "error_pct of the motionless baseline, for which the score is 0",
     "resolution_pct": "error_pct of one count of the encoder; the score takes no smaller error into account",
 }
 """Name and meaning of each metric, in the order of the columns."""
@@ -83,20 +85,20 @@ class Metric:
     Args:
         name: of the function, and of the column.
         meaning: first line of its docstring.
-        place: of the function, such as "my_metrics.py:power".
-        digest: hash of its code.
+        source: of the function, such as "my_metrics.py:power".
+        digest: hash of its code, and of the files in its attribute `data_files`.
     """
 
     name: str
     meaning: str
-    place: str
+    source: str
     digest: str
 
     @property
     def unchanged(self) -> bool:
         """True if the function still exists and has the same code."""
         try:
-            return self.digest in [metric.digest for metric in find_metrics(self.place)]
+            return self.digest in [metric.digest for metric in find_metrics(self.source)]
         except (ValueError, OSError):
             return False
 
@@ -106,18 +108,21 @@ class Metric:
         Raises:
             ValueError: the function raises an error, or returns anything but n numbers.
         """
-        function: Callable[[Trace], Any] = external.load(self.place)
+        function: Callable[[Trace], Any] = external.load(PolicyName.parse(self.source))
+        for signal in vars(trace).values():
+            if isinstance(signal, np.ndarray):
+                signal.flags.writeable = False  # the next metric measures the same trace
         try:
             answer = function(trace)
         except Exception as problem:
-            raise ValueError(f"the metric {self.place} raises {reason_of(problem)}") from problem
+            raise ValueError(f"the metric {self.source} raises {reason_of(problem)}") from problem
         try:
             numbers = np.asarray(answer, dtype=float)
         except (TypeError, ValueError):
             numbers = np.array(np.inf)
         if numbers.shape != (len(trace.seeds),) or np.isinf(numbers).any():
             raise ValueError(
-                f"the metric {self.place} must return a number for each seed, {len(trace.seeds)} in all, got {answer!r:.200}"
+                f"the metric {self.source} must return a number for each seed, {len(trace.seeds)} in all, got {answer!r:.200}"
             )
         return numbers
 
@@ -135,14 +140,16 @@ def find_metrics(text: str) -> tuple[Metric, ...]:
         ValueError: there are none, or one has the name of a built-in metric or another column.
     """
     points = {point.name: point.value for point in metadata.entry_points(group=GROUP)}
-    source, chosen = external.split(points.get(text, text))
-    is_file = external.form_of(source) == "file"
-    modules = external.sources(source) if not is_file or Path(source).is_file() else {}
+    name = PolicyName.parse(points.get(text, text))
+    source, chosen = name.source, name.attribute
+    is_code = name.form == "module" or (name.form == "file" and Path(source).is_file())
+    modules = external.sources(name) if is_code else {}
     if not modules:
         known = f" or an entry point ({', '.join(points)})" if points else ""
         raise ValueError(f"metrics must be a Python file that exists, module:function{known}, got {text!r}")
+    file = next(iter(modules.values()))
     try:
-        code = ast.parse(next(iter(modules.values())).read_bytes())
+        code = ast.parse(file.read_bytes())
     except SyntaxError as problem:
         raise ValueError(f"{source} must be Python code: {problem}") from None
     functions = {node.name: ast.get_docstring(node) or "" for node in code.body if isinstance(node, ast.FunctionDef)}
@@ -151,12 +158,28 @@ def find_metrics(text: str) -> tuple[Metric, ...]:
         raise ValueError(f"{source} must have a function of a trace, a metric, whose name does not begin with _")
     if chosen and chosen not in functions:
         raise unknown(f"metric of {source}", chosen, functions)
-    for name in names:
-        if name.lower() in (*METRICS, *OTHER_COLUMNS):
-            raise ValueError(f"a metric of {source} must have a name that no other column has, got {name!r}")
-    digest = code_digest(modules)
-    meanings = {name: functions[name].partition("\n")[0].rstrip(".") for name in names}
-    return tuple(Metric(name, meaning, f"{source}:{name}", digest) for name, meaning in meanings.items())
+    for metric in names:
+        if metric.lower() in (*METRICS, *OTHER_COLUMNS):
+            raise ValueError(f"a metric of {source} must have a name that no other column has, got {metric!r}")
+    data = [f"{path} {external.file_digest(file.parent / path)}" for path in _data_files(code, source)]
+    digest = hashlib.sha256("\n".join([code_digest(modules), *data]).encode()).hexdigest()
+    meanings = {metric: functions[metric].partition("\n")[0].rstrip(".") for metric in names}
+    return tuple(Metric(metric, meaning, f"{source}:{metric}", digest) for metric, meaning in meanings.items())
+
+
+def _data_files(code: ast.Module, source: str) -> list[str]:
+    """Return the files that a module lists, as in `power.data_files = ("table.csv",)`."""
+    files: list[str] = []
+    for node in code.body:
+        if isinstance(node, ast.Assign) and any(getattr(t, "attr", "") == "data_files" for t in node.targets):
+            try:
+                given = ast.literal_eval(node.value)
+            except ValueError:
+                given = None
+            if not isinstance(given, tuple | list) or not all(isinstance(file, str) for file in given):
+                raise ValueError(f"data_files in {source} must be a list of paths as literal text")
+            files += given
+    return sorted(files)
 
 
 def errors(trace: Trace) -> Array:
@@ -226,7 +249,7 @@ def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()
         "recovery_s": back,
         "unrecovered_pct": 100 * unrecovered,
         "diverged": (~trace.alive[-1]).astype(float),
-        "stay_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
+        "baseline_error_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
         "resolution_pct": 100 * (2 * np.pi / counts / size).mean(axis=-1),
     }
     columns |= {metric.name: metric(trace) for metric in more}
@@ -234,8 +257,16 @@ def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()
 
 
 def counted_errors(rows: Sequence[dict[str, float]]) -> list[float]:
-    """Return the error of each run [%] on the board: at least the encoder's resolution."""
-    return [max(row["error_pct"], row["resolution_pct"]) for row in rows]
+    """Return the error of each run [%] on the board; see `counted_error`."""
+    return [float(counted_error(row)) for row in rows]
+
+
+def counted_error(metrics: Mapping[str, Any]) -> Any:
+    """Return the error [%] that a board counts: at least the encoder's resolution.
+
+    The metrics are numbers or arrays, by name.
+    """
+    return np.maximum(metrics["error_pct"], metrics["resolution_pct"])
 
 
 def _violation(trace: Trace) -> Array:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.policies.spec import PolicySpec, resolve
-from fbl_gym.arm import Array
-from fbl_gym.env import TwoLinkArmEnv
+from fbl_gym.envs.env import TwoLinkArmEnv
+from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
+from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
-from fbl_gym.vector_env import TwoLinkArmVectorEnv
 
 
 @dataclass(frozen=True)

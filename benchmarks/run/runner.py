@@ -1,30 +1,43 @@
-"""Runs the cells that a store lacks, in processes of this machine.
+"""Runs the cells that a store lacks, in processes of this machine or of a cluster.
 
-A finished cell is in the store, so nothing is lost with a process. Machines that share a store
-divide the cells: each takes them in its own order and skips those that are stored.
+A finished cell is in the store, which this process alone writes. Nothing is lost with a worker.
 """
 
 import os
-import platform
-import random
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from pathlib import Path
 
-from benchmarks.policies.apart import at_once
-from benchmarks.run.cell import Outcome, compute, run_apart
-from benchmarks.run.store import Store
+from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
+from benchmarks.run.cell import run_cell
+from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
-from benchmarks.run.traces import load_trace, trace_path
 
 
-def missing(cells: Sequence[Cell], store: Store) -> list[Cell]:
-    """Return the cells that a store lacks."""
-    return [cell for cell in cells if store.find(cell) is None]
+@dataclass(frozen=True)
+class Outcome:
+    """The end of a cell in a run.
+
+    Args:
+        id: of the cell.
+        done: "computed", "found" (it was in the store), or "failed".
+        error: why it failed.
+    """
+
+    id: str
+    done: str
+    error: str = ""
 
 
 def run(
-    cells: Sequence[Cell], store: Store, *, workers: int = 1, command: str = "", traced: Collection[str] = ()
+    cells: Sequence[Cell],
+    store: Store,
+    *,
+    workers: int = 1,
+    command: str = "",
+    limits: CallLimits | None = None,
+    cluster: str = "",
 ) -> Iterator[Outcome]:
     """Run the cells that the store lacks, in any order, and yield the outcome of each.
 
@@ -33,30 +46,25 @@ def run(
         store: for the results.
         workers: number of processes.
         command: the command that was typed, for the record.
-        traced: names of the scenarios of which a trace of the first seed is stored, too.
+        limits: of the time and memory of a cell; None: those of external policies.
+        cluster: address of a Dask scheduler, whose workers run the cells; empty: this machine.
     """
-    left = missing(cells, store)
-    keys = {cell.key for cell in left}
+    store.clean()
+    absent = []
     for cell in cells:
-        if cell.key not in keys:
+        if store.find(cell) is None:
+            absent.append(cell)
+        else:
             yield Outcome(cell.id, "found")
-    # Two runs that share a store rarely want the same cell at the same time.
-    random.Random(f"{platform.node()} {os.getpid()}").shuffle(left)
-    workers = min(workers, len(left))
-    jobs = [partial(compute, cell, store, command, workers, cell.scenario.name in traced) for cell in left]
-    yield from at_once(jobs, workers)
+    work = partial(_run_in, os.getcwd(), command, limits)
+    for cell, answer in run_parallel(work, absent, min(workers, len(absent)), cluster):
+        result = Result.failure(cell, str(answer), command=command) if isinstance(answer, Failed) else answer
+        store.save(result)
+        yield Outcome(cell.id, "failed" if result.error else "computed", result.error)
 
 
-def traces(cells: Sequence[Cell], store: Store, workers: int = 1) -> dict[str, dict[str, Any]]:
-    """Return the trace of each cell's first seed, from `load_trace`, by the cell's id.
-
-    Cells whose trace the store lacks are run.
-
-    Raises:
-        ValueError: a policy fails.
-    """
-    absent = list({cell.id: cell for cell in cells if not trace_path(cell, store).exists()}.values())
-    for result in at_once([partial(run_apart, cell, "", store) for cell in absent], min(workers, len(absent))):
-        if result.error:
-            raise ValueError(f"{result.cell.id} has a result but no trace, since it fails now: {result.error}")
-    return {cell.id: load_trace(cell, store) for cell in cells}
+def _run_in(folder: str, command: str, limits: CallLimits | None, cell: Cell) -> Result:
+    """Run a cell in a folder, since its policy may be named by a relative path."""
+    if Path(folder).is_dir():
+        os.chdir(folder)
+    return run_cell(cell, command, limits)

@@ -3,43 +3,43 @@
 A file's name says what was run and ends in the cell's key, a hash of all that the result depends
 on. A file is written under a temporary name and then renamed, so it is complete or absent, on a
 cluster's shared file system too. A result that is there is not computed again.
+
+The checksum in a file finds damage. It is no signature: whoever writes a file can compute it, and
+`fbl-gym verify` runs a result again.
 """
 
 import contextlib
 import dataclasses
 import datetime
-import functools
 import hashlib
 import json
 import math
 import os
 import platform
 import re
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from benchmarks.files import write_text
+from benchmarks.files import remove_unfinished, write_text
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import Metric
-from benchmarks.run.suite import Cell
+from benchmarks.run.metrics import METRICS, Metric
+from benchmarks.run.suite import Cell, versions
 from fbl_gym import Scenario
-from fbl_gym.scenarios import judged
+from fbl_gym.scenarios import held_out_reason
 
-FORMAT = 3
+FORMAT = 4
 """Layout of a result's file.
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.
 """
 
-LOOKS = "looks"
-"""The folder in a store that has one empty file for each look at a scenario for judging."""
+TEST_ACCESSES = "test_accesses"
+"""The folder in a store with one empty file for each configuration on a scenario for judging."""
 
 DAMAGED = "damaged"
 """The folder in a store to which damaged files are moved."""
@@ -81,21 +81,15 @@ class Result:
         return cls(cell, (), math.nan, wall_s, error, provenance(command))
 
 
-def provenance(command: str) -> dict[str, Any]:
-    """Return packages, Python, machine, time and the command that was typed."""
+def provenance(command: str, packages: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return Python, machine, time, the command that was typed, and `PACKAGES` with some more."""
     return {
         "command": command,
         "python": platform.python_version(),
-        "packages": _versions(),
+        "packages": versions((*PACKAGES, *packages)),
         "machine": f"{platform.node()}, {platform.machine()} {platform.system()}, {os.cpu_count()} cores",
-        "time": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
-
-
-@functools.cache
-def _versions() -> dict[str, str]:
-    """Return the versions of the packages, once for a process: reading them takes milliseconds."""
-    return {name: metadata.version(name) for name in PACKAGES}
 
 
 @dataclass(frozen=True)
@@ -104,44 +98,48 @@ class Store:
 
     folder: Path
 
+    def clean(self) -> None:
+        """Remove the unfinished files of processes of this machine that were killed."""
+        for folder in (self.folder, self.folder / TEST_ACCESSES):
+            remove_unfinished(folder)
+
     def path(self, cell: Cell) -> Path:
-        """Return the place of a cell's result."""
+        """Return the file of a cell's result."""
         name = _file_part(f"{cell.policy.name}--{cell.scenario.name}")[-120:]
         # File systems count the bytes of a name, 255 at most.
         name = name.encode(errors="replace")[-180:].decode(errors="ignore").lstrip(".")  # hidden files are not read
         return self.folder / f"{name}--{cell.key}.json"
 
     def save(self, result: Result) -> Path:
-        """Write a result into its place. A failed one does not count as finished."""
+        """Write a result into its file. A failed one does not count as finished."""
         path = self.path(result.cell)
         failed = path.with_suffix(".error")
         text = json.dumps(_document(result), separators=(",", ":"), allow_nan=False) + "\n"
         if result.error:
             write_text(failed, text)
         else:
-            self.look(result.cell.policy, result.cell.scenario)
+            self.record_access(result.cell.policy, result.cell.scenario)
             write_text(path, text)
             failed.unlink(missing_ok=True)
         return path
 
-    def look(self, policy: PolicySpec, scenario: Scenario) -> None:
+    def record_access(self, policy: PolicySpec, scenario: Scenario) -> None:
         """Record that a policy was run on a scenario for judging; once for each configuration."""
-        if not judged(scenario):
+        if not held_out_reason(scenario):
             return
-        parts = ("configuration", "data", "code") if policy.external else ("configuration", "data")
-        law = _file_part(policy.code.partition("@")[0])
+        parts = ("configuration", "data", "uses", *(("code",) if policy.external else ()))
         digest = _digest({part: policy.identity[part] for part in parts})[:12]
-        path = self.folder / LOOKS / f"{law}--{_file_part(scenario.name)}--{digest}"
+        path = self.folder / TEST_ACCESSES / f"{_file_part(policy.parsed.law)}--{_file_part(scenario.name)}--{digest}"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
 
-    def looks(self) -> dict[tuple[str, str], int]:
+    def test_accesses(self) -> dict[tuple[str, str], int]:
         """Return the number of configurations of each law on each scenario for judging.
 
         The keys are the names of law and scenario as in the files' names, without gains.
         """
-        names = [tuple(path.name.split("--")[:2]) for path in sorted((self.folder / LOOKS).glob("*--*--*"))]
-        return dict(Counter(names))  # type: ignore[arg-type]
+        files = sorted((self.folder / TEST_ACCESSES).glob("*--*--*"))
+        return dict(Counter((law, scenario) for law, scenario, *_ in (path.name.split("--") for path in files)))
 
     def find(self, cell: Cell) -> Result | None:
         """Return the result of a cell, or None; a damaged one is moved aside, with a warning."""
@@ -212,14 +210,11 @@ class Store:
             if set(columns) != set(cell.columns):
                 others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
                 raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
-            rows = np.array([columns[name] for name in cell.columns], dtype=float).T  # None becomes NaN
-            if len(rows) not in (0, len(cell.seeds)):
-                raise ValueError(f"it has {len(rows)} rows for {len(cell.seeds)} seeds")
-            decision, wall = np.array([document["decision_us"], document["wall_s"]], dtype=float).tolist()
-            return Result(
-                cell, tuple(dict(zip(cell.columns, row, strict=True)) for row in rows.tolist()), decision, wall,
-                str(document["error"]), {**document["provenance"]},
-            )  # fmt: skip
+            error = str(document["error"])
+            known = {name: _numbers(name, columns[name], 0 if error else len(cell.seeds)) for name in cell.columns}
+            rows = tuple(dict(zip(known, row, strict=True)) for row in zip(*known.values(), strict=True))
+            (decision,), (wall,) = (_numbers(name, [document[name]], 1) for name in ("decision_us", "wall_s"))
+            return Result(cell, rows, decision, wall, error, {**document["provenance"]})
         except OtherFormat:
             raise
         except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as problem:
@@ -247,6 +242,24 @@ def _document(result: Result) -> dict[str, Any]:
         "provenance": result.provenance,
     }
     return {**document, "sha256": _digest(document)}
+
+
+ALWAYS = ("error_pct", "error_mrad", "diverged", "resolution_pct")
+"""Metrics that apply to every run."""
+
+
+def _numbers(name: str, column: Any, count: int) -> list[float]:
+    """Return the numbers of a column, NaN for None; refuse all others."""
+    if not isinstance(column, list) or len(column) != count:
+        raise ValueError(f"{name} must be a list of {count} numbers, got {column!r:.100}")
+    for value in column:
+        low = -math.inf if name not in (*METRICS, "decision_us", "wall_s") else 0.0
+        high = 1.0 if name == "diverged" else sys.float_info.max
+        if value is None and name not in ALWAYS:
+            continue
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise ValueError(f"{name} must be numbers from {low:g} to {high:g}, got {value!r:.100}")
+    return [math.nan if value is None else float(value) for value in column]
 
 
 def _json(value: float) -> float | None:

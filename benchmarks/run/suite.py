@@ -1,20 +1,23 @@
 """Cells as data, each one policy on one scenario over a batch of seeds; and suites."""
 
 import dataclasses
+import functools
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import controllers
-from benchmarks.policies.external import entry_module, form_of
-from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_apart
+from benchmarks.policies.isolation import CallLimits
+from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_isolated
 from benchmarks.rl.policy import best_seed, shipped
 from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.seeds import SPLITS
+from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number, check_whole, unknown
 from fbl_gym.records import set_fields
@@ -55,7 +58,13 @@ class Cell:
             "scenario": plain_options(self.scenario, "description"),
             "seeds": list(self.seeds),
             **({"metrics": {metric.name: metric.digest for metric in self.metrics}} if self.metrics else {}),
+            **({"packages": versions(self.packages)} if self.packages else {}),
         }
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Names of the packages of extras that compute its numbers."""
+        return (*self.policy.packages, *(("mujoco",) if self.scenario.plant is not None else ()))
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -66,6 +75,18 @@ class Cell:
     def key(self) -> str:
         """Hash of the cell's identity, 20 hexadecimal digits."""
         return _hash(self.identity)[:20]
+
+
+@functools.cache
+def versions(packages: tuple[str, ...]) -> dict[str, str]:
+    """Return the version of each package, or "absent"."""
+    known: dict[str, str] = {}
+    for package in packages:
+        try:
+            known[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            known[package] = "absent"
+    return known
 
 
 def plain_options(scenario: Scenario, *without: str) -> dict[str, Any]:
@@ -110,12 +131,8 @@ class Suite:
     def cells(self) -> list[Cell]:
         """The cells, scenario by scenario, each with every policy."""
         seeds = tuple(SPLITS["test"][: self.seeds])
-        policies = [*map(_resolved, self.policies)]
+        policies = [*map(resolve_isolated, self.policies)]
         return [Cell(policy, scenario, seeds, self.metrics) for scenario in self.scenarios for policy in policies]
-
-
-def _resolved(policy: PolicySpec | str) -> PolicySpec:
-    return resolve_apart(policy) if isinstance(policy, str) else policy
 
 
 def training(folder: Path) -> tuple[str, int]:
@@ -129,25 +146,26 @@ def training(folder: Path) -> tuple[str, int]:
     return json.dumps(settings, sort_keys=True), seed
 
 
-def members(policies: Iterable[PolicySpec | str]) -> tuple[PolicySpec, ...]:
+def members(policies: Iterable[PolicySpec | str], limits: CallLimits | None = None) -> tuple[PolicySpec, ...]:
     """Return the members of a board's policies, each with its rows.
 
     The members of a shipped agent are its training seeds, first that with the smallest validation
     error. Folders of `fbl-gym train` whose settings differ in the seed alone are members of one
     row, with the name of the first folder without the seed at its end; a second folder of the same
     settings and seed is a row of its own. Any other policy is its only member. NAME and NAME@0 are
-    two rows, both of which have the member NAME@0.
+    two rows, both of which have the member NAME@0. `limits` are those of loading a policy.
     """
     rows: dict[str, tuple[PolicySpec, ...]] = {}
     runs: dict[str, dict[int, PolicySpec]] = {}
-    given = dict.fromkeys(map(_resolved, policies))
+    given = dict.fromkeys(resolve_isolated(policy, limits) for policy in policies)
     for spec in given:
         if spec.name in shipped():
             best = best_seed(spec.name)
             seeds = (best, *(seed for seed in shipped()[spec.name] if seed != best))
-            rows[spec.name] = tuple(resolve(f"{spec.name}@{seed}") for seed in seeds)
+            names = [dataclasses.replace(spec.parsed, text=f"{spec.name}@{seed}", seed=seed) for seed in seeds]
+            rows[spec.name] = tuple(map(resolve, names))
             continue
-        if form_of(spec.name) == "agent" and Path(spec.name, "run.json").is_file():
+        if spec.parsed.form == "agent" and Path(spec.name, "run.json").is_file():
             settings, seed = training(Path(spec.name))
             if runs.setdefault(settings, {}).setdefault(seed, spec) is spec:
                 continue
@@ -179,17 +197,6 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
     return tuple(distinct)
 
 
-PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
-"""The paper's controllers."""
-
-SUITES: dict[str, str] = {
-    "hardware": "the board: every policy, tuned where it can be, but nmpc, on hardware at severity 2 and surprise, 32 seeds",
-    "ideal": "every policy, tuned where it can be, on the paper's assumptions at severity 2, Table 1's arm, 32 seeds",
-    "full": "the tiers hardware, surprise and ideal (Table 1's arm) at all severities, 64 seeds, without nmpc",
-}
-"""The suites that have names, each with one line."""
-
-
 def at_rate(scenario: Scenario, control_dt: float) -> Scenario:
     """Return the scenario with another time between decisions [s], and the rate in its name."""
     name = scenario.name if control_dt == scenario.control_dt else f"{scenario.name}@{1.0 / control_dt:g}Hz"
@@ -208,29 +215,111 @@ def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
     return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})
 
 
-def named(name: str) -> Suite:
-    """Return one of `SUITES`."""
-    if name not in SUITES:
-        raise unknown("suite", name, SUITES)
-    # A law with tuned gains appears with them; the paper's controllers appear as printed too.
-    policies = tuple(p for p in names() if f"{p}@tuned" not in controllers.tuned() or p in PAPER)
-    severities = scenarios.SEVERITIES[1:] if name == "full" else (2,)
-    tasks = [*scenarios.in_tier("hardware", severities), *scenarios.in_tier("surprise")] if name != "ideal" else []
-    if name != "hardware":
-        tasks += [task for task in scenarios.in_tier("ideal", severities) if not task.startswith("section-2-2/")]
-    if name == "hardware":  # an agent that needs an accelerometer was trained for the tier ideal
-        policies = tuple(p for p in policies if not (_learned(p) and "acceleration" in resolve_apart(p).needs))
-    policies = tuple(p for p in policies if not p.startswith("computed-torque-ilc"))  # computed torque in one trial
-    if name != "ideal":  # nmpc takes as long as all others together
-        policies = tuple(p for p in policies if not p.startswith("nmpc"))
-    return Suite(name, policies, tuple(map(scenarios.get, tasks)), 64 if name == "full" else 32)
+PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
+"""The paper's controllers. They appear as printed, too, where they have tuned gains."""
 
 
-def _learned(policy: str) -> bool:
-    return (resolve_apart(policy).kind if entry_module(policy) else controllers.kind(policy)) == "learned"
+@dataclass(frozen=True)
+class SuiteSpec:
+    """A suite as data. Nothing is built before `build`.
+
+    Args:
+        name: of the suite.
+        meaning: one line.
+        tiers: severities of the families of each tier.
+        without: laws and agents that are left out of all policies, the tuned ones too.
+        policies: texts that name the policies; empty: all, tuned where they can be.
+        tasks: names, families, files and tables of further scenarios.
+        seeds: how many of the test seeds.
+        control_dt: time between decisions of all scenarios [s]; None: their own.
+        file: that describes the suite; None: it is one of `SUITES`.
+    """
+
+    name: str
+    meaning: str = ""
+    tiers: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    without: tuple[str, ...] = ()
+    policies: tuple[str, ...] = ()
+    tasks: tuple[Any, ...] = ()
+    seeds: int = 32
+    control_dt: float | None = None
+    file: Path | None = None
+
+    @property
+    def policy_names(self) -> tuple[str, ...]:
+        """The texts that name its policies."""
+        return self.policies or tuple(
+            name for name in names()
+            if (law := LawName.parse(name)).law not in self.without
+            and (law.tuned or name in PAPER or f"{name}@tuned" not in controllers.tuned())
+        )  # fmt: skip
+
+    @property
+    def scenarios(self) -> tuple[Scenario, ...]:
+        """The scenarios of its tiers, on Table 1's arm, and its tasks."""
+        members = [name for tier, severities in self.tiers.items() for name in scenarios.in_tier(tier, severities)]
+        chosen = [scenarios.get(name) for name in members if scenarios.member(name).arm != "section-2-2"]  # type: ignore[union-attr]
+        chosen += expand([
+            from_table(task, scenarios.get, self.file) if isinstance(task, dict)
+            else str(self.file.parent / task) if self.file and split_file(task)[0]
+            else task
+            for task in self.tasks
+        ])  # fmt: skip
+        return tuple(chosen if self.control_dt is None else (at_rate(task, self.control_dt) for task in chosen))
+
+    def build(
+        self,
+        policies: Sequence[PolicySpec | str] = (),
+        tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
+        seeds: int | None = None,
+        *,
+        more: Sequence[PolicySpec | str] = (),
+        metrics: tuple[Metric, ...] = (),
+        limits: CallLimits | None = None,
+    ) -> Suite:
+        """Return the suite of a board: with the `members` of its policies.
+
+        Args:
+            policies: instead of the suite's; empty: these.
+            tasks: scenarios and families instead of the suite's; empty: these.
+            seeds: instead of the suite's.
+            more: policies to add.
+            metrics: external ones to measure, too.
+            limits: of loading an external policy.
+        """
+        chosen = expand(tasks) or self.scenarios
+        specs = members((*(policies or self.policy_names), *more), limits)
+        return Suite(self.name, specs, chosen, self.seeds if seeds is None else seeds, metrics)
 
 
-def load(name: str) -> Suite:
+NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
+"""Agents that were trained with an accelerometer, which the tier hardware lacks."""
+
+_SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque
+_SLOW = ("nmpc",)  # it takes as long as all others together
+
+SUITES: dict[str, SuiteSpec] = {
+    spec.name: spec
+    for spec in (
+        SuiteSpec(
+            "hardware",
+            "the board: every policy, tuned where it can be, but nmpc, on hardware at severity 2 and surprise, 32 seeds",
+            {"hardware": (2,), "surprise": (2,)}, (*_SINGLE, *_SLOW, *NEEDS_ACCELERATION),
+        ),
+        SuiteSpec(
+            "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, Table 1's arm, 32 seeds",
+            {"ideal": (2,)}, _SINGLE,
+        ),
+        SuiteSpec(
+            "full", "the tiers hardware, surprise and ideal (Table 1's arm) at all severities, 64 seeds, without nmpc",
+            dict.fromkeys(("hardware", "surprise", "ideal"), scenarios.SEVERITIES[1:]), (*_SINGLE, *_SLOW), seeds=64,
+        ),
+    )
+}  # fmt: skip
+"""The suites that have names."""
+
+
+def load(name: str) -> SuiteSpec:
     """Return a suite by name, or from a TOML file.
 
     Args:
@@ -240,7 +329,9 @@ def load(name: str) -> Suite:
     """
     path = Path(name)
     if path.suffix != ".toml":
-        return named(name)
+        if name not in SUITES:
+            raise unknown("suite", name, SUITES)
+        return SUITES[name]
     data = read_toml(path)
     entries = ("policies", "scenarios", "seeds", "control_dt")
     for key in data:
@@ -251,35 +342,11 @@ def load(name: str) -> Suite:
         raise ValueError(f"policies of {path} must be a list of names, got {policies!r}")
     if not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
         raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
-    tasks = [
-        from_table(task, scenarios.get, path) if isinstance(task, dict)
-        else str(path.parent / task) if split_file(task)[0]
-        else task
-        for task in tasks
-    ]  # fmt: skip
-    chosen = expand(tasks)
-    if "control_dt" in data:
-        dt = check_number("control_dt", data["control_dt"], above=0)
-        chosen = tuple(at_rate(scenario, dt) for scenario in chosen)
-    return Suite(path.stem, tuple(policies) or names(), chosen, data.get("seeds", 64))
-
-
-def narrow(
-    suite: Suite,
-    policies: Sequence[PolicySpec | str] = (),
-    tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
-    seeds: int | None = None,
-) -> Suite:
-    """Return the suite of a board: with the `members` of its policies.
-
-    Policies, scenarios and seeds replace the suite's; empty and None keep these.
-    """
-    return dataclasses.replace(
-        suite,
-        policies=members(policies or suite.policies),
-        scenarios=expand(tasks) or suite.scenarios,
-        seeds=suite.seeds if seeds is None else seeds,
-    )
+    dt = check_number("control_dt", data["control_dt"], above=0) if "control_dt" in data else None
+    return SuiteSpec(
+        path.stem, policies=tuple(policies) or names(), tasks=tuple(tasks), seeds=data.get("seeds", 64), control_dt=dt,
+        file=path,
+    )  # fmt: skip
 
 
 def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenario, ...]:
@@ -302,8 +369,9 @@ def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenari
 
 def _family(name: str) -> list[Scenario]:
     """Return a family's scenarios: "noise" (both arms), "section-2-2/noise" or "hardware-noise"."""
-    places = [(s, scenarios.member(s)) for tier in scenarios.TIERS for s in scenarios.in_tier(tier)]
+    members = [(s, scenarios.member(s)) for tier in scenarios.TIERS for s in scenarios.in_tier(tier)]
     return [
-        scenarios.get(s) for s, place in places
-        if place and name in ((place.family, f"{place.arm}/{place.family}") if place.tier == "ideal" else (s[:-2],))
+        scenarios.get(s) for s, member in members
+        if member
+        and name in ((member.family, f"{member.arm}/{member.family}") if member.tier == "ideal" else (s[:-2],))
     ]  # fmt: skip

@@ -1,68 +1,14 @@
-"""Traces: stored beside the results for the report's moving arms, or written for other programs."""
+"""Traces, written for other programs."""
 
-import dataclasses
-import json
+import csv
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.files import replacing, write_text
+from benchmarks.files import replacing
 from benchmarks.run.rollout import Trace
-from benchmarks.run.store import Store
-from benchmarks.run.suite import Cell
-from fbl_gym.arm import Array
-
-POINTS = 201
-"""Largest number of samples of a stored trace: the start and 200 steps."""
-
-SUFFIX = ".trace1"
-"""Ending of a trace's file, with the number of its format."""
-
-
-def trace_path(cell: Cell, store: Store) -> Path:
-    """Return the place of the trace of a cell's first seed; cells that share the seed share it."""
-    return store.path(dataclasses.replace(cell, seeds=cell.seeds[:1], metrics=())).with_suffix(SUFFIX)
-
-
-def save_trace(cell: Cell, trace: Trace, error_pct: float, store: Store) -> None:
-    """Write the trace of a cell's first seed with few samples and digits: a page has hundreds."""
-    samples = slice(0, None, math.ceil((len(trace.time) - 1) / (POINTS - 1)))
-    alive = trace.alive[:, 0]
-    signals = {
-        "time": trace.time,
-        "lengths": trace.lengths[0],
-        "reference": trace.reference[:, 0],
-        "disturbance": trace.disturbance[:, 0],
-        "position": np.where(alive[:, None], trace.position[:, 0], np.nan),
-        "torque": np.where(alive[:, None], trace.torque[:, 0], np.nan),
-    }
-    thinned = {name: _short(signal if name == "lengths" else signal[samples].T) for name, signal in signals.items()}
-    diverged = math.nan if alive.all() else trace.time[np.argmin(alive)]
-    ends = dict(zip(("error_pct", "diverged"), _short(np.array([error_pct, diverged])), strict=True))
-    write_text(trace_path(cell, store), json.dumps({**thinned, **ends}, separators=(",", ":")) + "\n")
-
-
-def load_trace(cell: Cell, store: Store) -> dict[str, Any]:
-    """Return the stored trace of a cell's first seed as plain data, None where it diverged.
-
-    Time and `diverged`, the time at which the run diverged or None, are in s, `lengths` in m.
-    `reference`, `position`, `torque` and `disturbance` are [2 x k], in rad and N m.
-    """
-    path = trace_path(cell, store)
-    try:
-        trace: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as problem:
-        raise ValueError(f"{path} is damaged ({problem}): delete it, and the report writes it again") from None
-    return trace
-
-
-def _short(values: Array) -> Any:
-    if values.ndim > 1:
-        return [_short(row) for row in values]
-    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]
-
 
 SIGNALS = {
     "position": "position_rad",
@@ -131,12 +77,19 @@ def export(trace: Trace, path: Path) -> None:
             from scipy.io import savemat
 
             savemat(beside, arrays(trace), do_compression=True)
+        elif path.suffix == ".csv":
+            columns = table(trace)
+            rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+            with beside.open("w", encoding="utf-8", newline="") as file:
+                csv.writer(file, lineterminator="\n").writerows([columns, *(map(_field, row) for row in rows)])
         else:
-            import duckdb
-            import pandas as pd
+            import duckdb  # the extra `analysis`
 
-            frame = pd.DataFrame(table(trace))
-            if path.suffix == ".csv":
-                frame.to_csv(beside, index=False, float_format="%.10g")
-            else:
-                duckdb.from_df(frame).write_parquet(str(beside))
+            duckdb.connect().register("trace", table(trace)).table("trace").write_parquet(str(beside))
+
+
+def _field(value: Any) -> Any:
+    """Return a field of a CSV file; one without a value is empty."""
+    if not isinstance(value, float):
+        return value
+    return "" if math.isnan(value) else f"{value:.10g}"

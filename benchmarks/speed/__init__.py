@@ -1,4 +1,4 @@
-"""Speed of environment, policies and training, measured beside other environments.
+"""Speed of the environments, measured beside other environments.
 
 Machines drift, so contestants take turns in the rounds of one run, and results are ratios
 of medians over the rounds.

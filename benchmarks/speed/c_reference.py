@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbl_gym.arm import ArmParameters, Array
+from fbl_gym.model.arm import ArmParameters, Array
 
 LANES = 8
 """Lanes of a block in `reference.c`."""

@@ -5,38 +5,23 @@ of 4,096 arms are compared with the same arms in C (`reference.c`), which is phy
 """
 
 import os
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.speed import c_reference, peers
-from benchmarks.speed.timing import Contestant, batch, measure_rates, single
+from benchmarks.speed import c_reference
 from fbl_gym import TABLE_1, TwoLinkArmVectorEnv
+from fbl_gym.model.arm import ArmParameters, Array
 
+Contestant: TypeAlias = Callable[[], int]
+"""A function that takes one step, and returns the number of environments that it stepped."""
 
-@dataclass(frozen=True)
-class Speed:
-    """Environment steps per second of one contestant.
-
-    Args:
-        name: of the contestant.
-        median: over the rounds.
-        low: smallest of the rounds.
-        high: largest of the rounds.
-        ratio: to the peer's, the median over the rounds.
-        peer: name of the contestant to compare with; empty: none.
-    """
-
-    name: str
-    median: float
-    low: float
-    high: float
-    ratio: float
-    peer: str
-
+ROUND_S = 0.1
+"""Duration of a contestant's turn in each round [s]."""
 
 _BUSY: dict[str, Any] = {
     "friction": {"coulomb": 10.0, "stiction": 10.0},
@@ -66,10 +51,7 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
     }
     if find_spec("mujoco"):
         contestants["Reacher-v5"] = (single(gym.make("Reacher-v5"), np.zeros(2)), _ACROBOT)
-        contestants["MuJoCo, the same arm, RK4"] = (peers.mujoco_arm(TABLE_1), _ACROBOT)
-        contestants["MuJoCo rollout of 256 such arms"] = (peers.mujoco_arms(TABLE_1, 256), _ACROBOTS)
-    asynchronous = gym.make_vec(_ACROBOT, num_envs=4, vectorization_mode="async")
-    contestants["AsyncVectorEnv(Acrobot-v1), 4 processes"] = (batch(asynchronous, np.ones(4, dtype=int)), _ACROBOTS)
+        contestants["MuJoCo, the same arm, RK4"] = (mujoco_arm(TABLE_1), _ACROBOT)
     for name, elastic in ((_C, False), (_C_ELASTIC, True)):
         reference = c_reference.stepper(TABLE_1, 4096, elastic=elastic)
         if reference is not None:
@@ -86,24 +68,89 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
     return contestants
 
 
-def measure_environments(rounds: int = 7) -> list[Speed]:
-    """Return the speed of every contestant.
+def single(env: gym.Env, action: object) -> Contestant:
+    """Return a contestant: a single environment with one action, reset at an episode's end."""
+    env.reset(seed=0)
 
-    "busy" has stick-slip friction, noise on every sensor and a disturbance.
+    def step() -> int:
+        _, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            env.reset()
+        return 1
+
+    return step
+
+
+def batch(env: gym.vector.VectorEnv, actions: np.ndarray) -> Contestant:
+    """Return a contestant: a batched environment with the same actions at every step."""
+    env.reset(seed=0)
+
+    def step() -> int:
+        env.step(actions)
+        return env.num_envs
+
+    return step
+
+
+def measure_rates(contestants: Mapping[Any, Contestant], rounds: int) -> dict[Any, Array]:
+    """Return the steps per second of each contestant in each round, after one step to warm up."""
+    for step in contestants.values():
+        step()
+    rates: dict[Any, list[float]] = {name: [] for name in contestants}
+    for _ in range(rounds):
+        for name, step in contestants.items():
+            count, begin = 0, time.perf_counter()
+            while (elapsed := time.perf_counter() - begin) < ROUND_S:
+                for _ in range(10 if elapsed < 0.5 * ROUND_S else 1):
+                    count += step()
+            rates[name].append(count / elapsed)
+    return {name: np.array(values) for name, values in rates.items()}
+
+
+def mujoco_arm(arm: ArmParameters) -> Contestant:
+    """Return a contestant: the same arm in MuJoCo, ten Runge-Kutta steps of 1 ms at once."""
+    import mujoco  # the extra `mujoco`
+
+    tip = '<geom type="sphere" size="0.01" mass="{}" pos="{} 0 0"/>'
+    first, second = tip.format(arm.m1, arm.L1), tip.format(arm.m2, arm.L2)
+    joint = '<joint type="hinge" axis="0 0 1"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler inertiafromgeom="true"/><option timestep="0.001" gravity="0 -{arm.gravity} 0" integrator="RK4">'
+        f'<flag contact="disable"/></option><worldbody><body>{joint}{first}<body pos="{arm.L1} 0 0">{joint}{second}</body>'
+        "</body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+
+    def step() -> int:
+        mujoco.mj_step(model, data, 10)
+        return 1
+
+    return step
+
+
+def measure_environments(rounds: int = 7) -> list[dict[str, Any]]:
+    """Return the speed of every contestant in environment steps per second.
+
+    Each row has the contestant's name, the median, smallest ("low") and largest ("high") number of
+    the rounds, the name of its peer, if there is one, and the median ratio to it.
     """
     contestants = _contestants()
     rates = measure_rates({name: step for name, (step, _) in contestants.items()}, rounds)
-    rows = []
-    for name, (_, peer) in contestants.items():
-        rate, ratio = rates[name], float(np.median(rates[name] / rates[peer or name]))
-        rows.append(Speed(name, float(np.median(rate)), float(rate.min()), float(rate.max()), ratio, peer))
-    return rows
+    ratios = {name: float(np.median(rates[name] / rates[peer or name])) for name, (_, peer) in contestants.items()}
+    return [
+        {
+            "name": name, "median": float(np.median(rates[name])), "low": float(rates[name].min()),
+            "high": float(rates[name].max()), "ratio": ratios[name], "peer": peer,
+        }
+        for name, (_, peer) in contestants.items()
+    ]  # fmt: skip
 
 
-def compare(rows: list[Speed], baseline: list[dict[str, Any]]) -> dict[str, float]:
+def compare(rows: list[dict[str, Any]], baseline: list[dict[str, Any]]) -> dict[str, float]:
     """Return each contestant's ratio to its peer, divided by the same ratio in earlier rows.
 
     Contestants that the baseline lacks, or compares with another peer, are left out.
     """
     before = {(row["name"], row["peer"]): row["ratio"] for row in baseline if row["peer"]}
-    return {row.name: row.ratio / before[row.name, row.peer] for row in rows if (row.name, row.peer) in before}
+    keys = {(row["name"], row["peer"]): row["ratio"] for row in rows}
+    return {name: ratio / before[name, peer] for (name, peer), ratio in keys.items() if (name, peer) in before}

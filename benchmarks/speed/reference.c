@@ -9,7 +9,7 @@ typedef double lanes __attribute__((vector_size(8 * LANES)));
 typedef long long whole __attribute__((vector_size(8 * LANES)));
 
 typedef struct {
-    double p1, p2, p3, p4, p5;         /* lumped parameters, see fbl_gym/arm.py */
+    double p1, p2, p3, p4, p5;         /* lumped parameters, see fbl_gym/model/arm.py */
     double viscous, coulomb, width;    /* friction: viscous v + coulomb v / sqrt(v^2 + width^2) */
     double stiffness, damping, rotor;  /* elastic joints: N m/rad, N m s/rad, kg m^2 */
 } arm;
@@ -21,7 +21,7 @@ static inline lanes root(lanes x) {
     return x;
 }
 
-/* Polynomials of FreeBSD's msun (k_sin.c, k_cos.c); the same reduction as fbl_gym/fastmath.py. */
+/* Polynomials of FreeBSD's msun (k_sin.c, k_cos.c); the same reduction as fbl_gym/kernel/fastmath.py. */
 static inline void sincos_lanes(lanes x, lanes *sine, lanes *cosine) {
     lanes shifted = x * 0.6366197723675814 + 6755399441055744.0;
     whole quadrant = (whole)shifted;

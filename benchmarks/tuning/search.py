@@ -11,11 +11,9 @@ same objective on more scenarios, and on tuning seeds that no trial used. The ga
 best are written to a file.
 """
 
-import contextlib
 import dataclasses
 import hashlib
 import json
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,24 +24,24 @@ import numpy as np
 import optuna
 import sqlalchemy
 
+from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
-from benchmarks.policies.configuration import gains_file
-from benchmarks.policies.external import split_gains
+from benchmarks.policies.configuration import expect_law, gains_file
+from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import PolicySpec, resolve
-from benchmarks.run.metrics import measure
+from benchmarks.run.metrics import counted_errors, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
-from fbl_gym.checks import check_number, unknown
 from fbl_gym.records import set_fields, tuning_ranges
 
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
 
-DIVERGENCE = math.log(2.0)
-"""Price of each percent of diverged runs: as much as twice the error."""
+STORAGE = "sqlite:///results/tuning.db?timeout=60"
+"""Default database of the studies."""
 
 SCENARIOS = (
     "practice-nominal", "practice-model-error-3", "practice-delay-1", "practice-delay-3", "practice-lag-3",
@@ -66,17 +64,16 @@ class Task:
 
     def __post_init__(self) -> None:
         set_fields(self, policy=resolve(self.policy))
+        if not self.ranges:
+            raise ValueError(
+                f"{self.policy.name} has nothing to tune: none of its gains is declared with a range `tune`"
+            )
 
     @property
     def ranges(self) -> Mapping[str, tuple[float, float]]:
         """Least and largest value of each gain."""
         factory = self.policy.factory()
-        ranges = tuning_ranges(factory) if isinstance(factory, type) else {}
-        if not ranges:
-            raise ValueError(
-                f"{self.policy.name} has nothing to tune: none of its gains is declared with a range `tune`"
-            )
-        return ranges
+        return tuning_ranges(factory) if isinstance(factory, type) else {}
 
     @property
     def defaults(self) -> dict[str, Any]:
@@ -84,15 +81,6 @@ class Task:
         law: Any = self.policy.factory()
         values = {field.name: field.default for field in dataclasses.fields(law)}
         return {name: values[name] for name in self.ranges}
-
-    def check(self, gains: Mapping[str, float]) -> None:
-        """Refuse gains that are unknown or outside of their ranges."""
-        ranges = self.ranges
-        for name, value in gains.items():
-            if name not in ranges:
-                raise unknown(f"gain of {self.policy.name}", name, ranges)
-            low, high = ranges[name]
-            check_number(name, value, low=low, high=high)
 
     @property
     def steps(self) -> int:
@@ -116,40 +104,35 @@ class Task:
         costs, diverged = [], []
         for scenario in self.scenarios:
             runs = measure(rollout(self.policy, scenario, self.seeds, gains))
-            error, resolution, variation, torque, lost = (
-                np.array([run[name] for run in runs])
-                for name in ("error_pct", "resolution_pct", "variation", "torque_rms", "diverged")
+            variation, torque, lost = (
+                np.array([run[name] for run in runs]) for name in ("variation", "torque_rms", "diverged")
             )
             chatter = variation / np.maximum(torque, 1e-9)
-            costs.append(np.mean(np.log(np.maximum(error, resolution)) + CHATTER * np.log1p(chatter)))
+            costs.append(np.mean(np.log(counted_errors(runs)) + CHATTER * np.log1p(chatter)))
             diverged.append(100 * lost.mean())
         share = float(np.mean(diverged))
-        return float(np.mean(costs)) + DIVERGENCE * share, share
+        return float(np.mean(costs)) + DIVERGENCE_PENALTY / 100 * share, share
 
 
 def seeds(trial: int, fresh: int) -> tuple[range, range]:
     """Return numbers of tuning seeds: for the trials, and fresh ones to judge on."""
-    every = SPLITS["tuning"]
-    if trial + fresh > len(every):
+    tuning = SPLITS["tuning"]
+    if trial + fresh > len(tuning):
         raise ValueError(
-            f"there are {len(every)} tuning seeds, for trials and judging together, got {trial} and {fresh}"
+            f"there are {len(tuning)} tuning seeds, for trials and judging together, got {trial} and {fresh}"
         )
-    return every[:trial], every[-fresh:]
+    return tuning[:trial], tuning[-fresh:]
 
 
-def tune(task: Task, trials: int, folder: Path, also: Mapping[str, float] | None = None) -> optuna.Study:
+def tune(task: Task, trials: int, storage: str) -> optuna.Study:
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
-    Other code, scenarios or seeds begin another study. Several processes may share it. The gains
-    `also`, such as those of an earlier study, are one of the trials. Each run and process has
+    Other code, scenarios or seeds begin another study. Processes, also those of several machines,
+    share the studies of a database, named by its URL as for Optuna. Each run and process has
     another sampler seed, so that no trial is repeated.
     """
-    task.check(also or {})
     ranges = task.ranges
-    storage = study_path(task, folder)
-    storage.parent.mkdir(parents=True, exist_ok=True)
-    optuna.logging.set_verbosity(optuna.logging.ERROR)  # a stopped trial is a warning with a traceback
-    study = _study(task.policy.name, storage)
+    study = open_study(task, storage)
 
     def objective(trial: optuna.Trial) -> float:
         begin = time.process_time()
@@ -161,8 +144,6 @@ def tune(task: Task, trials: int, folder: Path, also: Mapping[str, float] | None
 
     try:
         while len(finished(study)) < trials:
-            if also and study.trials:
-                study.enqueue_trial(dict(also), skip_if_exists=True)
             study.optimize(objective, n_trials=1)
     except Exception as problem:
         if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial
@@ -171,22 +152,22 @@ def tune(task: Task, trials: int, folder: Path, also: Mapping[str, float] | None
     return study
 
 
-def study_path(task: Task, folder: Path) -> Path:
-    """Return the file of a task's study."""
-    return folder / f"{gains_file(task.policy.code, folder).stem}-{task.digest}.db"
+def open_study(task: Task, storage: str) -> optuna.Study:
+    """Return the study of a task in a database; a new one, if it has none.
 
-
-def _study(name: str, path: Path) -> optuna.Study:
-    """Return the study of a file; wait while another process creates the file."""
-    for _ in range(30):
-        with contextlib.suppress(sqlalchemy.exc.SQLAlchemyError):
-            storage = optuna.storages.RDBStorage(f"sqlite:///{path}", engine_kwargs={"connect_args": {"timeout": 60.0}})
-            sampler = optuna.samplers.TPESampler()
-            return optuna.create_study(study_name=name, storage=storage, load_if_exists=True, sampler=sampler)
-        time.sleep(0.2)
-    raise ValueError(
-        f"{path} must be a study of Optuna that can be written, and is none; remove it, or name another folder"
-    )
+    Raises:
+        ValueError: there is no such database, and none can be created.
+    """
+    optuna.logging.set_verbosity(optuna.logging.ERROR)  # a stopped trial is a warning with a traceback
+    try:
+        if storage.startswith("sqlite:///"):
+            Path(storage.removeprefix("sqlite:///").partition("?")[0]).parent.mkdir(parents=True, exist_ok=True)
+        name, sampler = f"{task.policy.name} {task.digest}", optuna.samplers.TPESampler()
+        return optuna.create_study(study_name=name, storage=storage, load_if_exists=True, sampler=sampler)
+    except (sqlalchemy.exc.SQLAlchemyError, ImportError, OSError) as problem:
+        raise ValueError(
+            f"storage must be the URL of a database, such as {STORAGE}, got {storage!r}: {problem}"
+        ) from None
 
 
 def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
@@ -224,7 +205,7 @@ def summary(
     done, columns = finished(study), ("trial", "objective", "diverged_pct")
     judged = [{name: verdict[name] for name in columns} for verdict in verdicts]
     return {
-        "policy": task.policy.name,
+        "policy": task.policy.parsed.code.text,
         "gains": verdicts[0]["gains"] or task.defaults,
         "trials": {
             "count": len(done),
@@ -249,8 +230,13 @@ def write_gains(summary: dict[str, Any], folder: Path) -> Path:
     """Write a summary to a file in a folder, for use as POLICY@FOLDER; return the file.
 
     In the folder `TUNED`, the gains are those of POLICY@tuned.
+
+    Raises:
+        ValueError: the file has the gains of another law.
     """
+    path = gains_file(PolicyName.parse(summary["policy"]).code.text, folder)
+    if path.exists():
+        expect_law(summary["policy"], path, json.loads(path.read_text(encoding="utf-8")))
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in summary.items())
-    path = gains_file(split_gains(summary["policy"])[0], folder)
     write_text(path, f"{{\n{lines}\n}}\n")
     return path

@@ -10,30 +10,29 @@ from pathlib import Path
 
 import numpy as np
 
-from fbl_gym.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
-from fbl_gym.kernel.elastic import advance_elastic, hang_motors
+from fbl_gym.kernel.elastic import advance_elastic, start_motors
 from fbl_gym.kernel.episode import judge, start
-from fbl_gym.kernel.events import carry_payload, happen
-from fbl_gym.kernel.motion import refer
-from fbl_gym.kernel.physics import acceleration_and_friction, advance
-from fbl_gym.kernel.readings import observe, sense
-from fbl_gym.kernel.torque import apply_torque, command, disturb, nominal_acceleration, start_disturbance
-from fbl_gym.kernel.views import array_at, pair, record_at
-from fbl_gym.memory import (
+from fbl_gym.kernel.events import apply_events, carry_payload
+from fbl_gym.kernel.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.memory import (
     BLOCK,
     BLOCK_SIZE,
     ENDED,
     LANES,
     NEXT_STEP,
     RESTART,
-    ROWS,
     RUNNING,
     SAME_STEP,
     SETTINGS,
     SETTINGS_SIZE,
 )
+from fbl_gym.kernel.motion import update_reference
+from fbl_gym.kernel.physics import acceleration_and_friction, advance
+from fbl_gym.kernel.readings import observe, sense
+from fbl_gym.kernel.torque import apply_torque, command, disturb, nominal_acceleration, start_disturbance
+from fbl_gym.kernel.views import array_at, pair, record_at
 
-_SOURCES = ("arm.py", "fastmath.py", "friction.py", "memory.py", "streams.py", "kernel/*.py")
+_SOURCES = ("model/arm.py", "kernel/*.py")
 _ZERO, _ONE = np.int64(0), np.uint64(1)
 
 
@@ -55,11 +54,11 @@ def _count(settings, number):
 @merged_njit
 def _views(memory, settings, number):
     """Return a block, the same memory as rows, its last torque commands, and its way-points."""
-    place, depth = settings.blocks + number * settings.block_size, settings.delay_steps + 1
-    rows = array_at(memory, place, (settings.block_size // LANES, LANES), np.float64)
-    queue = array_at(memory, place + BLOCK_SIZE, (depth, 2, LANES), np.float64)
-    waypoints = array_at(memory, place + BLOCK_SIZE + 2 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
-    return record_at(memory, place, BLOCK), rows, queue, waypoints
+    index, depth = settings.blocks + number * settings.block_size, settings.delay_steps + 1
+    rows = array_at(memory, index, (settings.block_size // LANES, LANES), np.float64)
+    queue = array_at(memory, index + BLOCK_SIZE, (depth, 2, LANES), np.float64)
+    waypoints = array_at(memory, index + BLOCK_SIZE + 2 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
+    return record_at(memory, index, BLOCK), rows, queue, waypoints
 
 
 @merged_njit
@@ -78,8 +77,8 @@ def _actions(memory, settings, number, count):
 def _check(memory):
     settings = record_at(memory, 0, SETTINGS)
     for lane in range(settings.lanes):
-        place = settings.actions + 2 * lane
-        if not (np.isfinite(memory[place]) and np.isfinite(memory[place + 1])):
+        index = settings.actions + 2 * lane
+        if not (np.isfinite(memory[index]) and np.isfinite(memory[index + 1])):
             return 2 * lane
     if settings.autoreset != NEXT_STEP:
         for lane in range(settings.lanes):
@@ -98,15 +97,15 @@ def _move(block, rows, queue, waypoints, settings, tables, actions, count, width
         if elastic:
             advance_elastic(block, settings, width)
         else:
-            advance(block, settings, width, real, rare)
+            advance(block, settings, width, real)
     _end(block, rows, waypoints, settings, tables, width, real, rare, elastic)
 
 
 @merged_njit
 def _load(block, rows, queue, settings, tables, width, substep, real, rare):
-    """Let events happen, and set torques and payload of a block, for one physics step."""
+    """Apply events, and set torques and payload of a block, for one physics step."""
     if rare and settings.events > 0:
-        happen(block, rows, settings, tables, width, substep)
+        apply_events(block, rows, settings, tables, width, substep)
     if substep == 0 or settings.torque_varies:
         apply_torque(block, queue, settings, width, substep)
         if real:
@@ -121,7 +120,7 @@ def _end(block, rows, waypoints, settings, tables, width, real, rare, elastic):
     for lane in range(width):
         block.step[lane] += _ONE
     sense(block, rows, settings, width, real, rare, elastic)
-    refer(block, waypoints, settings, tables, width)
+    update_reference(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
 
@@ -160,7 +159,7 @@ def _compile_step(fingerprint, real, rare, elastic):
     """Return the step of a class of scenarios, without the code that only other classes use.
 
     `real`: there may be payloads, disturbances, dry friction and errors of the sensors. `rare`:
-    also events, encoders, viscous friction that needs implicit steps, and another engine.
+    also events, encoders and another engine.
     `elastic`: joints are elastic. Each step is compiled when it is first called.
     """
 
@@ -208,7 +207,7 @@ def _compile_step(fingerprint, real, rare, elastic):
                         if real:
                             start_disturbance(block, settings, tables, lane)
                         if rare and settings.elastic:
-                            hang_motors(block, lane)
+                            start_motors(block, lane)
             if restarts > 0 or not moves:
                 sense(block, rows, settings, width, real, rare, elastic)
             observations = array_at(out, first * size, (count, size), np.float64)
@@ -231,33 +230,27 @@ def _compile(fingerprint):
         return _check(memory)
 
     @cached_njit
-    def inspect(memory, shown, out):
-        """Write the truth of each lane to `out` [lanes x (rows + 7 + commands)].
+    def inspect(memory, out):
+        """Write the truth of each lane that the blocks do not have.
 
         Args:
             memory: of the batch, see `memory.py`.
-            shown: rows of a block that come first.
-            out: takes them, then time, acceleration, friction torque, leakage, and the last torque
-                commands as far as there are columns.
+            out: takes it, records of the type `INSTANT` [lanes].
         """
         _ = fingerprint
-        settings, column = record_at(memory, 0, SETTINGS), len(shown)
+        settings = record_at(memory, 0, SETTINGS)
         for i in range(len(out)):
-            block, rows, _, _ = _views(memory, settings, i // LANES)
-            lane = i % LANES
-            for k in range(column):
-                out[i, k] = rows[shown[k], lane]
-            for k in range(column + 7, out.shape[1]):
-                out[i, k] = rows[ROWS + k - column - 7, lane]
+            block, _, _, _ = _views(memory, settings, i // LANES)
+            lane, instant = i % LANES, out[i]
             law = settings.friction_law
             a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
             if settings.elastic:
                 (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
             expected1, expected2 = nominal_acceleration(block, settings, lane)
-            out[i, column] = float(np.int64(block.step[lane])) * settings.control_dt
-            out[i, column + 1], out[i, column + 2] = a1, a2
-            out[i, column + 3], out[i, column + 4] = friction1, friction2
-            out[i, column + 5], out[i, column + 6] = expected1 - a1, expected2 - a2
+            instant.time = float(np.int64(block.step[lane])) * settings.control_dt
+            instant.acceleration[0], instant.acceleration[1] = a1, a2
+            instant.friction_torque[0], instant.friction_torque[1] = friction1, friction2
+            instant.leakage[0], instant.leakage[1] = expected1 - a1, expected2 - a2
 
     @cached_njit
     def load(memory, substep):
@@ -315,7 +308,7 @@ STEPS = (
 """The steps of plain scenarios, of real ones, of those with rare options, and of elastic joints."""
 
 _REAL = ("has_payload", "disturbance_kind", "friction_law", "noisy")
-_RARE = ("events", "euler_steps", "history")
+_RARE = ("events", "history")
 
 
 def class_of(settings):

@@ -1,33 +1,33 @@
-"""The motion of an arm with elastic joints over one physics step; see `fbl_gym/joints.py`."""
+"""The motion of an arm with elastic joints over one physics step; see `options/joints.py`."""
 
-from fbl_gym.fastmath import clip, inline_njit, kernel_njit
-from fbl_gym.friction import dry_friction, shrink, sign
+from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit
+from fbl_gym.kernel.friction import dry_friction, shrink, sign
 from fbl_gym.kernel.physics import FREE, friction_of, load_on_joints, lumped_of, make_runge_kutta, solve_terms
 from fbl_gym.kernel.views import pair, put
-from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION
 
 
 @inline_njit
 def _spring(stiffness, damping, gap, stretch, rate):
-    """Return a spring's torque on the link; `gap` is half the backlash."""
-    return stiffness * shrink(stretch, gap) + (damping * rate if abs(stretch) >= gap else 0.0)
+    """Return a spring's torque on the link; `gap` is half the backlash, beyond which teeth push."""
+    torque = stiffness * shrink(stretch, gap) + (damping * rate if abs(stretch) >= gap else 0.0)
+    pulls = (gap > 0.0) & (torque * stretch < 0.0)
+    return 0.0 if pulls else torque
 
 
 @inline_njit
-def _stage(x, v, load, numbers):
+def _stage(x, v, load, constants):
     """Return the accelerations of links and motors at one stage of a physics step.
 
     Args:
         x: positions of links and motors.
         v: their velocities.
         load: torques on the links, then those of the drives.
-        numbers: lumped parameters of the links; stiffness, damping, half the backlash and rotor
-            inertia, friction as of `friction_of`, both joints of each; dry friction as of `_hold`;
-            law of the friction.
+        constants: lumped parameters of the links; stiffness, damping, half the backlash and rotor
+            inertia, friction as of `friction_of`, both joints of each; dry friction as of `_hold`.
     """
-    (p1, p2, p3, p4, p5), joint, friction, held, law = numbers
+    (p1, p2, p3, p4, p5), joint, friction, held = constants
     k1, k2, d1, d2, gap1, gap2, b1, b2 = joint
-    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
+    viscous1, viscous2, _, _, _, _, _, _ = friction
     dry1, dry2, free1, free2, _, _ = held
     (q1, q2, th1, th2), (v1, v2, w1, w2), (load1, load2, tau1, tau2) = x, v, load
     spring1 = _spring(k1, d1, gap1, th1 - q1, w1 - v1)
@@ -38,9 +38,6 @@ def _stage(x, v, load, numbers):
     a1, a2 = solve_terms(m11, m12, m22, load1, load2)
     left1 = tau1 - spring1 - viscous1 * w1 - dry1
     left2 = tau2 - spring2 - viscous2 * w2 - dry2
-    if law == LITERAL_FRICTION:
-        left1 -= dry_friction(w1, coulomb1, stiction1, v_s1) * sign(w1)
-        left2 -= dry_friction(w2, coulomb2, stiction2, v_s2) * sign(w2)
     return a1, a2, free1 * left1 / b1, free2 * left2 / b2
 
 
@@ -64,16 +61,14 @@ _runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
 
 @inline_njit
 def _joint(block, inertia, lane):
-    """Return the joints' numbers, as `_stage` takes them."""
-    (k1, k2), (d1, d2), (gap1, gap2) = (
-        pair(block.stiffness, lane), pair(block.damping, lane), pair(block.half_backlash, lane)
-    )  # fmt: skip
-    return k1, k2, d1, d2, gap1, gap2, inertia[0], inertia[1]
+    """Return the joints' constants, as `_stage` takes them."""
+    (k1, k2), (d1, d2), (b1, b2) = pair(block.stiffness, lane), pair(block.damping, lane), pair(block.backlash, lane)
+    return k1, k2, d1, d2, 0.5 * b1, 0.5 * b2, inertia[0], inertia[1]
 
 
 @inline_njit
 def _both(links, motors, lane):
-    """Return a lane's numbers of the links and of the motors."""
+    """Return a lane's constants of the links and of the motors."""
     return links[0, lane], links[1, lane], motors[0, lane], motors[1, lane]
 
 
@@ -103,17 +98,15 @@ def _hold(x, v, tau, joint, friction, h):
 
 
 @inline_njit
-def _advance(block, inertia, lane, h, law):
+def _advance(block, inertia, lane, h):
     """Advance one lane by one physics step h."""
     joint, friction = _joint(block, inertia, lane), friction_of(block, lane)
     x = _both(block.position, block.motor_position, lane)
     v = _both(block.velocity, block.motor_velocity, lane)
-    held = FREE
-    if law == EXACT_FRICTION:
-        held = _hold(x, v, pair(block.tau_start, lane), joint, friction, h)
+    held = _hold(x, v, pair(block.tau_start, lane), joint, friction, h)
     (q1, q2, th1, th2), (v1, v2, w1, w2) = _runge_kutta(
         h, x, v, _both(block.load_start, block.tau_start, lane), _both(block.load_half, block.tau_half, lane),
-        _both(block.load_end, block.tau_end, lane), (lumped_of(block, lane), joint, friction, held, law),
+        _both(block.load_end, block.tau_end, lane), (lumped_of(block, lane), joint, friction, held),
     )  # fmt: skip
     put(block.position, lane, (q1, q2))
     put(block.velocity, lane, (v1, v2))
@@ -125,44 +118,38 @@ def _advance(block, inertia, lane, h, law):
 def advance_elastic(block, settings, width):
     """Advance the first `width` lanes of a block with elastic joints by one physics step."""
     h, inertia = settings.physics_dt, (settings.motor_inertia[0], settings.motor_inertia[1])
-    if settings.friction_law == LITERAL_FRICTION:
-        for lane in range(width):
-            _advance(block, inertia, lane, h, LITERAL_FRICTION)
-    else:
-        for lane in range(width):
-            _advance(block, inertia, lane, h, EXACT_FRICTION)
+    for lane in range(width):
+        _advance(block, inertia, lane, h)
 
 
 @kernel_njit
-def feel_joints(block, settings, width):
+def measure_elastic_joints(block, settings, width):
     """Compute the links' acceleration and the motors' friction torque at this instant."""
-    literal = settings.friction_law == LITERAL_FRICTION
     inertia = (settings.motor_inertia[0], settings.motor_inertia[1])
     for lane in range(width):
         (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
         x = _both(block.position, block.motor_position, lane)
         v = _both(block.velocity, block.motor_velocity, lane)
-        numbers = lumped_of(block, lane), _joint(block, inertia, lane), friction_of(block, lane), FREE, EXACT_FRICTION
-        a1, a2, _, _ = _stage(x, v, (-push1, -push2, tau1, tau2), numbers)
+        constants = lumped_of(block, lane), _joint(block, inertia, lane), friction_of(block, lane), FREE
+        a1, a2, _, _ = _stage(x, v, (-push1, -push2, tau1, tau2), constants)
         put(block.acceleration, lane, (a1, a2))
     for i in range(2):
         for lane in range(width):
-            stiffness, damping, gap = block.stiffness[i, lane], block.damping[i, lane], block.half_backlash[i, lane]
+            stiffness, damping, gap = block.stiffness[i, lane], block.damping[i, lane], 0.5 * block.backlash[i, lane]
             w = block.motor_velocity[i, lane]
             stretch = block.motor_position[i, lane] - block.position[i, lane]
             spring = _spring(stiffness, damping, gap, stretch, w - block.velocity[i, lane])
             bound = dry_friction(w, block.coulomb[i, lane], block.stiction[i, lane], block.v_s[i, lane])
             hold = clip(block.torque[i, lane] - spring, bound)
-            hold = 0.0 if literal else hold
             block.motor_friction[i, lane] = block.viscous[i, lane] * w + (bound * sign(w) if w != 0.0 else hold)
 
 
 @kernel_njit
-def hang_motors(block, lane):
+def start_motors(block, lane):
     """Put the motors of a lane to where the springs carry the torque of the drives."""
     for i in range(2):
         tau = block.torque[i, lane]
-        stretch = tau / block.stiffness[i, lane] + block.half_backlash[i, lane] * sign(tau)
+        stretch = tau / block.stiffness[i, lane] + 0.5 * block.backlash[i, lane] * sign(tau)
         block.motor_position[i, lane] = block.position[i, lane] + stretch
         block.motor_velocity[i, lane] = block.velocity[i, lane]
         block.motor_friction[i, lane] = 0.0

@@ -2,12 +2,8 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import clip, exp, kernel_njit, log
-from fbl_gym.kernel.motion import draw_reference, reference, store_reference
-from fbl_gym.kernel.physics import lump
-from fbl_gym.kernel.torque import nominal_torque
-from fbl_gym.kernel.views import pair, put
-from fbl_gym.memory import (
+from fbl_gym.kernel.fastmath import clip, exp, kernel_njit, log
+from fbl_gym.kernel.memory import (
     CHOICE,
     DRAW_SIZE,
     EVENT_ROWS,
@@ -18,7 +14,11 @@ from fbl_gym.memory import (
     STEPS,
     TORQUE,
 )
-from fbl_gym.streams import stream_key, uniforms
+from fbl_gym.kernel.motion import draw_reference, reference, store_reference
+from fbl_gym.kernel.physics import lump
+from fbl_gym.kernel.streams import stream_key, uniforms
+from fbl_gym.kernel.torque import nominal_torque
+from fbl_gym.kernel.views import pair, put
 
 _PARAMETERS = stream_key("parameter error")
 _ZERO = np.uint64(0)
@@ -38,7 +38,8 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
         block.parameters[i, lane] = settings.parameters[i] * settings.ratio[i] * factor
     _draw(block, rows, settings, tables, lane, episode)
     carried = block.payload_pick_up[lane] == 0.0 and block.payload_drop[lane] > 0.0
-    block.payload[lane] = block.payload_mass[lane] if carried else 0.0
+    block.held_payload[lane] = block.payload_mass[lane] if carried else 0.0
+    block.payload[lane] = block.held_payload[lane]
     lump(block, settings, lane)
 
     draw_reference(waypoints, settings, tables, lane, seed, episode)
@@ -62,26 +63,23 @@ def _draw(block, rows, settings, tables, lane, episode):
     for i in range(len(settings.varied)):
         rows[FIRST_VARIED + i, lane] = settings.varied[i]
     for i in range(settings.draws):
-        place = settings.draw_table + DRAW_SIZE * i
-        key = np.uint64(tables[place + 5]) << np.uint64(32) | np.uint64(tables[place + 6])
-        joint, kind = np.uint64(tables[place + 1]), tables[place + 2]
+        index = settings.draw_table + DRAW_SIZE * i
+        key = np.uint64(tables[index + 5]) << np.uint64(32) | np.uint64(tables[index + 6])
+        joint, kind = np.uint64(tables[index + 1]), tables[index + 2]
         draw, _, _, _ = uniforms(block.seed[lane], key, episode, _ZERO, joint)
-        first, second = tables[place + 3], tables[place + 4]
+        first, second = tables[index + 3], tables[index + 4]
         value = first + draw * (second - first)
         if kind == LOG_UNIFORM:
             value = first * exp(draw * second)
         elif kind == CHOICE:
             value = tables[int(first) + int(draw * second)]
-        rows[int(tables[place]), lane] = value
+        rows[int(tables[index]), lane] = value
     for i in range(settings.events):
         row = settings.event_row + EVENT_ROWS * i
         rows[row, lane] = np.rint(rows[row, lane])
     block.payload_pick_up[lane] = np.rint(block.payload_pick_up[lane])
     block.payload_drop[lane] = np.rint(block.payload_drop[lane])
     block.delay[lane] = np.rint(block.delay[lane]) + settings.substeps * np.rint(block.delay_samples[lane])
-    if settings.stribeck_squared:
-        for joint in range(2):
-            block.v_s[joint, lane] *= block.v_s[joint, lane]
     lag = block.lag[lane]
     block.lag_start[lane] = 1.0 if lag > 0.0 else 0.0
     end = exp(-1.0 / lag) if lag > 0.0 else 0.0
@@ -102,6 +100,7 @@ def _hold_still(block, rows, queue, settings, lane):
     tau1, tau2 = clip(tau1, limit[0]), clip(tau2, limit[1])
     put(block.command, lane, (tau1, tau2))
     put(block.target, lane, (tau1, tau2))
+    put(block.lagged, lane, (tau1, tau2))
     gain1, gain2 = pair(block.gain, lane)
     put(block.torque, lane, (gain1 * tau1, gain2 * tau2))
     for age in range(settings.delay_steps + 1):

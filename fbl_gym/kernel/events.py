@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.memory import DRIVE_CHANGE, DROP, EVENT_ROWS, FRICTION_CHANGE, KNOCK, PICK_UP
 from fbl_gym.kernel.physics import inertia_terms, lump, solve_terms
 from fbl_gym.kernel.views import pair, put
-from fbl_gym.memory import DRIVE_CHANGE, DROP, EVENT_ROWS, FRICTION_CHANGE, KNOCK, PICK_UP
 
 
 @inline_njit
@@ -39,13 +39,15 @@ def carry_payload(block, settings, width, substep):
         now = float(np.int64(block.step[lane])) * settings.substeps + substep
         if now > 0.0 and block.payload_pick_up[lane] != block.payload_drop[lane]:
             if now == block.payload_pick_up[lane]:
-                change_payload(block, settings, lane, block.payload[lane] + block.payload_mass[lane])
+                block.held_payload[lane] = block.payload_mass[lane]
+                change_payload(block, settings, lane, block.payload[lane] + block.held_payload[lane])
             if now == block.payload_drop[lane]:
-                change_payload(block, settings, lane, max(block.payload[lane] - block.payload_mass[lane], 0.0))
+                change_payload(block, settings, lane, max(block.payload[lane] - block.held_payload[lane], 0.0))
+                block.held_payload[lane] = 0.0
 
 
 @kernel_njit
-def happen(block, rows, settings, tables, width, substep):
+def apply_events(block, rows, settings, tables, width, substep):
     """Apply the events of a block whose time has come."""
     for event in range(settings.events):
         kind, row = tables[settings.event_table + event], settings.event_row + EVENT_ROWS * event
@@ -61,6 +63,7 @@ def _apply(block, settings, lane, kind, size1, size2):
         change_payload(block, settings, lane, block.payload[lane] + size1)
     elif kind == DROP:
         change_payload(block, settings, lane, 0.0)
+        block.held_payload[lane] = 0.0  # `payload_drop` has nothing left to release
     elif kind == FRICTION_CHANGE:
         for friction in (block.viscous, block.coulomb, block.stiction):
             friction[0, lane] *= size1

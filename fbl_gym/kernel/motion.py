@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import exp, inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.fastmath import exp, inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.memory import FILTERED_STEPS, HARMONICS, MINIMUM_JERK, SAMPLES, STEPS
+from fbl_gym.kernel.streams import TWO_PI, stream_key, uniforms
 from fbl_gym.kernel.views import pair, put
-from fbl_gym.memory import FILTERED_STEPS, HARMONICS, MINIMUM_JERK, SAMPLES, STEPS
-from fbl_gym.streams import TWO_PI, stream_key, uniforms
 
 _STREAM = stream_key("reference")
 _ZERO = np.uint64(0)
@@ -20,10 +20,10 @@ def reference(waypoints, settings, tables, lane, step):
     """
     kind, points = settings.reference_kind, settings.reference_points
     if kind == SAMPLES:
-        place = settings.reference_table + 6 * min(step, points - 1)
+        index = settings.reference_table + 6 * min(step, points - 1)
         return (
-            tables[place], tables[place + 1], tables[place + 2],
-            tables[place + 3], tables[place + 4], tables[place + 5],
+            tables[index], tables[index + 1], tables[index + 2],
+            tables[index + 3], tables[index + 4], tables[index + 5],
         )  # fmt: skip
     time = step * settings.control_dt
     if kind == HARMONICS:
@@ -82,8 +82,8 @@ def _harmonics(waypoints, settings, tables, lane, time):
     v1, v2, a1, a2 = 0.0, 0.0, 0.0, 0.0
     for i in range(settings.reference_points):
         w = (i + 1) * settings.base_rate
-        place = settings.reference_table + 2 * i
-        size1, size2 = tables[place], tables[place + 1]
+        index = settings.reference_table + 2 * i
+        size1, size2 = tables[index], tables[index + 1]
         sin1, cos1 = sincos(w * time + waypoints[i, 0, lane])
         sin2, cos2 = sincos(w * time + waypoints[i, 1, lane])
         q1, q2 = q1 + size1 * sin1, q2 + size2 * sin2
@@ -101,7 +101,7 @@ def store_reference(block, lane, values):
 
 
 @kernel_njit
-def refer(block, waypoints, settings, tables, width):
+def update_reference(block, waypoints, settings, tables, width):
     """Compute the reference of a block at its present step."""
     if settings.reference_kind == MINIMUM_JERK:  # the usual kind, in loops without branches
         others = 0
@@ -124,7 +124,7 @@ def refer(block, waypoints, settings, tables, width):
 @kernel_njit
 def draw_reference(waypoints, settings, tables, lane, seed, episode):
     """Set the way-points, levels or phases of a lane for a new episode."""
-    kind, points, place = settings.reference_kind, settings.reference_points, settings.reference_table
+    kind, points, index = settings.reference_kind, settings.reference_points, settings.reference_table
     if kind == SAMPLES:
         return
     low, high = settings.reference_low, settings.reference_high
@@ -133,11 +133,11 @@ def draw_reference(waypoints, settings, tables, lane, seed, episode):
         if kind == HARMONICS:
             value1, value2 = TWO_PI * draw1, TWO_PI * draw2
             if not settings.reference_phases_drawn:
-                value1, value2 = tables[place + 2 * points], tables[place + 2 * points + 1]
-        elif place < 0:
+                value1, value2 = tables[index + 2 * points], tables[index + 2 * points + 1]
+        elif index < 0:
             value1, value2 = low[0] + draw1 * (high[0] - low[0]), low[1] + draw2 * (high[1] - low[1])
         else:
-            value1, value2 = tables[place + 2 * i], tables[place + 2 * i + 1]
+            value1, value2 = tables[index + 2 * i], tables[index + 2 * i + 1]
         waypoints[i, 0, lane], waypoints[i, 1, lane] = value1, value2
     if kind == FILTERED_STEPS:
         _chain_filter(waypoints, settings, lane)

@@ -1,10 +1,10 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
-from fbl_gym import arm
-from fbl_gym.fastmath import inline_njit, kernel_njit, merged_njit, sincos
-from fbl_gym.friction import dry_friction, resist, sign
+from fbl_gym.kernel.fastmath import inline_njit, kernel_njit, merged_njit, sincos
+from fbl_gym.kernel.friction import dry_friction, resist, sign
+from fbl_gym.kernel.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.views import pair, put
-from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
+from fbl_gym.model import arm
 
 inertia_terms = inline_njit(arm.inertia_terms)
 coriolis_terms = inline_njit(arm.coriolis_terms)
@@ -28,21 +28,21 @@ def make_runge_kutta(stage, moved, weighted):
     """Return a function that makes a fourth-order Runge-Kutta step of positions q and velocities v.
 
     Args:
-        stage: (q, v, load, numbers) -> acceleration.
+        stage: (q, v, load, constants) -> acceleration.
         moved: (x, h, rate) -> x + h rate.
         weighted: (a, b, c, d) -> a + 2 (b + c) + d.
     """
 
     @inline_njit
-    def runge_kutta(h, q, v, load_start, load_half, load_end, numbers):
+    def runge_kutta(h, q, v, load_start, load_half, load_end, constants):
         half, sixth = 0.5 * h, h / 6.0
-        a = stage(q, v, load_start, numbers)
+        a = stage(q, v, load_start, constants)
         q_2, v_2 = moved(q, half, v), moved(v, half, a)
-        a_2 = stage(q_2, v_2, load_half, numbers)
+        a_2 = stage(q_2, v_2, load_half, constants)
         q_3, v_3 = moved(q, half, v_2), moved(v, half, a_2)
-        a_3 = stage(q_3, v_3, load_half, numbers)
+        a_3 = stage(q_3, v_3, load_half, constants)
         q_4, v_4 = moved(q, h, v_3), moved(v, h, a_3)
-        a_4 = stage(q_4, v_4, load_end, numbers)
+        a_4 = stage(q_4, v_4, load_end, constants)
         return moved(q, sixth, weighted(v, v_2, v_3, v_4)), moved(v, sixth, weighted(a, a_2, a_3, a_4))
 
     return runge_kutta
@@ -61,9 +61,9 @@ def _weighted(a, b, c, d):
 
 
 @inline_njit
-def _stage(q, v, tau, numbers):
+def _stage(q, v, tau, constants):
     """Return the acceleration at one stage of a physics step; see `_hold` for `held`."""
-    (p1, p2, p3, p4, p5), (r1, r2), friction, held, law = numbers
+    (p1, p2, p3, p4, p5), (r1, r2), friction, held, law = constants
     viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
     dry1, dry2, free1, free2, _, _ = held
     v1, v2 = v
@@ -144,38 +144,6 @@ def _advance(block, lane, h, rotor, law):
 
 
 @kernel_njit
-def _advance_implicitly(block, settings, width):
-    """Advance lanes by one physics step where viscous friction B makes Runge-Kutta unstable.
-
-    Each of the step's parts h solves (M + h B) v+ = M v + h (load - f), |f_i| <= F_i(v), then
-    q+ = q + h v+. It is stable for any B, and of first order.
-    """
-    law = settings.friction_law
-    h, r1, r2 = settings.physics_dt / settings.euler_steps, settings.rotor[0], settings.rotor[1]
-    for lane in range(width):
-        # The mean torque has the impulse of the whole step.
-        tau1 = (block.tau_start[0, lane] + 4.0 * block.tau_half[0, lane] + block.tau_end[0, lane]) / 6.0
-        tau2 = (block.tau_start[1, lane] + 4.0 * block.tau_half[1, lane] + block.tau_end[1, lane]) / 6.0
-        (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
-        p1, p2, p3, p4, p5 = lumped_of(block, lane)
-        viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction_of(block, lane)
-        for _ in range(settings.euler_steps):
-            m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
-            bound1 = dry_friction(v1, coulomb1, stiction1, v_s1)
-            bound2 = dry_friction(v2, coulomb2, stiction2, v_s2)
-            if law == LITERAL_FRICTION:
-                load1, load2 = load1 - bound1 * sign(v1), load2 - bound2 * sign(v2)
-            if law != EXACT_FRICTION:
-                bound1, bound2 = 0.0, 0.0
-            momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
-            m11, m22 = m11 + h * viscous1, m22 + h * viscous2
-            v1, v2, _, _ = resist(m11, m12, m22, momentum1, momentum2, h * bound1, h * bound2)
-            q1, q2 = q1 + h * v1, q2 + h * v2
-        put(block.position, lane, (q1, q2))
-        put(block.velocity, lane, (v1, v2))
-
-
-@kernel_njit
 def _advance_smoothly(block, settings, width):
     h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
     for lane in range(width):
@@ -198,11 +166,9 @@ def _advance_by_law(block, settings, width):
 
 
 @merged_njit
-def advance(block, settings, width, real, rare):
+def advance(block, settings, width, real):
     """Advance the first `width` lanes of a block by one physics step; see `api.STEPS`."""
-    if rare and settings.euler_steps > 0:
-        _advance_implicitly(block, settings, width)
-    elif real:
+    if real:
         _advance_by_law(block, settings, width)
     else:
         _advance_smoothly(block, settings, width)

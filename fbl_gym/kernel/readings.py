@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import clip, kernel_njit, merged_njit
-from fbl_gym.kernel.elastic import feel_joints
+from fbl_gym.kernel.elastic import measure_elastic_joints
+from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.motion import reference
 from fbl_gym.kernel.physics import acceleration_and_friction, smooth_acceleration
+from fbl_gym.kernel.streams import normals, stream_key
 from fbl_gym.kernel.views import put
-from fbl_gym.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
-from fbl_gym.streams import normals, stream_key
 
 _POSITION_NOISE = stream_key("position noise")
 _VELOCITY_NOISE = stream_key("velocity noise")
@@ -21,7 +21,7 @@ _ZERO = np.uint64(0)
 def sense(block, rows, settings, width, real, rare, elastic):
     """Take the readings of a block, which depend on its state alone; see `api.STEPS`."""
     if elastic:
-        feel_joints(block, settings, width)
+        measure_elastic_joints(block, settings, width)
     elif real:
         _accelerate_by_law(block, settings, width)
     else:
@@ -115,33 +115,59 @@ def _disturb_reading(block, measured, settings, width, sensor, stream):
 def _encode(block, rows, settings, width):
     """Compute the velocity from the position readings, and show both as late as they are.
 
-    The readings of a control step are at the place (step % history). Therefore sensing twice at the
+    The readings of a control step are at the row (step % history). Therefore sensing twice at the
     same step changes nothing. An episode starts as if the arm had moved uniformly before.
     """
     depth, interval = settings.history, settings.difference
     for joint in range(2):
-        first, quantum = settings.history_row + joint, settings.quantization[0, joint]
+        first = settings.history_row + joint
         for lane in range(width):
             step = np.int64(block.step[lane])
             reading, velocity = block.measured_position[joint, lane], block.measured_velocity[joint, lane]
             if step == 0:
-                speed = block.velocity[joint, lane]
-                for ago in range(1, depth):
-                    place = first + 4 * (depth - ago)
-                    past = reading - speed * (ago * settings.control_dt)
-                    rows[place, lane] = np.floor(past / quantum + 0.5) * quantum if quantum > 0.0 else past
-                    rows[place + 2, lane] = speed
-            place = first + 4 * (step % depth)
-            rows[place, lane] = reading
+                _recall(block, rows, settings, lane, joint)
+            row = first + 4 * (step % depth)
+            rows[row, lane] = reading
             if interval > 0:
                 before = rows[first + 4 * ((step + depth - interval) % depth), lane]
                 filtered = rows[first + 4 * ((step + depth - 1) % depth) + 2, lane]
                 velocity = (reading - before) / (interval * settings.control_dt)
                 velocity = filtered + settings.low_pass * (velocity - filtered)
-            rows[place + 2, lane] = velocity
-            place = first + 4 * ((step + depth - settings.latency) % depth)
-            block.measured_position[joint, lane] = rows[place, lane]
-            block.measured_velocity[joint, lane] = rows[place + 2, lane]
+            rows[row + 2, lane] = velocity
+            row = first + 4 * ((step + depth - settings.latency) % depth)
+            block.measured_position[joint, lane] = rows[row, lane]
+            block.measured_velocity[joint, lane] = rows[row + 2, lane]
+
+
+@kernel_njit
+def _recall(block, rows, settings, lane, joint):
+    """Store the readings before an episode, with the errors of the sensors."""
+    depth, interval, dt = settings.history, settings.difference, settings.control_dt
+    position, speed = block.position[joint, lane], block.velocity[joint, lane]
+    if settings.encoder_on_motor:
+        position, speed = block.motor_position[joint, lane], block.motor_velocity[joint, lane]
+    velocity = speed
+    for ago in range(depth - 1, 0, -1):
+        reading = _past(block, settings, lane, joint, _POSITION, _POSITION_NOISE, position - ago * dt * speed, ago)
+        if interval == 0:
+            velocity = _past(block, settings, lane, joint, _VELOCITY, _VELOCITY_NOISE, speed, ago)
+        else:
+            before = position - (ago + interval) * dt * speed
+            before = _past(block, settings, lane, joint, _POSITION, _POSITION_NOISE, before, ago + interval)
+            velocity += settings.low_pass * ((reading - before) / (interval * dt) - velocity)
+        row = settings.history_row + joint + 4 * (depth - ago)
+        rows[row, lane], rows[row + 2, lane] = reading, velocity
+
+
+@inline_njit
+def _past(block, settings, lane, joint, sensor, stream, value, ago):
+    """Return a reading of some control steps before the episode, with its errors."""
+    if settings.has_noise[sensor]:
+        draws = normals(block.seed[lane], stream, block.episode[lane], _ZERO, np.uint64(ago))
+        value += block.noise_std[sensor, joint, lane] * draws[joint]
+    value += block.noise_bias[sensor, joint, lane]
+    quantum = settings.quantization[sensor, joint]
+    return np.floor(value / quantum + 0.5) * quantum if quantum > 0.0 else value
 
 
 @kernel_njit

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from fbl_gym.fastmath import clip, inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.memory import ACCELERATION, ARRAY, NO_DISTURBANCE, NORMALIZED, PIECEWISE_CONSTANT, PULSES, SINE
 from fbl_gym.kernel.physics import load_on_joints, lumped_terms, solve_terms
+from fbl_gym.kernel.streams import TWO_PI, stream_key, uniforms
 from fbl_gym.kernel.views import pair, put
-from fbl_gym.memory import ACCELERATION, ARRAY, NO_DISTURBANCE, NORMALIZED, PIECEWISE_CONSTANT, PULSES, SINE
-from fbl_gym.streams import TWO_PI, stream_key, uniforms
 
 _STREAM = stream_key("disturbance")
 _ZERO = np.uint64(0)
@@ -89,16 +89,19 @@ def apply_torque(block, queue, settings, width, substep):
             before, rate, gain = block.target[joint, lane], block.rate_limit[joint, lane], block.gain[joint, lane]
             target = max(min(block.tau_start[joint, lane], before + rate), before - rate)
             block.target[joint, lane] = target
-            # Without a rate limit the target jumps at the step's start, else it is a ramp. A lag
-            # follows a ramp late by its time constant, once the initial gap has faded.
-            begin = before if rate < np.inf else target
-            rise = gain * (target - begin)
-            base = gain * begin - rise * block.lag[lane]
-            gap = block.torque[joint, lane] - base
-            block.tau_start[joint, lane] = base + start * gap
-            block.tau_half[joint, lane] = base + 0.5 * rise + half * gap
-            block.tau_end[joint, lane] = base + rise + end * gap
-            block.torque[joint, lane] = base + rise + end * gap
+            # A ramp over the whole step has the impulse of the limited rise at its start: a limit
+            # that does not act gives a jump. A lag follows a ramp late by its time constant, once
+            # the initial gap has faded. The gain comes last, so that its change acts at once.
+            begin = target - (target - before) * (abs(target - before) / rate)
+            rise = target - begin
+            base = begin - rise * block.lag[lane]
+            gap = block.lagged[joint, lane] - base
+            lagged = base + rise + end * gap
+            block.tau_start[joint, lane] = gain * (base + start * gap)
+            block.tau_half[joint, lane] = gain * (base + 0.5 * rise + half * gap)
+            block.tau_end[joint, lane] = gain * lagged
+            block.lagged[joint, lane] = lagged
+            block.torque[joint, lane] = gain * lagged
 
 
 @kernel_njit
@@ -152,8 +155,8 @@ def _pick(block, settings, tables, lane, substep):
         return on * amplitude1, on * amplitude2
     if kind == ARRAY:
         sample = int(min(np.floor(now / period), settings.disturbance_samples - 1.0))
-        place = settings.disturbance_table + 2 * sample
-        return tables[place], tables[place + 1]
+        index = settings.disturbance_table + 2 * sample
+        return tables[index], tables[index + 1]
     return 0.0, 0.0
 
 

@@ -5,12 +5,12 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from fbl_gym.fastmath import inline_njit
+from fbl_gym.kernel.fastmath import inline_njit
 
 
 @intrinsic
-def record_at(_context, memory, _place, dtype):
-    """Return the record of a structured type that begins at memory[_place]."""
+def record_at(_context, memory, _index, dtype):
+    """Return the record of a structured type that begins at memory[_index]."""
     record = dtype.dtype
 
     def emit(context, builder, signature, arguments):
@@ -22,8 +22,8 @@ def record_at(_context, memory, _place, dtype):
 
 
 @intrinsic
-def array_at(_context, memory, _place, shape, dtype):
-    """Return the array of a shape (a tuple) and type that begins at memory[_place]."""
+def array_at(_context, memory, _index, shape, dtype):
+    """Return the array of a shape (a tuple) and type that begins at memory[_index]."""
     array_type = types.Array(dtype.dtype, len(shape), "C")
 
     def emit(context, builder, signature, arguments):

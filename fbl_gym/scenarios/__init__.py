@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from fbl_gym.checks import check_choice, unknown
-from fbl_gym.plants import WORLDS
+from fbl_gym.options import WORLDS
 from fbl_gym.records import build
 from fbl_gym.scenarios import files, hardware, ideal
-from fbl_gym.scenarios.hardware import conditions, judged
-from fbl_gym.scenarios.ideal import SEVERITIES, Member, arms, families, family
+from fbl_gym.scenarios.families import Member
+from fbl_gym.scenarios.hardware import conditions, held_out_reason
+from fbl_gym.scenarios.ideal import SEVERITIES, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.real import REAL
 from fbl_gym.scenarios.scenario import Scenario
@@ -33,9 +34,9 @@ __all__ = [
     "families",
     "family",
     "get",
+    "held_out_reason",
     "in_tier",
     "in_world",
-    "judged",
     "member",
     "names",
 ]

@@ -13,26 +13,20 @@ tiers hardware, practice or surprise and the arm is another one, torques and pay
 """
 
 import re
-import sys
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from fbl_gym.checks import unknown
-from fbl_gym.records import build
+from fbl_gym.records import build, merged
 from fbl_gym.scenarios import hardware
 from fbl_gym.scenarios.scenario import Scenario
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 Named = Callable[[str], Scenario]
 """The function `scenarios.get`."""
 
 _FILE = re.compile(r"(?P<path>.+\.toml)(:(?P<entry>[^:@]+))?(@(?P<world>.+))?$")
-_DISTRIBUTIONS = ({"uniform"}, {"log_uniform"}, {"choice"})
 
 
 def split(text: str) -> tuple[str, str, str]:
@@ -88,7 +82,7 @@ def from_table(
     base = table.get("base", "")
     file, entry, world = split(str(base))
     parent = load(folder / file, entry, named, above) if file else Scenario()
-    if str(arm := fields.get("arm")).endswith(".urdf"):
+    if ".urdf" in str(arm := fields.get("arm")):
         fields["arm"] = str(folder / str(arm))
     try:
         if not isinstance(base, str) or (file and world):
@@ -102,17 +96,3 @@ def from_table(
         return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:
         raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
-
-
-def merged(base: Any, changes: Any) -> Any:
-    """Return plain data with changes, table by table; the base is left alone.
-
-    A table of another `kind` and a distribution replace the base's value. `False` becomes None.
-    """
-    if changes is False:
-        return None
-    if not isinstance(base, Mapping) or not isinstance(changes, Mapping) or set(changes) in _DISTRIBUTIONS:
-        return changes
-    if changes.get("kind", base.get("kind")) != base.get("kind"):
-        return changes
-    return {**base, **{name: merged(base.get(name), value) for name, value in changes.items()}}

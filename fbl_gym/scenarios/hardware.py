@@ -20,12 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from fbl_gym.arm import TABLE_1, ArmParameters
-from fbl_gym.events import DriveChange, Event, FrictionChange, Knock, PickUp
-from fbl_gym.real_arms import CICESE, DFKI_C1, PELICAN
-from fbl_gym.records import Distribution
-from fbl_gym.references import FourierReference, MinimumJerk
-from fbl_gym.scenarios.ideal import Member
+from fbl_gym.model.arm import TABLE_1, ArmParameters
+from fbl_gym.model.real_arms import CICESE, DFKI_C1, PELICAN
+from fbl_gym.options import DriveChange, Event, FourierReference, FrictionChange, Knock, MinimumJerk, PickUp
+from fbl_gym.records import Distribution, merged
+from fbl_gym.scenarios.families import Family, Member, combined
 from fbl_gym.scenarios.scenario import Scenario
 
 _BOX = (-math.pi, -2.2), (0.0, 2.2)
@@ -36,22 +35,10 @@ ARM = dataclasses.replace(TABLE_1, rotor=(9.0, 1.1))
 MOVES = MinimumJerk(*_BOX, move_time=1.2, hold_time=0.3)
 """The board's motion: moves over the whole workspace, each with a rest at which stiction acts."""
 
-PRACTICE_MOTION = FourierReference(amplitude=(1.5, 2.0), frequency=0.2, harmonics=4)
+LEAST = 9.8
+"""Least ratio of an arm's scale of torque to its inertia [rad/s^2]; the board's arm has 10.0."""
 
-FAMILIES = {
-    "model-error": "masses and lengths off, each by its own factor from [1/(1+r), 1+r]; r = 0.2, 0.35, 0.5",
-    "payload": "up to a quarter, half or all of the second link's mass, picked up and dropped during the motion",
-    "delay": "a further delay of up to 10, 20 or 30 ms",
-    "lag": "a lag of the drives of 10-20, 15-40 or 30-60 ms",
-    "noise": "position noise of 0.3, 1 or 3 mrad, and encoders of 16384, 8192 or 4096 counts",
-    "friction": "twice, four or eight times the friction",
-    "disturbance": "a torque within 10, 30 or 60 % of the arm's weight, a new level every 0.5 s",
-    "elastic": "springs in the joints, with natural frequencies about 12, 7 or 4 Hz; encoders on the links",
-    "backlash": "a gap of 1, 5 or 20 mrad in the joints; encoders on the links",
-    "saturation": "faster moves, which need more than the torque limits in about 5, 9 or 12 % of the samples",
-    "torque-constant": "torques off by a factor from 0.9-1.1, 0.8-1.2 or 0.6-1.4",
-    "everything": "all but backlash and saturation at once, at half their size",
-}
+PRACTICE_MOTION = FourierReference(amplitude=(1.5, 2.0), frequency=0.2, harmonics=4)
 
 _REAL = {
     "nominal": "an arm with drives, sensors and friction as in laboratories, nothing pushed further",
@@ -69,8 +56,6 @@ SURPRISES = {
     "cicese": "the direct-drive arm of CICESE and BUAP, with the tier's drives and sensors",
 }
 
-_RADIUS = (0.1, 0.2, 0.35, 0.5)
-
 
 def _uniform(low: float, high: float) -> Distribution:
     return Distribution(uniform=(low, high))
@@ -81,21 +66,109 @@ def _times(scale: np.ndarray, low: float, high: float) -> tuple[Distribution, Di
     return _uniform(low * scale[0], high * scale[0]), _uniform(low * scale[1], high * scale[1])
 
 
-def _friction(weight: np.ndarray, factor: float) -> dict[str, Any]:
-    dry = _times(weight, 0.01 * factor, 0.03 * factor)
-    return {"viscous": _times(weight, 0.005 * factor, 0.015 * factor), "coulomb": dry, "stiction": dry}
+class _Scale:
+    """The scales of an arm, and the share of a family's size.
+
+    Attributes:
+        weight: largest torque of gravity on each joint [2] N m, or that of an acceleration of
+            `LEAST` of the stretched links, where it is larger.
+        inertia: of the stretched links about each joint [2] kg m^2.
+        reach: inertia that a motion of both joints meets, with the rotors [2] kg m^2.
+    """
+
+    def __init__(self, arm: ArmParameters, size: float = 1.0) -> None:
+        p1, p2, p3, p4, p5 = arm.lumped
+        self.m2, self.size, self.rotor = arm.m2, size, np.array(arm.rotor)
+        self.inertia = np.array([p1 + p2 + 2 * p3, p2])
+        self.weight = np.maximum([abs(p4) + abs(p5), abs(p5)], LEAST * self.inertia)
+        self.reach = np.array([self.inertia[0], p2 + p3]) + self.rotor
+
+    def friction(self, factor: float) -> dict[str, Any]:
+        """Return friction, `factor` times the usual one."""
+        dry = _times(self.weight, 0.01 * factor, 0.03 * factor)
+        return {"viscous": _times(self.weight, 0.005 * factor, 0.015 * factor), "coulomb": dry, "stiction": dry}
+
+    def springs(self, frequency: float, backlash: float = 0.0) -> dict[str, Any]:
+        """Return joints whose links vibrate at a frequency [Hz] while the motors are held."""
+        stiffness = self.inertia * (2 * math.pi * frequency) ** 2
+        joint = {
+            "stiffness": _times(stiffness, 0.7, 1.3),
+            "damping": tuple(0.04 * np.sqrt(stiffness * self.inertia)),  # 2 % of the critical one
+            "rotor_inertia": None if self.rotor.min() > 0 else tuple(0.3 * self.inertia),
+            "backlash": backlash,
+            "encoder": "link",
+        }
+        return {"joint": joint, "physics_dt": 0.0005}
+
+    def fast_moves(self, torque: float) -> dict[str, Any]:
+        """Return moves that need more than their torque limits."""
+        limit = tuple(1.1 * self.weight + torque * self.reach)
+        moves = dataclasses.replace(MOVES, move_time=0.7, hold_time=0.6)
+        return {"reference": moves, "actuator": {"torque_limit": limit}}
 
 
-def _spring(inertia: np.ndarray, rotor: np.ndarray, frequency: float, backlash: float = 0.0) -> dict[str, Any]:
-    """Return joints whose links vibrate at a natural frequency [Hz] while the motors are held."""
-    stiffness = inertia * (2 * math.pi * frequency) ** 2
-    return {
-        "stiffness": _times(stiffness, 0.7, 1.3),
-        "damping": tuple(0.04 * np.sqrt(stiffness * inertia)),  # 2 % of the critical one
-        "rotor_inertia": None if rotor.min() > 0 else tuple(0.3 * inertia),
-        "backlash": backlash,
-        "encoder": "link",
-    }
+_FAMILIES = {
+    "model-error": Family(
+        "masses and lengths off, each by its own factor from [1/(1+r), 1+r]; r = {}",
+        ((0.2, 0.35, 0.5),),
+        lambda arm, r: {"parameter_error": {"radius": r * arm.size}},
+    ),
+    "payload": Family(
+        "up to {} times the second link's mass, picked up and dropped during the motion",
+        ((0.25, 0.5, 1.0),),
+        lambda arm, share: {"parameter_error": {"payload": {
+            "mass": _uniform(0.0, arm.size * arm.m2 * share), "pick_up": _uniform(1.0, 3.0), "drop": _uniform(6.0, 8.0),
+        }}},
+    ),
+    "delay": Family(
+        "a further delay of up to {} ms",
+        ((10, 20, 30),),
+        lambda arm, delay: {"actuator": {"delay": _uniform(0.0, arm.size * 1e-3 * delay)}},
+    ),
+    "lag": Family(
+        "a lag of the drives of {} ms",
+        (((10, 20), (15, 40), (30, 60)),),
+        lambda arm, lag: {"actuator": {"lag": {"log_uniform": [arm.size * 1e-3 * end for end in lag]}}},
+    ),
+    "noise": Family(
+        "position noise of {} mrad, and encoders of {} counts",
+        ((0.3, 1, 3), (16384, 8192, 4096)),
+        lambda arm, sigma, counts: {"noise": {"position": arm.size * 1e-3 * sigma}, "encoder": {"counts": counts}},
+    ),
+    "friction": Family("{} times the friction", ((2, 4, 8),), lambda arm, n: {"friction": arm.friction(arm.size * n)}),
+    "disturbance": Family(
+        "a torque within {} % of the arm's weight, a new level every 0.5 s",
+        ((10, 30, 60),),
+        lambda arm, percent: {
+            "disturbance": {"kind": "piecewise-constant", "amplitude": tuple(arm.size * 0.01 * percent * arm.weight)}
+        },
+    ),
+    "elastic": Family(
+        "springs in the joints, with natural frequencies about {} Hz; encoders on the links",
+        ((12, 7, 4),),
+        lambda arm, frequency: arm.springs(frequency / arm.size),
+    ),
+    "backlash": Family(
+        "a gap of {} mrad in the joints; encoders on the links",
+        ((1, 5, 20),),
+        lambda arm, gap: arm.springs(12.0, 1e-3 * gap),
+    ),
+    "saturation": Family(
+        "faster moves, with torque for the weight and {} rad/s^2; they need more in about {} % of the samples",
+        ((8, 5, 3), (5, 9, 12)),
+        lambda arm, torque, _: arm.fast_moves(torque),
+    ),
+    "torque-constant": Family(
+        "torques off by up to {} %",
+        ((10, 20, 40),),
+        lambda arm, percent: {"actuator": {"gain": _uniform(1 - arm.size * 0.01 * percent, 1 + arm.size * 0.01 * percent)}},
+    ),
+    "everything": Family("all but backlash and saturation at once, at half their size", (), lambda _: {}),
+}  # fmt: skip
+FAMILIES = {name: family.description for name, family in _FAMILIES.items()}
+"""The description of each family, by name."""
+
+_EVERYTHING = tuple(name for name in FAMILIES if name not in ("backlash", "saturation", "everything"))
 
 
 def conditions(arm: ArmParameters, family: str = "nominal", severity: int = 0) -> dict[str, Any]:
@@ -106,64 +179,26 @@ def conditions(arm: ArmParameters, family: str = "nominal", severity: int = 0) -
         family: one of `FAMILIES`, or "nominal": nothing is pushed further.
         severity: 0 to 3.
     """
-    p1, p2, p3, p4, p5 = arm.lumped
-    weight = np.array([abs(p4) + abs(p5), abs(p5)]) if p5 else 10.0 * np.array([p1 + p2 + 2 * p3, p2])
-    inertia = np.array([p1 + p2 + 2 * p3, p2])  # of the links, stretched
-    rotor = np.array(arm.rotor)
-    reach = np.array([inertia[0], p2 + p3]) + rotor
-    s, size = severity, 0.5 if family == "everything" else 1.0
-
-    def pushed(name: str) -> bool:
-        return severity > 0 and family in (name, "everything")
-
-    payload: dict[str, Any] = {"mass": _uniform(0.0, 0.1 * arm.m2)}
-    if pushed("payload"):
-        payload = {
-            "mass": _uniform(0.0, size * arm.m2 * 2.0 ** (s - 3)),
-            "pick_up": _uniform(1.0, 3.0),
-            "drop": _uniform(6.0, 8.0),
-        }
-    actuator: dict[str, Any] = {
-        "torque_limit": tuple(weight + 16.0 * reach),
-        "delay_samples": 1,
-        "lag": Distribution(log_uniform=(0.005, 0.015)),
-    }
-    if pushed("delay"):
-        actuator["delay"] = _uniform(0.0, size * 0.01 * s)
-    if pushed("lag"):
-        low, high = ((0.01, 0.02), (0.015, 0.04), (0.03, 0.06))[s - 1]
-        actuator["lag"] = Distribution(log_uniform=(size * low, size * high))
-    if pushed("torque-constant"):
-        spread = size * (0.1, 0.2, 0.4)[s - 1]
-        actuator["gain"] = (_uniform(1 - spread, 1 + spread),) * 2
-    options: dict[str, Any] = {
+    scale = _Scale(arm, 0.5 if family == "everything" else 1.0)
+    usual: dict[str, Any] = {
         "arm": arm,
         "encoder": {"counts": 65536.0, "difference": 1},
-        "friction": _friction(weight, size * 2.0**s if pushed("friction") else 1.0),
+        "friction": scale.friction(1.0),
         "initial_error": _uniform(-0.05, 0.05),
-        "parameter_error": {"radius": _RADIUS[s] * size if pushed("model-error") else _RADIUS[0], "payload": payload},
+        "parameter_error": {"radius": 0.1, "payload": {"mass": _uniform(0.0, 0.1 * arm.m2)}},
         "sensors": ("position", "velocity"),
         "reference": MOVES,
         "limits": {"error": 0.5},
+        "actuator": {
+            "torque_limit": tuple(scale.weight + 16.0 * scale.reach),
+            "delay_samples": 1,
+            "lag": Distribution(log_uniform=(0.005, 0.015)),
+        },
     }
-    if pushed("noise"):
-        options["noise"] = {"position": size * (3e-4, 1e-3, 3e-3)[s - 1]}
-        options["encoder"]["counts"] = 65536.0 / 2 ** (s + 1)
-    if pushed("disturbance"):
-        options["disturbance"] = {
-            "kind": "piecewise-constant",
-            "amplitude": tuple(size * (0.1, 0.3, 0.6)[s - 1] * weight),
-        }
-    if pushed("elastic"):
-        options["joint"] = _spring(inertia, rotor, (12.0, 7.0, 4.0)[s - 1] / size)
-    elif family == "backlash" and severity > 0:
-        options["joint"] = _spring(inertia, rotor, 12.0, backlash=(1e-3, 5e-3, 20e-3)[s - 1])
-    if family == "saturation" and severity > 0:
-        options["reference"] = dataclasses.replace(MOVES, move_time=0.7, hold_time=0.6)
-        actuator["torque_limit"] = tuple(1.1 * weight + (8.0, 5.0, 3.0)[s - 1] * reach)
-    if "joint" in options:
-        options["physics_dt"] = 0.0005
-    return {**options, "actuator": actuator}
+    if severity == 0 or family not in FAMILIES:
+        return usual
+    pushed = combined(_FAMILIES, _EVERYTHING if family == "everything" else (family,), severity, scale)
+    return {**merged(usual, pushed)}
 
 
 def hardware(family: str = "nominal", severity: int = 0, arm: ArmParameters | None = None) -> Scenario:
@@ -200,10 +235,10 @@ def practice(family: str = "nominal", severity: int = 0, arm: ArmParameters | No
 def surprise(family: str, arm: ArmParameters | None = None) -> Scenario:
     """Return one of `SURPRISES`: a scenario that changes during the episode, or has another arm."""
     arm = arm or _ARMS.get(family, ARM)
-    p1, p2, p3, _, _ = arm.lumped
+    scale, (_, p2, p3, _, _) = _Scale(arm), arm.lumped
     changes: dict[str, Event] = {
         "payload": PickUp(time=_uniform(3.0, 5.0), mass=0.5 * arm.m2),
-        "knock": Knock(time=_uniform(3.0, 5.0), impulse=(2.0 * (p1 + p2 + 2 * p3), 2.0 * (p2 + p3))),
+        "knock": Knock(time=_uniform(3.0, 5.0), impulse=(2.0 * scale.inertia[0], 2.0 * (p2 + p3))),
         "friction": FrictionChange(time=_uniform(3.0, 5.0), factor=5.0),
         "drive": DriveChange(time=_uniform(3.0, 5.0), factor=0.6),
     }
@@ -238,7 +273,7 @@ def get(name: str, arm: ArmParameters | None = None) -> Scenario:
     return _TIERS[member.tier](member.family, member.severity, arm)
 
 
-def judged(scenario: Scenario) -> str:
+def held_out_reason(scenario: Scenario) -> str:
     """Return the reason why tuning and training may not use a scenario; empty if they may.
 
     The board is judged on motions, events, arms and engines that no law has been tuned for. A

@@ -1,92 +1,96 @@
 """The tier `ideal`: one kind of uncertainty in each family, on an arm that is ideal otherwise."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
-from fbl_gym.arm import ARMS, ArmParameters
 from fbl_gym.checks import check_choice
+from fbl_gym.model.arm import ARMS, ArmParameters
+from fbl_gym.options import Actuator
+from fbl_gym.scenarios.families import Family, Member, combined
 from fbl_gym.scenarios.scenario import Scenario
-from fbl_gym.uncertainty import (
-    Actuator,
-    Friction,
-    Noise,
-    ParameterError,
-    Payload,
-    PiecewiseConstantDisturbance,
-)
 
 SEVERITIES = (0, 1, 2, 3)
-
-# Indexed by severity.
-_RADII = (0.0, 0.25, 0.5, 1.0)
-_NOISE = ((0.0, 0.0, 0.0), (1e-4, 1e-3, 1e-2), (1e-3, 1e-2, 1e-1), (5e-3, 5e-2, 5e-1))  # rad, rad/s, rad/s^2
-_PAYLOADS = (0.0, 1 / 3, 2 / 3, 1.0)  # of m2
-_FRICTION = (0.0, 10.0, 30.0, 60.0)  # N m at joint 1, a third of it at joint 2
-_DISTURBANCE = (0.0, 30.0, 100.0, 200.0)  # likewise
 
 # For the default motion with each parameter between half and double and the heaviest payload, the
 # arms need 1,683 and 749, and 62,300 and 19,700 N m. Friction and disturbance add to this: at its
 # worst corner, everything-3 needs some 836 N m at the second joint, more than its 800.
 _TORQUE_LIMITS = {"table-1": (2000.0, 800.0), "section-2-2": (70000.0, 22000.0)}
 
+_RADII = ((0.25, 0.5, 1.0),)
+_OWN = "each by its own factor from"
+
+
+def _error(**fields: Any) -> dict[str, Any]:
+    return {"parameter_error": fields}
+
+
 _FAMILIES = {
-    "nominal": "the nominal arm: nothing varies but the way-points",
-    "mass-error": "masses off by a factor drawn from [1/(1+r), 1+r], each its own; r = 0, 0.25, 0.5, 1",
-    "length-error": "lengths off by a factor drawn from [1/(1+r), 1+r], each its own; r = 0, 0.25, 0.5, 1",
-    "mixed-error": "masses and lengths off, each by its own factor from [1/(1+r), 1+r]; r = 0, 0.25, 0.5, 1",
-    "uniform-error": "masses and lengths off by one factor for all, drawn from [1/(1+r), 1+r]; r = 0, 0.25, 0.5, 1",
-    "larger-error": "real masses and lengths larger than nominal, each by its own factor from [1, 1+r]; "
-    "r = 0, 0.25, 0.5, 1",
-    "smaller-error": "real masses and lengths smaller than nominal, each by its own factor from [1/(1+r), 1]; "
-    "r = 0, 0.25, 0.5, 1",
-    "payload": "0, 1/3, 2/3 or all of the second link's mass again, picked up at the tip at 3 s and dropped at 7 s",
-    "noise": "white noise on position (0, 1e-4, 1e-3, 5e-3 rad), ten times that on velocity, "
-    "a hundred times on acceleration",
-    "stiction": "Coulomb friction and as much stiction again (0, 10, 30, 60 N m; a third of it on joint 2), "
-    "v_s = 1e-3 (rad/s)^2",
-    "disturbance": "piecewise-constant torque within 0, 30, 100, 200 N m (a third of it on joint 2), "
-    "a new level every 0.5 s",
-    "everything": "mixed error, payload, noise, stiction and disturbance at once",
+    "nominal": Family("the nominal arm: nothing varies but the way-points", (), lambda _: {}),
+    "mass-error": Family(
+        f"masses off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}",
+        _RADII,
+        lambda _, r: _error(radius=r, parameters=("m1", "m2")),
+    ),
+    "length-error": Family(
+        f"lengths off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}",
+        _RADII,
+        lambda _, r: _error(radius=r, parameters=("L1", "L2")),
+    ),
+    "mixed-error": Family(
+        f"masses and lengths off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}", _RADII, lambda _, r: _error(radius=r)
+    ),
+    "uniform-error": Family(
+        "masses and lengths off by one factor for all, drawn from [1/(1+r), 1+r]; r = 0, {}",
+        _RADII,
+        lambda _, r: _error(radius=r, sampling="together"),
+    ),
+    "larger-error": Family(
+        f"real masses and lengths larger than nominal, {_OWN} [1, 1+r]; r = 0, {{}}",
+        _RADII,
+        lambda _, r: _error(ratio=math.sqrt(1.0 + r), radius=math.sqrt(1.0 + r) - 1.0),
+    ),
+    "smaller-error": Family(
+        f"real masses and lengths smaller than nominal, {_OWN} [1/(1+r), 1]; r = 0, {{}}",
+        _RADII,
+        lambda _, r: _error(ratio=1.0 / math.sqrt(1.0 + r), radius=math.sqrt(1.0 + r) - 1.0),
+    ),
+    "payload": Family(
+        "a payload of 0, {} times the second link's mass, picked up at the tip at 3 s and dropped at 7 s",
+        ((1 / 3, 2 / 3, 1.0),),
+        lambda arm, share: _error(payload={"mass": share * arm.m2, "pick_up": 3.0, "drop": 7.0}),
+    ),
+    "noise": Family(
+        "white noise on position (0, {} rad), ten times that on velocity, a hundred times on acceleration",
+        ((1e-4, 1e-3, 5e-3),),
+        lambda _, sigma: {"noise": {"position": sigma, "velocity": 10 * sigma, "acceleration": 100 * sigma}},
+    ),
+    "stiction": Family(
+        "Coulomb friction and as much stiction again (0, {} N m; a third of it on joint 2), v_s = 1e-3 (rad/s)^2",
+        ((10.0, 30.0, 60.0),),
+        lambda _, dry: {"friction": {"coulomb": (dry, dry / 3), "stiction": (dry, dry / 3), "v_s": 1e-3}},
+    ),
+    "disturbance": Family(
+        "piecewise-constant torque within 0, {} N m (a third of it on joint 2), a new level every 0.5 s",
+        ((30.0, 100.0, 200.0),),
+        lambda _, level: {
+            "disturbance": {"kind": "piecewise-constant", "amplitude": (level, level / 3), "period": 0.5}
+        },
+    ),
+    "everything": Family("mixed error, payload, noise, stiction and disturbance at once", (), lambda _: {}),
 }
+_EVERYTHING = ("mixed-error", "payload", "noise", "stiction", "disturbance")
 
 
 def _options(name: str, severity: int, arm: ArmParameters) -> dict[str, Any]:
     """Return the options of a family as fields of `Scenario`."""
-    if name == "nominal" or severity == 0:
+    if severity == 0:
         return {}
-    radius = _RADII[severity]
-    # Factors from [1, 1+r] or [1/(1+r), 1] have a fixed ratio in the middle and a radius about it.
-    middle = math.sqrt(1.0 + radius)
-    payload = Payload(mass=_PAYLOADS[severity] * arm.m2, pick_up=3.0, drop=7.0)
-    noise = Noise(*_NOISE[severity])
-    torque = (_FRICTION[severity], _FRICTION[severity] / 3)
-    friction = Friction(coulomb=torque, stiction=torque, v_s=1e-3)
-    level = _DISTURBANCE[severity]
-    disturbance = PiecewiseConstantDisturbance(amplitude=(level, level / 3), period=0.5)
-    families: dict[str, dict[str, Any]] = {
-        "mass-error": {"parameter_error": ParameterError(radius=radius, parameters=("m1", "m2"))},
-        "length-error": {"parameter_error": ParameterError(radius=radius, parameters=("L1", "L2"))},
-        "mixed-error": {"parameter_error": ParameterError(radius=radius)},
-        "uniform-error": {"parameter_error": ParameterError(radius=radius, sampling="together")},
-        "larger-error": {"parameter_error": ParameterError(ratio=middle, radius=middle - 1.0)},
-        "smaller-error": {"parameter_error": ParameterError(ratio=1.0 / middle, radius=middle - 1.0)},
-        "payload": {"parameter_error": ParameterError(payload=payload)},
-        "noise": {"noise": noise},
-        "stiction": {"friction": friction},
-        "disturbance": {"disturbance": disturbance},
-        "everything": {
-            "parameter_error": ParameterError(radius=radius, payload=payload),
-            "noise": noise,
-            "friction": friction,
-            "disturbance": disturbance,
-        },
-    }
-    return families[name]
+    return combined(_FAMILIES, _EVERYTHING if name == "everything" else (name,), severity, arm)
 
 
 def families() -> dict[str, str]:
     """Return the description of each family of the leaderboard, by name."""
-    return dict(_FAMILIES)
+    return {name: family.description for name, family in _FAMILIES.items()}
 
 
 def arms() -> tuple[str, ...]:
@@ -109,7 +113,7 @@ def family(name: str, severity: int = 0, arm: str = "table-1") -> Scenario:
     severity = int(severity)
     return Scenario(
         name=_member(name, severity, arm),
-        description=_FAMILIES[name],
+        description=_FAMILIES[name].description,
         arm=ARMS[arm],
         actuator=Actuator(torque_limit=_TORQUE_LIMITS[arm]),
         **_options(name, severity, ARMS[arm]),
@@ -120,22 +124,6 @@ def _member(name: str, severity: int, arm: str) -> str:
     """Return the name of a family's scenario."""
     member = name if name == "nominal" else f"{name}-{severity}"
     return member if arm == "table-1" else f"{arm}/{member}"
-
-
-class Member(NamedTuple):
-    """The place of a scenario in the families.
-
-    Attributes:
-        family: its family.
-        severity: 0 to 3.
-        arm: the name of its arm.
-        tier: one of `scenarios.TIERS`.
-    """
-
-    family: str
-    severity: int
-    arm: str
-    tier: str = "ideal"
 
 
 MEMBERS = {

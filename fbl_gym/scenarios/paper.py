@@ -6,10 +6,17 @@ The paper omits many values. The description of each scenario names those that t
 import dataclasses
 from typing import Any
 
-from fbl_gym.arm import SECTION_2_2, ArmParameters
-from fbl_gym.references import FilteredSteps, FourierReference, Steps
+from fbl_gym.model.arm import SECTION_2_2, ArmParameters
+from fbl_gym.options import (
+    Actuator,
+    FilteredSteps,
+    FourierReference,
+    Friction,
+    Noise,
+    PiecewiseConstantDisturbance,
+    Steps,
+)
 from fbl_gym.scenarios.scenario import Scenario
-from fbl_gym.uncertainty import Actuator, Friction, Noise, PiecewiseConstantDisturbance
 
 _HALF = ArmParameters(m1=0.35, m2=0.25, L1=10.0, L2=7.5)  # the estimates of figure 3b, half of §2.2's real arm
 _LEVELS = ((0.0, 0.0), (1.0, 0.5), (0.2, 1.0), (0.8, -0.5), (0.0, 0.5), (1.0, 0.0))

@@ -1,18 +1,17 @@
 """Scenarios of arms that stand in laboratories, as their sources describe them.
 
-Arms and sources of their numbers are in `fbl_gym/real_arms.py`. A number that could not be verified
-in a public file is left out; `docs/arms.md` lists these. References are moves within 2 rad of
-hanging in 1 s, for which the nominal arms need at most two thirds of their torque limits.
+Arms and sources of their numbers are in `fbl_gym/model/real_arms.py`. A number that could not be
+verified in a public file is left out; `docs/reference/arms.md` lists these. References are moves
+within 2 rad of hanging in 1 s, for which the nominal arms need at most two thirds of their torque
+limits.
 """
 
 import math
 from typing import Any
 
-from fbl_gym.interface import Limits
-from fbl_gym.real_arms import CICESE, DFKI_A0, DFKI_C1
-from fbl_gym.references import MinimumJerk
+from fbl_gym.model.real_arms import CICESE, DFKI_A0, DFKI_C1
+from fbl_gym.options import Actuator, Friction, Limits, MinimumJerk, Noise, SensorError
 from fbl_gym.scenarios.scenario import Scenario
-from fbl_gym.uncertainty import Actuator, Friction, Noise, SensorError
 
 _WIDE = MinimumJerk(low=(-math.pi / 2 - 2.0, -2.0), high=(-math.pi / 2 + 2.0, 2.0), move_time=1.0)
 

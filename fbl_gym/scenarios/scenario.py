@@ -9,34 +9,35 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-
-from fbl_gym.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.checks import Pair, check_choice, unknown
-from fbl_gym.events import Event, FrictionChange, events
-from fbl_gym.interface import Constraints, Limits
-from fbl_gym.joints import LARGEST_STEP, ElasticJoint, fastest_rate
-from fbl_gym.plants import PLANTS, MuJoCo
-from fbl_gym.real_arms import REAL_ARMS
-from fbl_gym.records import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
-from fbl_gym.references import REFERENCES, ArrayReference, FilteredSteps, MinimumJerk, Reference, Steps
-from fbl_gym.uncertainty import (
-    DISTURBANCES,
+from fbl_gym.exact import MAX_STEPS
+from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters
+from fbl_gym.model.real_arms import REAL_ARMS
+from fbl_gym.model.urdf import load_urdf
+from fbl_gym.options import (
     SENSORS,
     Actuator,
-    Disturbance,
+    Constraints,
+    ElasticJoint,
     Encoder,
+    Event,
     Friction,
+    FrictionChange,
+    Limits,
+    MinimumJerk,
+    MuJoCo,
     Noise,
     ParameterError,
-    SensorError,
-    SineDisturbance,
 )
-from fbl_gym.urdf import load_urdf
+from fbl_gym.options.disturbance import DISTURBANCES, Disturbance
+from fbl_gym.options.events import events
+from fbl_gym.options.plants import PLANTS
+from fbl_gym.options.references import REFERENCES, Reference
+from fbl_gym.records import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
 
 
 def _arm(name: str, value: Any) -> ArmParameters:
-    if isinstance(value, str) and value.endswith(".urdf"):
+    if isinstance(value, str) and ".urdf" in value:
         return load_urdf(value)
     if isinstance(value, str):
         known = ARMS | REAL_ARMS
@@ -52,9 +53,6 @@ def _actuator(name: str, value: Any) -> Actuator:
 
 MAX_SUBSTEPS = 10_000
 """Largest number of physics steps in a control step, also of MuJoCo."""
-
-MAX_STEPS = 2**53
-"""Largest number of steps in any duration: beyond it, a float64 does not hold each whole number."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +95,7 @@ class Scenario(Record):
     arm: ArmParameters = declared(
         TABLE_1,
         _arm,
-        "an ArmParameters, a dict of its fields, the path of a .urdf file, "
+        "an ArmParameters, a dict of its fields, the path of a .urdf file (or FILE.urdf:TIP), "
         + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
         classes=(ArmParameters,),
     )
@@ -124,119 +122,28 @@ class Scenario(Record):
     drawn_per: Literal["episode", "seed"] = choice("episode", ("episode", "seed"))
 
     def validate(self) -> None:
-        """Refuse noise on a sensor that is left out, times that do not divide, too many steps."""
+        """Refuse times that do not divide, too many steps, and options that do not fit together."""
         for name in ("name", "description"):
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         if "position" not in self.sensors:
             raise ValueError(f"sensors must include 'position', got {self.sensors}")
-        for sensor in SENSORS:
-            if getattr(self.noise, sensor, None) is not None and sensor not in self.sensors:
-                raise ValueError(f"noise.{sensor} is given, but sensors={self.sensors} has no {sensor} sensor")
-        encoder = self.encoder
-        if encoder is not None and encoder.difference is not None:
-            if "velocity" not in self.sensors:
-                raise ValueError(f"encoder.difference computes a velocity, but sensors={self.sensors} has none")
-            if self.noise is not None and self.noise.velocity is not None:
-                raise ValueError(
-                    "noise.velocity is of a measured velocity, but encoder.difference computes it from the position"
-                )
-        position: SensorError | None = getattr(self.noise, "position", None)
-        rounded = position is not None and position.quantization != (0.0, 0.0)
-        if rounded and encoder is not None and encoder.counts is not None:
-            raise ValueError(f"give encoder.counts or noise.position.quantization, not both; got {encoder.counts=}")
-        if self.physics_dt > self.control_dt:
+        self.check_multiple("control_dt", self.control_dt, "physics_dt")
+        substeps = self.substeps * (1 if self.plant is None else self.plant.substeps)
+        if substeps > MAX_SUBSTEPS:
             raise ValueError(
-                "physics_dt must divide control_dt, "
-                f"got physics_dt={self.physics_dt:g} s and control_dt={self.control_dt:g} s"
+                f"control_dt must have at most {MAX_SUBSTEPS} physics steps (or steps of MuJoCo), got {substeps}: "
+                "give a longer physics_dt, or less plant.substeps"
             )
-        self._check_multiple("control_dt", self.control_dt, "physics_dt")
-        if self.substeps > MAX_SUBSTEPS:
-            raise ValueError(
-                f"physics_dt must be at least control_dt / {MAX_SUBSTEPS} = {self.control_dt / MAX_SUBSTEPS:g} s, "
-                f"got {self.physics_dt:g} s"
-            )
-        if self.plant is not None and self.substeps * self.plant.substeps > MAX_SUBSTEPS:
-            raise ValueError(
-                f"plant.substeps must be at most {MAX_SUBSTEPS // self.substeps}, so that a control step has no more than "
-                f"{MAX_SUBSTEPS} steps of MuJoCo, got {self.plant.substeps}"
-            )
-        self._check_multiple("duration", self.duration, "control_dt", least=1)
-        if isinstance(self.actuator.delay, float):
-            self._check_multiple("actuator.delay", self.actuator.delay, "physics_dt")
-        if self.friction is None and any(isinstance(event, FrictionChange) for event in self.events):
-            raise ValueError("events change friction, but friction is None: give the friction that they change")
-        self._check_joint()
-        self._check_reference()
-        self._check_disturbance()
+        self.check_multiple("duration", self.duration, "control_dt", least=1)
+        for option in (
+            self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint, self.reference,
+            self.disturbance,
+        ):  # fmt: skip
+            if option is not None:
+                option.check(self)
 
-    def _check_joint(self) -> None:
-        """Refuse elastic joints without rotors, or too stiff for the physics step."""
-        joint, arm, error = self.joint, self.arm, self.parameter_error
-        if joint is None:
-            return
-        if min(self.rotor) <= 0.0:
-            raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {self.rotor}")
-        # The lightest links are the fastest. Lengths may act either way.
-        m1, m2, L1, L2 = (1.0,) * 4 if error is None else error.ratios
-        spread = 1.0 if error is None else 1.0 + error.radius
-        rate = max(
-            fastest_rate(
-                dataclasses.replace(
-                    arm, m1=arm.m1 * m1 / spread, m2=arm.m2 * m2 / spread, L1=arm.L1 * L1 * x1, L2=arm.L2 * L2 * x2
-                ),
-                self.rotor,
-                joint,
-                self.most_viscous,
-            )
-            for x1 in {1.0 / spread, spread}
-            for x2 in {1.0 / spread, spread}
-        )
-        if self.physics_dt * rate > LARGEST_STEP:
-            longest = self.control_dt / math.ceil(self.control_dt * rate / LARGEST_STEP)
-            raise ValueError(
-                f"physics_dt={self.physics_dt:g} s is too long for these joints, whose fastest rate is {rate:.4g} 1/s; "
-                f"physics_dt={longest:.4g} s would do"
-            )
-
-    def _check_reference(self) -> None:
-        """Refuse a reference beyond the limits, and moves and levels shorter than a step."""
-        reference, limit = self.reference, self.limits.position
-        low, high = reference.range
-        if np.abs([low, high]).max() > 2 * limit:
-            raise ValueError(
-                f"reference must stay within the sensors' range, 2 limits.position = {2 * limit:g} rad, "
-                f"got positions from {low} to {high} rad"
-            )
-        points = reference.position if isinstance(reference, ArrayReference) else getattr(reference, "points", None)
-        if points is not None and np.abs(np.array(points) - points[0]).max() > limit:
-            raise ValueError(
-                f"reference must stay within limits.position={limit:g} rad of its start {points[0]}, "
-                f"got positions from {low} to {high} rad"
-            )
-        if isinstance(reference, MinimumJerk):
-            name, duration = "move_time + hold_time", reference.move_time + reference.hold_time
-        elif isinstance(reference, Steps | FilteredSteps):
-            name, duration = "period", reference.period
-        else:
-            return
-        if duration < self.control_dt:
-            raise ValueError(f"reference.{name} must be at least control_dt={self.control_dt:g} s, got {duration:g} s")
-
-    def _check_disturbance(self) -> None:
-        """Refuse times that are no multiples of a physics step."""
-        disturbance = self.disturbance
-        if isinstance(disturbance, SineDisturbance):
-            fastest, limit = ends(disturbance.frequency)[1], 0.25 / self.physics_dt
-            if fastest > limit * (1 + 1e-9):
-                raise ValueError(
-                    f"disturbance.frequency must be at most {limit:g} Hz, a quarter of 1 / physics_dt, got {fastest:g} Hz"
-                )
-        for name, least in (("period", 1), ("width", 1), ("start", 0), ("dt", 1)):
-            if hasattr(disturbance, name):
-                self._check_multiple(f"disturbance.{name}", getattr(disturbance, name), "physics_dt", least)
-
-    def _check_multiple(self, name: str, duration: float, dt_name: str, least: int = 0) -> None:
+    def check_multiple(self, name: str, duration: float, dt_name: str, least: int = 0) -> None:
         """Refuse a duration that is no multiple of a time step, or less than `least` steps."""
         dt = getattr(self, dt_name)
         if duration / dt > MAX_STEPS:
@@ -247,11 +154,25 @@ class Scenario(Record):
         if steps < least:
             raise ValueError(f"{name} must be at least {dt_name}={dt:g} s, got {duration:g} s")
 
+    def check_rate(self, cause: str, rate: float, most: float) -> None:
+        """Refuse a physics step that is too long for a cause's fastest rate [1/s]."""
+        if self.physics_dt * rate > most:
+            longest = self.control_dt / math.ceil(self.control_dt * rate / most)
+            raise ValueError(
+                f"physics_dt={self.physics_dt:g} s is too long for {cause}, whose fastest rate is {rate:.4g} 1/s; "
+                f"physics_dt={longest:.4g} s would do"
+            )
+
     @property
     def rotor(self) -> Pair:
         """Return the real rotor inertias, reflected to the joints [kg m^2]."""
         given = self.joint.rotor_inertia if self.joint is not None else None
         return self.arm.rotor if given is None else given  # type: ignore[return-value]
+
+    @property
+    def lightest(self) -> list[ArmParameters]:
+        """Return the lightest real arms, with their least and largest lengths."""
+        return [self.arm] if self.parameter_error is None else self.parameter_error.lightest(self.arm)
 
     @property
     def most_viscous(self) -> Pair:

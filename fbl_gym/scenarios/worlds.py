@@ -3,7 +3,7 @@
 import dataclasses
 
 from fbl_gym.checks import unknown
-from fbl_gym.plants import WORLDS
+from fbl_gym.options import WORLDS
 from fbl_gym.scenarios.scenario import Scenario
 
 

@@ -16,14 +16,14 @@ from benchmarks.analysis import statistics
 from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
 from benchmarks.analysis.statistics import diverged_share
 from benchmarks.policies.spec import resolve
-from benchmarks.report import figures, markdown, terminal
+from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import columns
 from benchmarks.run.cell import run_cell
 from benchmarks.run.contract import check
 from benchmarks.run.metrics import METRICS, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import Store
-from benchmarks.run.suite import Cell, named, narrow
+from benchmarks.run.suite import Cell, load
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 
@@ -70,7 +70,7 @@ def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
 def test_the_scenarios_cover_every_family_on_both_arms():
     names = scenarios.in_tier("ideal")
     assert len(names) == len(set(names)) == 2 * (1 + 3 * (len(scenarios.families()) - 1))
-    stiction = [scenario.name for scenario in narrow(named("ideal"), ["zero"], ["stiction"]).scenarios]
+    stiction = [scenario.name for scenario in load("ideal").build(["zero"], ["stiction"]).scenarios]
     assert stiction == [f"{arm}stiction-{s}" for arm in ("", "section-2-2/") for s in (1, 2, 3)]
 
 
@@ -93,13 +93,13 @@ def test_leaderboard_command(tmp_path, capsys):
 
 
 def board(policies=("zero", "pid-flm", "cascade-flm", "oracle-flm"), seeds=8, families=("nominal", "mass-error")):
-    return assemble([run_cell(cell) for cell in narrow(named("ideal"), policies, families, seeds).cells])
+    return assemble([run_cell(cell) for cell in load("ideal").build(policies, families, seeds).cells])
 
 
 def test_the_board_against_its_definitions():
     found = board()
     assert found.errors.shape == (4, 7, 8)
-    errors, stay = (np.exp(np.log(x).mean(axis=-1)) for x in (found.errors, found.runs["stay_pct"][0]))
+    errors, stay = (np.exp(np.log(x).mean(axis=-1)) for x in (found.errors, found.runs["baseline_error_pct"][0]))
     np.testing.assert_array_equal(found.ceilings, 3)
     expected = (100 * np.log(stay / errors[2]) / np.log(stay / errors[3])).mean()
     assert found.score.value[2] == pytest.approx(expected)
@@ -130,7 +130,7 @@ def changed(found, scenario, **metrics):
 def test_a_scenario_without_a_ceiling_leaves_the_rest():
     """The oracle is no better than staying in one scenario: it is named, and only its diverged runs count."""
     found = board(families=("nominal", "noise-1"))
-    stay = found.runs["stay_pct"][0, 1].min()
+    stay = found.runs["baseline_error_pct"][0, 1].min()
     blind = changed(found, 1, error_pct=[1.0, 1.0, 1.0, stay])
     assert list(blind.ceilings) == [3, -1]
     alone = board(families=("nominal",))
@@ -146,7 +146,7 @@ def test_diverged_runs_cost_their_price():
     found = board(families=("nominal",))
     runs = {**found.runs, "diverged": found.runs["diverged"].copy()}
     runs["diverged"][2, 0, 0] = 1.0
-    span = np.log(found.runs["stay_pct"][0, 0]).mean() - np.log(found.errors[3, 0]).mean()
+    span = np.log(found.runs["baseline_error_pct"][0, 0]).mean() - np.log(found.errors[3, 0]).mean()
     price = 100 * np.log(2) * 100 * diverged_share(1, 8) / span
     once = dataclasses.replace(found, runs=runs)
     assert once.score.value[2] == pytest.approx(max(found.score.value[2] - price, -100.0))
@@ -192,7 +192,7 @@ def test_a_member_that_fails_or_lacks_a_result_counts_for_its_row():
     failed = dataclasses.replace(results[-1], rows=(), error="RuntimeError: no")
     found = assemble([*results[:-1], failed])
     assert found.failed == {(1, 1): "RuntimeError: no"}
-    np.testing.assert_array_equal(found.errors[1:, 1], found.runs["stay_pct"][1:, 1])
+    np.testing.assert_array_equal(found.errors[1:, 1], found.runs["baseline_error_pct"][1:, 1])
 
 
 def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
@@ -207,7 +207,6 @@ def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
     assert titles[2:4] == ["score", "surprise score"]
     assert "nominal" in titles
     assert "surprise noise" not in titles
-    assert figures.tiers(found)[0]["title"] == "surprise against hardware"
 
 
 def test_a_board_shows_violations_where_scenarios_have_constraints():
@@ -241,14 +240,14 @@ def test_a_suite_that_does_not_separate_its_best_is_too_easy():
 
 
 def test_an_arm_that_stays_scores_nothing():
-    """A reference and an arm that does not move: its error is stay_pct to the bit."""
+    """A reference and an arm that does not move: its error is baseline_error_pct to the bit."""
     trace = rollout("zero", scenarios.get("nominal").replace(friction={"coulomb": 1e6}, actuator=None), range(3))
     for row in measure(trace):
-        assert row["error_pct"] == row["stay_pct"]
+        assert row["error_pct"] == row["baseline_error_pct"]
 
 
 def test_a_policy_without_results_is_left_out_and_named():
-    some = [run_cell(cell) for cell in narrow(named("ideal"), ["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells]
+    some = [run_cell(cell) for cell in load("ideal").build(["zero", "pid-flm"], ["nominal", "noise-1"], 2).cells]
     found = assemble([*some[:3]])
     assert found.policies == ("zero",)
     assert found.incomplete == {"pid-flm": "no result yet for noise-1"}
@@ -274,9 +273,9 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
     found = assemble(results)
     assert found.policies == ("zero", "pid-flm", "oracle-flm")
     assert list(found.failed) == [(1, 1)]
-    np.testing.assert_array_equal(found.errors[1, 1], found.runs["stay_pct"][0, 1])
-    assert "Count as an arm that stays (needs a sensor of velocity): pid-flm in noise-1." in found.remarks
-    assert "`pid-flm`, stays in 1 of 2 |" in markdown.leaderboard(found)
+    np.testing.assert_array_equal(found.errors[1, 1], found.runs["baseline_error_pct"][0, 1])
+    assert "Count as the motionless baseline (needs a sensor of velocity): pid-flm in noise-1." in found.remarks
+    assert "`pid-flm`, motionless in 1 of 2 |" in markdown.leaderboard(found)
     assert found.diverged.high[1] > found.diverged.high[0]  # fewer runs
 
 
@@ -302,7 +301,7 @@ def test_report_and_query_commands(tmp_path, capsys):
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
     assert short.splitlines()[0] == "| rank | policy | score | error % | worst 5 % | diverged % | effort |"
-    assert table in (tmp_path / "docs" / "board.md").read_text()
+    assert table in (tmp_path / "docs" / "results" / "board.md").read_text()
     for line, whole in zip(short.splitlines()[2:], table.splitlines()[2:], strict=True):
         assert whole.startswith(line.rstrip("|"))
     page = (out / "board.html").read_text()
@@ -338,7 +337,7 @@ STRANGER = """
 from dataclasses import dataclass
 
 import controllers
-from fbl_gym.arm import inverse_dynamics
+from fbl_gym.model.arm import inverse_dynamics
 
 
 @dataclass(frozen=True)
@@ -573,11 +572,9 @@ def test_seeds_must_be_a_number(seeds, capsys):
     assert "whole number" in capsys.readouterr().err
 
 
-def test_a_missing_extra_is_named(monkeypatch, capsys):
-    monkeypatch.delitem(sys.modules, "benchmarks.cli.evaluate", raising=False)
-    monkeypatch.delitem(sys.modules, "benchmarks.report.plot", raising=False)
-    monkeypatch.setitem(sys.modules, "matplotlib.axes", None)
-    assert cli.main(["evaluate", "zero"]) == 2
+def test_a_missing_extra_is_named(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert cli.main(["evaluate", "zero", "--seeds", "1", "--plot", str(tmp_path / "trace.png")]) == 2
     assert "this needs matplotlib, which is not installed: pip install 'fbl-gym[bench]'" in capsys.readouterr().err
 
 
@@ -589,9 +586,9 @@ def test_a_folder_that_cannot_be_written_is_an_error(tmp_path, capsys):
     assert "file" in capsys.readouterr().err
 
 
-def test_compare_and_doctor_commands(tmp_path, capsys):
+def test_a_comparison_and_the_doctor(tmp_path, capsys):
     picture = tmp_path / "errors.png"
-    assert cli.main(["compare", "cascade-flm", "zero", "--seeds", "4", "--plot", str(picture)]) == 0
+    assert cli.main(["evaluate", "cascade-flm", "zero", "--seeds", "4", "--plot", str(picture)]) == 0
     assert "0 % (0-0)" in capsys.readouterr().out
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert cli.main(["doctor"]) == 0

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.speed.c_reference import Reference, load
 from fbl_gym import TABLE_1, TwoLinkArmVectorEnv
-from fbl_gym.arm import forward_dynamics
+from fbl_gym.model.arm import forward_dynamics
 
 pytestmark = pytest.mark.skipif(load() is None, reason="no C compiler")
 

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import shlex
+import subprocess
 import sys
 
 import pytest
@@ -14,8 +15,7 @@ from benchmarks.cli import names
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import number
 from benchmarks.run.cell import run_cell
-from benchmarks.run.suite import load as load_suite
-from benchmarks.run.suite import narrow
+from benchmarks.run.suite import load
 
 
 @pytest.mark.parametrize(
@@ -34,10 +34,11 @@ from benchmarks.run.suite import narrow
             "must be a file that can be written, got '/dev/null/x.png': /dev/null: ",
         ),
         ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
-        ("compare zero pid-flm --seeds 20000", "must be at most 10000, the test seeds there are, got '20000'"),
+        ("evaluate zero pid-flm --seeds 20000", "must be at most 10000, the test seeds there are, got '20000'"),
         ("evaluate runs/lost", "must be a name, or a file or folder that exists, got 'runs/lost'"),
         ("leaderboard --policies zero ./", "must be a folder with an agent.json or a .zip, got './'"),
-        ("compare zero", "two policies or more can be compared, got zero"),
+        ("evaluate zero pid-flm --trace a.npz", "--trace is for one policy and one trial, got 2 and 1"),
+        ("evaluate zero --csv runs.txt", "must end in .csv, got 'runs.txt'"),
         ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
         ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
@@ -65,7 +66,7 @@ def test_a_mistake_is_answered_with_what_is_right(line, message, capsys, tmp_pat
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("evaluate bad.py", "fbl-gym: invalid syntax (bad.py, line 2)"),
+        ("evaluate bad.py", "fbl-gym: SyntaxError: invalid syntax (bad.py, line 2)"),
         ("evaluate zero --metrics late.py", "argument --metrics: NameError: name 'nothing' is not defined"),
     ],
 )
@@ -89,14 +90,15 @@ def test_a_list_of_many_names_is_short(capsys):
 def test_the_example_of_a_command_is_right(name):
     parser, _ = cli.prepare(name)
     example = cli.COMMANDS[name].example
+    assert example
     assert example in parser.format_help()
-    parser.parse_args(shlex.split(example.partition(">")[0]))
+    parser.parse_args(shlex.split(example))
 
 
 @pytest.fixture(scope="module")
 def board():
-    tasks = [s for s in load_suite("ideal").scenarios if s.name != "everything-2"]
-    suite = narrow(load_suite("ideal"), ["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
+    tasks = [s for s in load("ideal").scenarios if s.name != "everything-2"]
+    suite = load("ideal").build(["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
     return assemble([run_cell(cell) for cell in suite.cells])
 
 
@@ -155,7 +157,7 @@ def test_a_family_is_listed_once(capsys):
 def test_a_film_without_its_extra_is_refused_before_the_work(capsys, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.delitem(sys.modules, "benchmarks.report.video", raising=False)
-    monkeypatch.setattr("benchmarks.cli.evaluate.rollout", None)
+    monkeypatch.setattr("benchmarks.cli.evaluate.run_trials", None)
     assert cli.main(["evaluate", "zero", "--video", str(tmp_path / "arm.mp4")]) == 2
     assert "pip install 'fbl-gym[render]'" in capsys.readouterr().err
 
@@ -174,3 +176,70 @@ def test_help_on_training_needs_no_extra(capsys, monkeypatch, tmp_path):
 def test_what_takes_no_interface_makes_no_policy(capsys):
     assert cli.main(["evaluate", "os:getcwd", "--seeds", "1"]) == 2
     assert "getcwd makes no policy: it must take the interface" in capsys.readouterr().err
+
+
+WITHOUT_EXTRAS = """
+import sys
+from benchmarks import cli
+absent = {module for modules in cli.EXTRAS.values() for module in modules} - {"torch"}  # SciPy looks for it
+sys.modules.update(dict.fromkeys(absent))
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("command", ["list", "doctor", "--help"])
+def test_first_commands_need_no_extra(command):
+    done = subprocess.run([sys.executable, "-c", WITHOUT_EXTRAS, command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    if command == "list":
+        assert "figure-7" in done.stdout
+        assert "cannot be loaded" not in done.stdout.replace("cannot be loaded: ImportError", "")
+
+
+@pytest.mark.parametrize(
+    ("line", "extra"),
+    [
+        ("evaluate zero", "bench"),
+        ("leaderboard", "bench"),
+        ("query 'SELECT 1'", "analysis"),
+        ("margins pid-flm", "analysis"),
+        ("tune pid-flm", "analysis"),
+    ],
+)
+def test_a_command_names_its_extra(line, extra, tmp_path):
+    code = (
+        WITHOUT_EXTRAS
+        if extra == "bench"
+        else WITHOUT_EXTRAS.replace("cli.EXTRAS.values()", "[cli.EXTRAS['analysis']]")
+    )
+    words = [sys.executable, "-c", code, *shlex.split(line)]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"pip install 'fbl-gym[{extra}]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_no_name_controls_the_terminal(tmp_path, monkeypatch, capsys):
+    """Raw escapes in the names of a scenario and a policy, and in an error, are shown as text."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "evil.toml").write_text('base = "nominal"\nname = "\\u001b[31mred"\nduration = 0.5\n')
+    evil = "\x1b[2Jlaw.py"
+    (tmp_path / evil).write_text("from controllers.simple import Zero as make_policy\n")
+    (tmp_path / "fails.py").write_text("raise ValueError('\\x1b[2J')\n")
+    board = f"--scenarios evil.toml --seeds 1 --policies zero {evil}"
+    for line in (
+        f"evaluate {evil} --scenario evil.toml --seeds 1",
+        f"evaluate zero {evil} --scenario evil.toml --seeds 1",
+        f"leaderboard {board} --workers 1",
+        f"report {board}",
+        f"verify {evil}/\x1b[31mred",
+        f"verify {evil}/lost",
+        "report",
+        "evaluate fails.py",
+        "evaluate \x1b[31mlost",
+    ):
+        with contextlib.suppress(SystemExit):
+            cli.main(shlex.split(line))
+        shown = "".join(capsys.readouterr())
+        assert "\x1b" not in shown
+        assert "\\x1b[" in shown

@@ -45,7 +45,7 @@ def test_a_metric_is_a_function_of_a_trace():
 def test_an_entry_point_names_a_metric(monkeypatch):
     point = metadata.EntryPoint("peak", "mine:peak_torque", "fbl_gym.metrics")
     monkeypatch.setattr(metadata, "entry_points", lambda group: [point] if group == "fbl_gym.metrics" else [])
-    assert find_metrics("peak")[0].place == "mine:peak_torque"
+    assert find_metrics("peak")[0].source == "mine:peak_torque"
     assert find_metrics("peak")[0].digest == find_metrics("mine.py")[0].digest
 
 
@@ -68,7 +68,7 @@ def test_a_metric_is_a_column_of_each_table(folder, capsys):
     assert cli.main(shlex.split(f"report {line} --out .")) == 0
     assert (folder / "board.csv").read_text().splitlines()[0].endswith(",peak_torque")
     assert "Largest torque of joint 1 [N m]: median of the runs" in (folder / "board.html").read_text()
-    assert cli.main(shlex.split("compare zero pd-gravity --seeds 2 --metrics mine.py:peak_torque")) == 0
+    assert cli.main(shlex.split("evaluate zero pd-gravity --seeds 2 --metrics mine.py:peak_torque")) == 0
     assert cli.main(shlex.split("evaluate zero --seeds 1 --metrics mine.py")) == 0
     shown = capsys.readouterr().out
     assert shown.count("peak_torque") == 3

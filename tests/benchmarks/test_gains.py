@@ -5,6 +5,7 @@ import json
 import pytest
 
 from benchmarks.policies import external
+from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import Changed, resolve
 from benchmarks.run.suite import Cell
 from fbl_gym import TwoLinkArmEnv
@@ -43,7 +44,7 @@ def test_gains_of_a_text_reach_the_law(text, frequency, damping):
     assert law.frequency == frequency
     assert law.damping == (damping, damping)
     assert spec.tuning == "given gains"
-    assert Cell(spec, "nominal", (0,)).key != Cell(spec.code, "nominal", (0,)).key
+    assert Cell(spec, "nominal", (0,)).key != Cell(spec.parsed.code.text, "nominal", (0,)).key
 
 
 def test_tuned_gains_are_changed_one_by_one():
@@ -65,7 +66,7 @@ def test_changed_gains_are_another_cell(folder):
 
 def test_gains_hide_no_code_that_needs_trust():
     with pytest.raises(external.Untrusted, match=r"law\.py@gains\.json, whose code would be run"):
-        external.expect_trust("law.py@gains.json", "a suite")
+        external.expect_trust(PolicyName.parse("law.py@gains.json"), "a suite")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """A cell's key: it follows all that the result depends on, and nothing else."""
 
+import json
 import pickle
+import shutil
 import subprocess
 import sys
 from importlib import metadata
@@ -8,10 +10,12 @@ from importlib import metadata
 import numpy as np
 import pytest
 
-from benchmarks.policies import digest, external
+from benchmarks.policies import digest
 from benchmarks.policies.configuration import Inexact, exact
 from benchmarks.policies.digest import closure, file_of, source_digest
-from benchmarks.policies.spec import PolicySpec, names, resolve
+from benchmarks.policies.name import PolicyName
+from benchmarks.policies.spec import PolicySpec, is_unchanged, names, resolve
+from benchmarks.rl.policy import SHIPPED
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
 from controllers.registry import ENTRY_POINTS
@@ -92,9 +96,12 @@ def test_a_law_depends_on_its_modules_the_kernel_and_the_metrics_but_on_no_other
         name: file_of(name) for name in ("benchmarks.run.rollout", "benchmarks.run.metrics", "controllers.adaptive")
     }
     modules = closure(roots)
-    assert {"fbl_gym.kernel.physics", "fbl_gym.arm", "controllers.estimator", "controllers.policy"} <= set(modules)
-    assert not {"controllers.adrc", "fbl_gym.render", "benchmarks.policies.spec", "benchmarks.cli.tune"} & set(modules)
-    assert "controllers.computed_torque" in closure({"benchmarks.rl.policy": file_of("benchmarks.rl.policy")})
+    assert {"fbl_gym.kernel.physics", "fbl_gym.model.arm", "controllers.estimator", "controllers.policy"} <= set(
+        modules
+    )
+    assert not {"controllers.adrc", "fbl_gym.view.render", "benchmarks.policies.spec", "benchmarks.cli.tune"} & set(
+        modules
+    )
 
 
 @pytest.mark.parametrize("module", ["controllers.pid", "fbl_gym.kernel.physics", "benchmarks.run.metrics"])
@@ -187,6 +194,7 @@ class Law(PdGravity):
 
 
 make_policy = Law
+Law.data_files = [{path!r}]
 """
 
 
@@ -274,10 +282,10 @@ make_policy.data_files = ({declared})
 READ = "float(file.read_text())"
 
 
-@pytest.mark.parametrize(("early", "declared"), [(READ, ""), ("pass", '"gain.txt",')])
-def test_the_key_follows_data_files_that_are_read_in_making_or_declared(early, declared, tmp_path):
+@pytest.mark.parametrize("early", [READ, "pass"])
+def test_the_key_follows_declared_data_files(early, tmp_path):
     (tmp_path / "gain.txt").write_text("5")
-    (tmp_path / "law.py").write_text(READER.format(late=READ, early=early, declared=declared))
+    (tmp_path / "law.py").write_text(READER.format(late=READ, early=early, declared='"gain.txt",'))
     before = Cell(str(tmp_path / "law.py"), "nominal", (0,))
     assert run_cell(before).error == ""
     (tmp_path / "gain.txt").write_text("6")
@@ -290,12 +298,69 @@ def test_data_files_are_a_list_of_paths(declared, tmp_path):
     assert "data_files of" in run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error
 
 
-def test_a_data_file_that_the_key_does_not_know_is_a_failed_cell(tmp_path):
+@pytest.mark.parametrize(("early", "late"), [(READ, "pass"), ("pass", READ)])
+def test_a_data_file_that_is_not_declared_is_a_failed_cell(early, late, tmp_path):
     (tmp_path / "gain.txt").write_text("5")
-    (tmp_path / "law.py").write_text(READER.format(late=READ, early="pass", declared=""))
+    (tmp_path / "law.py").write_text(READER.format(late=late, early=early, declared=""))
     error = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error
-    assert f"reads {tmp_path / 'gain.txt'} after it was made" in error
-    assert "list it in the factory's attribute `data_files`" in error
+    assert error.startswith("breaks a promise (data files are declared): reads ")
+    assert f"{tmp_path / 'gain.txt'}, which `data_files` does not list" in error
+
+
+def test_exchanged_contents_of_two_data_files_change_the_key(tmp_path):
+    (tmp_path / "law.py").write_text(f"{LAW}make_policy.data_files = ['a.txt', 'b.txt']\n")
+
+    def key(one, two):
+        (tmp_path / "a.txt").write_text(one)
+        (tmp_path / "b.txt").write_text(two)
+        return Cell(str(tmp_path / "law.py"), "nominal", (0,)).key
+
+    assert key("1", "2") != key("2", "1")
+    assert key("1", "2") == key("1", "2")
+
+
+def test_exchanged_contents_of_two_gains_files_change_the_key(tmp_path):
+    texts = '{"frequency": 8}', '{"damping": 0.7}'
+
+    def key(one, two):
+        (tmp_path / "a.json").write_text(one)
+        (tmp_path / "b.json").write_text(two)
+        return Cell(f"pd-gravity@{tmp_path}/a.json@{tmp_path}/b.json", "nominal", (0,)).key
+
+    assert key(*texts) != key(*texts[::-1])
+
+
+def edit(monkeypatch, module):
+    """As if the module had other code."""
+    real, text = source_digest, file_of(module).read_bytes()
+    monkeypatch.setattr(digest, "source_digest", lambda source: "edited" if source == text else real(source))
+    monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
+
+
+@pytest.mark.parametrize("form", ["folder", "law"])
+def test_an_edit_of_the_law_that_a_policy_uses_makes_its_results_stale(form, tmp_path, monkeypatch):
+    """The folder of a residual agent names its base law, and a law lists those that it uses by name."""
+    if form == "folder":
+        shutil.copytree(SHIPPED / "ppo-residual" / "0", tmp_path / "agent")
+        description = json.loads((tmp_path / "agent" / "agent.json").read_text())
+        description["interface"] |= {"base": "sliding-mode", "gains": {}}
+        (tmp_path / "agent" / "agent.json").write_text(json.dumps(description))
+        name = str(tmp_path / "agent")
+    else:
+        (tmp_path / "law.py").write_text(f"{LAW}make_policy.uses = ('sliding-mode',)\n")
+        name = str(tmp_path / "law.py")
+    spec = resolve(name)
+    assert is_unchanged(spec)
+    edit(monkeypatch, "controllers.adrc")
+    assert is_unchanged(spec)
+    edit(monkeypatch, "controllers.sliding_mode")
+    assert not is_unchanged(spec)
+
+
+def test_a_shipped_agent_depends_on_its_base_law(monkeypatch):
+    before = resolve("ppo-residual@1")
+    edit(monkeypatch, "controllers.computed_torque")
+    assert resolve("ppo-residual@1").identity != before.identity
 
 
 def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
@@ -314,7 +379,7 @@ def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
 
     assert worker().stdout == b"\n"
     file.write_text(LAW.replace("Zero", "PdGravity"))
-    assert b"Changed: the " in worker().stdout
+    assert b"changed since it was resolved" in worker().stdout
 
 
 def test_a_name_of_the_package_wins_over_a_folder_of_that_name(tmp_path, monkeypatch):
@@ -346,7 +411,8 @@ def test_a_name_of_the_package_wins_over_a_folder_of_that_name(tmp_path, monkeyp
     ],
 )
 def test_a_path_may_contain_a_colon(text, parts):
-    assert external.split(text) == parts
+    name = PolicyName.parse(text)
+    assert (name.source, name.attribute) == parts
 
 
 def test_a_law_in_a_folder_with_a_colon_runs(tmp_path):
@@ -357,7 +423,7 @@ def test_a_law_in_a_folder_with_a_colon_runs(tmp_path):
 
 
 def test_an_agent_has_a_key_without_the_packages_of_other_policies():
-    """An agent names its base law as text, so that the digest asks for every policy's module."""
+    """Its base law alone is resolved with it."""
     code = (
         "import sys; sys.modules |= dict.fromkeys(('casadi', 'torch', 'mujoco', 'pygame'))\n"
         "from benchmarks.policies.spec import resolve\n"

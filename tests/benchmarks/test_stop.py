@@ -41,6 +41,20 @@ def group(number):
     return living
 
 
+def isolated(folder):
+    """The living processes of isolated calls that run in a folder."""
+    living = []
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{pid}/cmdline") as file:
+                command = file.read()
+            if "fresh.py" in command and os.readlink(f"/proc/{pid}/cwd") == str(folder):
+                living.append(int(pid))
+        except OSError:
+            continue
+    return living
+
+
 def wait(until, seconds):
     end = time.monotonic() + seconds
     while not until() and time.monotonic() < end:
@@ -57,13 +71,14 @@ def start(tmp_path):
         flag, law = tmp_path / "runs", tmp_path / "slow.py"
         law.write_text(SLOW.format(flag=str(flag), wait=WAITS[how]))
         command = [
-            sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", str(law), "--scenarios", "nominal",
-            "--seeds", "1", "--workers", str(workers), "--store", str(tmp_path / "store"),
+            sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", str(law),
+            "--scenarios", "nominal", "noise", "mass-error", "--seeds", "1",
+            "--workers", str(workers), "--store", str(tmp_path / "store"),
         ]  # fmt: skip
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         # A shell's background job ignores SIGINT, one of nohup SIGHUP, and so would its children.
         pipes["preexec_fn"] = lambda: [signal.signal(n, signal.SIG_DFL) for n in (signal.SIGINT, signal.SIGHUP)]
-        process = subprocess.Popen(command, **pipes, start_new_session=True, stdin=subprocess.DEVNULL)
+        process = subprocess.Popen(command, **pipes, start_new_session=True, stdin=subprocess.DEVNULL, cwd=tmp_path)
         processes.append(process)
         assert wait(lambda: flag.exists() and (workers == 1 or Store(tmp_path / "store").files()), 120)
         return process
@@ -79,30 +94,50 @@ def start(tmp_path):
     ("number", "to_all", "status"),
     [(signal.SIGINT, True, 130), (signal.SIGTERM, False, 143), (signal.SIGHUP, True, 129)],
 )
-def test_a_stopped_board_leaves_no_process_and_says_what_is_kept(number, to_all, status, start):
+def test_a_stopped_board_leaves_no_process_and_says_what_is_kept(number, to_all, status, start, tmp_path):
     """A terminal sends its signals to all processes, `kill` to one."""
     process = start()
     (os.killpg if to_all else os.kill)(process.pid, number)
     out, errors = process.communicate(timeout=20)
     assert process.returncode == status
-    assert "stopped with 1 of 2 cells in " in errors
+    cells = len(Store(tmp_path / "store").files())
+    assert f"stopped with {cells} of 26 cells in " in errors
     assert "the same command goes on from there" in errors
     assert "Traceback" not in out + errors
     assert wait(lambda: not group(process.pid), 5)
 
 
+def test_a_board_whose_store_cannot_be_written_ends(tmp_path):
+    """With more cells than workers."""
+    (tmp_path / "file").write_text("")
+    command = [sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", "pd-gravity", "--workers", "2"]
+    command += [
+        "--scenarios",
+        "nominal",
+        "noise",
+        "mass-error",
+        "--seeds",
+        "1",
+        "--store",
+        str(tmp_path / "file" / "store"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 2
+    assert "Not a directory" in done.stderr
+
+
 @pytest.mark.parametrize(("how", "workers"), [("sleeps", 2), ("computes", 1)])
-def test_workers_end_within_five_seconds_of_a_killed_parent(how, workers, start):
+def test_workers_end_within_five_seconds_of_a_killed_parent(how, workers, start, tmp_path):
     process = start(how, workers)
-    assert len(group(process.pid)) > 1
+    assert isolated(tmp_path)
     process.kill()
-    assert wait(lambda: not group(process.pid), 5)
+    assert wait(lambda: not group(process.pid) and not isolated(tmp_path), 5)
 
 
 def test_other_commands_say_what_is_kept_too(tmp_path):
-    command = ["tune", "pd-gravity", "--trials", "100000", "--seeds", "1", "--scenario", "nominal", "--storage"]
+    command = ["tune", "pd-gravity", "--trials", "100000", "--seeds", "1", "--scenarios", "nominal", "--storage"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "fbl_gym", *command, str(tmp_path)], stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-m", "fbl_gym", *command, f"sqlite:///{tmp_path}/studies.db"], stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert wait(lambda: list(tmp_path.glob("*.db")), 240)
     time.sleep(1)

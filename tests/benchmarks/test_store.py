@@ -11,20 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.run import cell as cell_module
 from benchmarks.run import suite as suite_module
 from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run
 from benchmarks.run.store import Damaged, OtherFormat, Store, _digest
-from benchmarks.run.suite import Cell, named, narrow
-from fbl_gym.scenarios.files import merged
+from benchmarks.run.suite import Cell, load
+from fbl_gym.records import merged
 
 SHORT = {"duration": 0.5}
 
 
 def cells(policies=("zero", "pid-flm", "cascade-flm"), seeds=3, families=("nominal", "mass-error-1", "noise-1")):
-    suite = narrow(named("ideal"), policies, families, seeds)
+    suite = load("ideal").build(policies, families, seeds)
     return [Cell(c.policy, c.scenario.replace(**SHORT), c.seeds) for c in suite.cells]
 
 
@@ -44,7 +45,7 @@ def contents(folder):
 def test_a_finished_cell_is_found_and_not_run_again(tmp_path, monkeypatch):
     assert {o.done for o in finish(cells(), tmp_path)} == {"computed"}
     before = {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()}
-    monkeypatch.setattr(cell_module, "rollout", lambda *_: pytest.fail("it was run again"))
+    monkeypatch.setattr(cell_module, "rollout_trials", lambda *_: pytest.fail("it was run again"))
     assert {o.done for o in finish(cells(), tmp_path)} == {"found"}
     assert {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()} == before
 
@@ -221,27 +222,23 @@ def test_two_processes_share_a_store(tmp_path):
     assert not list(tmp_path.glob(".*"))
 
 
-def test_a_worker_killed_in_a_cell_costs_no_result(tmp_path):
-    """The policy kills its own worker the first time: the pool dies, and the run notices what is missing."""
-    file = tmp_path / "deadly.py"
-    flag = tmp_path / "killed"
-    file.write_text(
-        "import os, pathlib, signal\n"
-        "from controllers.simple import Zero\n"
-        f"flag = pathlib.Path({str(flag)!r})\n"
-        "class Deadly(Zero):\n"
-        "    def torque(self, observation, state):\n"
-        "        if not flag.exists():\n"
-        "            flag.touch()\n"
-        "            os.kill(os.getpid(), signal.SIGKILL)\n"
-        "        return super().torque(observation, state)\n"
-        "make_policy = Deadly\n"
-    )
-    some = [*cells(["zero", "pid-flm"]), Cell(str(file), cells()[0].scenario, (0, 1))]
-    outcomes = finish(some, tmp_path / "store", workers=2)
-    assert flag.exists()
-    assert len(list(Store(tmp_path / "store").results())) == len(some)
-    assert not [o for o in outcomes if o.error]
+def kill_once(item):
+    """Kill the worker of one item, the first time or always."""
+    number, flag, always = item
+    if number == 3 and (always or not flag.exists()):
+        flag.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_a_killed_worker_costs_no_other_answer(always, tmp_path):
+    """With more calls than workers."""
+    items = [(number, tmp_path / "flag", always) for number in range(8)]
+    answers = {item[0]: answer for item, answer in run_parallel(kill_once, items, 2)}
+    assert (tmp_path / "flag").exists()
+    assert isinstance(answers.pop(3), Failed if always else int)
+    assert answers == {number: number for number in range(8) if number != 3}
 
 
 def test_a_policy_that_always_kills_its_worker_is_a_failure_and_the_rest_is_done(tmp_path):
@@ -255,4 +252,4 @@ def test_a_policy_that_always_kills_its_worker_is_a_failure_and_the_rest_is_done
     outcomes = finish(some, tmp_path / "store", workers=2)
     assert len(list(Store(tmp_path / "store").results())) == len(some) - 1
     (failed,) = [o for o in outcomes if o.error]
-    assert "its worker died" in failed.error
+    assert failed.error == "its process died, with exit status 137"

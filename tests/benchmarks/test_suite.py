@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from benchmarks.rl.policy import SHIPPED
-from benchmarks.run.suite import SUITES, Suite, load, members, named, narrow
+from benchmarks.run.suite import SUITES, Suite, load, members
 from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
 
@@ -20,17 +20,17 @@ def test_splits_do_not_overlap():
 
 def test_suites(tmp_path):
     for name in SUITES:
-        suite = named(name)
+        suite = load(name).build(("zero", "pid-flm"))
         assert len({c.id for c in suite.cells}) == len(suite.cells)
         assert all(seed in SPLITS["test"] for c in suite.cells[:1] for seed in c.seeds)
-    board = {scenario.name for scenario in named("hardware").scenarios}
+    board = {scenario.name for scenario in load("hardware").scenarios}
     assert board == {*scenarios.in_tier("hardware", [2]), *scenarios.in_tier("surprise")}
-    assert "ppo-torque" not in named("hardware").policies
-    assert "ppo-residual" in named("hardware").policies
-    assert len(named("full").scenarios) >= 70
+    assert "ppo-torque" not in load("hardware").policy_names
+    assert "ppo-residual" in load("hardware").policy_names
+    assert len(load("full").scenarios) >= 70
     file = tmp_path / "mine.toml"
     file.write_text('policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n')
-    suite = load(str(file))
+    suite = load(str(file)).build()
     assert [s.name for s in suite.scenarios][-1] == "own"
     assert len(suite.cells) == 7
     assert suite.cells[0].seeds == tuple(range(5))
@@ -43,7 +43,7 @@ def test_suites(tmp_path):
     with pytest.raises(ValueError, match="unknown suite 'idel'; did you mean 'ideal'"):
         load("idel")
     with pytest.raises(ValueError, match="seeds must be at most"):
-        narrow(named("ideal"), seeds=20_000)
+        load("ideal").build(seeds=20_000)
 
 
 def test_scenarios_that_share_a_name_keep_their_content(tmp_path):
@@ -54,7 +54,7 @@ def test_scenarios_that_share_a_name_keep_their_content(tmp_path):
         "scenarios = [{parameter_error = 1.1}, {parameter_error = 2.0}, "
         '{name = "nominal", parameter_error = 3.0}, "nominal"]\n'
     )
-    suite = load(str(file))
+    suite = load(str(file)).build()
     assert len({scenario.name for scenario in suite.scenarios}) == len({cell.key for cell in suite.cells}) == 4
     assert all(scenario.name.startswith("nominal") for scenario in suite.scenarios)
     assert scenarios.get("nominal") in suite.scenarios
@@ -64,7 +64,7 @@ def test_scenarios_that_share_a_name_keep_their_content(tmp_path):
 
 def test_a_family_stands_for_its_severities_on_both_arms_or_on_one():
     def chosen(*names):
-        return [scenario.name for scenario in narrow(named("ideal"), ["zero"], names).scenarios]
+        return [scenario.name for scenario in load("ideal").build(["zero"], names).scenarios]
 
     one = [f"noise-{severity}" for severity in (1, 2, 3)]
     other = [f"section-2-2/{name}" for name in one]
@@ -92,7 +92,7 @@ def test_an_agent_stands_for_its_training_seeds_on_a_board():
     assert list(rows) == ["zero", f"{agent}@1", f"{agent}@0", f"{agent}@2"]
     assert rows["zero"] == ("zero",)
     assert (rows[f"{agent}@0"], rows[f"{agent}@2"]) == ((agent,), (agent, f"{agent}@2"))
-    assert rows_of(*narrow(named("ideal"), [agent], ["nominal"]).policies) == rows_of(agent)
+    assert rows_of(*load("ideal").build([agent], ["nominal"]).policies) == rows_of(agent)
 
 
 def test_a_folder_needs_the_sensors_of_its_agent():

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import kendalltau
 
 from benchmarks import cli
-from benchmarks.analysis.transfer import Runs, compare_halves, compare_orders, transfer_best
+from benchmarks.analysis.transfer import Runs, compare_halves, compare_orders
 
 
 def runs(errors, diverged=0.0):
@@ -45,38 +45,22 @@ def test_a_policy_that_diverges_on_both_sides_has_no_place():
     assert compare_orders(runs(errors, lost), runs(errors)).pairs == 3
 
 
-def test_the_best_in_the_other_world():
-    """Diverged runs have their price; ratios are to the best ranked policy there."""
-    spread = np.ones((1, 2, 100))
-    package, world = (np.array(each)[:, None, None] * spread for each in ([1.0, 2.0, 1.5, 0.1], [4.0, 1.0, 2.0, 0.1]))
-    lost = np.zeros((4, 2, 100))
-    lost[0, 0, :1] = 1.0  # 1.8 %, of one scenario out of two: as much as an error of 1.9 %
-    world[1, 1] = 3.0
-    ranked = np.array([True, True, True, False])
-    best = transfer_best(Runs(package, lost), Runs(world, lost), ranked, 5)
-    assert [row.policy for row in best] == [2, 0, 1]
-    assert [row.diverged for row in best] == [0, 1, 0]
-    assert [row.scenario for row in best] == [0, 0, 1]
-    np.testing.assert_allclose([row.ratio for row in best], [2 / 3**0.5, 4 / 3**0.5, 1.0])
-    np.testing.assert_allclose([row.worst for row in best], [2.0, 4.0, 1.5])
-
-
-def test_the_command_prints_tau_and_the_best(tmp_path, capsys):
+def test_the_command_prints_both_boards_and_tau(tmp_path, capsys):
     pytest.importorskip("mujoco")
     broken = tmp_path / "broken.py"
     broken.write_text("def make_policy(interface):\n    raise ValueError('no gains')\n")
-    arguments = ["transfer", "computed-torque", "pd-gravity", "zero", str(broken), "--seeds", "4", "--workers", "1"]
-    arguments += ["--store", str(tmp_path), "--scenario", "hardware-nominal", "hardware-delay-2", "--top", "2"]
-    assert cli.main(arguments) == 1
-    out, err = capsys.readouterr()
-    lines = [line.split() for line in out.splitlines()]
-    assert next(line for line in lines if line[:1] == ["all"])[1] == "1.00"
-    assert sum("mujoco-lab" in line for line in lines) == 3
-    assert f"without {broken}, which failed: " in err
+    base = ["leaderboard", "--world", "mujoco-lab", "--workers", "1", "--store", str(tmp_path)]
+    line = [*base, "--policies", "computed-torque", "pd-gravity", "oracle-flm", str(broken)]
+    assert cli.main([*line, "--seeds", "4", "--scenarios", "hardware-nominal", "hardware-delay-2"]) == 1
+    out = capsys.readouterr().out
+    lines = [words for text in out.splitlines() if (words := text.split())]
+    assert next(words for words in lines if words[0] == "mujoco-lab")[1] == "1.00"
+    places = [tuple(words[:2]) for words in lines if words[0] in ("computed-torque", "pd-gravity")]
+    assert places == [("computed-torque", "1"), ("pd-gravity", "2")] * 2
+    assert any(words[0] == "(oracle-flm)" for words in lines)
+    assert f"Left out: {broken}: ValueError: no gains" in " ".join(out.split())
     assert len(list(tmp_path.glob("*.json"))) == 12
-    assert cli.main([*arguments, "--markdown", "--world", "mujoco-bend"]) == 1
-    assert "| all | " in capsys.readouterr().out
     with pytest.raises(SystemExit):
-        cli.main([*arguments, "--world", "mujoco-soft"])
-    assert cli.main(["transfer", "pd-gravity", "--scenario", "mass-error-9"]) == 2
-    assert cli.main(["transfer", "pd-gravity", "--seeds", "2"]) == 2
+        cli.main([*base, "mujoco-soft"])
+    assert cli.main([*base, "--policies", "pd-gravity", "--seeds", "2"]) == 2
+    assert "--seeds must be at least 4" in capsys.readouterr().err

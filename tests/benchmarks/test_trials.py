@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.run.rollout import rollout, rollout_trials
-from benchmarks.run.suite import named
+from benchmarks.run.suite import load
 from fbl_gym import scenarios
 
 SHORT = scenarios.get("practice-noise-3").replace(duration=1.0)
@@ -36,7 +36,9 @@ def test_a_run_that_diverged_takes_part_in_the_next_trial():
 def test_the_command_prints_each_trial_and_writes_all_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "short.toml").write_text('base = "practice-nominal"\nduration = 2.0')
-    line = "trials zero computed-torque-ilc --scenario short.toml --trials 2 --seeds 3 --csv runs.csv --plot trials.pdf"
+    line = (
+        "evaluate zero computed-torque-ilc --scenario short.toml --trials 2 --seeds 3 --csv runs.csv --plot trials.pdf"
+    )
     assert cli.main(line.split()) == 0
     assert " diverged" in capsys.readouterr().out
     with open("runs.csv") as file:
@@ -49,4 +51,4 @@ def test_the_command_prints_each_trial_and_writes_all_runs(tmp_path, monkeypatch
 
 @pytest.mark.parametrize("suite", ["hardware", "ideal"])
 def test_a_law_that_learns_over_trials_is_not_on_a_board_of_single_ones(suite):
-    assert not any("ilc" in policy for policy in named(suite).policies)
+    assert not any("ilc" in policy for policy in load(suite).policy_names)

@@ -13,7 +13,7 @@ from benchmarks import cli
 from benchmarks.policies.configuration import parse_gain
 from benchmarks.policies.spec import resolve
 from benchmarks.seeds import SPLITS
-from benchmarks.tuning.search import Task, judge, seeds, study_path, summary, tune
+from benchmarks.tuning.search import Task, judge, seeds, summary, tune, write_gains
 from fbl_gym import Scenario, scenarios
 
 NOMINAL = (Scenario(),)
@@ -73,10 +73,14 @@ def test_judging_is_on_tuning_seeds_that_no_trial_saw():
         seeds(16, 9985)
 
 
+def studies(folder):
+    return optuna.get_all_study_names(f"sqlite:///{folder}/studies.db")
+
+
 def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr("benchmarks.cli.tune.TUNED", tmp_path)
-    few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenario", "nominal"]
-    arguments = ["tune", "pid-flm", *few, "--storage", str(tmp_path), "--ship"]
+    few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
+    arguments = ["tune", "pid-flm", *few, "--storage", f"sqlite:///{tmp_path}/studies.db", "--ship"]
     assert cli.main([*arguments, "--trials", "2"]) == 0
     assert json.loads((tmp_path / "pid-flm.json").read_text())["trials"]["count"] == 2
     assert cli.main([*arguments, "--trials", "5"]) == 0
@@ -88,8 +92,8 @@ def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert found["judged"]["count"] == 3
     assert found["judged"]["defaults"]["trial"] == 0
     assert set(found["gains"]) in (set(), {"kp", "ki", "kd"})
-    (path,) = tmp_path.glob("*.db")
-    assert path == study_path(Task("pid-flm", (scenarios.get("nominal"),), seeds(2, 3)[0]), tmp_path)
+    task = Task("pid-flm", (scenarios.get("nominal"),), seeds(2, 3)[0])
+    assert studies(tmp_path) == [f"pid-flm {task.digest}"]
 
 
 def test_the_objective_needs_no_torque_limits_and_prices_each_diverged_run():
@@ -123,18 +127,20 @@ make_policy = Law
 def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "law.py").write_text(LAW)
-    few = shlex.split("--trials 3 --seeds 1 --fresh-seeds 1 --candidates 2 --scenario nominal")
+    few = shlex.split(
+        "--trials 3 --seeds 1 --fresh-seeds 1 --candidates 2 --scenarios nominal --storage sqlite:///studies.db"
+    )
     for policy in ("law.py", "law.py:Law"):
         assert cli.main(["tune", policy, *few]) == 0
         first, _, last = capsys.readouterr().out.splitlines()
         assert first.startswith(f"{policy}: frequency=")
         assert last.endswith(f"use them as {policy}@results/gains")
         assert resolve(f"{policy}@results/gains").configuration["frequency"] == float(first.split("=")[1])
-    assert len(list((tmp_path / "results/tuning").iterdir())) == 2
+    assert len(studies(tmp_path)) == 2
     # Changed code is another law, of which nothing was tried.
     (tmp_path / "law.py").write_text(f"{LAW}changed = True\n")
     assert cli.main(["tune", "law.py", *few]) == 0
-    assert len(list((tmp_path / "results/tuning").iterdir())) == 3
+    assert len(studies(tmp_path)) == 3
 
 
 def gains_of(study):
@@ -150,11 +156,8 @@ def quick_cost(monkeypatch):
 def test_a_resumed_study_repeats_no_trial(tmp_path):
     task = Task("pid-flm", NOMINAL, seeds(1, 1)[0])
     for trials in (2, 3, 4, 5):
-        study = tune(task, trials, tmp_path, {"kp": 3756.0, "ki": 0.1, "kd": 1.0})
+        study = tune(task, trials, f"sqlite:///{tmp_path}/new/studies.db")
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
-    assert [trial.params.get("kp") == 3756 for trial in study.trials] == [False, True, False, False, False]
-    with pytest.raises(ValueError, match="unknown gain of pid-flm 'pk'; did you mean 'kp'"):
-        tune(task, 9, tmp_path, {"pk": 3.0})
 
 
 def test_a_pair_of_gains_is_one_for_each_joint():
@@ -175,38 +178,47 @@ def test_a_pair_of_gains_is_one_for_each_joint():
             "--ship is for the laws that fbl-gym comes with, got 'controllers.",
         ),
         ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
+        ("tune pid-flm --storage results", "storage must be the URL of a database, such as sqlite:///"),
     ],
 )
-def test_what_cannot_be_tuned_is_said(line, message, capsys, tmp_path):
+def test_what_cannot_be_tuned_is_said(line, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     try:
-        status = cli.main([*line.split(), *(["--storage", str(tmp_path)] if line.startswith("tune") else [])])
+        status = cli.main(line.split())
     except SystemExit as left:
         status = left.code
     assert status == 2
     assert message in capsys.readouterr().err
 
 
-def test_two_processes_begin_one_study_together(tmp_path):
-    line = [
-        sys.executable,
-        "-m",
-        "fbl_gym",
-        "tune",
-        "pd-gravity",
-        "--trials",
-        "4",
-        "--seeds",
-        "1",
-        "--fresh-seeds",
-        "1",
-    ]
-    line += ["--candidates", "1", "--scenario", "nominal", "--storage", str(tmp_path), "--out", str(tmp_path)]
-    both = [subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+def test_two_processes_share_a_study(tmp_path):
+    storage = f"sqlite:///{tmp_path}/studies.db?timeout=60"
+    line = f"tune pd-gravity --seeds 1 --fresh-seeds 1 --candidates 1 --scenarios nominal --storage {storage} --out {tmp_path}"
+    assert cli.main([*line.split(), "--trials", "1"]) == 0
+    command = [sys.executable, "-m", "fbl_gym", *line.split(), "--trials", "4"]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     for process in both:
         _, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors
-    (path,) = tmp_path.glob("*.db")
-    study = optuna.load_study(study_name="pd-gravity", storage=f"sqlite:///{path}")
+    (name,) = studies(tmp_path)
+    study = optuna.load_study(study_name=name, storage=storage)
     assert {trial.state.name for trial in study.trials} == {"COMPLETE"}
     gains = [tuple(trial.params.values()) for trial in study.trials if trial.params]
     assert len(set(gains)) == len(gains) >= 2
+
+
+def test_gains_of_another_law_with_the_same_file_name_are_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "law.py").write_text(LAW)
+    gains = {"policy": "a/law.py", "gains": {"frequency": 20.0}}
+    path = write_gains(gains, tmp_path / "gains")
+    write_gains(gains | {"policy": "./a/law.py"}, tmp_path / "gains")
+    with pytest.raises(ValueError, match=r"law\.py\.json has the gains of \./a/law\.py, not of b/law\.py"):
+        write_gains(gains | {"policy": "b/law.py"}, tmp_path / "gains")
+    with pytest.raises(ValueError, match=r"law\.py\.json has the gains of \./a/law\.py, not of b/law\.py"):
+        resolve("b/law.py@gains")
+    assert json.loads(path.read_text())["policy"] == "./a/law.py"
+    for text in ("a/law.py@gains", f"{tmp_path}/a/law.py@gains", f"a/law.py@{path}"):
+        assert resolve(text).configuration["frequency"] == 20.0

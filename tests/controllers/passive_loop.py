@@ -15,7 +15,7 @@ def closed_loop(name, scenario, lanes=8, **gains):
     observation, _ = env.reset(seed=0)
     state, log = policy.initial(observation), []
     for _ in range(scenario.steps - 1):
-        before = state[0] if state else None
+        before = state.estimate if state else None
         q, v = policy.read(observation, "position", "velocity")
         r, dr = policy.read(observation, "reference_position", "reference_velocity")
         s = dr - v + np.array(policy.slope) * (r - q)

@@ -42,7 +42,7 @@ def test_friction_is_estimated():
     friction = {"viscous": (20.0, 5.0), "coulomb": (30.0, 10.0)}
     scenario = scenarios.get("nominal").replace(reference=EXCITING, friction=friction)
     _, state = learn("adaptive-flm-ls", scenario)
-    estimate = np.median(state[7][:, 5:], axis=0)
+    estimate = np.median(state.unknowns[:, 5:], axis=0)
     np.testing.assert_allclose(estimate, [20.0, 5.0, 30.0, 10.0], rtol=0.15)
 
 
@@ -54,14 +54,14 @@ def test_estimates_are_held_at_rest():
     for _ in range(200):
         action, state = policy.predict(observation, state)
         observation = env.step(action)[0]
-    a_sum, estimate = state[5], state[7]
+    a_sum, estimate = state.a, state.unknowns
     assert not a_sum.any()
-    np.testing.assert_array_equal(estimate[0, :5], env.nominal.lumped)
+    np.testing.assert_array_equal(estimate[0, :5], env.interface.nominal.lumped)
 
 
 def test_an_implausible_fit_is_refused():
     policy = controllers.make("adaptive-flm-ls", TwoLinkArmEnv())
-    before = np.concatenate([TwoLinkArmEnv().nominal.lumped, np.ones(4)])[None]
+    before = np.concatenate([TwoLinkArmEnv().interface.nominal.lumped, np.ones(4)])[None]
     a = np.eye(9)[None]
     good = policy.fit(a, np.array([[2.0, 2.0, 1.5, 2.0, 2.0, 0.5, 0.5, -0.5, 0.5]]), before)
     np.testing.assert_allclose(good[0, :5], before[0, :5] * [2.0, 2.0, 1.5, 2.0, 2.0], rtol=1e-6)

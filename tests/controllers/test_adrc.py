@@ -7,7 +7,7 @@ from scipy.linalg import expm
 import controllers
 from controllers.parts import Eso
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.arm import inertia_matrix
+from fbl_gym.model.arm import inertia_matrix
 from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
@@ -17,7 +17,7 @@ FAST = {"control_dt": 1e-3, "physics_dt": 1e-3}
 def run(policy, env, steps):
     """Return the true tracking error [steps + 1 x 2], and the estimate of f at each step [steps x 2]."""
     errors, states = tracking(policy, env, steps)
-    return errors, np.array([state[0][0, :, 2] for state in states])
+    return errors, np.array([state.memory[0, :, 2] for state in states])
 
 
 def error_dynamics(observer):
@@ -71,7 +71,9 @@ def test_a_load_is_rejected_with_a_position_sensor_alone():
         sensors=("position",), reference=STILL, disturbance={"kind": "array", "torque": (tuple(load),)}, duration=20.0
     )
     error, f = run(controllers.make("adrc", env), env, 1000)
-    np.testing.assert_allclose(f[-1], -np.linalg.solve(inertia_matrix(env.nominal, (-1.0, 0.5)), load), rtol=1e-3)
+    np.testing.assert_allclose(
+        f[-1], -np.linalg.solve(inertia_matrix(env.interface.nominal, (-1.0, 0.5)), load), rtol=1e-3
+    )
     assert np.abs(error[-1]).max() < 1e-5
     assert np.abs(error).max() > 1e-3
 

@@ -9,7 +9,7 @@ from benchmarks.run.contract import check
 from controllers.composition import Filtered
 from controllers.parts import Barrier
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.arm import forward_dynamics
+from fbl_gym.model.arm import forward_dynamics
 from fbl_gym.scenarios import as_scenario
 
 BOX = {"low": (-2.1, -0.9), "high": (-1.1, 0.5), "velocity": (0.9, 1.2)}
@@ -82,7 +82,7 @@ def test_the_filter_solves_the_quadratic_program():
     q, v, torque = rng.uniform(-2, 1, (500, 2)), rng.normal(0, 0.5, (500, 2)), rng.normal(0, 100, (500, 2))
     low, high = barrier.accelerations(q, v)
     assert (low <= high).all()
-    safe, wanted = (forward_dynamics(env.nominal, q, v, x) for x in (barrier.filtered(torque, q, v), torque))
+    safe, wanted = (forward_dynamics(env.interface.nominal, q, v, x) for x in (barrier.filtered(torque, q, v), torque))
     inside = (low <= wanted) & (wanted <= high)
     np.testing.assert_allclose(safe, np.clip(wanted, low, high), atol=1e-9)
     np.testing.assert_array_equal((barrier.filtered(torque, q, v) == torque).all(axis=-1), inside.all(axis=-1))
@@ -91,8 +91,8 @@ def test_the_filter_solves_the_quadratic_program():
 
 def test_a_barrier_composes_and_keeps_every_promise():
     scenario = as_scenario("everything-2").replace(constraints=BOX, duration=0.3)
-    name = "pid-flm+derivative+barrier"
+    name = "pid-flm+kalman+barrier"
     assert [f"{result.promise}: {result.detail}" for result in check(name, scenario) if not result.kept] == []
     spec = resolve(name)
     assert spec.configuration["barrier_decay"] == 10.0
-    assert spec.make(TwoLinkArmEnv(), barrier_margin=0.1).barrier.margin == (0.1, 0.1)
+    assert spec.make(TwoLinkArmEnv(), barrier_margin=0.1)._barrier.margin == (0.1, 0.1)

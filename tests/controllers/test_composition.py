@@ -13,6 +13,7 @@ from controllers import registry
 from controllers.composition import Composed, compose
 from controllers.oracle import OracleFlm
 from controllers.parts import OBSERVERS
+from controllers.pid import PidFlm
 from controllers.policy import TorqueLaw
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.records import tuning_ranges
@@ -45,9 +46,9 @@ def test_with_an_exact_model_the_prediction_is_the_true_motion(action, delay, la
     observation, _ = env.reset(seed=1)
     state, predicted, true = law.initial(observation[None]), [], []
     for _ in range(60):
-        queue, present, *_ = state
+        queue, present = state.queue, state.torque
         q, v = law.read(observation[None], "position", "velocity")
-        predicted.append(law.drive.predict(env.nominal, q, v, 0.0 * q, present, law.drive.coming(queue)))
+        predicted.append(law._drive.predict(env.interface.nominal, q, v, 0.0 * q, present, law._drive.coming(queue)))
         true.append((env.truth.position, env.truth.velocity, env.truth.applied_torque))
         decision, state = law.predict(observation, state)
         observation = env.step(decision)[0]
@@ -73,17 +74,17 @@ def test_an_observer_estimates_the_motion(name, wrong_model):
     """With an exact model, those that use it are exact; a wrong model disturbs "kalman" most."""
     ratio = 0.75 if wrong_model else 1.0
     env = TwoLinkArmEnv(sensors=("position",), actuator={"delay": 0.005, "lag": 0.01}, parameter_error=ratio)
-    gains = {f"{name.replace('-', '_')}_bandwidth": 150.0}
+    gains = {f"{name}_bandwidth": 150.0}
     law = controllers.make(f"computed-torque+{name}", env, frequency=5.0, **gains)
     observation, _ = env.reset(seed=0)
     state, errors = law.initial(observation[None]), []
     for _ in range(300):
-        estimate, truth = law.look(observation[None], state)[1][0], env.truth
+        estimate, truth = law._look(observation[None], state)[1][0], env.truth
         errors.append(estimate[:, :3].T - [truth.position, truth.velocity, truth.acceleration])
         decision, state = law.predict(observation, state)
         observation = env.step(decision)[0]
     position, velocity, acceleration = np.abs(errors[50:]).mean(axis=(0, 2))
-    largest = {"derivative": 0.01, "kalman": 0.05 if wrong_model else 1e-3, "eso": 1e-3, "high-gain": 1e-3}
+    largest = {"kalman": 0.05 if wrong_model else 1e-3, "eso": 1e-3}
     assert position < 2e-4
     assert velocity < largest[name]
     assert acceleration < 0.1
@@ -110,7 +111,7 @@ def test_every_law_runs_on_a_late_position_sensor_alone(name):
         observation = env.step(action)[0]
 
 
-@pytest.mark.parametrize("name", ["pid-flm+derivative", "adaptive-robust-flm+eso+predictor"])
+@pytest.mark.parametrize("name", ["pid-flm+kalman", "adaptive-robust-flm+eso+predictor"])
 def test_a_composition_keeps_every_promise(name):
     assert [f"{result.promise}: {result.detail}" for result in check(name) if not result.kept] == []
 
@@ -127,13 +128,26 @@ def test_a_missing_sensor_is_estimated():
 
 
 def test_a_composition_has_the_gains_of_law_and_parts():
-    spec = resolve("pid-flm+high-gain+predictor")
+    spec = resolve("pid-flm+eso+predictor")
     assert (spec.access, spec.needs, spec.tuning, spec.problem) == ("nominal", ("position",), "default gains", "")
-    assert spec.summary.endswith("; with high-gain and predictor")
-    assert spec.configuration["high_gain_bandwidth"] == [150.0, 150.0]
-    assert {"kp", "high_gain_bandwidth", "predictor_lead"} <= set(tuning_ranges(spec.factory()))
-    law = spec.make(TwoLinkArmEnv(actuator={"lag": 0.01}), kp=30.0, high_gain_bandwidth=70.0, predictor_lead=1.0)
-    assert (law.inside.kp, law.observer.bandwidth, law.predictor.lead) == ((30.0, 30.0), (70.0, 70.0), 1.0)
+    assert spec.summary.endswith("; with eso and predictor")
+    assert spec.configuration["eso_bandwidth"] == [80.0, 80.0]
+    assert {"kp", "eso_bandwidth", "predictor_lead"} <= set(tuning_ranges(spec.factory()))
+    law = spec.make(TwoLinkArmEnv(actuator={"lag": 0.01}), kp=30.0, eso_bandwidth=70.0, predictor_lead=1.0)
+    assert (law._inside.kp, law._observer.bandwidth, law._predictor.lead) == ((30.0, 30.0), (70.0, 70.0), 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Named(PidFlm):
+    observer: float = 2.0
+    predictor: float = 3.0
+    inside: float = 4.0
+
+
+def test_a_gain_may_have_the_name_of_a_part():
+    law = compose(Named, "kalman", "predictor")(TwoLinkArmEnv(sensors=("position",)).interface, observer=5.0)
+    assert (law.observer, law._inside.observer, law._inside.predictor, law._inside.inside) == (5.0, 5.0, 3.0, 4.0)
+    assert law.predict(np.zeros(law.interface.layout.size))[0].shape == (2,)
 
 
 def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
@@ -145,7 +159,7 @@ def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
     (tmp_path / "computed-torque+kalman.json").write_text(json.dumps({"gains": gains}))
     assert registry.tuned_gains(name) == gains
     assert resolve(name).tuning == "tuned"
-    assert controllers.make(name, TwoLinkArmEnv()).observer.bandwidth == 60.0
+    assert controllers.make(name, TwoLinkArmEnv())._observer.bandwidth == 60.0
 
 
 @pytest.mark.parametrize(
@@ -175,8 +189,8 @@ def test_a_law_of_a_user_is_composed():
 
     env = TwoLinkArmEnv(sensors=("position",))
     observation, _ = env.reset(seed=0)
-    for factory in (Mine, compose(Mine, "derivative", "predictor")):
+    for factory in (Mine, compose(Mine, "kalman", "predictor")):
         assert np.isfinite(controllers.make(factory, env, gains=(2.0,)).predict(observation)[0]).all()
-    assert compose(Mine, "predictor", "derivative") is not None
+    assert compose(Mine, "predictor", "kalman") is not None
     with pytest.raises(ValueError, match="subclass of TorqueLaw"):
         compose(OracleFlm, "kalman")

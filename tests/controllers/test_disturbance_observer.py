@@ -22,7 +22,7 @@ def test_the_observer_has_its_time_constant(control_dt, bandwidth):
     env = TwoLinkArmVectorEnv(1, scenario)
     policy = controllers.make("computed-torque-dob", env, bandwidth=bandwidth)
     _, states = tracking(policy, env, scenario.steps)
-    estimate = np.array([state[0][0] for state in states])
+    estimate = np.array([state.disturbance[0] for state in states])
     t = control_dt * np.arange(scenario.steps)[:, None]
     # The first sample of an episode ends no interval.
     expected = load * (1 - np.exp(-bandwidth * t))
@@ -46,4 +46,4 @@ def test_the_observer_does_not_wind_up():
     scenario = scenarios.get("nominal").replace(reference=STILL, actuator={"torque_limit": (400, 150)}, duration=3.0)
     env = TwoLinkArmVectorEnv(1, scenario.replace(initial_error=(2.0, 0.0)))
     _, states = tracking(controllers.make("computed-torque-dob", env), env, scenario.steps)
-    assert max(np.abs(state[0]).max() for state in states) < 100.0
+    assert max(np.abs(state.disturbance).max() for state in states) < 100.0

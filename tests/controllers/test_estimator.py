@@ -5,7 +5,7 @@ import pytest
 
 from controllers.estimator import estimate, lumped_of, plausible, point_masses
 from fbl_gym import TABLE_1, ArmParameters
-from fbl_gym.arm import forward_dynamics, inertia_matrix, inverse_dynamics, regressor
+from fbl_gym.model.arm import forward_dynamics, inertia_matrix, inverse_dynamics, regressor
 
 REAL = ArmParameters(m1=31.0, m2=9.0, L1=1.1, L2=0.4)
 

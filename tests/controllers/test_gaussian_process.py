@@ -5,7 +5,7 @@ import numpy as np
 import controllers
 from controllers.gaussian_process import SIGNAL
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import inverse_dynamics
+from fbl_gym.model.arm import inverse_dynamics
 from tests.controllers.closed_loop import tracking
 
 EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
@@ -25,7 +25,7 @@ def test_the_torque_has_the_mean_of_a_gaussian_process():
         )
         rows.append(np.cos(np.concatenate(reference) @ frequencies + phases) * np.sqrt(2 / len(phases)))
         if step:
-            model = inverse_dynamics(env.nominal, q, 0.5 * (v + last), (v - last) / 0.01)
+            model = inverse_dynamics(env.interface.nominal, q, 0.5 * (v + last), (v - last) / 0.01)
             targets.append((torque - model) / policy.stretched)
         else:
             targets.append(np.zeros(2))
@@ -34,7 +34,9 @@ def test_the_torque_has_the_mean_of_a_gaussian_process():
         time = 0.01 * np.arange(len(z))
         kernel = SIGNAL**2 * z @ z.T * np.exp(-np.abs(time[:, None] - time) / 0.5)
         mean = kernel[-1] @ np.linalg.solve(kernel + 2.0**2 * np.eye(len(z)), np.array(targets))
-        plain = inverse_dynamics(env.nominal, q, v, policy.acceleration(observation[None], q[None], v[None])[0])
+        plain = inverse_dynamics(
+            env.interface.nominal, q, v, policy.acceleration(observation[None], q[None], v[None])[0]
+        )
         np.testing.assert_allclose(torque, plain + policy.stretched * mean, rtol=1e-6, atol=1e-6)
         observation = env.step(torque)[0]
 

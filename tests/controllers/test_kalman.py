@@ -38,9 +38,9 @@ def test_the_converged_gain_solves_the_discrete_riccati_equation(acceleration, p
 
 def started(filter_, q, v):
     """Return the state of a filter after the first observation, which ends no sample."""
-    estimate, count, _ = filter_.update(*filter_.initial(q, v), q, np.zeros_like(q))
-    np.testing.assert_array_equal(estimate, np.stack([q, v], axis=-1))
-    return estimate, count
+    state = filter_.update(filter_.initial(q, v), q, np.zeros_like(q))
+    np.testing.assert_array_equal([state.position, state.velocity], [q, v])
+    return state
 
 
 def test_the_batched_update_agrees_with_filterpy():
@@ -49,7 +49,7 @@ def test_the_batched_update_agrees_with_filterpy():
     rng = np.random.default_rng(0)
     y, u = rng.normal(size=(steps, n, 2)), rng.normal(size=(steps, n, 2))
     ours = JointKalman(dt, 0.5, 0.02)
-    estimate, count = started(ours, np.zeros((n, 2)), np.zeros((n, 2)))
+    state = started(ours, np.zeros((n, 2)), np.zeros((n, 2)))
     theirs = []
     for _ in range(2 * n):
         kalman = KalmanFilter(dim_x=2, dim_z=1, dim_u=1)
@@ -58,7 +58,8 @@ def test_the_batched_update_agrees_with_filterpy():
         kalman.x, kalman.P = np.zeros((2, 1)), np.diag([0.02**2, 0.01])
         theirs.append(kalman)
     for k in range(steps):
-        estimate, count, _ = ours.update(estimate, count, y[k], u[k])
+        state = ours.update(state, y[k], u[k])
+        estimate = np.stack([state.position, state.velocity], axis=-1)
         for i, kalman in enumerate(theirs):
             kalman.predict(u=np.array([[u[k].ravel()[i]]]))
             kalman.update(np.array([[y[k].ravel()[i]]]))
@@ -73,13 +74,13 @@ def test_innovations_are_white_at_the_designed_noise():
     true_a = np.sin(3 * t[:-1])[:, None, None] * np.ones((1, n, 2))
     q, v = np.zeros((n, 2)), np.zeros((n, 2))
     filter_ = JointKalman(dt, sa, sp)
-    estimate, count = started(filter_, q + sp * rng.normal(size=(n, 2)), v)
+    state = started(filter_, q + sp * rng.normal(size=(n, 2)), v)
     innovations = []
     for k in range(steps):
         q, v = q + dt * v + dt * dt / 2 * true_a[k], v + dt * true_a[k]
         reading = q + sp * rng.normal(size=(n, 2)), true_a[k] + sa * rng.normal(size=(n, 2))
-        estimate, count, innovation = filter_.update(estimate, count, *reading)
-        innovations.append(innovation)
+        innovations.append(reading[0] - (state.position + dt * state.velocity + dt * dt / 2 * reading[1]))
+        state = filter_.update(state, *reading)
     x = np.array(innovations[500:]).reshape(1500, -1)
     for lag in (1, 2, 5, 20):
         assert abs((x[lag:] * x[:-lag]).mean() / x.var()) < 0.01
@@ -91,11 +92,11 @@ def test_innovations_are_white_at_the_designed_noise():
 def test_an_accelerometer_bias_gives_the_error_of_the_errata():
     """A bias b gives a position error of about b, and a velocity error of 1.41 b, for the paper's two sigmas alike."""
     filter_ = JointKalman(1e-3, PAPER_SIGMA, PAPER_SIGMA)
-    estimate, count = started(filter_, np.zeros((1, 2)), np.zeros((1, 2)))
+    state = started(filter_, np.zeros((1, 2)), np.zeros((1, 2)))
     for _ in range(20_000):
-        estimate, count, _ = filter_.update(estimate, count, np.zeros((1, 2)), np.full((1, 2), 0.1))
-    np.testing.assert_allclose(estimate[0, :, 0], 0.1, rtol=5e-3)
-    np.testing.assert_allclose(estimate[0, :, 1], 0.1414, rtol=5e-3)
+        state = filter_.update(state, np.zeros((1, 2)), np.full((1, 2), 0.1))
+    np.testing.assert_allclose(state.position, 0.1, rtol=5e-3)
+    np.testing.assert_allclose(state.velocity, 0.1414, rtol=5e-3)
 
 
 def result(policy, name, seeds=8, **changes):

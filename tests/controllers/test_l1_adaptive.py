@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 import controllers
 from fbl_gym import TABLE_1, TwoLinkArmEnv
-from fbl_gym.arm import inertia_matrix
+from fbl_gym.model.arm import inertia_matrix
 from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
@@ -36,5 +36,5 @@ def test_the_error_equation_under_a_constant_load(pole):
 def test_saturation_is_not_taken_for_a_disturbance():
     tight = TwoLinkArmEnv(reference=STILL, initial_error=(-1.0, 0.0), actuator={"torque_limit": (330.0, 120.0)})
     errors, states = tracking(controllers.make("l1-adaptive", tight), tight, 900)
-    assert max(np.abs(state[1]).max() for state in states) < 5.0
+    assert max(np.abs(state.filtered).max() for state in states) < 5.0
     assert np.abs(errors[-1]).max() < 1e-3

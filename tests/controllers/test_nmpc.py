@@ -12,7 +12,7 @@ import controllers
 from benchmarks.run.rollout import rollout
 from controllers.nmpc import HORIZON, STEP, acceleration, planner, residuals, terminal
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
-from fbl_gym.arm import forward_dynamics, inertia_matrix
+from fbl_gym.model.arm import forward_dynamics, inertia_matrix
 from tests.controllers.closed_loop import tracking
 
 WEIGHTS = ((100.0, 100.0), (10.0, 10.0))

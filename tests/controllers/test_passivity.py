@@ -3,7 +3,7 @@
 import numpy as np
 
 from controllers.passivity import drift_regressor, momentum_regressor, slotine_li_regressor
-from fbl_gym.arm import coriolis_matrix, gravity_torque, inertia_matrix, regressor
+from fbl_gym.model.arm import coriolis_matrix, gravity_torque, inertia_matrix, regressor
 
 
 def random(n=100, k=4, seed=0):

@@ -5,7 +5,7 @@ from scipy.linalg import expm
 
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, scenarios
-from fbl_gym.arm import inertia_matrix
+from fbl_gym.model.arm import inertia_matrix
 
 REST = np.array([-np.pi / 2, 0.4])
 STILL = {"kind": "minimum-jerk", "points": (tuple(REST),)}

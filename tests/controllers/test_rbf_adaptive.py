@@ -3,9 +3,9 @@
 import numpy as np
 
 import controllers
-from controllers.rbf_adaptive import FEATURES, NODES, bumps, features
+from controllers.rbf_adaptive import FEATURES, NODES, RbfState, bumps, features
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import gravity_torque, inertia_matrix
+from fbl_gym.model.arm import gravity_torque, inertia_matrix
 from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
@@ -20,12 +20,12 @@ def test_the_lyapunov_function_decreases_by_its_derivative():
     policy = controllers.make("rbf-adaptive", env, rate=150.0, forget=0.0)
     observation, _ = env.reset(seed=0)
     weights = np.random.default_rng(0).normal(size=(1, 2, FEATURES))
-    state, d = (weights,), inertia_matrix(TABLE_1, (0.0, np.pi / 2))
+    state, d = RbfState(weights), inertia_matrix(TABLE_1, (0.0, np.pi / 2))
     values, loss = [], [0.0]
     for _ in range(2000):
         q, v = env.truth.position, env.truth.velocity
         s = env.truth.reference_velocity - v + 10.0 * (env.truth.reference - q)
-        m, w = inertia_matrix(TABLE_1, q), state[0][0]
+        m, w = inertia_matrix(TABLE_1, q), state.weights[0]
         values.append(0.5 * s @ m @ s + 0.5 / 150.0 * np.trace(d @ w @ w.T))
         loss.append(loss[-1] + dt * 15.0 * s @ m @ s)
         action, state = policy.predict(observation, state)
@@ -44,7 +44,7 @@ def test_weights_stay_bounded_under_noise():
         observation = np.concatenate([[0.3, -0.2], [-5.0, 4.0], np.zeros(2), [0.1, 0.4], np.zeros(2), 3.0 * np.ones(2)])
         observation[:4] += 3.0 * rng.normal(size=4)
         _, state = policy.predict(observation, state)
-        largest = max(largest, np.linalg.norm(state[0], axis=-1).max())
+        largest = max(largest, np.linalg.norm(state.weights, axis=-1).max())
         most = max(most, np.linalg.norm(features(*observation[None, 6:].reshape(3, 1, 2))))
     assert 0.1 * most / 0.2 < largest <= most / 0.2
 
@@ -62,8 +62,8 @@ def test_the_network_learns_the_gravity_of_a_load():
         if k > 14_000 and k % 20 == 0:
             poses.append(env.truth.reference)
     q = np.array(poses)
-    learned = policy.learned(np.repeat(state[0], len(q), axis=0), features(q, np.zeros_like(q), np.zeros_like(q)))
-    missed = gravity_torque(env.truth.lumped, q) - gravity_torque(env.nominal, q)
+    learned = policy.learned(np.repeat(state.weights, len(q), axis=0), features(q, np.zeros_like(q), np.zeros_like(q)))
+    missed = gravity_torque(env.truth.lumped, q) - gravity_torque(env.interface.nominal, q)
     error = np.sqrt(((learned - missed) ** 2).mean(axis=0) / (missed**2).mean(axis=0))
     assert error.max() < 0.15
 

@@ -45,5 +45,5 @@ def test_estimates_are_those_of_the_links(law):
         action, state = policy.predict(observation, state=state, episode_start=first)
         observation, *_ = env.step(action)
         first = np.zeros(2, dtype=bool)
-    lumped = state[5] if isinstance(policy, AdaptiveFlm) else state[7][:, :5]
+    lumped = state.lumped if isinstance(policy, AdaptiveFlm) else state.unknowns[:, :5]
     np.testing.assert_allclose(lumped, env.truth.lumped, rtol=0.05)

@@ -7,7 +7,7 @@ from scipy.linalg import solve_continuous_are
 import controllers
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
-from fbl_gym.arm import inertia_matrix
+from fbl_gym.model.arm import inertia_matrix
 from tests.controllers.closed_loop import tracking
 from tests.controllers.linear import response
 
@@ -38,7 +38,7 @@ def test_moreno_and_osorios_lyapunov_function_decreases():
         q, v, r, dr = policy.read(observation, "position", "velocity", "reference_position", "reference_velocity")
         s = dr - v + slope * (r - q)
         f = np.linalg.solve(inertia_matrix(TABLE_1, q), env.truth.disturbance)
-        zeta = np.stack([np.sqrt(np.abs(s)) * np.sign(s), f - (state[0][0] if state else 0.0)])
+        zeta = np.stack([np.sqrt(np.abs(s)) * np.sign(s), f - (state.integral[0] if state else 0.0)])
         log.append((np.einsum("ij,ik,kj->j", zeta, p, zeta), np.abs(s)))
         action, state = policy.predict(observation, state)
         observation = env.step(action)[0]

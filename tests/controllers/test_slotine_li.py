@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym import scenarios
-from fbl_gym.arm import inertia_matrix
+from fbl_gym.model.arm import inertia_matrix
 from tests.controllers.passive_loop import EXCITING, closed_loop, wrong
 
 VISCOUS = (60.0, 15.0)

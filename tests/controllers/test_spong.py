@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbl_gym.arm import inertia_matrix
+from fbl_gym.model.arm import inertia_matrix
 from tests.controllers.passive_loop import closed_loop, wrong
 
 

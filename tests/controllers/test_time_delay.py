@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 import controllers
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import forward_dynamics, gravity_torque, inertia_matrix
+from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix
 from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
@@ -20,12 +20,12 @@ def test_without_the_filter_the_law_is_incremental():
     policy = controllers.make("computed-torque-tde", env, bandwidth=AT_ONCE, frequency=8.0)
     observation, _ = env.reset(seed=0)
     state = None
-    before = gravity_torque(env.nominal, policy.read(observation, "position")[0])
+    before = gravity_torque(env.interface.nominal, policy.read(observation, "position")[0])
     for _ in range(100):
         q, v, a = policy.read(observation, "position", "velocity", "acceleration")
         r, dr, ddr = policy.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         desired = ddr + 64.0 * (r - q) + 16.0 * (dr - v)
-        expected = before + np.einsum("nij,nj->ni", inertia_matrix(env.nominal, q), desired - a)
+        expected = before + np.einsum("nij,nj->ni", inertia_matrix(env.interface.nominal, q), desired - a)
         torque, state = policy.predict(observation, state)
         np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
         observation, before = env.step(torque)[0], torque
@@ -39,12 +39,12 @@ def test_the_estimate_has_its_pole(k):
     real = ArmParameters(TABLE_1.m1 / k, TABLE_1.m2 / k, TABLE_1.L1, TABLE_1.L2)
     policy = controllers.make("computed-torque-tde", env, bandwidth=g)
     observation, _ = env.reset(seed=0)
-    torque, state, log = gravity_torque(env.nominal, q), None, []
+    torque, state, log = gravity_torque(env.interface.nominal, q), None, []
     for _ in range(60):
         observation = observation.copy()
         observation[env.layout["acceleration"]] = forward_dynamics(real, q, np.zeros(2), torque)
         torque, state = policy.predict(observation, state)
-        log.append(state[0][0])
+        log.append(state.missed[0])
     # At rest and on its reference the arm needs G of the real arm: d = (1 / k - 1) G.
     left = np.array(log) - (1.0 / k - 1.0) * gravity_torque(TABLE_1, q)
     pole = 1.0 - k * (1.0 - np.exp(-g * 0.01))
@@ -123,8 +123,8 @@ def test_time_delay_control_differences_the_velocity():
     env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
     policy = controllers.make("time-delay", env, frequency=8.0, inertia=(0.1, 0.2))
     observation, _ = env.reset(seed=0)
-    state, before, v0 = None, gravity_torque(env.nominal, policy.read(observation, "position")[0]), None
-    inertia = np.diagonal(inertia_matrix(env.nominal, (0.0, 0.0))) * (0.1, 0.2)
+    state, before, v0 = None, gravity_torque(env.interface.nominal, policy.read(observation, "position")[0]), None
+    inertia = np.diagonal(inertia_matrix(env.interface.nominal, (0.0, 0.0))) * (0.1, 0.2)
     for _ in range(50):
         q, v, r, dr, ddr = policy.read(
             observation, "position", "velocity", "reference_position", "reference_velocity", "reference_acceleration"

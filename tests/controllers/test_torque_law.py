@@ -8,7 +8,7 @@ import pytest
 
 import controllers
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.arm import inverse_dynamics
+from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records import number
 from tests.controllers.closed_loop import tracking
 

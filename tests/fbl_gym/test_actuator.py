@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import TABLE_1, TwoLinkArmEnv
-from fbl_gym.arm import gravity_torque
+from fbl_gym.model.arm import gravity_torque
 from tests.fbl_gym.paired_runs import plain, play, torques, watch
 
 
@@ -17,7 +17,7 @@ def test_the_torque_limit_clips_the_applied_torque():
 def test_a_normalized_action_is_a_fraction_of_the_torque_limit():
     env = TwoLinkArmEnv(actuator={"torque_limit": (300.0, 50.0)})
     env.reset(seed=0)
-    assert env.torque_limit == (300.0, 50.0)
+    assert env.interface.torque_limit == (300.0, 50.0)
     env.step((0.25, -0.5))
     np.testing.assert_array_equal(env.truth.applied_torque, [75.0, -25.0])
     env = TwoLinkArmEnv(actuator={"torque_limit": (300.0, 50.0)}, action="acceleration")

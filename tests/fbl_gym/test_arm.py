@@ -1,5 +1,6 @@
 """The dynamics equals MuJoCo's, Pinocchio's and the paper's equations, and has every arm's properties."""
 
+import dataclasses
 import re
 
 import mujoco
@@ -9,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv
-from fbl_gym.arm import (
+from fbl_gym.model.arm import (
     coriolis_matrix,
     energy,
     forward_dynamics,
@@ -321,3 +322,11 @@ def test_rotors_reach_the_plant_and_the_nominal_model():
         expected = forward_dynamics(arm, truth.position, truth.velocity, truth.applied_torque)
         np.testing.assert_allclose(truth.acceleration, expected, rtol=1e-12)
     assert np.abs(forward_dynamics(plain, truth.position, truth.velocity, truth.applied_torque) - expected).min() > 0.1
+
+
+def test_lumped_parameters_of_a_counterweighted_link_are_those_of_an_arm():
+    arm = ArmParameters(m1=3.0, m2=2.0, L1=0.4, L2=0.3, centre=(0.5, -0.4))
+    np.testing.assert_allclose(ArmParameters.from_lumped(arm.lumped, (0.4, 0.3)).lumped, arm.lumped, rtol=1e-12)
+    balanced = dataclasses.replace(arm, centre=(0.5, 0.0), inertia=1 / 12)
+    with pytest.raises(ValueError, match="neither link balanced"):
+        ArmParameters.from_lumped(balanced.lumped, (0.4, 0.3))

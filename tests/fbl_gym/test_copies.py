@@ -1,13 +1,11 @@
 """The same environment again: from plain data, from its spec, pickled and copied; batches too."""
 
 import copy
-import json
 import pickle
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.registration import EnvSpec
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from tests.fbl_gym.episodes import EVENTFUL, ID, RECORDS, episode
@@ -31,23 +29,6 @@ def test_plain_data_makes_the_same_environment_as_records():
     one, two = gym.make(ID, **RECORDS), gym.make(ID, **PLAIN)
     assert one.unwrapped.scenario == two.unwrapped.scenario
     np.testing.assert_array_equal(episode(one), episode(two))
-
-
-@pytest.mark.parametrize("options", [RECORDS, PLAIN, {"scenario": "paper-10", "noise": None, "action": "torque"}])
-def test_options_survive_the_spec(options):
-    env = gym.make(ID, **options)
-    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert again.unwrapped.scenario == env.unwrapped.scenario
-    assert again.unwrapped.interface == env.unwrapped.interface
-    np.testing.assert_array_equal(episode(env, 20), episode(again, 20))
-    json.loads(env.spec.to_json())
-
-
-def test_a_made_environment_can_be_pickled():
-    env = gym.make(ID, **RECORDS)
-    other = pickle.loads(pickle.dumps(env))
-    assert other.unwrapped.scenario == env.unwrapped.scenario
-    np.testing.assert_array_equal(episode(env), episode(other))
 
 
 @both_ways
@@ -94,19 +75,6 @@ def test_a_pickled_batch_continues_alike():
     other = pickle.loads(pickle.dumps(env))
     for _ in range(25):
         np.testing.assert_array_equal(env.step(np.full((20, 2), 0.1))[0], other.step(np.full((20, 2), 0.1))[0])
-
-
-@pytest.mark.parametrize("duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy])
-def test_a_copied_batch_has_its_truth_and_the_episodes_of_its_seeds(duplicate):
-    env = TwoLinkArmVectorEnv(20, **EVENTFUL)
-    env.reset(seed=0)
-    other = duplicate(env)
-    for _ in range(3):
-        env.step(np.full((20, 2), 0.1))
-        other.step(np.full((20, 2), 0.1))
-    np.testing.assert_array_equal(other.truth.position, env.truth.position)
-    np.testing.assert_array_equal(other.reset(seed=40)[0], env.reset(seed=40)[0])
-    np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
 
 
 def test_a_copy_shares_no_state():

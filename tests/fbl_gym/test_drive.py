@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import forward_dynamics, gravity_torque
+from fbl_gym.model.arm import forward_dynamics, gravity_torque
 from tests.fbl_gym.paired_runs import PLANT, plain, play, same, torques, watch
 
 JUMP = np.array([120.0, -25.0])
@@ -171,3 +171,20 @@ def test_previous_actions_make_the_state_known():
     np.testing.assert_array_equal(one[0][:12], two[0][:12])
     assert not np.array_equal(one[0], two[0])
     assert not np.array_equal(one[3][:12], two[3][:12])
+
+
+def test_a_rate_limit_that_never_acts_changes_nothing():
+    limited = watch("position", "velocity", torque=JUMP, steps=50, actuator={"rate_limit": 1e12, "lag": 0.004})
+    free = watch("position", "velocity", torque=JUMP, steps=50, actuator={"lag": 0.004})
+    np.testing.assert_allclose(limited, free, rtol=1e-5)
+
+
+def test_a_drive_that_fails_gives_no_torque_at_once_whatever_its_lag():
+    event = {"kind": "drive", "time": 0.02, "factor": (0.0, 1.0)}
+    applied, healthy = (
+        watch("applied_torque", torque=JUMP, steps=40, actuator={"lag": 0.05}, events=events)[0]
+        for events in ([event], [])
+    )
+    np.testing.assert_array_equal(applied[:21], healthy[:21])
+    np.testing.assert_array_equal(applied[21:, 0], 0.0)
+    np.testing.assert_array_equal(applied[:, 1], healthy[:, 1])

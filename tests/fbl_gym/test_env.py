@@ -51,11 +51,11 @@ def test_truth_is_a_copy_and_reading_it_changes_nothing():
 
 def test_the_interface_holds_the_nominal_model_and_the_rates():
     env = gym.make(ID, scenario="mixed-error-3").unwrapped
-    assert env.nominal.m1 == 20.0
-    assert env.control_dt == 0.01
-    assert env.torque_limit == (2000.0, 800.0)
+    assert env.interface.nominal.m1 == 20.0
+    assert env.interface.control_dt == 0.01
+    assert env.interface.torque_limit == (2000.0, 800.0)
     assert env.layout.size == env.observation_space.shape[0]
-    assert len(env.layout.names) == len(env.layout.units) == env.layout.size
+    assert len(env.layout.names) == env.layout.size
     assert env.observation_space.dtype == np.float64
 
 

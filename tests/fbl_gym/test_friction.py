@@ -7,8 +7,8 @@ import pytest
 from numba import njit
 from scipy.optimize import lsq_linear
 
-from fbl_gym import friction
-from fbl_gym.friction import resist
+from fbl_gym.kernel import friction
+from fbl_gym.kernel.friction import resist
 
 dry_friction = njit(friction.dry_friction.py_func)
 """For Python; the package's own is compiled for compiled callers alone."""
@@ -23,7 +23,7 @@ def solve(m, g, b, out):
 def test_nine_cases_solve_the_convex_problem():
     """SciPy's bounded least squares gives the friction f in the box with the least energy in M^-1/2 (g - f)."""
     rng = np.random.default_rng(0)
-    n = 3000
+    n = 1000
     root = rng.normal(size=(n, 2, 2)) + 2 * np.eye(2)
     matrix = root @ root.transpose(0, 2, 1)
     m = np.stack([matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]], axis=1)

@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.arm import forward_dynamics
-from fbl_gym.memory import FRICTION_LAWS
+from fbl_gym.kernel.memory import FRICTION_LAWS
+from fbl_gym.model.arm import forward_dynamics
+from fbl_gym.options import Friction
 from fbl_gym.records import declarations
-from fbl_gym.uncertainty import Friction
 from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL
 from tests.fbl_gym.paired_runs import plain, play, same
 

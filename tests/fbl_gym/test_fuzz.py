@@ -1,8 +1,10 @@
 """Random valid options and random actions: nothing breaks, single or batched.
 
-Wider than the check in `test_scenarios.py`: every field of every option, all actions, sensors, rates and autoreset modes.
+The options come from their declarations: a new number needs a range in `RANGES`, and is then in every test.
 """
 
+import dataclasses
+import functools
 import json
 
 import gymnasium as gym
@@ -14,220 +16,179 @@ from hypothesis import strategies as st
 
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.interface import ACTIONS
-from fbl_gym.real_arms import REAL_ARMS
-from fbl_gym.uncertainty import PARAMETERS, SENSORS
+from fbl_gym.model.real_arms import REAL_ARMS
+from tests.fbl_gym.declared import FIELDS
 
 MAX = 2**64 - 1
+RANGES = {
+    "": {"initial_error initial_velocity": (-4, 4)},
+    "arm": {
+        "m1 m2": (0.01, 100),
+        "L1 L2": (0.05, 20),
+        "gravity": (0, 30),
+        "centre": (0.1, 1.5),
+        "inertia rotor": (0, 5),
+    },
+    "parameter_error": {"radius": (0, 5)},
+    "parameter_error.payload": {"mass": (0, 50), "pick_up": (0, 0.2), "drop": (0.201, 0.4)},
+    "noise": {"sigma": (0, 2), "bias": (-2, 2), "density": (0, 0.1), "quantization": (0, 1), "snr_db": (-20, 120)},
+    "encoder": {"counts": (1, 1e6), "difference": (1, 5), "low_pass": (0.1, 1e4), "latency": (0, 5)},
+    "friction": {"viscous": (0, 1e4), "coulomb stiction": (0, 200), "v_s": (1e-8, 1)},
+    "disturbance": {"amplitude": (0, 1e3), "frequency": (0, 25), "phase": (-7, 7)},
+    "actuator": {"torque_limit": (0.1, 1e5), "lag": (0, 10), "delay_samples": (0, 3), "gain": (0, 2)},
+    "actuator.rate_limit": {"rate_limit": (1e-3, 1e6)},
+    "joint": {"stiffness": (1, 1e5), "rotor_inertia": (0.01, 5), "damping": (0, 50), "backlash": (0, 0.5)},
+    "events": {"mass": (0, 20), "factor": (0, 4), "impulse": (-20, 20)},
+    "reference": {"low": (-5, -3), "high": (1, 5), "centre": (-3, 3), "amplitude": (0, 3), "phase": (-7, 7)},
+    "reference.": {"move_time period": (0.12, 1), "hold_time": (0, 0.2), "bandwidth": (0.1, 50), "dt": (0.003, 0.1)},
+    "reference..": {"frequency": (0.01, 20), "harmonics": (1, 9)},
+    "limits": {"position": (10, 100), "error": (0.1, 5), "error_time": (1e-3, 1), "velocity command": (1, 1e3)},
+    "limits.acceleration": {"acceleration": (1, 1e6)},
+    "constraints": {"low": (-3, -1), "high": (0, 2), "velocity": (0.1, 9)},
+    "reward": {"worst": (0.01, 10), "resolution": (1e-6, 1), "weight_tracking": (0.1, 5)},
+    "reward.weight": {"weight_effort weight_chatter": (0, 5)},
+}
+"""Ranges of the numbers, by the start of their path and their name."""
 
+STEPPED = {
+    "actuator.delay": 0,
+    "disturbance.period": 1,
+    "disturbance.width": 1,
+    "disturbance.start": 0,
+    "disturbance.dt": 1,
+}
+"""Times that are multiples of the physics step, and their least number of steps; and those of events."""
 
-def joint(low, high):
-    """One number for both joints, or one for each."""
-    x = st.floats(low, high)
-    return st.one_of(x, st.tuples(x, x))
-
-
-def some(**fields):
-    """A dict of some of the fields."""
-    return st.fixed_dictionaries({}, optional=fields)
-
-
-def with_kind(kind, **fields):
-    return some(**fields).map(lambda values: {"kind": kind, **values})
-
-
-def varied(low, high):
-    """A number within bounds, or a distribution of such numbers; both joints may differ."""
-    numbers = st.lists(st.floats(low, high), min_size=2, max_size=2).map(sorted)
-    kinds = ["uniform", "choice", *(["log_uniform"] if low > 0 else [])]
-    one = st.one_of(st.floats(low, high), st.builds(lambda kind, ends: {kind: ends}, st.sampled_from(kinds), numbers))
-    return st.one_of(one, st.tuples(one, one))
-
-
-SENSOR = st.one_of(
-    joint(0, 2),
-    some(density=varied(0, 0.1), bias=varied(-1, 1)),
-    some(sigma=joint(0, 2), bias=joint(-2, 2), quantization=joint(0, 1)),
-    some(snr_db=st.floats(-20, 120), bias=joint(-2, 2)),
-)
+RATIO = st.floats(0.05, 20)
+SPECIAL = {
+    "parameter_error.ratio": st.one_of(
+        RATIO, st.tuples(*[RATIO] * 4), st.dictionaries(st.sampled_from(["m1", "L2"]), RATIO)
+    ),
+    "arm": st.sampled_from([*scenarios.arms(), *REAL_ARMS]),
+    "parameter_error.parameters": st.lists(st.sampled_from(["m1", "m2", "L1", "L2"]), unique=True),
+}
 ROWS = st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_size=6)
-BOX = {"low": joint(-5, -3), "high": joint(1, 5)}
-REFERENCE = st.one_of(
-    st.sampled_from(["minimum-jerk", "steps", "filtered-steps", "sine", "fourier"]),
-    with_kind("minimum-jerk", **BOX, points=ROWS, move_time=st.floats(0.01, 1), hold_time=st.floats(0, 0.2)),
-    with_kind("steps", **BOX, points=ROWS, period=st.floats(0.01, 1)),
-    with_kind("filtered-steps", **BOX, points=ROWS, period=st.floats(0.01, 1), bandwidth=st.floats(0.1, 50)),
-    with_kind(
-        "sine",
-        centre=joint(-3, 3),
-        amplitude=joint(0, 3),
-        frequency=st.floats(0.01, 20),
-        phase=st.one_of(st.none(), joint(-7, 7)),
-    ),
-    with_kind(
-        "fourier",
-        centre=joint(-3, 3),
-        amplitude=joint(0, 3),
-        frequency=st.floats(0.01, 5),
-        harmonics=st.integers(1, 9),
-    ),
-    st.builds(lambda position, dt: {"kind": "array", "position": position, "dt": dt}, ROWS, st.floats(0.003, 0.1)),
-)
-ARM = st.one_of(
-    st.sampled_from([*scenarios.arms(), *REAL_ARMS]),
-    some(
-        m1=st.floats(0.01, 100),
-        m2=st.floats(0.01, 100),
-        L1=st.floats(0.05, 20),
-        L2=st.floats(0.05, 20),
-        gravity=st.floats(0, 30),
-        centre=joint(0.1, 1.5),
-        inertia=joint(0, 1),
-        rotor=joint(0, 5),
-    ),
-)
-ERROR = st.one_of(
-    st.floats(0.05, 20),
-    some(
-        ratio=st.one_of(
-            st.floats(0.05, 20),
-            st.tuples(*[st.floats(0.05, 20)] * 4),
-            st.dictionaries(st.sampled_from(PARAMETERS), st.floats(0.05, 20)),
-        ),
-        radius=st.floats(0, 5),
-        parameters=st.lists(st.sampled_from(PARAMETERS), unique=True),
-        sampling=st.sampled_from(["each", "together"]),
-        payload=st.one_of(
-            st.floats(0, 50),
-            st.builds(
-                lambda mass, begin, carry: {"mass": mass, "pick_up": begin, "drop": begin + carry},
-                st.floats(0, 50),
-                st.floats(0, 0.2),
-                st.floats(0.001, 0.2),
-            ),
-        ),
-    ),
-)
-FRICTION = some(
-    viscous=varied(0, 1e4),
-    coulomb=varied(0, 200),
-    stiction=varied(0, 200),
-    v_s=varied(1e-8, 1),
-    law=st.sampled_from(["exact", "literal"]),
-)
-REWARD = some(
-    tracking=st.sampled_from(["log", "l1"]),
-    worst=st.floats(0.01, 10),
-    resolution=st.floats(1e-6, 1),
-    weight_effort=st.floats(0, 5),
-    weight_chatter=st.floats(0, 5),
-)
-LIMITS = some(
-    position=st.floats(10, 100),
-    error=st.floats(0.1, 5),
-    error_time=st.floats(1e-3, 1),
-    velocity=st.floats(1, 1e3),
-    acceleration=st.floats(1, 1e6),
-    command=st.floats(1, 1e3),
-)
-JOINT = st.fixed_dictionaries(
-    {"stiffness": st.floats(1, 1e5), "rotor_inertia": joint(0.01, 5)},
-    optional={"damping": joint(0, 50), "backlash": joint(0, 0.5), "encoder": st.sampled_from(["motor", "link"])},
-)
-PLANT = ("arm", "parameter_error", "friction", "joint", "physics_dt", "control_dt", "duration")
-EVENT = st.one_of(
-    st.builds(lambda mass: {"kind": "pick-up", "mass": mass}, st.floats(0, 20)),
-    st.just({"kind": "drop"}),
-    st.builds(lambda factor: {"kind": "friction", "factor": factor}, joint(0, 4)),
-    st.builds(lambda factor: {"kind": "drive", "factor": factor}, joint(0, 2)),
-    st.builds(lambda impulse: {"kind": "knock", "impulse": impulse}, joint(-20, 20)),
-)
+SET = ("physics_dt", "control_dt", "duration", "sensors", "plant")
+"""Options that are drawn together, and MuJoCo, which has tests of its own."""
+
+PLANT = ("arm", "parameter_error", "friction", "joint", "physics_dt", "control_dt", "duration", "events")
+
+
+def range_of(field):
+    """Return the range of a number."""
+    ranges = {start: names for start, names in RANGES.items() if field.stream.startswith(start.rstrip("."))}
+    (ends,) = [
+        ends for all_names in ranges.values() for names, ends in all_names.items() if field.name in names.split()
+    ]
+    return ends
+
+
+def value_of(field, h):
+    """Return a strategy of a field's valid values, as plain data; h is the physics step."""
+    if field.is_record:
+        parents = sorted({other.path.rpartition(".")[0] for other in FIELDS if other.path.startswith(f"{field.path}[")})
+        one = st.one_of(
+            *[record_of(parent, h) for parent in parents or [field.path]], SPECIAL.get(field.path, st.nothing())
+        )
+        return st.lists(one, max_size=3) if field.path == "events" else one
+    if field.path in SPECIAL:
+        return SPECIAL[field.path]
+    if field.is_table:
+        return ROWS
+    if not field.is_number:
+        return st.sampled_from(field.names)
+    if field.stream in STEPPED or field.stream == "events.0.time":
+        return st.integers(STEPPED.get(field.stream, 0), 36).map(lambda k: k * h)
+    low, high = range_of(field)
+    one = st.integers(low, high) if field.is_whole else st.floats(low, high)
+    if field.varies:
+        kinds = ["uniform", "choice", *(["log_uniform"] if low > 0 else [])]
+        ends = st.lists(one, min_size=2, max_size=2).map(sorted)
+        one = st.one_of(one, st.builds(lambda kind, ends: {kind: ends}, st.sampled_from(kinds), ends))
+    one = st.one_of(one, st.tuples(one, one)) if field.is_pair else one
+    return st.one_of(st.none(), one) if field.declaration.optional else one
+
+
+@functools.cache
+def record_of(parent, h):
+    """Return a strategy of the fields of a record, by the path that leads to it."""
+    fields = [field for field in FIELDS if field.path.rpartition(".")[0] == parent and field.path not in SET]
+    kind = {"kind": st.just(fields[0].base["kind"])} if "kind" in fields[0].base else {}
+    needed = {field.name: value_of(field, h) for field in fields if field.default is dataclasses.MISSING}
+    optional = {field.name: value_of(field, h) for field in fields if field.name not in needed}
+    return st.fixed_dictionaries({**kind, **needed}, optional=optional)
 
 
 @st.composite
 def environments(draw):
-    """Arguments of an environment, all valid: times are multiples of what they must be, noise is of sensors that exist."""
-    options = {}
-
-    def maybe(name, strategy):
+    """Arguments of an environment, all valid."""
+    h = draw(st.sampled_from([1e-3, 5e-4, 1 / 300, 0.01]))
+    substeps, steps = draw(st.integers(1, 12)), draw(st.integers(1, 12))
+    options = {"physics_dt": h, "control_dt": substeps * h, "duration": steps * substeps * h, **draw(record_of("", h))}
+    for name, strategy in {
+        "reward": record_of("reward", h),
+        "preview": st.integers(0, 5),
+        "action": st.sampled_from(ACTIONS),
+    }.items():
         if draw(st.booleans()):
             options[name] = draw(strategy)
-
-    h, substeps, steps = (
-        draw(st.sampled_from([1e-3, 5e-4, 1 / 300, 0.01])),
-        draw(st.integers(1, 12)),
-        draw(st.integers(1, 12)),
-    )
-    options |= {"physics_dt": h, "control_dt": substeps * h, "duration": steps * substeps * h}
-    times = st.integers(1, 3 * substeps)
-    maybe("arm", ARM)
-    maybe("parameter_error", ERROR)
-    maybe("friction", FRICTION)
-    maybe("reference", REFERENCE)
-    for name in ("period", "move_time") if "reference" in options else ():
-        if name in options["reference"]:  # a segment lasts a control step at least
-            options["reference"] = {**options["reference"], name: max(options["reference"][name], substeps * h)}
-    maybe("limits", LIMITS)
-    maybe("reward", REWARD)
-    maybe("initial_error", varied(-4, 4))
-    maybe("initial_velocity", varied(-4, 4))
-    maybe("preview", st.integers(0, 5))
-    maybe("action", st.sampled_from(ACTIONS))
-    if draw(st.booleans()):
-        limit = draw(
-            st.one_of(
-                joint(0.1, 1e5), st.none() if options.get("action", "normalized") != "normalized" else joint(1, 9)
-            )
-        )
-        delay = draw(st.integers(0, 3 * substeps)) * h
-        options["actuator"] = {
-            "torque_limit": limit,
-            "delay": delay,
-            "lag": draw(st.sampled_from([0.0, 1e-9, 1e-4, 0.05, 10.0, {"uniform": [0.0, 0.01]}])),
-            "delay_samples": draw(st.one_of(st.integers(0, 3), st.just({"choice": [0, 2]}))),
-            "gain": draw(varied(0, 2)),
-            "rate_limit": draw(st.one_of(st.none(), varied(1e-3, 1e6))),
-        }
     must = {"position"} | ({"velocity"} if options.get("action") == "acceleration" else set())
-    maybe("encoder", some(counts=joint(1, 1e6), latency=st.integers(0, 5)))
-    sensors = [name for name in SENSORS if name in must or draw(st.booleans())]
-    options["sensors"] = sensors
-    maybe("noise", some(**dict.fromkeys(sensors, SENSOR)))
-    noise, encoder = options.get("noise", {}), options.get("encoder", {})
-    position = noise.get("position", {})
-    if isinstance(position, dict) and "quantization" in position:
-        encoder.pop("counts", None)
-    if "velocity" in sensors and "velocity" not in noise and "encoder" in options:
-        encoder |= draw(some(difference=st.integers(1, 5)))
-        if "difference" in encoder:
-            encoder |= draw(some(low_pass=st.floats(0.1, 1e4)))
-    kind = draw(st.sampled_from([None, "piecewise-constant", "sine", "pulses", "array"]))
-    if kind == "piecewise-constant":
-        options["disturbance"] = {"kind": kind, "amplitude": draw(joint(0, 1e3)), "period": draw(times) * h}
-    elif kind == "sine":
-        options["disturbance"] = {"kind": kind, "amplitude": draw(joint(0, 1e3)), "frequency": draw(joint(0, 0.25 / h))}
-    elif kind == "pulses":
-        width = draw(times)
-        timing = {"width": width * h, "period": (width + draw(times)) * h, "start": (draw(times) - 1) * h}
-        options["disturbance"] = {"kind": kind, "amplitude": draw(joint(-1e3, 1e3)), **timing}
-    elif kind == "array":
-        torque = draw(st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)), min_size=1, max_size=5))
-        options["disturbance"] = {"kind": kind, "torque": torque, "dt": draw(times) * h}
-    if draw(st.booleans()):
-        options["joint"] = draw(JOINT)
-        for _ in range(20):  # until it is soft enough for the step
-            try:
-                Scenario(**{name: options[name] for name in PLANT if name in options})
-                break
-            except ValueError:
-                options["joint"] = {**options["joint"], "stiffness": options["joint"]["stiffness"] / 8, "damping": 0.0}
-        else:
-            del options["joint"]
-    time = st.integers(0, 12 * substeps).map(lambda k: k * h)
-    options["events"] = draw(st.lists(EVENT, max_size=3))
-    options["events"] = [event | {"time": draw(time)} for event in options["events"]]
-    if "friction" not in options:
-        options["events"] = [event for event in options["events"] if event["kind"] != "friction"]
+    options["sensors"] = [
+        name for name in ("position", "velocity", "acceleration") if name in must or draw(st.booleans())
+    ]
+    make_valid(options)
     return options
+
+
+def without(fields, *names):
+    """Return the fields of a record less some."""
+    return {name: value for name, value in (fields or {}).items() if name not in names}
+
+
+def make_valid(options):
+    """Take out what contradicts other options."""
+    sensors, encoder = options["sensors"], options.get("encoder") or {}
+    if "noise" in options:
+        noise = {name: error for name, error in options["noise"].items() if name in sensors}
+        for name, error in noise.items():
+            sizes = [size for size in ("snr_db", "density", "sigma") if error.get(size) is not None]
+            noise[name] = without(error, *sizes[1:])
+        if "counts" in encoder and "position" in noise:
+            noise["position"] = without(noise["position"], "quantization")
+        options["noise"] = noise
+    if encoder.get("difference") is None or "velocity" not in sensors or "velocity" in options.get("noise", {}):
+        encoder = without(encoder, "difference", "low_pass")
+    if "encoder" in options:
+        options["encoder"] = encoder
+    if options.get("action", "normalized") == "normalized" and "torque_limit" in (drive := options.get("actuator", {})):
+        options["actuator"] = {**drive, "torque_limit": drive["torque_limit"] or 9.0}
+    if "friction" not in options:
+        options["events"] = [event for event in options.get("events", []) if event["kind"] != "friction"]
+    disturbance, reference = options.get("disturbance", {}), options.get("reference", {})
+    if disturbance.get("kind") == "pulses":
+        width = disturbance.get("width", 0.3)
+        options["disturbance"] = {**disturbance, "width": width, "period": width + disturbance.get("period", 1.0)}
+    for name in ("velocity", "acceleration") if "position" in reference else ():
+        if reference.get(name) is not None:
+            n = len(reference["position"])
+            options["reference"] = reference = {**reference, name: (reference[name] * n)[:n]}
+    if "joint" in options and "friction" in options:
+        options["friction"] = without(options["friction"], "law")
+    while "joint" in options:  # until it is soft enough for the step
+        joint = options["joint"] = {"rotor_inertia": 1.0, **without(options["joint"], "damping")}
+        joint["rotor_inertia"] = joint["rotor_inertia"] or 1.0
+        try:
+            Scenario(**{name: options[name] for name in PLANT if name in options})
+            break
+        except ValueError:
+            joint["stiffness"] = 1.0 if joint["stiffness"] != 1.0 else 0.01
+            if joint["stiffness"] == 0.01:
+                del options["joint"]
+    if "joint" not in options and "friction" in options:
+        try:
+            Scenario(**{name: options[name] for name in PLANT if name in options})
+        except ValueError:  # too strong for the step
+            options["friction"] = without(options["friction"], "viscous")
 
 
 def actions_of(seed, lanes, env):

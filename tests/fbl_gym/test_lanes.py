@@ -115,23 +115,6 @@ def test_truth_of_a_lane_is_that_of_the_single_environment(lanes):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_reset_mask_touches_only_its_lanes(mode):
-    ours, theirs = pair(5, mode)
-    ours.reset(seed=0)
-    theirs.reset(seed=0)
-    for k in range(10):
-        ours.step(np.full((5, 2), 0.001 * k))
-        theirs.step(np.full((5, 2), 0.001 * k))
-    mask = np.array([False, True, False, True, False])
-    seeds = [None, 7, None, None, None]
-    a, _ = ours.reset(seed=seeds, options={"reset_mask": mask.copy()})
-    b, _ = theirs.reset(seed=seeds, options={"reset_mask": mask.copy()})
-    np.testing.assert_array_equal(a, b)
-    for _ in range(15):
-        np.testing.assert_array_equal(ours.step(np.zeros((5, 2)))[0], theirs.step(np.zeros((5, 2)))[0])
-
-
-@pytest.mark.parametrize("mode", MODES)
 def test_a_reset_leaves_the_other_lanes_unchanged(mode):
     """Their observations, rewards, flags and truth are those of a batch without a reset."""
     env, undisturbed = pair(20, mode)[0], pair(20, mode)[0]
@@ -166,22 +149,12 @@ def test_an_ended_lane_still_waits_after_others_are_reset():
 
 
 def test_a_hundred_thousand_lanes_step():
-    env = TwoLinkArmVectorEnv(100_000, "everything-1")
+    env = TwoLinkArmVectorEnv(100_000, "everything-3")
     env.reset(seed=0)
     observations, rewards, *_ = env.step(np.zeros((100_000, 2)))
     assert np.isfinite(observations).all()
-    single = TwoLinkArmEnv("everything-1")
+    single = TwoLinkArmEnv("everything-3")
     single.reset(seed=99_999)
     np.testing.assert_array_equal(observations[-1], single.step(np.zeros(2))[0])
-    assert env._batch._memory.nbytes < 2**28
-    assert rewards.shape == (100_000,)
-
-
-def test_a_hundred_thousand_arms_take_little_memory():
-    """Their state and the results of a step take less than 256 MiB."""
-    env = TwoLinkArmVectorEnv(100_000, "everything-3")
-    observations, _ = env.reset(seed=0)
-    assert np.isfinite(observations).all()
     assert env._batch._memory.nbytes + observations.nbytes < 2**28
-    alone = TwoLinkArmEnv("everything-3")
-    assert np.array_equal(observations[99_999], alone.reset(seed=99_999)[0])
+    assert rewards.shape == (100_000,)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym import TABLE_1, TwoLinkArmEnv
-from fbl_gym.arm import forward_dynamics, inertia_matrix
+from fbl_gym.model.arm import forward_dynamics, inertia_matrix
 
 
 def test_leakage_is_the_nominal_less_the_real_acceleration():

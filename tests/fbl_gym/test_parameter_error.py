@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import forward_dynamics
+from fbl_gym.model.arm import forward_dynamics
 from tests.fbl_gym.paired_runs import LANES, plain, play, same
 
 
@@ -79,7 +79,7 @@ def test_parameters_hold_through_an_episode_and_change_with_the_next():
 def test_errors_change_the_real_arm_and_not_the_nominal_model():
     env = TwoLinkArmEnv(parameter_error={"ratio": 2.0, "payload": 4.0})
     env.reset(seed=0)
-    assert env.nominal == TABLE_1
+    assert env.interface.nominal == TABLE_1
     np.testing.assert_array_equal(env.truth.masses, [40.0, 30.0])
     np.testing.assert_array_equal(env.truth.lengths, [1.4, 1.0])
     assert np.abs(env.truth.leakage).max() > 0.1
@@ -97,7 +97,7 @@ def test_errors_change_the_real_arm_and_not_the_nominal_model():
 def test_the_arm_reaches_the_plant_and_the_nominal_model(arm):
     env = TwoLinkArmEnv(arm=arm)
     env.reset(seed=0)
-    assert env.nominal == arm
+    assert env.interface.nominal == arm
     np.testing.assert_allclose(env.truth.lumped, arm.lumped, rtol=1e-15)
     q, v = env.truth.position, env.truth.velocity
     for _ in range(5):

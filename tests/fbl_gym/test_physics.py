@@ -14,18 +14,18 @@ import pytest
 from scipy.integrate import ode
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import forward_dynamics, inertia_matrix, inverse_dynamics
-from fbl_gym.interface import Limits
-from fbl_gym.references import SineReference
-from fbl_gym.uncertainty import (
+from fbl_gym.model.arm import forward_dynamics, inertia_matrix, inverse_dynamics
+from fbl_gym.options import (
     Actuator,
     ArrayDisturbance,
     Friction,
+    Limits,
     ParameterError,
     Payload,
     PiecewiseConstantDisturbance,
     PulseDisturbance,
     SineDisturbance,
+    SineReference,
 )
 
 # The independent model.

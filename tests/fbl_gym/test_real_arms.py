@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import forward_dynamics, gravity_torque, inertia_matrix, inverse_dynamics
-from fbl_gym.real_arms import CICESE, DFKI_C1, PELICAN, REAL_ARMS
+from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix, inverse_dynamics
+from fbl_gym.model.real_arms import CICESE, DFKI_C1, PELICAN, REAL_ARMS
 from fbl_gym.scenarios.real import REAL
 
 STATES = np.random.default_rng(0).uniform(-3, 3, (50, 2))

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from fbl_gym import ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import inverse_dynamics
-from fbl_gym.references import HIGH, LOW
+from fbl_gym.model.arm import inverse_dynamics
+from fbl_gym.options.references import HIGH, LOW
 
 POINTS = ((-1.0, 0.2), (-0.4, -0.5), (-1.9, 0.8))
 FINE = {"control_dt": 1e-3, "physics_dt": 1e-3}
@@ -30,30 +30,6 @@ SMOOTH = {
     "fourier": {"kind": "fourier"},
     "array": {"kind": "array", "position": np.sin(np.outer(np.arange(501) / 80, [1, 2])), "dt": 0.01},
 }
-
-
-@pytest.mark.parametrize("reference", SMOOTH.values(), ids=SMOOTH.keys())
-def test_velocity_and_acceleration_are_derivatives(reference):
-    r, v, a = motion(reference)
-    inside = slice(1, -1)
-    np.testing.assert_allclose(np.gradient(r, 1e-3, axis=0)[inside], v[inside], atol=2e-2)
-    assert np.median(np.abs(np.gradient(r, 1e-3, axis=0) - v)[inside]) < 2e-5
-    assert np.median(np.abs(np.gradient(v, 1e-3, axis=0) - a)[inside]) < 2e-4
-
-
-def test_minimum_jerk_moves_from_rest_to_rest_through_its_points():
-    r, v, a = motion({"kind": "minimum-jerk", "points": POINTS, "move_time": 1.0, "hold_time": 0.5})
-    for i, point in enumerate(POINTS):
-        begin = 1500 * i if i < 2 else 2500
-        np.testing.assert_allclose(r[begin], point, atol=1e-12)
-        np.testing.assert_allclose(v[begin], 0.0, atol=1e-12)
-        np.testing.assert_allclose(a[begin], 0.0, atol=1e-9)
-        if i:
-            rest = slice(1500 * i - 500, 1500 * i)
-            assert np.all(r[rest] == r[1500 * i - 500])
-    # Flash and Hogan: half way at half time, with 1.875 times the mean speed.
-    np.testing.assert_allclose(r[500], np.mean(POINTS[:2], axis=0), atol=1e-12)
-    np.testing.assert_allclose(v[500], 1.875 * np.subtract(POINTS[1], POINTS[0]), atol=1e-12)
 
 
 def test_steps_start_at_the_first_level_and_jump_at_each_period():
@@ -86,15 +62,6 @@ def test_a_sine_reference_is_its_formula():
     )
     expected = np.array([-1.0, 0.5]) + np.array([0.3, 0.6]) * np.sin(2 * np.pi * 0.4 * t + [0.0, 1.0])
     np.testing.assert_allclose(r, expected, atol=1e-12)
-
-
-def test_fourier_series_has_its_harmonics_and_bound():
-    r, _, _ = motion({"kind": "fourier", "frequency": 0.2, "harmonics": 4, "amplitude": (1.0, 0.5), "centre": 0.0}, 5.0)
-    assert np.all(np.abs(r) <= [1.0, 0.5])
-    spectrum = np.abs(np.fft.rfft(r[:-1], axis=0)) / 2500  # one period
-    weights = 1 / np.arange(1, 5)
-    np.testing.assert_allclose(spectrum[1:5, 0], weights / weights.sum(), atol=1e-9)
-    assert spectrum[5:].max() < 1e-9
 
 
 def test_an_array_reference_returns_its_samples_and_holds_the_last():
@@ -353,13 +320,13 @@ def test_an_array_longer_than_the_episode_is_cut():
     ids=["table-1", "section-2-2"],
 )
 def test_no_move_in_the_box_needs_more_than_the_stated_torque(arm, load, stated, limit):
-    """Between any two points of a 9 x 9 grid over the box, at the uncertainty's corners: torque is linear in each mass.
+    """Between any two points of a 7 x 7 grid over the box, at the uncertainty's corners: torque is linear in each mass.
 
     `references.py` and `scenarios/ideal.py` state the numbers.
     """
     s = np.linspace(0, 1, 61)
     share, rate, bend = 10 * s**3 - 15 * s**4 + 6 * s**5, 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
-    grid = np.array(list(itertools.product(*np.linspace(LOW, HIGH, 9).T)))
+    grid = np.array(list(itertools.product(*np.linspace(LOW, HIGH, 7).T)))
     ends = np.array(list(itertools.product(grid, grid)))
     begin, way = ends[:, 0], ends[:, 1] - ends[:, 0]
     q = begin[:, None] + way[:, None] * share[:, None]
@@ -385,9 +352,8 @@ def test_the_heaviest_arm_can_follow_the_default_reference():
         control_dt=1e-3,
     )
     env.reset(seed=0)
-    worst = 0.0
+    worst, truth = 0.0, env.truth
     for _ in range(8000):
-        truth = env.truth
         a = (
             truth.reference_acceleration
             + 100 * (truth.reference - truth.position)
@@ -396,7 +362,8 @@ def test_the_heaviest_arm_can_follow_the_default_reference():
         torque = inverse_dynamics(truth.lumped, truth.position, truth.velocity, a)
         assert np.all(np.abs(torque) <= (2000.0, 800.0))
         env.step(torque)
-        worst = max(worst, np.abs(env.truth.reference - env.truth.position).max())
+        truth = env.truth
+        worst = max(worst, np.abs(truth.reference - truth.position).max())
     assert worst < 2e-3
 
 

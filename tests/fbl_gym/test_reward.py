@@ -24,7 +24,7 @@ def test_the_reward_is_the_documented_equation(form):
     reward = {"tracking": form, "worst": 1.5, "resolution": 2e-3, **weights}
     env = TwoLinkArmEnv(reward=reward, noise={"position": 0.1})
     env.reset(seed=0)
-    rng, before = np.random.default_rng(0), env.truth.applied_torque / env.torque_limit
+    rng, before = np.random.default_rng(0), env.truth.applied_torque / env.interface.torque_limit
     for _ in range(60):
         u = rng.uniform(-0.2, 0.2, 2)
         reward = env.step(u)[1]
@@ -42,7 +42,7 @@ def test_effort_and_chatter_measure_the_command_not_the_applied_torque():
         reward={"weight_tracking": 0.0, "weight_effort": 1.0, "weight_chatter": 3.0},
     )
     env.reset(seed=0)
-    before, rng = env.truth.applied_torque / env.torque_limit, np.random.default_rng(0)
+    before, rng = env.truth.applied_torque / env.interface.torque_limit, np.random.default_rng(0)
     for _ in range(20):
         u = rng.uniform(-1.5, 1.5, 2)
         reward = env.step(u)[1]

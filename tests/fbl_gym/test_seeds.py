@@ -32,12 +32,6 @@ def test_an_episode_does_not_depend_on_earlier_ones():
     np.testing.assert_array_equal(episode(fresh), episode(used))
 
 
-def test_no_global_random_state_is_touched():
-    before = random.getstate(), np.random.get_state()[1].tobytes()  # noqa: NPY002
-    episode(TwoLinkArmEnv("everything-3"))
-    assert (random.getstate(), np.random.get_state()[1].tobytes()) == before  # noqa: NPY002
-
-
 def test_no_numpy_or_python_random_state_is_touched_by_making_seeding_or_drawing():
     before = random.getstate(), repr(np.random.get_state(legacy=False))  # noqa: NPY002
     env = TwoLinkArmEnv("everything-3", reference="fourier")

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.arm import inertia_matrix
+from fbl_gym.model.arm import inertia_matrix
 from tests.fbl_gym.dry_arm import FLAT, STILL, flat
 
 
@@ -43,7 +43,7 @@ LOCKED = {"coulomb": (20.0, 1e5), "stiction": (10.0, 0.0), "v_s": 1e-3}
 ALONE = float(inertia_matrix(FLAT, (0.4, 0.7))[0, 0])
 
 
-@pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 5e-2])
+@pytest.mark.parametrize("h", [4e-4, 2e-3, 1e-2, 5e-2])
 def test_a_coasting_joint_stops_after_v2_i_over_2f(h):
     """Under Coulomb friction alone it stops after v^2 I / (2 f), late by f h^2 / (8 I) at most."""
     coasting = {"kind": "sine", "centre": (0.4, 0.7), "amplitude": (0.5, 0.0), "frequency": 1 / math.pi}
@@ -52,10 +52,12 @@ def test_a_coasting_joint_stops_after_v2_i_over_2f(h):
         arm=FLAT, action="torque", actuator=None, reference=coasting, friction=friction, control_dt=h, physics_dt=h
     )
     env.reset(seed=0)
-    assert env.truth.velocity.tolist() == [1.0, 0.0]
-    while env.truth.velocity[0] != 0.0:
+    truth = env.truth
+    assert truth.velocity.tolist() == [1.0, 0.0]
+    while truth.velocity[0] != 0.0:
         env.step((0.0, 0.0))
-        assert env.truth.position[1] == 0.7
+        truth = env.truth
+        assert truth.position[1] == 0.7
     stop, late = 0.4 + ALONE / (2 * 20.0), 20.0 * h**2 / (8 * ALONE)
     assert abs(env.truth.time - ALONE / 20.0) <= h * (1 + 1e-9)
     assert -1e-11 <= env.truth.position[0] - stop <= late + 1e-11

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import gravity_torque, inertia_matrix, inverse_dynamics
+from fbl_gym.model.arm import gravity_torque, inertia_matrix, inverse_dynamics
 from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL, flat
 
 
@@ -33,7 +33,7 @@ def test_a_changing_load_below_breakaway_moves_nothing(h):
     env.reset(seed=0)
     before = env.truth.position
     largest = np.zeros(2)
-    for _ in range(round(2.0 / env.control_dt)):
+    for _ in range(round(2.0 / env.interface.control_dt)):
         env.step((0.0, 0.0))
         largest = np.maximum(largest, np.abs(env.truth.friction_torque))
         np.testing.assert_allclose(env.truth.friction_torque, -env.truth.disturbance, rtol=1e-12)
@@ -71,7 +71,7 @@ def test_friction_holds_a_load_with_gravity():
     env = TwoLinkArmEnv(action="torque", reference=STILL, friction=DRY)
     env.reset(seed=0)
     before = env.truth.position
-    load = gravity_torque(env.nominal, before) + np.array([25.0, -11.0])
+    load = gravity_torque(env.interface.nominal, before) + np.array([25.0, -11.0])
     for _ in range(999):
         env.step(load)
     assert np.array_equal(env.truth.position, before)

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from scipy import stats
 
-from fbl_gym import streams
+from fbl_gym.kernel import streams
 
 # The package's functions are compiled for compiled callers alone.
 philox, uniforms, normals = (njit(f.py_func) for f in (streams.philox, streams.uniforms, streams.normals))

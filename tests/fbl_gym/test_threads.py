@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 
-from fbl_gym import TwoLinkArmVectorEnv, batch
+from fbl_gym import TwoLinkArmVectorEnv
+from fbl_gym.kernel import batch
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])

@@ -7,7 +7,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.wrappers import ErrorCoordinates
+from fbl_gym.envs.wrappers import ErrorCoordinates
 from tests.fbl_gym.episodes import ID, RECORDS
 
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from fbl_gym import Scenario, TwoLinkArmEnv
-from fbl_gym.arm import coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
-from fbl_gym.urdf import load_urdf
+from fbl_gym.model.arm import coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
+from fbl_gym.model.urdf import load_urdf
 
-pytest.importorskip("yourdfpy")
 pin = pytest.importorskip("pinocchio")  # Windows has none
 
 
@@ -83,9 +82,25 @@ def test_lengths_gravity_and_tilt(file):
 def test_an_environment_takes_the_file(file):
     path = file(chain())
     env = TwoLinkArmEnv(arm=path)
-    assert env.nominal == load_urdf(path)
+    assert env.interface.nominal == load_urdf(path)
     scenario = Scenario(arm=path)
     assert Scenario.from_dict(scenario.to_dict()) == scenario  # without the file
+
+
+BEHIND = """<link name="weight"/><joint name="back" type="fixed"><parent link="two"/><child link="weight"/>
+    <origin xyz="-0.8 0 0"/></joint>"""
+
+
+def test_of_several_frames_the_tip_is_named(file):
+    """A frame behind the elbow, farther than the tip, was once taken as the tip."""
+    path = file(chain(centre2="0.12 0 0", extra=BEHIND))
+    with pytest.raises(ValueError, match=r"one frame at its tip, got tool, weight: name it, as in .*\.urdf:tool"):
+        load_urdf(path)
+    arm = load_urdf(f"{path}:tool")
+    assert arm == load_urdf(file(chain(centre2="0.12 0 0")))
+    assert Scenario(arm=f"{path}:tool").arm == arm
+    with pytest.raises(ValueError, match=r"unknown tip in .* 'to'; did you mean 'tool'"):
+        load_urdf(f"{path}:to")
 
 
 THIRD = """<link name="hand"/><joint name="wrist" type="revolute"><parent link="two"/><child link="hand"/>

@@ -11,8 +11,7 @@ from tests.fbl_gym.episodes import EVENTFUL
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"num_envs": 0}, "num_envs must be a whole number not below 1, got 0"),
-        ({"num_envs": 2.5}, "num_envs must be"),
+        *[({"num_envs": n}, "num_envs must be a whole number not below 1, got") for n in (0, -1, 2.5, True, "2", None)],
         ({"num_envs": 2, "autoreset_mode": "Nextstep"}, "did you mean 'NextStep'"),
         ({"num_envs": 2, "max_episode_steps": 0}, "max_episode_steps must be"),
     ],
@@ -22,12 +21,6 @@ def test_bad_arguments_are_named(arguments, message):
         TwoLinkArmVectorEnv(**arguments)
     with pytest.raises(TypeError, match="unexpected keyword argument 'nois'; did you mean 'noise'"):
         TwoLinkArmVectorEnv(2, nois=3)
-
-
-@pytest.mark.parametrize("num_envs", [0, -1, 2.5, True, "2", None])
-def test_a_bad_number_of_lanes_is_named(num_envs):
-    with pytest.raises(ValueError, match="num_envs must be a whole number not below 1, got"):
-        TwoLinkArmVectorEnv(num_envs)
 
 
 def test_after_a_bad_action_no_lane_has_moved():
@@ -60,14 +53,24 @@ def test_the_first_bad_lane_is_named_and_the_episode_continues():
             np.testing.assert_array_equal(x, y)
 
 
-def test_bad_seeds_are_named():
-    env = TwoLinkArmVectorEnv(2)
-    for seed in ([1, 2, 3], -1, [0, -1], 2**64 - 1):
-        with pytest.raises(ValueError, match="seed must be"):
-            env.reset(seed=seed)
+NO_SEEDS = [
+    2.5,
+    np.float64(2.0),
+    np.array(5),
+    "5",
+    True,
+    -1,
+    2**64 - 1,
+    {},
+    [1],
+    [0, -1],
+    [1, 2.5],
+    [1, "2"],
+    [1, 2, 3],
+]
 
 
-@pytest.mark.parametrize("seed", [2.5, np.float64(2.0), "ab", True, -1, [1, 2.5], [1, "2"], {}, [1]])
+@pytest.mark.parametrize("seed", NO_SEEDS, ids=str)
 def test_a_bad_seed_is_named_and_changes_no_episode(seed):
     env, twin = TwoLinkArmVectorEnv(2), TwoLinkArmVectorEnv(2)
     env.reset(seed=0)
@@ -103,12 +106,6 @@ def test_the_first_reset_is_of_every_lane(mode):
     with pytest.raises(ResetNeeded, match="the first reset must be of every lane"):
         env.reset(seed=3, options={"reset_mask": np.array([True, False])})
     np.testing.assert_array_equal(env.reset(seed=0)[0], twin.reset(seed=0)[0])
-
-
-@pytest.mark.parametrize("seed", [np.array(5), "5", 1.5, {1: 2}])
-def test_a_seed_of_the_wrong_type_is_named(seed):
-    with pytest.raises(ValueError, match="seed must be"):
-        TwoLinkArmVectorEnv(2).reset(seed=seed)
 
 
 def test_without_autoreset_a_lane_that_ended_must_be_reset():

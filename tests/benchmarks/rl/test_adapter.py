@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from benchmarks.rl.adapter import ACTIONS, AdapterSettings, AgentAdapter
+from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
 from benchmarks.rl.agent import Agent
-from benchmarks.rl.vector_adapter import SideBySide, VectorAdapter
+from benchmarks.rl.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.arm import forward_dynamics
+from fbl_gym.model.arm import forward_dynamics
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
 
 
-@pytest.mark.parametrize("action", ACTIONS)
-@pytest.mark.parametrize("history", [0, 3])
-@pytest.mark.parametrize("context", [False, True])
+@pytest.mark.parametrize(
+    ("action", "history", "context"),
+    [("torque", 0, False), ("acceleration", 3, False), ("residual", 0, True), ("residual", 3, True)],
+)
 def test_an_agent_acts_as_in_training(action, history, context):
     """Closed loops on the plain environment and on the training environment are equal over several episodes."""
     settings = AdapterSettings(action=action, history=history, context=context)
@@ -122,29 +123,3 @@ def test_an_agent_is_not_applicable_without_its_sensors():
         ValueError, match=r"not applicable: .* position, velocity, acceleration, got position, velocity"
     ):
         Agent(TwoLinkArmEnv("hardware-nominal").interface, settings, actor)
-
-
-def test_environments_side_by_side_are_one():
-    def adapted(scenario):
-        env = TwoLinkArmVectorEnv(2, scenario, autoreset_mode="SameStep", duration=0.05 * (1 + (scenario != "nominal")))
-        return VectorAdapter(env, AdapterSettings(history=1))
-
-    names = ("nominal", "everything-2")
-    together, apart = SideBySide([adapted(name) for name in names]), [adapted(name) for name in names]
-    first = together.reset(seed=[1, 2, 3, 4])[0]
-    np.testing.assert_array_equal(
-        first, np.concatenate([apart[0].reset(seed=[1, 2])[0], apart[1].reset(seed=[3, 4])[0]])
-    )
-    rng, ends = np.random.default_rng(0), np.zeros(4)
-    for _ in range(12):
-        actions = rng.uniform(-1, 1, (4, 2))
-        *signals, info = together.step(actions)
-        one, two = apart[0].step(actions[:2]), apart[1].step(actions[2:])
-        for signal, *parts in zip(signals, one, two, strict=False):
-            np.testing.assert_array_equal(signal, np.concatenate(parts))
-        done = signals[2] | signals[3]
-        ends += done
-        for lane in np.flatnonzero(done):
-            part = (one, two)[lane // 2][4]["final_obs"][lane % 2]
-            np.testing.assert_array_equal(info["final_obs"][lane], part)
-    assert ends.tolist() == [2, 2, 1, 1]

@@ -12,6 +12,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
 
 from benchmarks.policies import external
+from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve
 from benchmarks.rl.sb3 import load_zip
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmVectorEnv
@@ -90,7 +91,7 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, t
         pytest.importorskip("sb3_contrib")
     env = TwoLinkArmEnv()
     model, path = save_model(tmp_path, env, algorithm, **settings)
-    external.trust(str(path))
+    external.trust(PolicyName.parse(str(path)))
     observation, _ = env.reset(seed=0)
     np.testing.assert_array_equal(
         resolve(str(path)).make(env).predict(observation, deterministic=True)[0],
@@ -98,8 +99,10 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, t
     )
 
 
-@pytest.mark.parametrize("algorithm", ["PPO", "RecurrentPPO"])
-@pytest.mark.parametrize("options", [{}, {"scenario": "hardware-delay-2"}, {"past_actions": 0}])
+@pytest.mark.parametrize(
+    ("algorithm", "options"),
+    [("PPO", {}), ("PPO", {"past_actions": 0}), ("RecurrentPPO", {"scenario": "hardware-delay-2"})],
+)
 def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(algorithm, options, tmp_path):
     module, policy = ("stable_baselines3", "MlpPolicy")
     if algorithm == "RecurrentPPO":
@@ -123,7 +126,7 @@ def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(
 
 def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
     _, path = save_model(tmp_path, TwoLinkArmTrackingEnv())
-    external.trust(str(path))
+    external.trust(PolicyName.parse(str(path)))
     for scenario in ("everything-2", "hardware-everything-2"):
         env = TwoLinkArmEnv(scenario)
         action, _ = resolve(str(path)).make(env).predict(env.reset(seed=0)[0])
@@ -136,8 +139,12 @@ def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "sbx", None)  # as if it were not installed
     path = tmp_path / "model.zip"
     for data, message in (
-        ({"policy_class": {"__module__": "mine.policies"}}, "A2C, .* got one whose network is of mine.policies"),
+        (
+            {"policy_class": {"__module__": "mine.policies"}},
+            "must hold a model of stable-baselines3, .* got a network of mine.policies",
+        ),
         ({"policy_class": {"__module__": "sbx.sac.policies"}}, "needs sbx, which is not .*: pip install sbx-rl"),
+        ({"policy_class": {"__module__": "sb3_contrib.none.policies"}}, "needs none of sb3_contrib, which has no such"),
         ({}, "must be an archive that stable-baselines3's save wrote"),
     ):
         with zipfile.ZipFile(path, "w") as archive:
@@ -160,7 +167,7 @@ def test_a_folder_of_hugging_face_is_a_policy(tmp_path):
     path.rename(folder / "ppo-arm.zip")
     with pytest.raises(external.Untrusted):
         resolve(str(folder))
-    external.trust(str(folder))
+    external.trust(PolicyName.parse(str(folder)))
     observation = TwoLinkArmEnv().reset(seed=0)[0]
     action, _ = resolve(str(folder)).make(TwoLinkArmEnv()).predict(observation, deterministic=True)
     expected = model.predict(env.reset(seed=0)[0], deterministic=True)[0]

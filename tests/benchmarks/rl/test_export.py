@@ -6,8 +6,7 @@ import pytest
 from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.export import export
 from benchmarks.rl.sb3 import ALGORITHMS, find_class
-from benchmarks.rl.vec_env import ArmVecEnv
-from benchmarks.rl.vector_adapter import VectorAdapter
+from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym import TwoLinkArmVectorEnv
 
 OFF_POLICY = {"learning_starts": 10, "buffer_size": 100}

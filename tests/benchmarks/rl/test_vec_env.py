@@ -83,18 +83,35 @@ def test_agents_learn_the_same_bits_as_on_single_environments(algorithm, options
 def test_attributes_and_methods_follow_sb3():
     env = batched()
     assert env.get_attr("render_mode") == [None] * LANES
-    assert env.get_attr("interface", indices=1) == [env.env.unwrapped.interface]
+    assert env.get_attr("interface", indices=1) == [env.envs[0].unwrapped.interface]
     assert env.env_is_wrapped(gym.wrappers.TimeLimit) == [False] * LANES
-    env.seed(4)
-    env.reset()
-    third = env.get_attr("truth")[2]
-    single = gym.make("fbl_gym/TwoLinkArm-v0", **OPTIONS)
-    single.reset(seed=6)
-    np.testing.assert_array_equal(third.masses, single.unwrapped.truth.masses)
     assert not env.has_attr("no_such_thing")
     for change in (lambda: env.set_attr("scenario", None), lambda: env.env_method("reset")):
         with pytest.raises(AttributeError, match="lanes share one environment"):
             change()
+
+
+def test_environments_side_by_side_are_one():
+    def batch(scenario):
+        duration = 0.05 if scenario == "nominal" else 0.1
+        return fbl_gym.TwoLinkArmTrackingVectorEnv(2, scenario, autoreset_mode="SameStep", duration=duration)
+
+    names = ("nominal", "everything-2")
+    together, parts = ArmVecEnv(*map(batch, names)), [ArmVecEnv(batch(name)) for name in names]
+    for seed, env in ((1, together), (1, parts[0]), (3, parts[1])):
+        env.seed(seed)
+    np.testing.assert_array_equal(together.reset(), np.concatenate([part.reset() for part in parts]))
+    rng, ends = np.random.default_rng(0), np.zeros(4)
+    for _ in range(12):
+        actions = rng.uniform(-1, 1, (4, 2)).astype(np.float32)
+        *signals, infos = together.step(actions)
+        one, two = parts[0].step(actions[:2]), parts[1].step(actions[2:])
+        for signal, *halves in zip(signals, one, two, strict=False):
+            np.testing.assert_array_equal(signal, np.concatenate(halves))
+        for info, half in zip(infos, one[3] + two[3], strict=True):
+            np.testing.assert_equal(info, half)
+        ends += signals[2]
+    assert ends.tolist() == [2, 2, 1, 1]
 
 
 def test_seeds_and_options_hold_for_one_reset():

@@ -1,26 +1,42 @@
 """Speeds compared with a baseline, and peers."""
 
-from dataclasses import asdict
+import json
+import sys
 
 import pytest
 
-from benchmarks.speed import peers
-from benchmarks.speed.environments import Speed, compare
+from benchmarks.speed import __main__, environments
+from benchmarks.speed.environments import compare
 from fbl_gym import TABLE_1
 
-ROWS = [Speed("peer", 10.0, 9.0, 11.0, 1.0, ""), Speed("arm", 80.0, 70.0, 90.0, 8.0, "peer")]
+ROWS = [{"name": "peer", "ratio": 1.0, "peer": ""}, {"name": "arm", "ratio": 8.0, "peer": "peer"}]
 
 
 def test_ratios_are_compared_with_a_baseline():
-    baseline = [asdict(row) for row in (ROWS[0], Speed("arm", 40.0, 40.0, 40.0, 4.0, "peer"))]
-    assert compare(ROWS, baseline) == {"arm": 2.0}
+    assert compare(ROWS, [ROWS[0], ROWS[1] | {"ratio": 4.0}]) == {"arm": 2.0}
 
 
 def test_a_contestant_that_the_baseline_lacks_is_left_out():
-    assert compare(ROWS, [asdict(ROWS[0])]) == {}
+    assert compare(ROWS, ROWS[:1]) == {}
+
+
+def test_the_command_prints_and_stores_the_measurements(monkeypatch, tmp_path, capsys):
+    path = tmp_path / "speed.json"
+    contestants = {"peer": (lambda: 1, ""), "arm": (lambda: 8, "peer")}
+    monkeypatch.setattr(environments, "_contestants", lambda: contestants)
+    monkeypatch.setattr(environments, "ROUND_S", 0.01)
+    for arguments in (["--out", str(path)], ["--baseline", str(path)]):
+        monkeypatch.setattr(sys, "argv", ["speed", "--rounds", "1", *arguments])
+        __main__.main()
+    stored = json.loads(path.read_text())
+    assert [row["name"] for row in stored["contestants"]] == ["peer", "arm"]
+    assert "times its ratio in" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["speed", "--rounds", "0"])
+    with pytest.raises(SystemExit):
+        __main__.main()
+    assert "--rounds: must be at least 1, got 0" in capsys.readouterr().err
 
 
 def test_mujoco_steps_the_arm():
     pytest.importorskip("mujoco")
-    assert peers.mujoco_arm(TABLE_1)() == 1
-    assert peers.mujoco_arms(TABLE_1, 4)() == 4
+    assert environments.mujoco_arm(TABLE_1)() == 1

@@ -5,12 +5,12 @@ import time
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.speed import timing
+from benchmarks.speed import environments
 from fbl_gym import TwoLinkArmVectorEnv
 
 
 def test_rates_are_environments_per_second(monkeypatch):
-    monkeypatch.setattr(timing, "ROUND_S", 0.02)
+    monkeypatch.setattr(environments, "ROUND_S", 0.02)
     calls = []
 
     def contestant(name, environments):
@@ -21,7 +21,7 @@ def test_rates_are_environments_per_second(monkeypatch):
 
         return step
 
-    rates = timing.measure_rates({"one": contestant("one", 1), "many": contestant("many", 100)}, rounds=2)
+    rates = environments.measure_rates({"one": contestant("one", 1), "many": contestant("many", 100)}, rounds=2)
     assert [len(values) for values in rates.values()] == [2, 2]
     assert calls[:2] == ["one", "many"]  # the warm-up
     turns = [name for name, before in zip(calls[2:], [None, *calls[2:]], strict=False) if name != before]
@@ -31,6 +31,6 @@ def test_rates_are_environments_per_second(monkeypatch):
 
 
 def test_a_contestant_returns_the_number_of_its_environments():
-    single = timing.single(gym.make("fbl_gym/TwoLinkArm-v0", duration=0.05), np.zeros(2))
+    single = environments.single(gym.make("fbl_gym/TwoLinkArm-v0", duration=0.05), np.zeros(2))
     assert [single() for _ in range(12)] == [1] * 12  # beyond the end of an episode
-    assert timing.batch(TwoLinkArmVectorEnv(3), np.zeros((3, 2)))() == 3
+    assert environments.batch(TwoLinkArmVectorEnv(3), np.zeros((3, 2)))() == 3

@@ -1,0 +1,249 @@
+"""Calls in other processes: `run_isolated` for external code, `run_parallel` for many calls.
+
+An external policy may change anything in its process, such as `np.seterr` or a class of fbl-gym. It
+may also hang, take all memory, die, or start processes of its own. Each call of its code therefore
+has a fresh process, and a group of processes that ends with the call.
+
+    parent ── supervisor ── the call ── processes that it starts
+              └─ one group, which ends with the call, at its limit of time, and with the parent
+"""
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from fbl_gym.checks import check_number
+from fbl_gym.records import set_fields
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
+Answer = TypeVar("Answer")
+Item = TypeVar("Item")
+
+
+class Failed(RuntimeError):
+    """An isolated call died, took too long, or raised an error but no ValueError."""
+
+
+@dataclass(frozen=True)
+class CallLimits:
+    """Longest time of one call [s], and most memory [GB]; None: as much as there is."""
+
+    seconds: float = 3600.0
+    gigabytes: float | None = None
+
+    def __post_init__(self) -> None:
+        set_fields(self, seconds=check_number("cell-timeout", self.seconds, above=0, high=threading.TIMEOUT_MAX))
+        if self.gigabytes is not None:
+            check_number("cell-memory", self.gigabytes, above=0, high=1e6)
+            if not sys.platform.startswith("linux"):
+                raise ValueError(f"cell-memory must be left out on {sys.platform}, which does not limit memory")
+
+
+def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallLimits | None = None) -> Answer:
+    """Call a function in a fresh Python process and return its result; raise its ValueError here.
+
+    Args:
+        function: of a module.
+        *arguments: plain data.
+        limits: of the call; None: an hour, and as much memory as there is.
+
+    Raises:
+        Failed: there is no result.
+    """
+    limits = limits or CallLimits()
+    alive, ours = os.pipe()  # it closes when this process ends
+    posix: Any = {"pass_fds": (alive,), "start_new_session": True} if os.name == "posix" else {}
+    # A file has no reader that waits for its end, which a process of the policy may hold open.
+    with tempfile.TemporaryFile() as request, tempfile.TemporaryFile() as answer:
+        pickle.dump((os.getcwd(), limits, function, arguments), request)
+        request.seek(0)
+        command = [sys.executable, str(Path(__file__).with_name("fresh.py")), str(alive), *_search_path()]
+        try:
+            process = subprocess.Popen(command, stdin=request, stdout=answer, **posix)
+            try:
+                process.wait(limits.seconds)
+            except subprocess.TimeoutExpired:
+                raise Failed(f"it took longer than {limits.seconds:g} s, see --cell-timeout") from None
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL) if posix else process.kill()
+                process.wait()
+        finally:
+            os.close(alive)
+            os.close(ours)
+        answer.seek(0)
+        try:
+            error, value = pickle.load(answer)
+        except (EOFError, pickle.UnpicklingError):
+            raise Failed(f"its process died, with exit status {process.returncode}") from None
+    if error is not None:
+        raise error
+    result: Answer = value
+    return result
+
+
+def _search_path() -> list[str]:
+    """Return the folders of modules, the standard library's first, without the current folder.
+
+    A file such as signal.py in a folder of the user must not take the place of a standard module.
+    """
+    library, site = os.path.dirname(os.__file__), ("site-packages", "dist-packages")
+    standard = [folder for folder in sys.path if folder.startswith(library) and not folder.endswith(site)]
+    return [*standard, *(folder for folder in sys.path if folder and folder not in standard)]
+
+
+def serve() -> None:
+    """Answer the request on the standard input, and end this process."""
+    request, answer = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    # A policy may read and print.
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    try:
+        folder, limits, function, arguments = pickle.load(request)
+        os.chdir(folder)  # the policy may be named by a relative path
+        if limits.gigabytes is not None:
+            resource.setrlimit(resource.RLIMIT_DATA, (int(1e9 * limits.gigabytes),) * 2)
+        reply = pickle.dumps((None, function(*arguments)))
+    except BaseException as problem:
+        kind = ValueError if isinstance(problem, ValueError) else Failed
+        text = text_of(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
+        reply = pickle.dumps((kind(text), None))
+    answer.write(reply)
+    answer.flush()
+    os._exit(0)  # whatever threads the policy has started
+
+
+LONGEST = 2000
+"""Characters of an error that are kept."""
+
+
+def text_of(problem: BaseException) -> str:
+    """Return the text of an error. An external policy's may raise one itself."""
+    try:
+        return str(problem)[:LONGEST]
+    except BaseException:
+        return "(its text raises an error)"
+
+
+def reason_of(problem: BaseException) -> str:
+    """Return the kind and the text of an error."""
+    return f"{type(problem).__name__}: {text_of(problem)}"
+
+
+def run_parallel(
+    function: Callable[[Item], Answer], items: Sequence[Item], workers: int = 1, cluster: str = ""
+) -> Iterator[tuple[Item, Answer | Failed]]:
+    """Yield each item with its answer, in any order. All processes end with the iterator.
+
+    A call whose process died has an error as its answer; it has run twice.
+
+    Args:
+        function: of a module, or a `partial` of one.
+        items: plain data.
+        workers: number of processes; 1: this one.
+        cluster: address of a Dask scheduler, such as "tcp://10.0.0.1:8786", whose workers are used
+            instead of processes of this machine.
+    """
+    if cluster:
+        return _run_on_cluster(function, items, cluster)
+    return _run_in_pool(function, items, workers) if workers > 1 else ((item, function(item)) for item in items)
+
+
+def _run_in_pool(
+    function: Callable[[Item], Answer | Failed], items: Sequence[Item], workers: int
+) -> Iterator[tuple[Item, Answer | Failed]]:
+    """Call a function in worker processes.
+
+    A dead worker ends all of them. What they lack then is called in fresh processes, one for each.
+    """
+    others = set(multiprocessing.active_children())
+    unfinished = []
+    with _starting():
+        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
+        futures = {pool.submit(function, item): item for item in items}
+    try:
+        for future in as_completed(futures):
+            try:
+                answer = future.result()
+            except BrokenProcessPool:
+                unfinished.append(futures[future])
+            else:
+                yield futures[future], answer
+    finally:
+        for process in set(multiprocessing.active_children()) - others:
+            process.kill()
+        pool.shutdown(wait=False)
+    if unfinished:
+        yield from _run_in_pool(partial(_run_once_more, function), unfinished, workers)
+
+
+def _run_once_more(function: Callable[[Item], Answer | Failed], item: Item) -> Answer | Failed:
+    try:
+        return run_isolated(function, item, limits=CallLimits(threading.TIMEOUT_MAX))
+    except Failed as problem:
+        return problem
+
+
+@contextlib.contextmanager
+def _starting() -> Iterator[None]:
+    """Let a process that starts now import no standard module from the current folder.
+
+    The end of a terminal is left to this process, also by multiprocessing's own helper.
+    """
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    hang_up = {signal.SIGHUP} if os.name == "posix" else set()
+    if hang_up:
+        signal.pthread_sigmask(signal.SIG_BLOCK, hang_up)
+    try:
+        yield
+    finally:
+        if hang_up:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, hang_up)
+        del os.environ["PYTHONSAFEPATH"]
+        if before is not None:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
+def _begin() -> None:
+    """Leave the signals of a terminal to the parent, and end with it; of a worker."""
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+    os._exit(1)
+
+
+def _run_on_cluster(
+    function: Callable[[Item], Answer], items: Sequence[Item], cluster: str
+) -> Iterator[tuple[Item, Answer | Failed]]:
+    """Call a function in Dask's workers. Its scheduler gives the calls of a dead one to another."""
+    import distributed
+
+    with distributed.Client(cluster, set_as_default=False) as client:
+        futures = {client.submit(function, item, pure=False): item for item in items}
+        for future in distributed.as_completed(futures, loop=client.loop):
+            item = futures[future]
+            yield item, Failed(reason_of(future.exception())) if future.status == "error" else future.result()

@@ -1,0 +1,126 @@
+"""The name of a policy: its text, parsed once into a record.
+
+The text is one of:
+
+- a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed
+  package;
+- "cascade-flm@tuned", with its tuned gains;
+- "cascade-flm+kalman+predictor", a law composed with parts, also with "@tuned";
+- a law with gains at the end, "cascade-flm@K=30" or "my_law.py@K=30,20@F=10", or with those of a
+  file: "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
+- "ppo-memory@2", a shipped agent of one training seed; "ppo-memory" is that with the smallest
+  validation error, and on a board all of them (`benchmarks.run.suite.members`);
+- "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
+- "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
+- "./path/to/run", a folder that `fbl-gym train` wrote;
+- "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`, or a folder of
+  Hugging Face that holds one.
+
+A registered name wins over a file or folder of the same name.
+"""
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.policies.configuration import gains_file, read_gains
+from benchmarks.rl.agent import DESCRIPTION
+from benchmarks.rl.policy import shipped
+from controllers import registry
+from controllers.registry import LawName
+from fbl_gym.checks import check_choice
+
+FORMS = ("name", "file", "module", "agent", "archive")
+
+
+@dataclass(frozen=True)
+class PolicyName:
+    """The name of a policy, which `parse` reads from a text.
+
+    Args:
+        text: the whole text.
+        form: "name" (registered, or unknown), "file", "module", "agent" (a folder), or "archive".
+        source: the registered law or agent, the path, or the module.
+        attribute: the factory in a file or module; empty: none is named.
+        parts: with which a law is composed.
+        tuned: True if a law has its tuned gains.
+        seed: training seed of a shipped agent; None: the best one.
+        gains: at the end of the text: NAME=VALUE, a file, or a folder each.
+    """
+
+    text: str
+    form: str
+    source: str
+    attribute: str = ""
+    parts: tuple[str, ...] = ()
+    tuned: bool = False
+    seed: int | None = None
+    gains: tuple[str, ...] = ()
+
+    @classmethod
+    def parse(cls, text: str) -> "PolicyName":
+        """Return the name that a text gives. Files tell an agent's folder from an archive's."""
+        code, _, last = text.rpartition("@")
+        if code and last != "tuned" and not last.isdigit() and not last.endswith((".py", ".zip")):
+            inner = cls.parse(code)
+            if inner.form in ("file", "module") or inner.source in registry.names():
+                return dataclasses.replace(inner, text=text, gains=(*inner.gains, last))
+        if last.isdigit() and code in shipped():
+            return cls(text, "name", code, seed=int(last))
+        law = LawName.parse(text)
+        if law.law in registry.names():
+            return cls(text, "name", law.law, parts=law.parts, tuned=law.tuned)
+        source, _, attribute = text.rpartition(":")  # a path may contain colons, as on Windows
+        if not source or not attribute.isidentifier():
+            source, attribute = text, ""
+        is_folder = "/" in text or os.sep in text
+        if text.endswith(".zip") or (is_folder and not (Path(text) / DESCRIPTION).is_file() and archives(Path(text))):
+            return cls(text, "archive", text)
+        if source.endswith(".py"):
+            return cls(text, "file", source, attribute)
+        if is_folder and (Path(text) / DESCRIPTION).is_file():
+            return cls(text, "agent", text)
+        return cls(text, "module", source, attribute) if ":" in text else cls(text, "name", text)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "PolicyName":
+        """Return the name of the plain data of `dataclasses.asdict`; refuse another type."""
+        name = cls(**{**data, "parts": tuple(map(str, data["parts"])), "gains": tuple(map(str, data["gains"]))})
+        check_choice("form", name.form, FORMS)
+        if not all(isinstance(value, str) for value in (name.text, name.source, name.attribute)):
+            raise ValueError(f"the name of a policy must be text, got {data!r}")
+        return name
+
+    @property
+    def registered(self) -> str:
+        """The name in the registry: LAW, LAW+PART, either with @tuned; empty: there is none."""
+        return str(LawName(self.source, self.parts, self.tuned)) if self.form == "name" else ""
+
+    @property
+    def code(self) -> "PolicyName":
+        """The name without the gains at its end."""
+        ends = sum(len(gain) + 1 for gain in self.gains)
+        return dataclasses.replace(self, text=self.text[: len(self.text) - ends], gains=())
+
+    @property
+    def law(self) -> str:
+        """The text without gains, training seed and @tuned."""
+        return self.code.text if self.form != "name" else "+".join((self.source, *self.parts))
+
+    @property
+    def gains_files(self) -> list[Path]:
+        """The files among the gains."""
+        return [gains_file(self.code.text, gain).resolve() for gain in self.gains if "=" not in gain]
+
+    @property
+    def given_gains(self) -> dict[str, Any]:
+        """The gains at the end of the name, by name; files are read."""
+        return read_gains(self.code.text, self.gains)
+
+
+def archives(folder: Path) -> list[Path]:
+    """Return the archives in a folder; rl_zoo3 puts its learning curve beside them."""
+    return [path for path in sorted(folder.glob("*.zip")) if path.name != "train_eval_metrics.zip"]

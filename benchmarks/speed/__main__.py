@@ -1,0 +1,44 @@
+"""`python -m benchmarks.speed`: steps per second beside other environments, in turns."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from benchmarks.files import write_text
+from benchmarks.run.store import provenance
+from benchmarks.speed.environments import compare, measure_environments
+
+LEGEND = """
+x peer: to Acrobot-v1 through gym.make for a single environment, to SyncVectorEnv of 256 for a batch, to the same arms
+in C (physics alone) for a batch of 4,096. busy: stick-slip friction, noise on every sensor and a disturbance.
+One step is ten Runge-Kutta steps of 1 ms. All but the last row of the arm use one thread."""
+
+
+def main() -> None:
+    """Measure, print and write the speed of the environments."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=7, metavar="N", help="number of rounds (7)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the measurements as JSON")
+    parser.add_argument("--baseline", type=Path, metavar="FILE", help="compare the ratios with those of such a file")
+    arguments = parser.parse_args()
+    if arguments.rounds < 1:
+        parser.error(f"argument --rounds: must be at least 1, got {arguments.rounds}")
+    rows = measure_environments(arguments.rounds)
+    print(f"{'environment steps per second':<42} {'median':>12} {'spread':>8} {'x peer':>8}")
+    for row in rows:
+        spread, ratio = (row["high"] - row["low"]) / row["median"], f"{row['ratio']:.3g}" if row["peer"] else ""
+        print(f"{row['name']:<42} {row['median']:>12,.0f} {spread:>8.0%} {ratio:>8}")
+    print(LEGEND)
+    if arguments.baseline is not None:
+        stored = json.loads(arguments.baseline.read_text(encoding="utf-8"))
+        for name, change in compare(rows, stored["contestants"]).items():
+            print(f"{name:<42} {change:.2f} times its ratio in {arguments.baseline}")
+    if arguments.out is not None:
+        document = {"contestants": rows, **provenance(f"python -m benchmarks.speed {' '.join(sys.argv[1:])}")}
+        write_text(arguments.out, json.dumps(document, indent=1) + "\n")
+        print(f"written: {arguments.out}")
+
+
+if __name__ == "__main__":
+    main()

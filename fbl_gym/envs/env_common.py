@@ -1,0 +1,255 @@
+"""Code shared by the single and the vector environment: arguments, seeds, rendering, properties."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from typing import Any
+
+import numpy as np
+from gymnasium import error, logger
+from gymnasium.envs.registration import EnvSpec
+
+from fbl_gym.checks import check_choice, check_whole, unknown
+from fbl_gym.interface import Interface, Layout
+from fbl_gym.kernel.batch import ArmBatch
+from fbl_gym.kernel.memory import LANES
+from fbl_gym.kernel.program import MAX_BATCH_NUMBERS, Program, make_program
+from fbl_gym.model.arm import Array
+from fbl_gym.options import Reward
+from fbl_gym.records import build, declarations
+from fbl_gym.scenarios import Scenario, as_scenario
+
+MAX_SEED = 2**64 - 1
+MIN_RENDER_SIZE = 160
+ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "render_mode", "render_size")
+VECTOR_ARGUMENTS = ("num_envs", "autoreset_mode", "max_episode_steps", "threads")
+
+
+class TaskProperties:
+    """Properties shared by the single and the vector environment.
+
+    Attributes:
+        interface: all that a policy may know.
+    """
+
+    interface: Interface
+    metadata: dict[str, Any]
+    _spec: EnvSpec | None = None
+
+    def _prepare(
+        self,
+        scenario: Any,
+        options: dict[str, Any],
+        *,
+        reward: Any,
+        lanes: int = 1,
+        threads: int = 1,
+        info: bool,
+        render_mode: str | None,
+        render_size: int,
+        **task: Any,
+    ) -> None:
+        """Set all that both environments have, before the first reset; `task` is of `configure`."""
+        for name in options:
+            _check_option(type(self).__name__, name)
+        self._reward = Reward() if reward is None else build("reward", reward, Reward)
+        self._options, self._task = options, {**task, "reward": self._reward}
+        self._lanes, self._threads = lanes, threads
+        built, program = configure(scenario, options, **self._task)
+        _check_memory(lanes, program)
+        if render_mode is not None:
+            check_choice("render_mode", render_mode, self.metadata["render_modes"])
+        self.render_mode = render_mode
+        self._info = info
+        self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
+        # A film with one frame per step then runs in real time.
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / built.control_dt))}
+        self._size = program.interface.layout.size
+        self._seeded = False
+        self._views: list[Any] = []  # of `render.View`
+        self._take(built, program.interface, make_batch(built, program, lanes, threads))
+
+    def _take(self, scenario: Scenario, interface: Interface, batch: ArmBatch) -> None:
+        """Make a scenario the task; it begins with the next reset."""
+        self._scenario, self.interface, self._batch, self._begun = scenario, interface, batch, False
+        self._constrained = scenario.constraints is not None
+        self._reports = self._info or self._constrained or self.render_mode == "human"
+
+    @property
+    def scenario(self) -> Scenario:
+        """Return the task.
+
+        A new one, which may be a name or plain data, begins with the next `reset`. The options that
+        `gym.make` got replace its fields. It must leave the observation and the action unchanged.
+        """
+        return self._scenario
+
+    @scenario.setter
+    def scenario(self, scenario: Any) -> None:
+        built, program = configure(scenario, self._options, **self._task)
+        new, old = program.interface, self.interface
+        if (new.layout, new.action, new.action_limit) != (old.layout, old.action, old.action_limit):
+            raise ValueError(
+                f"scenario must have the observation and action of the environment's, {_entries(old)}, "
+                f"got {built.name!r} with {_entries(new)}; `past_actions`, `sensors` and `limits` make them equal"
+            )
+        batch = make_batch(built, program, self._lanes, self._threads)
+        batch.take_seeds(self._batch)
+        self._take(built, new, batch)
+        self._close_views()
+
+    def _close_views(self) -> None:
+        for view in self._views:
+            view.close()
+        self._views = []
+
+    def _measures(self) -> dict[str, Array]:
+        """Return the quantities of the last step that go into its info, of each lane."""
+        costs = {"cost": self._batch.field("cost")} if self._constrained else {}
+        if not self._info:
+            return costs
+        fields = ("reference_position", "position", "command", "chatter")
+        reference, position, command, chatter = map(self._batch.field, fields)
+        limit = self.interface.torque_limit or (np.inf, np.inf)
+        use = np.abs(command) / limit
+        error = reference - position
+        losses = self._reward.losses(error, use, chatter / 4)
+        return {"tracking_error": error, **losses, "saturation": (use >= 1.0).mean(axis=-1), **costs}
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Return the spec that `gym.make` sets. Its options are plain data, which survive JSON.
+
+        Its `max_episode_steps` is the length of an episode, which the environment itself ends.
+        """
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            spec.kwargs = _plain(spec.kwargs)
+            spec.max_episode_steps = min(self._scenario.steps, self._task.get("max_episode_steps") or sys.maxsize)
+        self._spec = spec
+
+    @property
+    def layout(self) -> Layout:
+        """Return the names, slices and units of the observation."""
+        return self.interface.layout
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with each array in it as a list."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in value.items()}
+    return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value
+
+
+def configure(scenario: Any, options: dict[str, Any], **task: Any) -> tuple[Scenario, Program]:
+    """Return the scenario and the program of an environment; `task` is of `make_program`."""
+    built = as_scenario(scenario)
+    if options:
+        built = built.replace(**options)
+    return built, make_program(built, **task)
+
+
+def _entries(interface: Interface) -> str:
+    """Return the slots of an observation and the bound of an action as text."""
+    slots = ", ".join(f"{slot.name}[{slot.size}]" for slot in interface.layout.slots)
+    return f"{slots} and actions within {interface.action_limit}"
+
+
+def _check_memory(lanes: int, program: Program) -> None:
+    """Refuse more arms than `MAX_BATCH_NUMBERS` allow."""
+    numbers = int(program.settings["block_size"]) / LANES + 6 * program.interface.layout.size  # spaces and returns too
+    most = int(MAX_BATCH_NUMBERS / numbers)
+    if lanes > max(most, 1):
+        raise ValueError(
+            f"num_envs must be at most {most:,} here, which take {MAX_BATCH_NUMBERS / 2**27:g} GiB, got {lanes}"
+        )
+
+
+def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int = 1) -> ArmBatch:
+    """Return a batch of arms on the scenario's plant."""
+    if scenario.plant is None:
+        return ArmBatch(program, lanes, threads)
+    try:
+        from fbl_gym.envs.mujoco_batch import MuJoCoBatch
+    except ImportError:
+        raise error.DependencyNotInstalled("plant='mujoco' needs MuJoCo: pip install 'fbl-gym[mujoco]'") from None
+    return MuJoCoBatch(scenario, program, lanes)
+
+
+def _check_option(environment: str, name: str) -> None:
+    """Raise a TypeError for a name that is no field of `Scenario`, in Python's words."""
+    fields = [field.name for field in dataclasses.fields(Scenario)]
+    if name in fields:
+        return
+    classes = {"reward": (Reward,), **{field: d.classes for field, d in declarations(Scenario).items()}}
+    paths = [f"{field}={path}" for field, records in classes.items() for path in _paths_in(records, name)]
+    if name in VECTOR_ARGUMENTS:
+        advice = (
+            "; it is an option of the vector environment: "
+            "gym.make_vec(..., vectorization_mode='vector_entry_point'), or fbl_gym.TwoLinkArmVectorEnv"
+        )
+    elif paths:
+        advice = f"; did you mean {' or '.join(dict.fromkeys(paths))}?"
+    else:
+        known = (*ARGUMENTS, *VECTOR_ARGUMENTS, *fields)
+        advice = str(unknown("option", name, known)).removeprefix(f"unknown option {name!r}")
+    raise TypeError(f"{environment}.__init__() got an unexpected keyword argument {name!r}{advice}")
+
+
+def _paths_in(classes: tuple[type, ...], name: str) -> list[str]:
+    """Return the dicts of some records that give a field, such as "{'viscous': ...}"."""
+    paths = []
+    for cls in classes:
+        by_kind = f"'kind': {cls.kind!r}, " if hasattr(cls, "kind") else ""
+        for field, declaration in declarations(cls).items():
+            inner = ["..."] if field == name else _paths_in(declaration.classes, name)
+            paths += [f"{{{by_kind}{field!r}: {value}}}" for value in inner]
+    return paths
+
+
+def check_seed(seed: Any) -> int:
+    """Return a seed as an int that fits the key of a random stream."""
+    value = check_whole("seed", seed)
+    if value > MAX_SEED:
+        raise ValueError(f"seed must be below 2**64, got {value}")
+    return value
+
+
+def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> None:
+    """Refuse options of `reset` that are not known."""
+    for name in options or {}:
+        check_choice("reset option", name, known)
+
+
+def check_begun(name: str, has_begun: bool) -> None:
+    """Refuse to read a property before the first reset."""
+    if not has_begun:
+        raise error.ResetNeeded(f"call reset() before reading {name}: no episode has begun")
+
+
+def check_render(render_mode: str | None, has_begun: bool) -> str | None:
+    """Return the render mode; warn if it is None, as Gymnasium's environments do."""
+    if render_mode is None:
+        logger.warn('render() draws nothing without a render_mode: gym.make(..., render_mode="rgb_array")')
+    elif not has_begun:
+        raise error.ResetNeeded("call reset() before the first render()")
+    return render_mode
+
+
+def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
+    """Return actions as an array of real numbers; refuse another shape."""
+    try:
+        array = np.asarray(action)
+    except ValueError:
+        array = np.empty(0, dtype=object)  # rows of different lengths
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
+    if array.shape != shape:
+        raise ValueError(f"action must have shape {shape}, got shape {array.shape}")
+    return array

@@ -1,0 +1,244 @@
+"""The vector environment: many arms of one scenario, stepped together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium import error
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from fbl_gym.checks import check_whole, unknown
+from fbl_gym.envs.env_common import (
+    MAX_SEED,
+    TaskProperties,
+    as_actions,
+    check_begun,
+    check_render,
+    check_reset_options,
+    check_seed,
+)
+from fbl_gym.kernel.batch import Flags, Truth
+from fbl_gym.kernel.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
+from fbl_gym.model.arm import Array
+from fbl_gym.options import Reward
+from fbl_gym.scenarios import Scenario
+
+if TYPE_CHECKING:
+    from fbl_gym.view.render import Frame
+
+_AUTORESET = {
+    AutoresetMode.NEXT_STEP: NEXT_STEP,
+    AutoresetMode.SAME_STEP: SAME_STEP,
+    AutoresetMode.DISABLED: NO_AUTORESET,
+}
+
+
+class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
+    """Independent arms of one scenario, stepped together.
+
+    `TwoLinkArmEnv` describes spaces, reward and options. A lane with seed s equals the single
+    environment with seed s bit for bit, for any `num_envs`. As in Gymnasium's vector environments,
+    `reset(seed=s)` gives lane i the seed s + i.
+
+    The other arguments are those of `TwoLinkArmEnv`.
+
+    Args:
+        num_envs: number of lanes, one or more.
+        autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as
+            `gymnasium.vector.AutoresetMode` or its value.
+        max_episode_steps: truncate after this number of steps, if the scenario's duration is
+            longer.
+        threads: number of threads that share the lanes. More than one pays from some 1,000 lanes
+            on. It changes no number.
+        render_mode: "rgb_array" or None.
+        render_size: width and height of each lane's frame [pixels].
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012 - as in Gymnasium
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: Scenario | str | dict[str, Any] | None = None,
+        *,
+        action: str = "normalized",
+        reward: Reward | dict[str, Any] | None = None,
+        preview: int = 0,
+        past_actions: int = 0,
+        info: bool = False,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        threads: int = 1,
+        render_mode: str | None = None,
+        render_size: int = 480,
+        **options: Any,
+    ) -> None:
+        self.num_envs = check_whole("num_envs", num_envs, low=1)
+        self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
+        if max_episode_steps is not None:
+            check_whole("max_episode_steps", max_episode_steps, low=1)
+        check_whole("threads", threads, low=1)
+        self._prepare(
+            scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
+            lanes=self.num_envs, threads=threads, max_episode_steps=max_episode_steps,
+            autoreset=_AUTORESET[self.autoreset_mode], render_mode=render_mode, render_size=render_size,
+        )  # fmt: skip
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = self.interface.observation_space
+        self.single_action_space = self.interface.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every lane, or in some.
+
+        Args:
+            seed: s gives lane i the seed s + i. A sequence has one seed per lane; None in it: the
+                next episode of that lane's last seed. None: the same for every lane. The first
+                `reset` without a seed draws them from the operating system's entropy.
+            options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
+                True. {"scenario": s} makes s the task of all lanes.
+
+        Returns:
+            Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
+            info.
+        """
+        check_reset_options(options, ("reset_mask", "scenario"))
+        options = options or {}
+        mask = self._as_mask(options.get("reset_mask"))
+        if not self._begun and not mask.all():
+            raise error.ResetNeeded("the first reset must be of every lane: no episode has begun outside reset_mask")
+        seeded, seeds = self._as_seeds(seed)
+        if "scenario" in options:
+            if isinstance(options["scenario"], list | tuple) or not mask.all():
+                raise ValueError(
+                    f"scenario must be one for all lanes, which share it: make an environment for each, got {options}"
+                )
+            self.scenario = options["scenario"]
+        super().reset(seed=int(seeds[0]) if len(seeds) else None)
+        if not self._seeded:
+            drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
+            self._batch.seed(np.arange(self.num_envs), drawn)
+        chosen = np.flatnonzero(mask)
+        fresh = np.isin(chosen, seeded)
+        self._batch.seed(chosen[fresh], seeds[mask[seeded]])
+        if self._seeded:
+            self._batch.next_episode(chosen[~fresh])
+        self._seeded = self._begun = True
+        observations = np.empty((self.num_envs, self._size))
+        self._batch.reset(chosen, observations.reshape(-1))
+        return observations, {}
+
+    def step(self, actions: Array) -> tuple[Array, Array, Any, Any, dict[str, Any]]:
+        """Hold each lane's action for `control_dt`.
+
+        Args:
+            actions: [num_envs x 2].
+
+        Returns:
+            Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos.
+            In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
+            their masks `_final_obs` and `_final_info`. With `info=True` or `constraints`, it has
+            the arrays of `TwoLinkArmEnv`, with masks that are False in lanes that this step reset;
+            the cost of their last step is in `final_info`.
+
+        Raises:
+            ValueError: if the actions have another shape or one is not finite. No lane has moved.
+            gymnasium.error.ResetNeeded: before the first `reset`, and in DISABLED mode if a lane
+                that ended was not reset.
+        """
+        array = as_actions(actions, (self.num_envs, 2))
+        if not self._begun:
+            raise error.ResetNeeded("call reset() before the first step()")
+        batch = self._batch
+        observations = np.empty((self.num_envs, self._size))
+        refused = batch.step(array.reshape(-1), observations.reshape(-1))[0]
+        if refused >= 0:
+            lane = refused // 2
+            if refused % 2 == 0:
+                raise ValueError(f"actions must be finite, got {array[lane]} in lane {lane}")
+            raise error.ResetNeeded(
+                f"the episode of lane {lane} has ended: call reset(options={{'reset_mask': ...}}) before step()"
+            )
+        rewards, terminated, truncated = batch.outcomes
+        return observations, rewards, terminated, truncated, self._infos(terminated, truncated)
+
+    def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
+        infos: dict[str, Any] = {}
+        if self._reports:
+            runs, measures = self._batch.field("step") > 0, self._measures()
+            for name, values in measures.items():
+                infos |= {name: np.where(runs if values.ndim == 1 else runs[:, None], values, 0.0), f"_{name}": runs}
+        done = terminated | truncated
+        if self.autoreset_mode != AutoresetMode.SAME_STEP or not done.any():
+            return infos
+        final = np.full(self.num_envs, None, dtype=object)
+        lasts = self._batch.final_observations
+        for lane in np.flatnonzero(done):
+            final[lane] = lasts[lane].copy()
+        costs = {"cost": np.where(done, measures["cost"], 0.0), "_cost": done.copy()} if self._constrained else {}
+        return infos | {"final_obs": final, "_final_obs": done, "final_info": costs, "_final_info": done.copy()}
+
+    @property
+    def truth(self) -> Truth:
+        """Return the true parameters and signals of every lane now. A policy must not use them."""
+        check_begun("truth", self._begun)
+        return self._batch.truth()
+
+    def true_signals(self) -> dict[str, Array]:
+        """Return the fields of `truth` that a recording needs, without computing the others.
+
+        They are `position`, `velocity`, `reference`, `applied_torque` and `disturbance`,
+        [lanes x 2], and `payload`, [lanes].
+        """
+        check_begun("true_signals", self._begun)
+        return self._batch.true_signals()
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """Return the frame of each lane, [size x size x 3]; see `TwoLinkArmEnv.render`."""
+        if check_render(self.render_mode, self._begun) is None:
+            return None
+        if not self._views:
+            from fbl_gym.view.render import View
+
+            self._views = [View(self.scenario, self.render_size) for _ in range(self.num_envs)]
+        truth = vars(self.truth)
+        lanes = (Truth(**{name: values[lane] for name, values in truth.items()}) for lane in range(self.num_envs))
+        return tuple(view.frame(lane) for view, lane in zip(self._views, lanes, strict=True))
+
+    def _as_mask(self, mask: Any) -> Flags:
+        if mask is None:
+            return np.ones(self.num_envs, dtype=bool)
+        if not (isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,)):
+            raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}")
+        if not mask.any():
+            raise ValueError("reset_mask must have at least one True, got none")
+        return mask
+
+    def _as_seeds(self, seed: Any) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
+        """Return the lanes that get a new seed, and those seeds."""
+        if seed is None:
+            return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.uint64)
+        if isinstance(seed, int | np.integer):
+            first = check_seed(seed)
+            check_seed(first + self.num_envs - 1)
+            return np.arange(self.num_envs), np.uint64(first) + np.arange(self.num_envs, dtype=np.uint64)
+        if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str) or np.shape(seed) == ():
+            raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")
+        lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
+        return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)
+
+
+def _as_autoreset_mode(value: Any) -> AutoresetMode:
+    try:
+        return AutoresetMode(value)
+    except ValueError:
+        raise unknown("autoreset_mode", value, (mode.value for mode in AutoresetMode)) from None

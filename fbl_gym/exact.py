@@ -1,0 +1,18 @@
+"""Numbers that are the same on every machine; C libraries differ in their last bits."""
+
+from decimal import Context, Decimal
+
+_DIGITS = Context(prec=50)
+
+MAX_STEPS = 2**53
+"""Largest number of steps in any duration: beyond it, a float64 does not hold each whole number."""
+
+
+def exp(x: float) -> float:
+    """Return e**x, rounded once."""
+    return float(_DIGITS.exp(Decimal(x)))
+
+
+def log1p(x: float) -> float:
+    """Return log(1 + x), rounded once."""
+    return float(_DIGITS.ln(_DIGITS.add(1, Decimal(x))))

@@ -1,0 +1,304 @@
+"""A batch of arms: the memory that the kernel works on, and the operations on it.
+
+Both environments are a thin layer over this module; the single one is a batch of one lane.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fbl_gym.kernel import api
+from fbl_gym.kernel.memory import (
+    BLOCK,
+    BLOCK_SIZE,
+    ENDED,
+    EVENT_ROWS,
+    INSTANT,
+    LANES,
+    RESTART,
+    ROWS,
+    SAME_STEP,
+    SETTINGS,
+    SETTINGS_SIZE,
+)
+from fbl_gym.kernel.program import Program
+from fbl_gym.model.arm import Array
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The real arm at this instant, which no policy may know. For plots, checks and the oracle.
+
+    Fields are [2] for a single environment and [lanes x 2] for a batch, unless stated otherwise. If
+    a disturbance's level or the payload changes at this instant, they still have their old value.
+
+    Attributes:
+        time: since the episode's start [s]; a number, or [lanes].
+        position: [rad].
+        velocity: [rad/s].
+        acceleration: [rad/s^2].
+        motor_position: behind the gear [rad]; with rigid joints the position.
+        motor_velocity: [rad/s]; likewise.
+        stiffness: of elastic joints [N m/rad]; zero for rigid ones.
+        damping: of elastic joints [N m s/rad].
+        backlash: width of their gaps [rad].
+        reference: reference position now [rad].
+        reference_velocity: [rad/s].
+        reference_acceleration: [rad/s^2].
+        commands: torque commands [N m], the last first, [n x 2] or [lanes x n x 2]: as many as the
+            longest delay holds back, and one more.
+        applied_torque: torque of the drives [N m], after limit, delay, lag and gain.
+        friction_torque: F of equation (1) [N m]; of a joint that sticks, the torque that holds it.
+        disturbance: tau_d of equation (1) [N m].
+        leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of
+            the applied torque, less the real one.
+        masses: of the links [kg], without the payload.
+        lengths: of the links [m].
+        lumped: the five lumped parameters with the payload carried now, [5] or [lanes x 5];
+            see `arm.py`.
+        payload: mass carried at the tip [kg]; a number, or [lanes].
+        viscous: coefficient of viscous friction [N m s/rad].
+        coulomb: Coulomb friction [N m].
+        stiction: friction that fades as the joint moves [N m].
+        v_s: scale of the squared velocity at which it fades [(rad/s)^2].
+        gain: real / nominal torque of the drives.
+        delay: from command to torque, with the computation's [s]; a number, or [lanes].
+        lag: time constant of the drives [s]; a number, or [lanes].
+        rate_limit: of the torque [N m/s], infinite without one.
+        event_times: times of this episode's events [s], [events] or [lanes x events].
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    motor_position: Array
+    motor_velocity: Array
+    stiffness: Array
+    damping: Array
+    backlash: Array
+    reference: Array
+    reference_velocity: Array
+    reference_acceleration: Array
+    commands: Array
+    applied_torque: Array
+    friction_torque: Array
+    disturbance: Array
+    leakage: Array
+    masses: Array
+    lengths: Array
+    lumped: Array
+    payload: Array
+    viscous: Array
+    coulomb: Array
+    stiction: Array
+    v_s: Array
+    gain: Array
+    delay: Array
+    lag: Array
+    rate_limit: Array
+    event_times: Array
+
+
+_STEPS = api.STEPS
+
+LONGEST_PART = 5_000_000
+"""Most lanes times physics steps in one call of the kernel, about a second."""
+
+
+class ArmBatch:
+    """A batch of arms of one scenario, each lane with its own seed and episode.
+
+    Args:
+        program: the scenario in numbers.
+        lanes: number of arms, one or more.
+        threads: number of threads between which the lanes are divided.
+    """
+
+    def __init__(self, program: Program, lanes: int, threads: int = 1) -> None:
+        settings = program.settings
+        blocks, size = -(-lanes // LANES), program.interface.layout.size
+        finals = lanes * size if settings["autoreset"] == SAME_STEP else 0
+        sizes = {
+            "settings": SETTINGS_SIZE,
+            "tables": len(program.tables),
+            "actions": 2 * lanes,
+            "rewards": lanes,
+            "flags": -(-2 * lanes // 8),
+            "final_observations": finals,
+            "blocks": blocks * int(settings["block_size"]),
+        }
+        ends = np.cumsum(list(sizes.values())).tolist()
+        self._parts = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        self._actions = self._parts["actions"]
+        self._first_action = self._actions.start
+        self.lanes = lanes
+        self._class = api.class_of(settings)
+        self._threads = min(threads, blocks)
+        # Ctrl-C acts between the parts of a step.
+        self._calls = min(max(threads, math.ceil(lanes * int(settings["substeps"]) / LONGEST_PART)), blocks)
+        self._memory = np.zeros(ends[-1])
+        self._memory[self._parts["tables"]] = program.tables
+        self._settings[...] = settings
+        self._settings["lanes"] = lanes
+        for name in ("actions", "rewards", "flags", "final_observations", "blocks"):
+            self._settings[name] = self._parts[name].start
+        # The last block's spare lanes get an episode too, which keeps their numbers finite.
+        self._blocks["status"] = RESTART
+        self._step(self._memory, np.empty(lanes * size), 0, 0)
+        # Before its first step, a lane must be reset.
+        self._blocks["status"] = ENDED
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if not self._memory.flags.writeable:  # as out of a memory map
+            self._memory = self._memory.copy()
+
+    # The views below are new each time: a stored view would not follow a copy of the batch.
+
+    @property
+    def _settings(self) -> NDArray[np.void]:
+        """The settings, one record of shape ()."""
+        return self._memory[self._parts["settings"]].view(SETTINGS).reshape(())
+
+    @property
+    def _blocks(self) -> NDArray[np.void]:
+        """The fields of the blocks, records of shape [blocks]."""
+        return self._rows[:, :ROWS].reshape(-1, BLOCK_SIZE).view(BLOCK)[:, 0]
+
+    @property
+    def _rows(self) -> Array:
+        """The same memory as rows, [blocks x rows x lanes of a block]."""
+        return self._memory[self._parts["blocks"]].reshape(-(-self.lanes // LANES), -1, LANES)
+
+    @property
+    def _step(self) -> Any:
+        """The compiled step of this scenario's class."""
+        return _STEPS[self._class]
+
+    def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
+        """Give lanes their seeds; the next episode of each lane is the first one of its seed."""
+        self._blocks["seed"][lanes // LANES, lanes % LANES] = seeds
+        self._blocks["episode"][lanes // LANES, lanes % LANES] = 0
+
+    def next_episode(self, lanes: NDArray[np.int64]) -> None:
+        """Let the next episode of these lanes be another one of the same seed."""
+        self._blocks["episode"][lanes // LANES, lanes % LANES] += np.uint64(1)
+
+    def take_seeds(self, other: ArmBatch) -> None:
+        """Take the seeds and episodes of a batch of as many lanes."""
+        for name in ("seed", "episode"):
+            self._blocks[name] = other._blocks[name]
+
+    def field(self, name: str) -> Array:
+        """Return a field of the blocks now, [lanes] or [lanes x ...]."""
+        rows = np.moveaxis(self._blocks[name], -1, 1)  # [blocks x lanes of a block x ...]
+        return rows.reshape(-1, *rows.shape[2:])[: self.lanes].copy()
+
+    def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
+        """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
+        self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
+        self._step(self._memory, out, 0, 0)
+
+    def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
+        """Advance every lane by one control step, unless `kernel.api.check` finds a problem.
+
+        Args:
+            actions: [2 * lanes].
+            out: takes the observations [lanes * size].
+
+        Returns:
+            The result of `check`; then reward, terminated and truncated of the first lane.
+        """
+        memory = self._memory
+        memory[self._actions] = actions
+        parts = self._calls
+        if parts == 1:
+            return _STEPS[self._class](memory, out, 0, 1)
+        problem: int = api.check(memory)
+        if problem >= 0:
+            return problem, 0.0, False, False
+        run = map if self._threads == 1 else _pool(self._threads).map
+        first, *_ = run(lambda part: self._step(memory, out, part, parts), range(parts))
+        return first
+
+    def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:
+        """Advance a batch of one lane, as `step` does, faster."""
+        memory, first = self._memory, self._first_action
+        memory[first] = action1
+        memory[first + 1] = action2
+        return _STEPS[self._class](memory, out, 0, 1)
+
+    @property
+    def outcomes(self) -> tuple[Array, Flags, Flags]:
+        """Rewards, terminated and truncated of the last step, [lanes] each."""
+        n = self.lanes
+        flags = self._memory[self._parts["flags"]].view(np.bool_)
+        return self._memory[self._parts["rewards"]].copy(), flags[:n].copy(), flags[n : 2 * n].copy()
+
+    @property
+    def final_observations(self) -> Array:
+        """With SAME_STEP, final observations of the last step [lanes x size]."""
+        return self._memory[self._parts["final_observations"]].reshape(self.lanes, -1)
+
+    def true_signals(self) -> dict[str, Array]:
+        """Return the fields of the truth that a recording needs."""
+        return {name: self.field(_RENAMED.get(name, name)) for name in _RECORDED}
+
+    def truth(self) -> Truth:
+        """Return the truth at this instant."""
+        instants = np.empty(self.lanes, INSTANT)
+        api.inspect(self._memory, instants)
+        settings, parameters = self._settings, self.field("parameters")
+        fields = {name: instants[name].copy() for name in INSTANT.names or ()}
+        fields |= {"masses": parameters[:, :2], "lengths": parameters[:, 2:]}
+        fields |= {name: self.field(_RENAMED.get(name, name)) for name in _STORED}
+        for name, unit in (("delay", settings["physics_dt"]), ("lag", settings["physics_dt"])):
+            fields[name] *= unit  # a block counts physics steps
+        fields["rate_limit"] *= 1 / settings["physics_dt"]
+        if not settings["elastic"]:
+            fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
+        rows, end = self._rows, ROWS + 2 * (int(settings["delay_steps"]) + 1)
+        commands = rows[:, ROWS:end].swapaxes(1, 2).reshape(-1, (end - ROWS) // 2, 2)[: self.lanes]
+        times = rows[:, settings["event_row"] :: EVENT_ROWS][:, : settings["events"]].swapaxes(1, 2)
+        times = times.reshape(len(rows) * LANES, times.shape[2])[: self.lanes] * settings["physics_dt"]
+        return Truth(**fields, commands=commands.copy(), event_times=times)
+
+
+_RECORDED = ("position", "velocity", "reference", "applied_torque", "disturbance", "payload")
+
+_RENAMED = {"applied_torque": "torque", "reference": "reference_position"}
+"""Fields of a block that `Truth` names otherwise."""
+
+_STORED = [
+    field.name
+    for field in dataclasses.fields(Truth)
+    if field.name not in (*(INSTANT.names or ()), "masses", "lengths", "commands", "event_times")
+]
+"""Fields of `Truth` that a block has."""
+
+
+@lru_cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Return the threads that all batches share. The kernel runs without the interpreter's lock."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="fbl-gym")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of its parent's threads
+
+
+def single(truth: Truth) -> Truth:
+    """Return the truth of a batch of one lane, without the batch axis."""
+    return Truth(**{name: value[0] for name, value in vars(truth).items()})

@@ -1,0 +1,28 @@
+"""The packages `controllers` and `benchmarks` beside this one, and others that hide them."""
+
+import warnings
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def hidden_by() -> dict[str, Path]:
+    """Return the file or folder that is imported in place of each package, by name; import none."""
+    hiding = {}
+    for name in ("controllers", "benchmarks"):
+        spec = PathFinder.find_spec(name)
+        paths = [] if spec is None else [Path(path) for path in spec.submodule_search_locations or [str(spec.origin)]]
+        if paths and ROOT / name not in [path.resolve() for path in paths]:
+            hiding[name] = paths[0]
+    return hiding
+
+
+def warn_of_hidden() -> None:
+    """Warn of each package that is hidden."""
+    for name, path in hidden_by().items():
+        warnings.warn(
+            f"import {name} finds {path}, which hides the package {name} of fbl-gym: rename it, or start Python in "
+            "another folder. The command fbl-gym is not affected.",
+            stacklevel=3,
+        )

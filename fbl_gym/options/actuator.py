@@ -1,0 +1,72 @@
+"""The drives of the joints."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fbl_gym.checks import Pair, check_number
+from fbl_gym.exact import MAX_STEPS
+from fbl_gym.options.packer import Packer
+from fbl_gym.records import Number, Numbers, Record, ends, number, pair, whole
+
+
+@dataclass(frozen=True)
+class Actuator(Record):
+    """The joint drives: the torque command passes limit, delay, rate limit, lag and gain in turn.
+
+    Args:
+        torque_limit: largest torque; None: no limit.
+        delay: time from command to torque, a multiple of physics_dt; a draw is rounded to one.
+        lag: time constant of a first-order lag after the delay; 0: no lag.
+        gain: real / nominal torque, the error of the torque constant.
+        delay_samples: control samples from reading to command, which adds to `delay`; a draw is
+            rounded to a whole number.
+        rate_limit: largest change of the torque per time, before the lag; None: no limit.
+    """
+
+    torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, optional=True)
+    delay: Number = number(0.0, unit="s", varies=True, low=0)
+    lag: Number = number(0.0, unit="s", varies=True, low=0)
+    gain: Numbers = pair(1.0, varies=True, low=0)
+    delay_samples: Number = whole(0, varies=True)
+    rate_limit: Numbers | None = pair(None, unit="N m/s", varies=True, above=0)
+
+    def check(self, scenario: Any) -> None:
+        """Refuse a delay that is no multiple of a physics step."""
+        if isinstance(self.delay, float):
+            scenario.check_multiple("actuator.delay", self.delay, "physics_dt")
+
+    def pack(self, packer: Packer) -> None:
+        """Write limits, gain, delay and lag."""
+        settings, scenario = packer.settings, packer.scenario
+        settings["torque_limit"] = np.inf if self.torque_limit is None else self.torque_limit
+        h, samples = scenario.physics_dt, round(ends(self.delay_samples)[1])
+        longest = check_number("actuator.delay", ends(self.delay)[1], high=MAX_STEPS * h)
+        delay = samples * scenario.substeps + round(longest * (1 / h))
+        steps = -(-delay // scenario.substeps)
+        packer.check_size("actuator.delay", longest, " s", 4 * (steps - samples))
+        packer.check_size("actuator.delay_samples", samples, "", 4 * samples)
+        settings["delay_steps"] = steps
+        # The state has the actions on their way, and the one that a slow drive still follows.
+        slow = ends(self.lag)[1] > 0 or self.rate_limit is not None
+        settings["past_actions"] = delay // scenario.substeps + 1 if slow else steps
+        settings["torque_varies"] = steps > 0 or slow
+        rate = (math.inf, math.inf) if self.rate_limit is None else self.rate_limit
+        packer.vary("rate_limit", rate, "actuator.rate_limit", scale=h)
+        packer.vary("gain", self.gain, "actuator.gain")
+        packer.vary("delay", self.delay, "actuator.delay", scale=1 / h)
+        packer.vary("delay_samples", self.delay_samples, "actuator.delay_samples")
+        packer.vary("lag", self.lag, "actuator.lag", scale=1 / h)
+
+    def datasheet(self, scenario: Any) -> dict[str, Any]:
+        """Return what policies are told, as fields of `Interface`."""
+        both = zip(ends(self.delay), ends(self.delay_samples), strict=True)
+        rate = self.rate_limit
+        return {
+            "torque_limit": self.torque_limit,
+            "delay": tuple(delay + round(samples) * scenario.control_dt for delay, samples in both),
+            "lag": ends(self.lag),
+            "rate_limit": None if rate is None else tuple(ends(limit)[0] for limit in rate),  # type: ignore[union-attr]
+        }

@@ -1,0 +1,127 @@
+"""Disturbances: one record for each kind of torque tau_d of equation (1)."""
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fbl_gym.checks import Pair, check_number
+from fbl_gym.options.packer import Packer
+from fbl_gym.records import Numbers, Record, ends, kind, number, pair, table
+
+TIMES = {"period": 1, "width": 1, "start": 0, "dt": 1}
+"""Fields that are counted in physics steps, with the fewest."""
+
+
+class _Timed(Record):
+    """Base of the disturbances."""
+
+    def check(self, scenario: Any) -> None:
+        """Refuse times that are no multiples of a physics step."""
+        for name, least in TIMES.items():
+            if hasattr(self, name):
+                scenario.check_multiple(f"disturbance.{name}", getattr(self, name), "physics_dt", least)
+
+    def pack(self, packer: Packer) -> None:
+        """Write amplitude and times."""
+        settings, scenario = packer.settings, packer.scenario
+        for name in TIMES.keys() & vars(self).keys():
+            steps = round(vars(self)[name] / scenario.physics_dt)
+            settings["disturbance_period" if name == "dt" else f"disturbance_{name}"] = steps
+            settings["torque_varies"] |= steps % scenario.substeps > 0
+        if "amplitude" in vars(self):
+            packer.vary("disturbance_amplitude", vars(self)["amplitude"], "disturbance.amplitude")
+
+
+@dataclass(frozen=True)
+class PiecewiseConstantDisturbance(_Timed):
+    """A torque that jumps to a new level at regular times (§3.2 of the paper).
+
+    Args:
+        amplitude: bound of the levels, drawn uniformly from [-amplitude, amplitude].
+        period: time between two jumps, a multiple of physics_dt.
+    """
+
+    amplitude: Numbers = pair(unit="N m", varies=True, low=0)
+    period: float = number(0.5, unit="s", above=0)
+    kind: str = kind("piecewise-constant")
+
+
+@dataclass(frozen=True)
+class SineDisturbance(_Timed):
+    """A torque amplitude * sin(2 pi frequency t + phase).
+
+    Args:
+        amplitude: amplitude of the torque.
+        frequency: frequency of the torque, at most a quarter of 1 / physics_dt.
+        phase: phase of the torque; None: drawn per episode.
+    """
+
+    amplitude: Numbers = pair(unit="N m", varies=True, low=0)
+    frequency: Numbers = pair(1.0, unit="Hz", varies=True, low=0)
+    phase: Pair | float | None = pair(None, unit="rad")
+    kind: str = kind("sine")
+
+    def check(self, scenario: Any) -> None:
+        """Refuse a frequency that the physics step does not resolve."""
+        fastest, limit = ends(self.frequency)[1], 0.25 / scenario.physics_dt
+        if fastest > limit * (1 + 1e-9):
+            raise ValueError(
+                f"disturbance.frequency must be at most {limit:g} Hz, a quarter of 1 / physics_dt, got {fastest:g} Hz"
+            )
+
+    def pack(self, packer: Packer) -> None:
+        """Write amplitude, frequency and phase."""
+        super().pack(packer)
+        settings = packer.settings
+        packer.vary("disturbance_rate", self.frequency, "disturbance.frequency", scale=2 * np.pi)
+        settings["disturbance_phase_drawn"] = self.phase is None
+        settings["disturbance_phase"] = 0.0 if self.phase is None else self.phase
+        settings["torque_varies"] = True
+
+
+@dataclass(frozen=True)
+class PulseDisturbance(_Timed):
+    """A torque in pulses. Times are multiples of physics_dt.
+
+    Args:
+        amplitude: torque during a pulse, of either sign.
+        period: time from one pulse to the next.
+        width: duration of a pulse, at most `period`.
+        start: time of the first pulse.
+    """
+
+    amplitude: Numbers = pair(unit="N m", varies=True)
+    period: float = number(2.0, unit="s", above=0)
+    width: float = number(0.1, unit="s", above=0)
+    start: float = number(0.0, unit="s", low=0)
+    kind: str = kind("pulses")
+
+    def validate(self) -> None:
+        """Refuse a pulse longer than the period."""
+        check_number("width", self.width, above=0, high=self.period)
+
+
+@dataclass(frozen=True)
+class ArrayDisturbance(_Timed):
+    """A torque given by samples, each held until the next; the last one holds on.
+
+    Args:
+        torque: samples of the torque.
+        dt: time between two samples, a multiple of physics_dt.
+    """
+
+    torque: tuple[Pair, ...] = table(unit="N m")
+    dt: float = number(0.01, unit="s", above=0)
+    kind: str = kind("array")
+
+    def pack(self, packer: Packer) -> None:
+        """Write the samples."""
+        super().pack(packer)
+        settings = packer.settings
+        settings["disturbance_table"], settings["disturbance_samples"] = len(packer.tables), len(self.torque)
+        packer.tables.extend(value for sample in self.torque for value in sample)
+
+
+Disturbance: TypeAlias = PiecewiseConstantDisturbance | SineDisturbance | PulseDisturbance | ArrayDisturbance
+DISTURBANCES = (PiecewiseConstantDisturbance, SineDisturbance, PulseDisturbance, ArrayDisturbance)

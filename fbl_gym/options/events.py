@@ -1,0 +1,127 @@
+"""Events: changes of the real arm at a time, for measuring recovery.
+
+A policy is not told of them. Times count to the nearest physics step.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from fbl_gym.options.packer import Packer
+from fbl_gym.records import Number, Numbers, Record, build_kind, declared, kind, number, pair
+
+
+class _Event(Record):
+    """Base of the events."""
+
+    def check(self, scenario: Any) -> None:
+        """Refuse an event that the scenario does not allow."""
+
+    def pack(self, packer: Packer, row: int, path: str) -> None:
+        """Write the time to a row of a block, and the size to the next one or two."""
+        for name, value in vars(self).items():
+            if name == "time":
+                packer.vary_row(row, value, f"{path}.time", 1 / packer.scenario.physics_dt)
+            elif name != "kind":
+                packer.vary_row(row + 1, value, f"{path}.{name}")
+
+
+@dataclass(frozen=True)
+class PickUp(_Event):
+    """A grasp: a mass at rest joins the tip, on top of any other payload.
+
+    The grasp is inelastic. The arm shares its momentum, M_after v_after = M_before v_before, and
+    loses energy.
+
+    Args:
+        time: of the grasp.
+        mass: of the payload.
+    """
+
+    time: Number = number(unit="s", varies=True, low=0)
+    mass: Number = number(unit="kg", varies=True, low=0)
+    kind: str = kind("pick-up")
+
+
+@dataclass(frozen=True)
+class Drop(_Event):
+    """The release of all payload. Velocities stay.
+
+    Args:
+        time: of the release.
+    """
+
+    time: Number = number(unit="s", varies=True, low=0)
+    kind: str = kind("drop")
+
+
+@dataclass(frozen=True)
+class FrictionChange(_Event):
+    """Viscous friction, Coulomb friction and stiction times a factor from now on.
+
+    Args:
+        time: of the change.
+        factor: on the friction before.
+    """
+
+    time: Number = number(unit="s", varies=True, low=0)
+    factor: Numbers = pair(varies=True, low=0)
+    kind: str = kind("friction")
+
+    def check(self, scenario: Any) -> None:
+        """Refuse the change of a friction that is not given."""
+        if scenario.friction is None:
+            raise ValueError("events change friction, but friction is None: give the friction that they change")
+
+
+@dataclass(frozen=True)
+class DriveChange(_Event):
+    """Torque of the drives times a factor from now on, such as 0.5 where half of it is lost.
+
+    Args:
+        time: of the change.
+        factor: on the torque before; 0: the drive has failed.
+    """
+
+    time: Number = number(unit="s", varies=True, low=0)
+    factor: Numbers = pair(varies=True, low=0)
+    kind: str = kind("drive")
+
+    def pack(self, packer: Packer, row: int, path: str) -> None:
+        """Write time and factor."""
+        super().pack(packer, row, path)
+        packer.settings["torque_varies"] = True
+
+
+@dataclass(frozen=True)
+class Knock(_Event):
+    """A blow: velocities jump by M^-1 impulse. With elastic joints it meets the links.
+
+    Args:
+        time: of the blow.
+        impulse: on the joints.
+    """
+
+    time: Number = number(unit="s", varies=True, low=0)
+    impulse: Numbers = pair(unit="N m s", varies=True)
+    kind: str = kind("knock")
+
+
+Event: TypeAlias = PickUp | Drop | FrictionChange | DriveChange | Knock
+EVENTS = (PickUp, Drop, FrictionChange, DriveChange, Knock)
+"""The kinds of events, in the order of their numbers in the kernel."""
+
+
+def _check_events(name: str, value: Any) -> tuple[Event, ...]:
+    """Return events from records or plain data; None: no event."""
+    if value is None:
+        return ()
+    if isinstance(value, str | Mapping) or not hasattr(value, "__iter__"):
+        raise ValueError(f"{name} must be a list of events, such as [{{'kind': 'drop', 'time': 3.0}}], got {value!r}")
+    return tuple(build_kind(f"{name}[{i}]", event, EVENTS) for i, event in enumerate(value))
+
+
+def events() -> Any:
+    """Declare a list of events."""
+    kinds = ", ".join(f'"{event.kind}"' for event in EVENTS)
+    return declared((), _check_events, f"a list of dicts with a kind of {kinds}", classes=EVENTS)

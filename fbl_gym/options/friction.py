@@ -1,0 +1,61 @@
+"""Friction in the joints; `kernel/friction.py` has its equation."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from fbl_gym.model.arm import inertia_matrix
+from fbl_gym.options.packer import Packer
+from fbl_gym.records import Numbers, Record, choice, pair
+
+MAX_DECAY = 1.0
+"""Largest product of physics_dt and the rate of decay by viscous friction; Runge-Kutta is stable up
+to 2.78."""
+
+
+@dataclass(frozen=True)
+class Friction(Record):
+    """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v).
+
+    Args:
+        viscous: coefficient of viscous friction, f_i1.
+        coulomb: Coulomb friction, f_i2.
+        stiction: friction f_s that fades as the joint moves.
+        v_s: scale of the squared velocity at which stiction fades, the square of the Stribeck
+            velocity.
+        law: "exact" holds a joint at rest under any load up to f_i2 + f_s. "literal" is the formula
+            as printed, with sign(0) = 0: no joint ever sticks, and one at rest creeps under a load,
+            the slower the shorter the physics step.
+    """
+
+    viscous: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0)
+    coulomb: Numbers = pair(0.0, unit="N m", varies=True, low=0)
+    stiction: Numbers = pair(0.0, unit="N m", varies=True, low=0)
+    v_s: Numbers = pair(1e-3, unit="(rad/s)^2", varies=True, above=0)
+    law: Literal["exact", "literal"] = choice("exact", ("exact", "literal"))
+
+    def check(self, scenario: Any) -> None:
+        """Refuse viscous friction too large for the physics step, and a law of rigid joints."""
+        if scenario.joint is not None:
+            if self.law == "literal":
+                raise ValueError("friction.law must be 'exact' with elastic joints, got 'literal'")
+        elif scenario.plant is None:
+            scenario.check_rate("this friction", _fastest_decay(scenario), MAX_DECAY)
+
+    @property
+    def is_dry(self) -> bool:
+        """Return True unless there is viscous friction alone, which is smooth."""
+        return self.coulomb != (0.0, 0.0) or self.stiction != (0.0, 0.0)
+
+    def pack(self, packer: Packer) -> None:
+        """Write the numbers of the curve."""
+        for name in ("viscous", "coulomb", "stiction", "v_s"):
+            packer.vary(name, getattr(self, name), f"friction.{name}")
+
+
+def _fastest_decay(scenario: Any) -> float:
+    """Return the largest rate at which viscous friction slows any real arm [1/s]."""
+    angles = np.column_stack([np.zeros(9), np.linspace(0, np.pi, 9)])
+    inertias = np.concatenate([inertia_matrix(arm, angles) for arm in scenario.lightest])
+    return float(np.linalg.eigvals(np.linalg.solve(inertias, np.diag(scenario.most_viscous))).real.max())

@@ -1,0 +1,92 @@
+"""Elastic joints: the motor turns the link through a spring, with a gap if there is backlash.
+
+With the motor's angle th behind its gear, the link's angle q and the rotor's inertia B:
+
+    B th'' = tau - tau_s - F(th')        M(q) q'' + C(q, q') q' + G(q) = tau_s - tau_d
+    tau_s = K dz(th - q) + D (th' - q')
+
+dz(x) is zero while x is within half the backlash, and its distance to the gap beyond. In the gap
+the damper does not act either. Friction F acts on the motor, the disturbance tau_d on the link. The
+rotors' coupling through the motion of the links is left out, as is usual for high gear ratios
+(Spong, "Modeling and control of elastic joint robots", ASME J. Dyn. Syst. Meas. Control 109, 1987;
+De Luca and Book, "Robots with flexible elements", Springer Handbook of Robotics, chapter 11).
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from fbl_gym.checks import Pair
+from fbl_gym.model.arm import ArmParameters, inertia_matrix
+from fbl_gym.options.packer import Packer
+from fbl_gym.records import Numbers, Record, choice, ends, pair
+
+LARGEST_STEP = 0.5
+"""Largest physics step, times the joints' fastest rate. A vibration of that rate then loses 0.01 %
+of its amplitude per step to the integration, slower ones far less."""
+
+
+@dataclass(frozen=True)
+class ElasticJoint(Record):
+    """Joints with a spring between motor and link.
+
+    Args:
+        stiffness: of the spring, K.
+        damping: of the spring, D.
+        rotor_inertia: inertia of each rotor, reflected to the joint, B; None: the arm's `rotor`,
+            which the nominal model knows.
+        backlash: width of the gap in which motor and link do not touch.
+        encoder: the side on which position and velocity are measured.
+    """
+
+    stiffness: Numbers = pair(unit="N m/rad", varies=True, above=0)
+    damping: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0)
+    rotor_inertia: Pair | float | None = pair(None, unit="kg m^2", above=0)
+    backlash: Numbers = pair(0.0, unit="rad", varies=True, low=0)
+    encoder: Literal["motor", "link"] = choice("motor", ("motor", "link"))
+
+    def check(self, scenario: Any) -> None:
+        """Refuse joints without rotors, or too stiff for the physics step."""
+        if min(scenario.rotor) <= 0.0:
+            raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {scenario.rotor}")
+        # The lightest links are the fastest. Lengths may act either way.
+        rate = max(fastest_rate(arm, scenario.rotor, self, scenario.most_viscous) for arm in scenario.lightest)
+        scenario.check_rate("these joints", rate, LARGEST_STEP)
+
+    def pack(self, packer: Packer) -> None:
+        """Write springs, rotors and the encoders' side."""
+        packer.settings["elastic"], packer.settings["encoder_on_motor"] = True, self.encoder == "motor"
+        packer.settings["motor_inertia"] = packer.scenario.rotor
+        for name in ("stiffness", "damping", "backlash"):
+            packer.vary(name, getattr(self, name), f"joint.{name}")
+
+    def datasheet(self, scenario: Any) -> dict[str, Any]:
+        """Return what policies know of the joints, as fields of `Interface`."""
+        return {
+            "stiffness": tuple(zip(*map(ends, self.stiffness), strict=True)),  # type: ignore[arg-type]
+            "damping": tuple(zip(*map(ends, self.damping), strict=True)),  # type: ignore[arg-type]
+            "backlash": tuple(ends(width)[1] for width in self.backlash),  # type: ignore[union-attr]
+            "rotor_inertia": scenario.rotor,
+            "encoder": self.encoder,
+        }
+
+
+def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: Pair) -> float:
+    """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
+
+    Of numbers that vary, the largest value counts. `viscous` is the friction of the motors.
+    """
+    largest = [np.array([ends(x)[1] for x in both]) for both in (joint.stiffness, joint.damping, viscous)]  # type: ignore[union-attr]
+    stiffness, damping, friction = (np.diag(x) for x in largest)
+    to_motor = np.diag(1.0 / np.array(rotor))
+    rates = []
+    for q2 in (0.0, np.pi / 2, np.pi):  # the inertia is linear in cos q2
+        to_link = np.linalg.inv(inertia_matrix(arm.lumped, (0.0, q2)))
+        spring, damper = (
+            np.block([[-to_link @ x, to_link @ x], [to_motor @ x, -to_motor @ x]]) for x in (stiffness, damping)
+        )
+        damper[2:, 2:] -= to_motor @ friction
+        motion = np.block([[np.zeros((4, 4)), np.eye(4)], [spring, damper]])
+        rates.append(np.abs(np.linalg.eigvals(motion)).max())
+    return float(max(rates))

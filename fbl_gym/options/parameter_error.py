@@ -1,0 +1,112 @@
+"""Real parameters that differ from the nominal ones, and the payload.
+
+The nominal model stays fixed and the real arm varies around it, as in the paper's Table 1. Every
+parameter error is a ratio real / nominal.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from fbl_gym.checks import check_choice, check_number
+from fbl_gym.exact import log1p
+from fbl_gym.model.arm import ArmParameters
+from fbl_gym.options.packer import Packer
+from fbl_gym.records import Number, Record, choice, choices, declared, ends, number, record
+
+PARAMETERS = ("m1", "m2", "L1", "L2")
+
+Ratios = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Payload(Record):
+    """A point mass at the tip that the nominal model does not include.
+
+    Args:
+        mass: mass of the payload.
+        pick_up: time at which the arm grasps it, to the nearest physics step. The grasp is
+            inelastic, as that of `events.PickUp`.
+        drop: time at which the arm releases it, later than `pick_up`; None: never.
+    """
+
+    mass: Number = number(unit="kg", varies=True, low=0)
+    pick_up: Number = number(0.0, unit="s", varies=True, low=0)
+    drop: Number | None = number(None, unit="s", varies=True)
+
+    def validate(self) -> None:
+        """Refuse a drop that does not come after the pick-up."""
+        if self.drop is not None:
+            check_number("drop", ends(self.drop)[0], above=ends(self.pick_up)[1])
+
+    def pack(self, packer: Packer) -> None:
+        """Write mass and times."""
+        path, scale = "parameter_error.payload.", 1 / packer.scenario.physics_dt
+        packer.settings["has_payload"] = ends(self.mass)[1] > 0
+        packer.vary("payload_mass", self.mass, path + "mass")
+        packer.vary("payload_pick_up", self.pick_up, path + "pick_up", scale=scale)
+        if self.drop is not None:
+            packer.vary("payload_drop", self.drop, path + "drop", scale=scale)
+
+
+def _ratios(name: str, value: object) -> Ratios:
+    """Return the ratios of m1, m2, L1 and L2, from one number, four numbers or a dict."""
+    if isinstance(value, Mapping):
+        for parameter in value:
+            check_choice(f"parameter of {name}", parameter, PARAMETERS)
+        value = [value.get(parameter, 1.0) for parameter in PARAMETERS]
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, list | tuple):
+        return (check_number(name, value, above=0),) * 4
+    if len(value) != 4:
+        raise ValueError(f"{name} must be one number, four (m1, m2, L1, L2) or a dict of them, got {value!r}")
+    m1, m2, L1, L2 = (check_number(f"{name} of {p}", x, above=0) for p, x in zip(PARAMETERS, value, strict=True))
+    return m1, m2, L1, L2
+
+
+@dataclass(frozen=True)
+class ParameterError(Record):
+    """Real parameters that differ from the nominal ones.
+
+    Args:
+        ratio: real / nominal. A dict such as {"m2": 2.0} leaves the other parameters at 1; four
+            numbers are in the order m1, m2, L1, L2.
+        radius: r; each episode multiplies the ratio by a factor drawn log-uniformly from
+            [1/(1+r), 1+r]. The paper's "100 %" is r = 1: from half to double.
+        parameters: the parameters that the radius varies.
+        sampling: "each" draws one factor per parameter, "together" one for all.
+        payload: a mass carried at the tip.
+    """
+
+    ratio: float | Ratios | Mapping[str, float] = declared(
+        1.0, _ratios, "a number greater than 0, four of them or a dict by parameter"
+    )
+    radius: float = number(0.0, low=0)
+    parameters: tuple[str, ...] = choices(PARAMETERS, PARAMETERS)
+    sampling: Literal["each", "together"] = choice("each", ("each", "together"))
+    payload: Payload | Mapping[str, Any] | float | None = record(Payload, None, scalar="mass")
+
+    @property
+    def ratios(self) -> Ratios:
+        """Return the fixed ratios of m1, m2, L1 and L2."""
+        return self.ratio  # type: ignore[return-value]
+
+    def lightest(self, arm: ArmParameters) -> list[ArmParameters]:
+        """Return the lightest real arms of a nominal one, with their least and largest lengths."""
+        m1, m2, L1, L2 = (getattr(arm, name) * ratio for name, ratio in zip(PARAMETERS, self.ratios, strict=True))
+        s1, s2, s3, s4 = (1.0 + self.radius if name in self.parameters else 1.0 for name in PARAMETERS)
+        lengths = [(L1 * x1, L2 * x2) for x1 in {1.0 / s3, s3} for x2 in {1.0 / s4, s4}]
+        return [dataclasses.replace(arm, m1=m1 / s1, m2=m2 / s2, L1=x1, L2=x2) for x1, x2 in lengths]
+
+    def pack(self, packer: Packer) -> None:
+        """Write ratio, radius and payload."""
+        settings, radius = packer.settings, log1p(self.radius)
+        settings["ratio"] = self.ratios
+        settings["log_radius"] = [radius if name in self.parameters else 0.0 for name in PARAMETERS]
+        settings["drawn_together"] = self.sampling == "together"
+        if isinstance(self.payload, Payload):
+            self.payload.pack(packer)

@@ -1,0 +1,285 @@
+"""Reference motions: one record per kind.
+
+An arm starts an episode at the position and velocity of its reference at t = 0; with steps, at
+their first level. Levels, way-points and phases that are drawn come from a random stream of the
+episode, so that every policy follows the same motion.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from fbl_gym.checks import Pair
+from fbl_gym.options.packer import Packer
+from fbl_gym.records import Record, kind, number, pair, table, whole
+
+# Joint angles that the default references stay within, one radian about hanging. The moves of
+# `MinimumJerk` then need at most 1,683 and 749 N m of any arm whose masses and lengths lie between
+# half and double Table 1's, with or without 15 kg more at the tip. This is within the default
+# torque limits of 2,000 and 800 N m (`tests/fbl_gym/test_references.py`).
+LOW: Pair = (-math.pi / 2 - 1.0, -1.0)
+HIGH: Pair = (-math.pi / 2 + 1.0, 1.0)
+
+
+def _range(positions: np.ndarray) -> tuple[Pair, Pair]:
+    """Return the lowest and the highest position of each joint, of positions [n x 2]."""
+    return tuple(positions.min(axis=0).tolist()), tuple(positions.max(axis=0).tolist())
+
+
+class _Reference(Record):
+    """Base of the references."""
+
+    @property
+    def range(self) -> tuple[Pair, Pair]:
+        """Return the lowest and the highest position of each joint [rad]."""
+        raise NotImplementedError
+
+    def check(self, scenario: Any) -> None:
+        """Refuse a reference beyond the sensors' range, or points far from the first one."""
+        far, points = scenario.limits.position, vars(self).get("points", vars(self).get("position"))
+        low, high = self.range
+        if np.abs(self.range).max() > 2 * far:
+            right = f"the sensors' range, 2 limits.position = {2 * far:g} rad"
+        elif points and np.abs(np.subtract(self.range, points[0])).max() > far:
+            right = f"limits.position={far:g} rad of its start {points[0]}"
+        else:
+            return
+        raise ValueError(f"reference must stay within {right}, got positions from {low} to {high} rad")
+
+
+@dataclass(frozen=True)
+class _Points(_Reference):
+    """Base of the references through points that are drawn or given.
+
+    Args:
+        low: lower corner of the box from which each episode draws its points.
+        high: upper corner of the box.
+        points: fixed points in place of drawn ones; the arm starts on the first, and the last holds
+            on.
+    """
+
+    low: Pair | float = pair(LOW, unit="rad")
+    high: Pair | float = pair(HIGH, unit="rad")
+    points: tuple[Pair, ...] | None = table(None, unit="rad")
+
+    pairs: ClassVar[int] = 1
+    """Pairs of rows that a block holds for each point."""
+    times: ClassVar[tuple[str, ...]] = ("period",)
+    """Fields whose sum is the time from one point to the next."""
+
+    @property
+    def range(self) -> tuple[Pair, Pair]:
+        """Return the lowest and the highest position of each joint [rad]."""
+        points = (self.low, self.high) if self.points is None else self.points
+        return _range(np.array(points))
+
+    def validate(self) -> None:
+        """Refuse an empty box."""
+        if any(low > high for low, high in zip(self.low, self.high, strict=True)):  # type: ignore[arg-type]
+            raise ValueError(f"low must not exceed high, got low={self.low} and high={self.high}")
+
+    @property
+    def interval(self) -> float:
+        """Return the time from one point to the next [s]."""
+        return float(sum(getattr(self, name) for name in self.times))
+
+    def check(self, scenario: Any) -> None:
+        """Refuse an interval shorter than a control step, too."""
+        super().check(scenario)
+        if self.interval < scenario.control_dt:
+            raise ValueError(
+                f"reference.{' + '.join(self.times)} must be at least control_dt={scenario.control_dt:g} s, "
+                f"got {self.interval:g} s"
+            )
+
+    def pack(self, packer: Packer) -> int:
+        """Write the points, or the box from which they are drawn."""
+        settings, duration = packer.settings, packer.scenario.duration
+        settings["point_time"] = self.interval
+        settings["reference_low"], settings["reference_high"] = self.low, self.high
+        if self.points is None:
+            n = int(duration / self.interval + 1e-9) + 2  # one more than is reached, for a jump at the very end
+            packer.check_size("duration", duration, " s", 2 * self.pairs * n)
+            settings["reference_table"] = -1
+        else:
+            n = len(self.points)
+            packer.tables.extend(angle for point in self.points for angle in point)
+        settings["reference_points"] = n
+        return self.pairs * n
+
+
+@dataclass(frozen=True)
+class MinimumJerk(_Points):
+    """Straight moves in joint space between way-points with minimum jerk (Flash and Hogan 1985).
+
+    Args:
+        move_time: duration of a move.
+        hold_time: rest after each move.
+    """
+
+    move_time: float = number(1.5, unit="s", above=0)
+    hold_time: float = number(0.5, unit="s", low=0)
+    kind: str = kind("minimum-jerk")
+
+    times: ClassVar[tuple[str, ...]] = ("move_time", "hold_time")
+
+    def pack(self, packer: Packer) -> int:
+        """Write the points and the duration of a move."""
+        packer.settings["move_time"] = self.move_time
+        return super().pack(packer)
+
+
+@dataclass(frozen=True)
+class Steps(_Points):
+    """Levels that jump at regular times, first at t = 0. Velocity and acceleration are zero.
+
+    Args:
+        period: time between two jumps.
+    """
+
+    period: float = number(2.0, unit="s", above=0)
+    kind: str = kind("steps")
+
+
+@dataclass(frozen=True)
+class FilteredSteps(_Points):
+    """Steps s through a critically damped second-order filter: r'' = w^2 (s - r) - 2 w r'.
+
+    Args:
+        period: time between two jumps.
+        bandwidth: bandwidth w of the filter.
+    """
+
+    period: float = number(2.0, unit="s", above=0)
+    bandwidth: float = number(5.0, unit="rad/s", above=0)
+    kind: str = kind("filtered-steps")
+
+    pairs: ClassVar[int] = 3  # also the filter's state at the start of each segment
+
+    def pack(self, packer: Packer) -> int:
+        """Write the points and the filter."""
+        packer.settings["bandwidth"] = self.bandwidth
+        return super().pack(packer)
+
+
+@dataclass(frozen=True)
+class _Oscillation(_Reference):
+    """Base of the references that are sums of sines about a centre.
+
+    Args:
+        centre: centre of the motion.
+        amplitude: bound of `|q - centre|`, the sum of the sines' amplitudes.
+    """
+
+    centre: Pair | float = pair((-math.pi / 2, 0.0), unit="rad")
+    amplitude: Pair | float = pair(1.0, unit="rad", low=0)
+
+    @property
+    def range(self) -> tuple[Pair, Pair]:
+        """Return the lowest and the highest position of each joint [rad], for any phase."""
+        return _range(np.array(self.centre) + np.outer([-1, 1], self.amplitude))
+
+    def pack(self, packer: Packer) -> int:
+        """Write the sines; those of `FourierReference` have drawn phases."""
+        settings, fields = packer.settings, vars(self)
+        n, phase = fields.get("harmonics", 1), fields.get("phase")
+        packer.check_size("reference.harmonics", n, "", 2 * n)
+        weights = 1.0 / np.arange(1, n + 1)
+        settings["reference_points"], settings["reference_middle"] = n, self.centre
+        settings["base_rate"] = 2 * np.pi * fields["frequency"]
+        settings["reference_phases_drawn"] = phase is None
+        packer.tables.extend(np.outer(weights / weights.sum(), self.amplitude).ravel())
+        packer.tables.extend((0.0, 0.0) if phase is None else phase)
+        return int(n)
+
+
+@dataclass(frozen=True)
+class SineReference(_Oscillation):
+    """The motion centre + amplitude sin(2 pi frequency t + phase).
+
+    Args:
+        frequency: frequency of the motion, the same for both joints.
+        phase: phase of the motion; None: drawn per episode.
+    """
+
+    amplitude: Pair | float = 0.5
+    frequency: float = number(0.25, unit="Hz", above=0)
+    phase: Pair | float | None = pair(0.0, unit="rad", optional=True)
+    kind: str = kind("sine")
+
+
+@dataclass(frozen=True)
+class FourierReference(_Oscillation):
+    """An exciting motion: harmonics h of one frequency, amplitudes as 1/h, drawn phases.
+
+    Args:
+        frequency: frequency of the first harmonic.
+        harmonics: number of harmonics.
+    """
+
+    frequency: float = number(0.1, unit="Hz", above=0)
+    harmonics: int = whole(5, low=1)
+    kind: str = kind("fourier")
+
+
+@dataclass(frozen=True)
+class ArrayReference(_Reference):
+    """A motion given by samples; the last position holds on.
+
+    Args:
+        position: samples of the position.
+        dt: time between two samples.
+        velocity: samples of the velocity; None: from a cubic spline through the positions.
+        acceleration: samples of the acceleration; None: from the same spline.
+    """
+
+    position: tuple[Pair, ...] = table(unit="rad")
+    dt: float = number(0.01, unit="s", above=0)
+    velocity: tuple[Pair, ...] | None = table(None, unit="rad/s")
+    acceleration: tuple[Pair, ...] | None = table(None, unit="rad/s^2")
+    kind: str = kind("array")
+
+    @property
+    def range(self) -> tuple[Pair, Pair]:
+        """Return the lowest and the highest position of each joint [rad]."""
+        return _range(np.array(self.position))
+
+    def validate(self) -> None:
+        """Refuse a velocity or an acceleration of another length."""
+        for name in ("velocity", "acceleration"):
+            rows = getattr(self, name)
+            if rows is not None and len(rows) != len(self.position):
+                raise ValueError(f"{name} must have the {len(self.position)} rows of position, got {len(rows)}")
+
+    def pack(self, packer: Packer) -> int:
+        """Write a sample for each control step, and one more, held for previews beyond it."""
+        scenario, count = packer.scenario, packer.scenario.steps + 2
+        packer.check_size("duration", scenario.duration, " s", 6 * count)
+        samples = self.samples(scenario.control_dt * np.arange(count))
+        samples[-1, 2:] = 0.0
+        packer.settings["reference_points"] = count
+        packer.tables.extend(samples.ravel())
+        return 0
+
+    def samples(self, times: np.ndarray) -> np.ndarray:
+        """Return position, velocity and acceleration at times [n] s, [n x 6]; then at rest."""
+        from scipy.interpolate import CubicSpline  # takes as long as all other imports of this package
+
+        position = np.array(self.position)
+        last = (len(position) - 1) * self.dt
+        clipped = np.minimum(times, last)
+        knots = self.dt * np.arange(len(position))
+        if len(position) == 1:
+            return np.hstack([np.repeat(position, len(times), axis=0), np.zeros((len(times), 4))])
+        spline = CubicSpline(knots, position)
+        columns = [spline(clipped)]
+        for order, rows in ((1, self.velocity), (2, self.acceleration)):
+            values = spline(clipped, order) if rows is None else CubicSpline(knots, np.array(rows))(clipped)
+            columns.append(np.where((times <= last + 1e-12)[:, None], values, 0.0))
+        return np.hstack(columns)
+
+
+Reference: TypeAlias = MinimumJerk | Steps | FilteredSteps | SineReference | FourierReference | ArrayReference
+REFERENCES = (MinimumJerk, Steps, FilteredSteps, SineReference, FourierReference, ArrayReference)

@@ -1,0 +1,86 @@
+"""The reward: bounded, with a slope at zero error.
+
+    r = 1 - (w_t T + w_e E + w_c C) / (w_t + w_e + w_c)       in [0, 1]
+
+T is the tracking term in [0, 1] of the true error |e| = |e_1| + |e_2| [rad]:
+    "log"  T = min(1, log(1 + |e| / resolution) / log(1 + worst / resolution))
+    "l1"   T = min(1, |e| / worst)
+E is the mean of |u_i|, where u is the torque command as a fraction of its limit. C is the mean of
+|u_i - u_i before| / 2. Both are zero for an arm without torque limits.
+
+A diverged arm gets 0 and the episode ends. No reward is negative, so ending an episode early never
+pays. There is no squared error, because its slope vanishes near zero, where good policies differ.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fbl_gym.exact import log1p
+from fbl_gym.model.arm import Array
+from fbl_gym.records import Record, choice, number
+
+
+@dataclass(frozen=True)
+class Reward(Record):
+    """The weights and scales of the reward.
+
+    Args:
+        tracking: form of the tracking term.
+        worst: error `|e|` from which on the tracking term is 1.
+        resolution: error `|e|` at which the logarithm bends; unused by "l1".
+        weight_tracking: weight w_t of the tracking term.
+        weight_effort: weight w_e of the effort.
+        weight_chatter: weight w_c of the chatter.
+    """
+
+    tracking: Literal["log", "l1"] = choice("log", ("log", "l1"))
+    worst: float = number(2.0, unit="rad", above=0)
+    resolution: float = number(1e-3, unit="rad", above=0)
+    weight_tracking: float = number(1.0, low=0)
+    weight_effort: float = number(0.02, low=0)
+    weight_chatter: float = number(0.1, low=0)
+
+    def validate(self) -> None:
+        """Refuse weights that are all zero or too large to add, and scales too far apart."""
+        weights = {name: value for name, value in vars(self).items() if name.startswith("weight_")}
+        if sum(weights.values()) == 0:
+            raise ValueError(f"at least one of {', '.join(weights)} must be positive, got {weights}")
+        if sum(weights.values()) == math.inf:
+            raise ValueError(f"the sum of {', '.join(weights)} must be finite, got {weights}")
+        if self.tracking == "log" and not 1e-9 <= self.worst / self.resolution <= 1e15:
+            raise ValueError(
+                f"worst / resolution must be from 1e-9 to 1e15, got worst={self.worst:g}, resolution={self.resolution:g}"
+            )
+
+    def pack(self, settings: NDArray[np.void]) -> None:
+        """Write form, scales and weights to the kernel's settings."""
+        logarithmic = self.tracking == "log"
+        settings["reward_logarithmic"] = logarithmic
+        settings["reward_scale"] = 1 / self.resolution if logarithmic else 1 / self.worst
+        settings["reward_norm"] = 1 / log1p(self.worst / self.resolution) if logarithmic else 0.0
+        total = self.weight_tracking + self.weight_effort + self.weight_chatter
+        for name in ("weight_tracking", "weight_effort", "weight_chatter"):
+            settings[name] = getattr(self, name) / total
+
+    def losses(self, error: Array, effort: Array, chatter: Array) -> dict[str, Array]:
+        """Return the equation's three terms, weighted; the reward is 1 less their sum.
+
+        Args:
+            error: tracking error [n x 2] rad.
+            effort: torque command as a fraction of its limit, [n x 2], not negative.
+            chatter: C of the equation, [n].
+        """
+        distance = np.abs(error).sum(axis=-1)
+        tracking = distance / self.worst
+        if self.tracking == "log":
+            tracking = np.log1p(distance / self.resolution) / np.log1p(self.worst / self.resolution)
+        total = self.weight_tracking + self.weight_effort + self.weight_chatter
+        return {
+            "tracking_loss": self.weight_tracking / total * np.minimum(tracking, 1.0),
+            "effort_loss": self.weight_effort / total * effort.mean(axis=-1),
+            "chatter_loss": self.weight_chatter / total * chatter,
+        }

@@ -1,0 +1,167 @@
+"""Errors of the sensors, and the encoders."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fbl_gym.checks import Pair
+from fbl_gym.exact import exp
+from fbl_gym.options.packer import Packer
+from fbl_gym.records import Numbers, Record, ends, number, pair, record, scaled, whole
+
+SENSORS = ("position", "velocity", "acceleration")
+
+MAX_SAMPLES = 10_000
+"""Oldest reading that an encoder may need, in control samples."""
+
+
+@dataclass(frozen=True)
+class SensorError(Record):
+    """The error of one sensor: a bias, then white noise, then rounding, in the sensor's unit.
+
+    Args:
+        sigma: standard deviation of each sample's noise.
+        density: one-sided spectral density of the noise in the sensor's unit / sqrt(Hz), in place
+            of `sigma`: sigma = density / sqrt(2 control_dt), so that a faster rate is no better
+            sensor.
+        bias: constant offset.
+        quantization: step to whose multiples the reading is rounded; 0: no rounding.
+        snr_db: signal-to-noise ratio, against a signal of unit power, in place of `sigma`, as in
+            §3.2 of the paper: sigma = 10^(-snr_db / 20).
+    """
+
+    sigma: Numbers = pair(0.0, varies=True, low=0)
+    density: Numbers = pair(0.0, varies=True, low=0)
+    bias: Numbers = pair(0.0, varies=True)
+    quantization: Pair | float = pair(0.0, low=0)
+    snr_db: float | None = number(None, unit="dB")
+
+    def validate(self) -> None:
+        """Refuse two sizes of the noise."""
+        if self.snr_db is not None and self.sigma != (0.0, 0.0):
+            raise ValueError(f"give sigma or snr_db, not both; got sigma={self.sigma} and snr_db={self.snr_db}")
+        if self.density != (0.0, 0.0) and (self.snr_db is not None or self.sigma != (0.0, 0.0)):
+            raise ValueError(f"give density or another size, not both; got density={self.density}")
+
+    @property
+    def std(self) -> Numbers:
+        """Return the standard deviation of each joint's noise, from `sigma` or `snr_db`."""
+        if self.snr_db is None:
+            return self.sigma
+        return (10.0 ** (-self.snr_db / 20.0),) * 2
+
+    def std_at(self, control_dt: float) -> Any:
+        """Return the standard deviation of each joint's noise, also from a `density`."""
+        if self.density == (0.0, 0.0):
+            return self.std
+        return tuple(scaled(density, 1 / math.sqrt(2 * control_dt)) for density in self.density)  # type: ignore[union-attr]
+
+    def pack(self, packer: Packer, name: str) -> None:
+        """Write the errors of a sensor."""
+        settings, sensor = packer.settings, SENSORS.index(name)
+        std, size = self.std_at(packer.scenario.control_dt), "sigma" if self.density == (0.0, 0.0) else "density"
+        packer.vary("noise_bias", self.bias, f"noise.{name}.bias", first=2 * sensor)
+        packer.vary("noise_std", std, f"noise.{name}.{size}", first=2 * sensor)
+        settings["quantization"][sensor] += self.quantization
+        settings["has_noise"][sensor] = ends(std) != (0.0, 0.0)
+        settings["noisy"] |= bool(settings["has_noise"][sensor]) or ends(self.bias) != (0.0, 0.0)
+        settings["noisy"] |= self.quantization != (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Noise(Record):
+    """The errors of the sensors. A sensor without an error is perfect.
+
+    Args:
+        position: error of the joint angles [rad].
+        velocity: error of the joint velocities [rad/s].
+        acceleration: error of the joint accelerations [rad/s^2].
+    """
+
+    position: SensorError | Mapping[str, Any] | Pair | float | None = record(SensorError, None, scalar="sigma")
+    velocity: SensorError | Mapping[str, Any] | Pair | float | None = record(SensorError, None, scalar="sigma")
+    acceleration: SensorError | Mapping[str, Any] | Pair | float | None = record(SensorError, None, scalar="sigma")
+
+    @property
+    def errors(self) -> dict[str, SensorError]:
+        """Return the error of each sensor that has one, by name."""
+        return {name: error for name in SENSORS if (error := getattr(self, name)) is not None}
+
+    def check(self, scenario: Any) -> None:
+        """Refuse the noise of a sensor that a scenario leaves out."""
+        for sensor in self.errors:
+            if sensor not in scenario.sensors:
+                raise ValueError(f"noise.{sensor} is given, but sensors={scenario.sensors} has no {sensor} sensor")
+
+    def pack(self, packer: Packer) -> None:
+        """Write the errors of all sensors."""
+        for name, error in self.errors.items():
+            error.pack(packer, name)
+
+    def datasheet(self, scenario: Any) -> dict[str, Any]:
+        """Return what policies know of the noise, as fields of `Interface`."""
+        errors = [self.errors.get(name, SensorError()) for name in SENSORS]
+        return {
+            "noise_std": tuple(tuple(ends(std)[1] for std in error.std_at(scenario.control_dt)) for error in errors)
+        }
+
+
+@dataclass(frozen=True)
+class Encoder(Record):
+    """The encoders of both joints, and the velocity that a drive computes from them.
+
+    The velocity is the difference of two position readings, divided by the time between them, then
+    filtered: y += (1 - exp(-2 pi low_pass control_dt)) (x - y).
+
+    Args:
+        counts: position readings per turn of the joint; None: no rounding.
+        difference: control samples between the two readings; None: the velocity is measured.
+        low_pass: cut-off frequency of the filter; None: no filter.
+        latency: age of the readings of position and velocity, in control samples.
+    """
+
+    counts: Pair | float | None = pair(None, above=0)
+    difference: int | None = whole(None, low=1)
+    low_pass: float | None = number(None, unit="Hz", above=0)
+    latency: int = whole(0)
+
+    def validate(self) -> None:
+        """Refuse a filter of a measured velocity, and readings too old to be stored."""
+        if self.low_pass is not None and self.difference is None:
+            raise ValueError(f"low_pass filters a computed velocity: give difference too, got low_pass={self.low_pass}")
+        for name in ("difference", "latency"):
+            value = getattr(self, name)
+            if value is not None and value > MAX_SAMPLES:
+                raise ValueError(f"{name} must be a whole number not above {MAX_SAMPLES}, got {value}")
+
+    def check(self, scenario: Any) -> None:
+        """Refuse a velocity that is not read or measured too, and two kinds of rounding."""
+        errors = {} if scenario.noise is None else scenario.noise.errors
+        if self.difference is not None and "velocity" not in scenario.sensors:
+            raise ValueError(f"encoder.difference computes a velocity, but sensors={scenario.sensors} has none")
+        if self.difference is not None and "velocity" in errors:
+            raise ValueError(
+                "noise.velocity is of a measured velocity, but encoder.difference computes it from the position"
+            )
+        if self.counts is not None and "position" in errors and errors["position"].quantization != (0.0, 0.0):
+            raise ValueError(f"give encoder.counts or noise.position.quantization, not both; got counts={self.counts}")
+
+    def datasheet(self, scenario: Any) -> dict[str, Any]:
+        """Return what policies know of the encoders, as fields of `Interface`."""
+        return {"latency": self.latency * scenario.control_dt}
+
+    def pack(self, packer: Packer) -> None:
+        """Write counts, difference, filter and latency."""
+        settings = packer.settings
+        if self.counts is not None:
+            settings["quantization"][0] = 2 * np.pi / np.array(self.counts)
+            settings["noisy"] = True
+        settings["latency"], settings["difference"] = self.latency, self.difference or 0
+        if self.latency or self.difference:
+            settings["history"] = 1 + max(self.latency, self.difference or 1)
+        settings["low_pass"] = 1.0
+        if self.low_pass is not None:
+            settings["low_pass"] = 1.0 - exp(-2 * math.pi * self.low_pass * packer.scenario.control_dt)

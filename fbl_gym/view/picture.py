@@ -1,0 +1,245 @@
+"""A picture of the arm: `draw` turns plain numbers into a frame with pygame, without a display.
+
+Shapes are drawn larger than the frame and averaged, so that edges are smooth.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+from fbl_gym.checks import Pair
+from fbl_gym.model.arm import ArmParameters, Array, joint_positions
+
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # pygame prints a greeting
+try:
+    import pygame
+except ImportError as problem:
+    raise DependencyNotInstalled("drawing needs pygame: pip install 'fbl-gym[render]'") from problem
+
+Frame: TypeAlias = NDArray[np.uint8]
+Point: TypeAlias = tuple[float, float]
+Colour: TypeAlias = tuple[int, int, int]
+
+# Okabe and Ito, "Color Universal Design" (2008): distinguishable with any colour vision.
+BLUE, SKY, ORANGE = (0, 114, 178), (86, 180, 233), (230, 159, 0)
+VERMILLION, PURPLE = (213, 94, 0), (204, 121, 167)
+PAPER, RULE, GHOST, INK = (252, 252, 250), (224, 224, 220), (168, 168, 164), (44, 44, 44)
+
+FULL_TURN = 1.5 * math.pi
+"""Arc that stands for a joint's full torque [rad]."""
+
+TRAIL_SPAN, TRAIL_STEP = 1.5, 0.02
+"""Duration of the tip's trail, and time between its points [s]."""
+
+# Positions and lengths, as fractions of the frame's size.
+CENTRE = (0.5, 0.458)
+REACH = 0.35
+MARGIN = 0.035
+TITLE, SUBTITLE, TABLE = 0.045, 0.088, 0.856
+LETTERS = 0.034
+WIDTHS = (0.04, 0.032, 0.02)
+"""Widths of the links at base, elbow and tip."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One instant of one arm: all that a frame shows.
+
+    Args:
+        title, subtitle: text above the arm, left.
+        time: since the episode's start [s].
+        lengths: real lengths of the links [m].
+        position, reference: joint angles [rad].
+        torque: applied to the joints [N m].
+        push: torque of the disturbance, -tau_d of equation (1) [N m]; None: the scenario has none.
+        full_torque: torque of the longest arc [N m].
+        payload: mass carried at the tip [kg].
+        trail: past positions of the tip, oldest first, [k x 3] as (time [s], x, y [m]).
+    """
+
+    title: str
+    subtitle: str
+    time: float
+    lengths: Pair
+    position: Pair
+    reference: Pair
+    torque: Pair
+    push: Pair | None
+    full_torque: Pair
+    payload: float
+    trail: Array
+
+
+def project(points: Array, lengths: Pair, size: int) -> Array:
+    """Return the pixels of points [... x 2] m, from the frame's upper left corner, y downwards."""
+    scale = REACH * size / sum(lengths)
+    return size * np.array(CENTRE) + scale * np.asarray(points) * (1.0, -1.0)
+
+
+def joints(lengths: Pair, q: Pair) -> Array:
+    """Return the positions of base, elbow and tip, [3 x 2] m, from lengths [m] and angles."""
+    return joint_positions(ArmParameters(L1=lengths[0], L2=lengths[1]), q)
+
+
+def draw(picture: Picture, size: int = 480) -> Frame:
+    """Return the frame of a picture, [size x size x 3].
+
+    It shows the arm in blue, the reference in grey, the tip's trail, the payload, and for each
+    joint an arc for the torque and one for the disturbance. The arcs grow with the square root of
+    their share of the full torque.
+    """
+    canvas = Canvas(size, size)
+    reach = functools.partial(project, lengths=picture.lengths, size=size)
+    base, elbow, tip = _points(reach(joints(picture.lengths, picture.position)))
+    canvas.disc(base, (REACH + 0.0015) * size, RULE, 0.003 * size)
+    canvas.line([base, (base[0], base[1] + 0.085 * size)], [0.06 * size] * 2, RULE)
+    if len(picture.trail) > 1:
+        age = np.clip((picture.time - picture.trail[:, 0]) / TRAIL_SPAN, 0.0, 1.0)
+        points = _points(reach(picture.trail[:, 1:]))
+        for start, end, faded in zip(points[:-1], points[1:], age[1:].tolist(), strict=True):
+            canvas.line([start, end], [0.006 * size] * 2, _mix(PAPER, SKY, faded))
+    widths = [size * width for width in WIDTHS]
+    reference = _points(reach(joints(picture.lengths, picture.reference)))
+    canvas.line(reference, widths, _mix(GHOST, PAPER, 0.5))
+    if picture.payload > 0.0:
+        canvas.disc(tip, 0.03 * size, ORANGE)
+    canvas.line([base, elbow, tip], widths, BLUE)
+    _draw_torques(canvas, picture, (base, elbow), size)
+    for joint, radius in ((base, 0.013), (elbow, 0.011), (tip, 0.009)):
+        canvas.disc(joint, (radius + 0.004) * size, PAPER)
+        canvas.disc(joint, radius * size, INK)
+    _write_numbers(canvas, picture, size)
+    return canvas.frame
+
+
+def _draw_torques(canvas: Canvas, picture: Picture, joints: tuple[Point, Point], size: int) -> None:
+    q1, q2 = picture.position
+    push = picture.push or (0.0, 0.0)
+    for i, (joint, angle) in enumerate(zip(joints, (q1, q1 + q2), strict=True)):
+        for torque, radius, colour in ((picture.torque[i], 0.052, VERMILLION), (push[i], 0.076, PURPLE)):
+            share = min(abs(torque) / picture.full_torque[i], 1.0)
+            sweep = math.copysign(FULL_TURN * math.sqrt(share), torque)
+            start = angle + math.copysign(0.6 * WIDTHS[0] / radius, torque)  # beside the link
+            canvas.arrow(joint, radius * size, start, sweep, 0.007 * size, colour)
+
+
+def _write_numbers(canvas: Canvas, picture: Picture, size: int) -> None:
+    left, right, line = MARGIN * size, (1.0 - MARGIN) * size, LETTERS * size
+    canvas.write(picture.title, (left, TITLE * size), 1.2 * line, INK)
+    canvas.write(picture.subtitle, (left, SUBTITLE * size), line, INK)
+    canvas.write(f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
+    if picture.payload > 0.0:
+        canvas.write(f"payload {picture.payload:.3g} kg", (right, SUBTITLE * size), line, INK, 1.0)
+    error = [1e3 * (r - q) for r, q in zip(picture.reference, picture.position, strict=True)]
+    rows = [("error [mrad]", error, GHOST), ("torque [N m]", picture.torque, VERMILLION)]
+    if picture.push is not None:
+        rows.append(("push [N m]", picture.push, PURPLE))
+    columns = (0.7 * size, right)
+    for i, x in enumerate(columns):
+        canvas.write(f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
+    for i, (name, values, colour) in enumerate(rows, start=1):
+        y = TABLE * size + 1.06 * i * line
+        canvas.disc((left + 0.3 * line, y), 0.25 * line, colour)
+        canvas.write(name, (left + line, y), line, INK)
+        for value, x in zip(values, columns, strict=True):
+            number = f"{value:+,.1f}" if abs(value) < 1e6 else f"{value:+.1e}"
+            canvas.write(number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
+
+
+class Canvas:
+    """A pygame surface for shapes; lengths in pixels of the frame, from its upper left corner."""
+
+    FINER = 3
+    """The surface has this many times the frame's pixels in each direction."""
+
+    def __init__(self, width: int, height: int) -> None:
+        self._size = width, height
+        self._surface = pygame.Surface((self.FINER * width, self.FINER * height), depth=32)
+        self._surface.fill(PAPER)
+
+    @property
+    def frame(self) -> Frame:
+        """Return the picture, [height x width x 3]."""
+        surface = pygame.transform.smoothscale(self._surface, self._size)
+        width, height = self._size
+        return np.frombuffer(bytearray(pygame.image.tobytes(surface, "RGB")), np.uint8).reshape(height, width, 3)
+
+    def disc(self, centre: Point, radius: float, colour: Colour, width: float = 0.0) -> None:
+        """Draw a circle: filled, or a ring of a width within the radius."""
+        pygame.draw.circle(
+            self._surface, colour, self._fine(centre), round(self.FINER * radius), round(self.FINER * width)
+        )
+
+    def line(self, points: Sequence[Point], widths: Sequence[float], colour: Colour) -> None:
+        """Draw a line through points, with its width at each, and round ends."""
+        for (x0, y0), (x1, y1), w0, w1 in zip(points[:-1], points[1:], widths[:-1], widths[1:], strict=True):
+            length = math.hypot(x1 - x0, y1 - y0)
+            if length > 0.0:
+                nx, ny = (y1 - y0) / length / 2, (x0 - x1) / length / 2
+                corners = [(x0 + w0 * nx, y0 + w0 * ny), (x1 + w1 * nx, y1 + w1 * ny)]
+                corners += [(x1 - w1 * nx, y1 - w1 * ny), (x0 - w0 * nx, y0 - w0 * ny)]
+                self._polygon(corners, colour)
+        for point, width in zip(points, widths, strict=True):
+            self.disc(point, width / 2, colour)
+
+    def arrow(self, centre: Point, radius: float, start: float, sweep: float, width: float, colour: Colour) -> None:
+        """Draw an arc with an arrowhead; angles counter-clockwise from the right [rad]."""
+        if abs(sweep) * radius < 0.5 * width:
+            return
+        end = start + sweep
+        angles = np.linspace(start, end, 2 + int(abs(sweep) / 0.1))
+        outer = [_on_circle(centre, radius + width / 2, angle) for angle in angles]
+        inner = [_on_circle(centre, radius - width / 2, angle) for angle in angles[::-1]]
+        self._polygon(outer + inner, colour)
+        self.disc(_on_circle(centre, radius, start), width / 2, colour)
+        head = 3.0 * width
+        point = _on_circle(centre, radius, end + math.copysign(head / radius, sweep))
+        wings = (_on_circle(centre, radius + wing, end) for wing in (-0.6 * head, 0.6 * head))
+        self._polygon([point, *wings], colour)
+
+    def write(self, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
+        """Write a line of text, at half of whose height is the point `at`.
+
+        `align` 0: `at` is the left end, 1/2: the middle, 1: the right end.
+        """
+        letters = _letters(text, round(1.36 * self.FINER * height), colour)
+        wide, high = letters.get_size()
+        x, y = self._fine(at)
+        self._surface.blit(letters, (max(round(x - align * wide), 0), max(round(y - high / 2), 0)))
+
+    def _polygon(self, corners: Sequence[Point], colour: Colour) -> None:
+        pygame.draw.polygon(self._surface, colour, [self._fine(corner) for corner in corners])
+
+    def _fine(self, point: Point) -> tuple[int, int]:
+        """Return the pixel of the surface."""
+        return round(self.FINER * point[0]), round(self.FINER * point[1])
+
+
+def _points(array: Array) -> list[Point]:
+    return [(x, y) for x, y in array.tolist()]
+
+
+def _on_circle(centre: Point, radius: float, angle: float) -> Point:
+    return centre[0] + radius * math.cos(angle), centre[1] - radius * math.sin(angle)
+
+
+def _mix(colour: Colour, other: Colour, share: float) -> Colour:
+    """Return a colour with a share of the first and the rest of the other."""
+    r, g, b = (round(share * x + (1.0 - share) * y) for x, y in zip(colour, other, strict=True))
+    return r, g, b
+
+
+@functools.lru_cache(maxsize=256)
+def _letters(text: str, height: int, colour: Colour) -> pygame.Surface:
+    """Return a line of text. Its surface survives `pygame.quit`, a font does not."""
+    pygame.font.init()
+    return pygame.font.Font(None, height).render(text, True, colour)

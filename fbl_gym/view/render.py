@@ -1,0 +1,112 @@
+"""The view of an arm: its pictures over an episode, and the window that shows them.
+
+Imported when a picture is first needed. A frame alone opens no window.
+"""
+
+import dataclasses
+import math
+import time
+
+import numpy as np
+
+from fbl_gym.checks import Pair
+from fbl_gym.kernel.batch import Truth
+from fbl_gym.model.arm import STANDARD_GRAVITY, Array
+from fbl_gym.scenarios import Scenario
+from fbl_gym.view.picture import TRAIL_SPAN, TRAIL_STEP, Frame, Picture, draw, joints, pygame
+
+WINDOW_FPS = 50
+"""Largest number of pictures in the window per simulated second; pygame has one per process."""
+
+
+def full_torque(scenario: Scenario) -> Pair:
+    """Return the torque of the longest arc [N m].
+
+    This is the torque limit. Without a limit, it is ten times the torque that holds the nominal arm
+    stretched out on Earth.
+    """
+    if scenario.actuator.torque_limit is not None:
+        return scenario.actuator.torque_limit  # type: ignore[return-value]
+    *_, p4, p5 = dataclasses.replace(scenario.arm, gravity=STANDARD_GRAVITY).lumped
+    return 10.0 * float(p4 + p5), 10.0 * float(p5)
+
+
+class Trail:
+    """The tip's recent positions. A time earlier than the last one begins a new trail."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[float, float, float]] = []
+
+    def extended(self, now: float, tip: Array) -> Array:
+        """Add the position [2] m at a time [s]; return the trail, [k x 3] as (time, x, y)."""
+        points = [p for p in self._points if now - TRAIL_SPAN <= p[0] < now]
+        if len(points) > 1 and points[-1][0] - points[-2][0] < 0.99 * TRAIL_STEP:
+            points.pop()
+        self._points = [*points, (now, float(tip[0]), float(tip[1]))]
+        return np.array(self._points)
+
+
+class View:
+    """The pictures of one arm, `size` pixels wide and high, and the window, which shows one arm."""
+
+    def __init__(self, scenario: Scenario, size: int) -> None:
+        self.scenario, self.size = scenario, size
+        self._full_torque = full_torque(scenario)
+        self._trail = Trail()
+        self._last_time, self._due = math.inf, 0.0
+
+    def picture(self, truth: Truth) -> Picture:
+        """Return the picture of an instant, and add the tip to the trail."""
+        q, r = _pair(truth.position), _pair(truth.reference)
+        lengths, now = _pair(truth.lengths), float(truth.time)
+        return Picture(
+            title=self.scenario.name,
+            subtitle="",
+            time=now,
+            lengths=lengths,
+            position=q,
+            reference=r,
+            torque=_pair(truth.applied_torque),
+            push=None if self.scenario.disturbance is None else _pair(-truth.disturbance),
+            full_torque=self._full_torque,
+            payload=float(truth.payload),
+            trail=self._trail.extended(now, joints(lengths, q)[2]),
+        )
+
+    def frame(self, truth: Truth) -> Frame:
+        """Return the frame of an instant, [size x size x 3]."""
+        return draw(self.picture(truth), self.size)
+
+    def show(self, truth: Truth) -> None:
+        """Show an instant in the window, in real time and at most `WINDOW_FPS` times per second."""
+        picture = self.picture(truth)
+        passed = picture.time - self._last_time
+        if 0.0 <= passed < 0.99 / WINDOW_FPS:
+            return
+        frame = draw(picture, self.size)
+        now = time.perf_counter()
+        due = self._due + passed
+        if now < due < now + passed:
+            time.sleep(due - now)
+        else:  # a new episode, or late
+            due = now
+        self._last_time, self._due = picture.time, due
+        window = pygame.display.get_surface()
+        if window is None or window.get_size() != (self.size, self.size):
+            pygame.display.init()
+            pygame.display.set_caption("fbl-gym")
+            window = pygame.display.set_mode((self.size, self.size))
+        pygame.surfarray.blit_array(window, frame.swapaxes(0, 1))
+        pygame.event.pump()
+        pygame.display.flip()
+
+    def close(self) -> None:
+        """Close the window, if this arm has been shown in it."""
+        if self._last_time < math.inf:
+            pygame.display.quit()
+
+
+def _pair(x: Array) -> Pair:
+    """Return two floats, with zero for the infinite or undefined values of a diverged arm."""
+    first, second = np.nan_to_num(x, posinf=0.0, neginf=0.0).tolist()
+    return first, second

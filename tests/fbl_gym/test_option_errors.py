@@ -1,0 +1,174 @@
+"""Errors of options that contradict each other, are too large or have a wrong name; those of single fields: test_options.py."""
+
+import re
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.declared import TABLE
+from tests.fbl_gym.episodes import ID
+
+STEPS = {"kind": "steps", "low": 1.0, "high": (2.0, 0.0)}
+SHORT = {"kind": "array", "position": TABLE, "velocity": TABLE[:1]}
+NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        # Fields that contradict each other
+        (
+            {"parameter_error": {"payload": {"mass": 1.0, "pick_up": 2.0, "drop": 2.0}}},
+            "drop must be .* than 2, got 2.0",
+        ),
+        (
+            {"parameter_error": {"payload": {"mass": 1, "pick_up": {"uniform": [0, 2]}, "drop": 1.0}}},
+            "greater than 2, got 1",
+        ),
+        (
+            {"disturbance": {"kind": "pulses", "amplitude": 1, "period": 0.5, "width": 0.6}},
+            r"width must be .* not above 0\.5",
+        ),
+        (
+            {"noise": {"position": {"sigma": 0.1, "snr_db": 3.0}}},
+            "give sigma or snr_db, not both; got sigma=.*snr_db=3",
+        ),
+        ({"reference": STEPS}, r"low must not exceed high, got low=\(1.0, 1.0\) and"),
+        ({"reference": SHORT}, "velocity must have the 2 rows"),
+        ({"reward": NO_WEIGHTS}, "at least one of weight_tracking, weight_effort, weight_chatter must be positive"),
+        ({"reward": {"worst": 1e-300}}, "worst / resolution must be from 1e-9 to 1e15"),
+        ({"reward": {"weight_effort": 1.7e308, "weight_chatter": 1.7e308}}, "must be finite"),
+        ({"actuator": None}, "action='normalized' needs a torque limit"),
+        ({"sensors": ("position",), "action": "acceleration"}, "has none"),
+        ({"sensors": ("velocity",)}, "sensors must include 'position'"),
+        ({"noise": {"velocity": 0.1}, "sensors": ("position",)}, "noise.velocity is given, but sensors"),
+        # Times that are no multiples of their step
+        ({"control_dt": 0.01, "physics_dt": 0.003}, "multiple of physics_dt=0.003 s, got control_dt=0.01 s"),
+        ({"physics_dt": 0.02}, "control_dt must be a multiple of physics_dt=0.02 s, got control_dt=0.01 s"),
+        ({"duration": 1.005}, "must be a multiple of control_dt=0.01 s, got duration=1.005"),
+        ({"actuator": {"delay": 0.0015}}, "must be a multiple of physics_dt=0.001 s, got actuator.delay=0.0015"),
+        ({"disturbance": {"kind": "piecewise-constant", "amplitude": 1, "period": 0.0125}}, "0.001.*period=0.0125"),
+        ({"disturbance": {"kind": "pulses", "amplitude": 1, "width": 0.0125}}, "physics_dt=0.001.*width=0.0125"),
+        ({"disturbance": {"kind": "pulses", "amplitude": 1, "start": 0.0125}}, "physics_dt=0.001.*start=0.0125"),
+        ({"disturbance": {"kind": "pulses", "amplitude": 1, "period": 2.0005}}, "physics_dt=0.001.*period=2.0005"),
+        ({"disturbance": {"kind": "array", "torque": TABLE, "dt": 0.0125}}, "physics_dt=0.001.*dt=0.0125"),
+        # Too large for the memory or for whole numbers
+        ({"duration": 1e12}, r"duration must be at most some 8.39e\+06 s here, .* for 16 arms, got 1000000000000.0 s"),
+        ({"duration": 1e9, "reference": {"kind": "array", "position": TABLE}}, "duration must be at most some"),
+        ({"duration": 1e9, "reference": "filtered-steps"}, "duration must be at most some"),
+        ({"duration": 1.7e308}, "duration must be at most .* times control_dt=0.01 s"),
+        ({"actuator": {"delay": 1e9}}, r"actuator.delay must be at most some 2.1e\+04 s here"),
+        ({"actuator": {"delay": 1.7e308}}, "actuator.delay must be at most .* times physics_dt"),
+        ({"actuator": {"delay": {"uniform": [0, 1.7e308]}}}, r"actuator.delay must be .* not above 9.0072e\+12"),
+        ({"preview": 10**400}, r"preview must be at most some 1.4e\+06 here"),
+        ({"reference": {"kind": "fourier", "harmonics": 10**9}}, r"reference.harmonics must be at most some 4.19e\+06"),
+        ({"physics_dt": 1e-12}, "control_dt must have at most 10000 physics steps .*, got 10000000000"),
+        ({"physics_dt": 1e-300}, "control_dt must be at most .* times physics_dt=1e-300 s, got 0.01 s"),
+        (
+            {"plant": {"kind": "mujoco", "substeps": 1001}},
+            "control_dt must have at most 10000 physics steps .*, got 10010",
+        ),
+        # Names and types
+        ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean .* Also near"),
+        ({"scenario": "mixed-eror-2"}, "unknown scenario 'mixed-eror-2'; did you mean 'mixed-error-2'"),
+        ({"scenario": 3}, "scenario must be a Scenario, .*got 3"),
+        ({"scenario": {"name": ["a"]}}, r"name must be text, got \['a'\]"),
+        ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'.* Known: "),
+        ({"arm": "tabel-1"}, "unknown arm 'tabel-1'; did you mean 'table-1'"),
+        (
+            {"disturbance": {"kind": "sinus", "amplitude": 1}},
+            "unknown kind of disturbance 'sinus'; did you mean 'sine'",
+        ),
+        ({"disturbance": {"kind": ["sine"]}}, "unknown kind of disturbance"),
+        ({"disturbance": {"amplitude": 5.0}}, "disturbance must be .*a 'kind' of"),
+        ({"disturbance": "sine"}, r"disturbance must give amplitude, got \{'kind': 'sine'\}"),
+        ({"reference": "minimum-jrk"}, "'minimum-jrk'; did you mean 'minimum-jerk'"),
+        ({"reward": "l1"}, "reward must be a Reward, a dict of its fields .*got 'l1'"),
+        ({"friction": 3.0}, "friction must be a Friction, a dict of its fields .viscous.*got 3.0"),
+        ({"parameter_error": "2"}, "parameter_error must be .*got '2'"),
+        ({"parameter_error": {"payload": "2"}}, "payload must be a Payload, .* or its mass, got '2'"),
+        ({"parameter_error": {"ratio": (1.0, 2.0)}}, r"ratio must be one number, four .* got \(1.0, 2.0\)"),
+        ({"parameter_error": {"ratio": 0.0}}, "ratio must be a finite number greater than 0, got 0.0"),
+        ({"parameter_error": {"ratio": {"m2": 0.0}}}, "ratio of m2 must be a finite number greater than 0, got 0.0"),
+        ({"parameter_error": {"ratio": {"m2": "x"}}}, "ratio of m2 must be .* got 'x'"),
+        ({"parameter_error": {"ratio": {"mm1": 2.0}}}, "unknown parameter of ratio 'mm1'; did you mean 'm1'"),
+        ({"noise": {"position": np.array("x")}}, "sigma must be"),
+        ({"preview": -1}, "preview must be a whole number not below 0, got -1"),
+        ({"render_mode": "humann"}, "render_mode"),
+        # Distributions
+        (
+            {"friction": {"coulomb": {"uniform": [5, 1]}}},
+            r"friction: coulomb: uniform\[1\] must be .* not below 5, got 1",
+        ),
+        (
+            {"friction": {"coulomb": {"log_uniform": [0, 1]}}},
+            r"coulomb: log_uniform\[0\] must be .* greater than 0, got 0",
+        ),
+        ({"friction": {"coulomb": {"uniform": 3}}}, "coulomb: uniform must be the two ends of a range, got 3"),
+        ({"friction": {"coulomb": {"choice": []}}}, r"coulomb: choice must be a list of numbers, got \[\]"),
+        ({"friction": {"coulomb": {"unifrom": [0, 1]}}}, "unknown field of coulomb 'unifrom'; did you mean 'uniform'"),
+        (
+            {"friction": {"coulomb": {"uniform": [0, 1], "choice": [1]}}},
+            "give one of uniform, log_uniform, choice, got",
+        ),
+        ({"friction": {"coulomb": {}}}, "give one of uniform, log_uniform, choice, got"),
+        ({"friction": {"coulomb": [{"uniform": [0, 1]}] * 3}}, "coulomb must be one number, or one for each of"),
+    ],
+    ids=str,
+)
+def test_wrong_options_are_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        TwoLinkArmEnv(**options)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("frictionn", "did you mean 'friction'?"),
+        ("acton", "did you mean 'action'?"),
+        ("rewards", "did you mean 'reward'?"),
+        ("scenaro", "did you mean 'scenario'?"),
+        ("threads", "it is an option of the vector environment"),
+        ("torque_limit", "did you mean actuator={'torque_limit': ...}"),
+        ("mass", "did you mean parameter_error={'payload': {'mass': ...}}"),
+        ("snr_db", "did you mean noise={'position': {'snr_db': ...}} or noise={'velocity': {'snr_db': ...}} or "),
+        ("bandwidth", "did you mean reference={'kind': 'filtered-steps', 'bandwidth': ...}"),
+        ("weight_effort", "did you mean reward={'weight_effort': ...}"),
+    ],
+)
+def test_an_unknown_option_is_a_type_error_in_pythons_words(name, advice):
+    """TorchRL tries `frameskip` on every environment, and goes on after this error alone."""
+    with pytest.raises(TypeError, match=re.escape(f"got an unexpected keyword argument {name!r}; {advice}")):
+        gym.make(ID, **{name: 100})
+
+
+def test_an_unknown_slot_of_the_observation_is_named():
+    with pytest.raises(ValueError, match=r"did you mean 'reference_position'.* Known: "):
+        TwoLinkArmEnv().layout["referense_position"]
+
+
+def test_an_error_does_not_change_the_next_environment():
+    before = TwoLinkArmEnv().reset(seed=0)[0]
+    for bad in ({"noise": {"position": -1}}, {"control_dt": 0.0015}, {"reference": "sinus"}):
+        with pytest.raises(ValueError, match=r"must be|unknown"):
+            TwoLinkArmEnv(**bad)
+    np.testing.assert_array_equal(TwoLinkArmEnv().reset(seed=0)[0], before)
+
+
+def test_a_batch_beyond_any_memory_is_refused():
+    with pytest.raises(ValueError, match=r"num_envs must be at most [\d,]+ here, which take 16 GiB, got 1000000000"):
+        TwoLinkArmVectorEnv(10**9)
+
+
+def test_a_payload_that_is_never_picked_up_is_no_error():
+    env = TwoLinkArmEnv(parameter_error={"payload": {"mass": 1.0, "pick_up": 1.7e308}})
+    env.reset(seed=0)
+    env.step(np.zeros(2))
+    assert env.truth.payload == 0.0
+
+
+def test_scenarios_take_plain_options_alone():
+    with pytest.raises(ValueError, match="unknown field of noise 'positon'; did you mean 'position'"):
+        Scenario(noise={"positon": 0.1})
