@@ -21,6 +21,7 @@ from benchmarks.run.suite import Cell
 from controllers.registry import ENTRY_POINTS
 
 LAW = "from controllers.simple import Zero as make_policy\n"
+SUBCLASS = "from controllers.simple import Zero\n\n\nclass make_policy(Zero):\n"
 
 
 def tree(folder, files):
@@ -308,7 +309,7 @@ def test_a_data_file_that_is_not_declared_is_a_failed_cell(early, late, tmp_path
 
 
 def test_exchanged_contents_of_two_data_files_change_the_key(tmp_path):
-    (tmp_path / "law.py").write_text(f"{LAW}make_policy.data_files = ['a.txt', 'b.txt']\n")
+    (tmp_path / "law.py").write_text(f"{SUBCLASS}    data_files = ['a.txt', 'b.txt']\n")
 
     def key(one, two):
         (tmp_path / "a.txt").write_text(one)
@@ -347,7 +348,7 @@ def test_an_edit_of_the_law_that_a_policy_uses_makes_its_results_stale(form, tmp
         (tmp_path / "agent" / "agent.json").write_text(json.dumps(description))
         name = str(tmp_path / "agent")
     else:
-        (tmp_path / "law.py").write_text(f"{LAW}make_policy.uses = ('sliding-mode',)\n")
+        (tmp_path / "law.py").write_text(f"{SUBCLASS}    uses = ('sliding-mode',)\n")
         name = str(tmp_path / "law.py")
     spec = resolve(name)
     assert is_unchanged(spec)

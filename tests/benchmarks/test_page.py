@@ -252,7 +252,9 @@ def named(tmp_path_factory):
         replace(
             run,
             cell=replace(
-                run.cell, policy=replace(run.cell.policy, name=name), scenario=short("nominal").replace(name=task)
+                run.cell,
+                policy=replace(run.cell.policy, parsed=replace(run.cell.policy.parsed, text=name)),
+                scenario=short("nominal").replace(name=task),
             ),
         )
         for run, name in zip(runs * 2, NAMES, strict=True)
