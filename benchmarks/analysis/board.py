@@ -1,5 +1,6 @@
 """The board: score, error, diverged share, effort and rank of each policy of a suite."""
 
+import dataclasses
 import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -56,6 +57,7 @@ class Board:
         lacking: a sentence on the scenarios without results; empty: there are none.
         failed: the error of each policy and scenario, by index, where a member failed.
         metrics: external ones, which `runs` has too.
+        flags: 1 where a run diverged [m x more seeds], of each scenario that has more seeds, by index.
     """
 
     rows: dict[str, tuple[PolicySpec, ...]]
@@ -67,6 +69,7 @@ class Board:
     lacking: str = ""
     failed: dict[tuple[int, int], str] = field(default_factory=dict)
     metrics: tuple[Metric, ...] = ()
+    flags: dict[int, Array] = field(default_factory=dict)
 
     @property
     def gaps(self) -> list[str]:
@@ -156,8 +159,8 @@ class Board:
 
     @cached_property
     def counts(self) -> Array:
-        """Weight of each seed in the data and each resample [b x n]; see `statistics.resample`."""
-        return statistics.resample(len(self.seeds), BOOTSTRAP_SEED)
+        """Weight of each seed in the data and each draw [b x n]; see `statistics.weigh`."""
+        return statistics.weigh(len(self.seeds), (BOOTSTRAP_SEED, len(self.seeds)))
 
     @cached_property
     def weights(self) -> Array:
@@ -196,16 +199,14 @@ class Board:
                 gains = baseline[scored] - errors[:, scored]
                 # A resample may lack the seeds on which the ceiling is clearly below the baseline.
                 spans = np.maximum(baseline[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
-                counted = self.runs["diverged"][:, indices].sum(axis=1) @ weights
-                runs = np.repeat(self._runs(indices), self.sizes).tolist()
-                diverged = [statistics.diverged_share(*x) for x in zip(counted, runs, strict=True)]
+                diverged = self._diverged(indices).T
                 scores[tier] = self.average(statistics.score(gains.swapaxes(0, 1), spans[:, None], diverged).T)
         return scores
 
-    def _runs(self, indices: Sequence[int]) -> NDArray[np.int64]:
-        """Return the number of runs of a member of each policy where it did not fail [p]."""
-        failed = [sum(j == i and k in indices for j, k in self.failed) for i in range(len(self.specs))]
-        return np.maximum((len(indices) - np.array(failed)) * len(self.seeds), 1)
+    def _diverged(self, indices: Sequence[int]) -> Array:
+        """Return draws of the share of each member's runs that diverge in some scenarios [b x m]."""
+        flags = [self.flags.get(k, self.runs["diverged"][:, k]) for k in indices]
+        return statistics.diverged_shares(flags, BOOTSTRAP_SEED)
 
     @cached_property
     def scores(self) -> dict[str, Estimate]:
@@ -237,9 +238,13 @@ class Board:
 
     @cached_property
     def diverged(self) -> Estimate:
-        """Share of each policy's runs that diverged in the tier that ranks [p]."""
-        counts = np.add.reduceat(self.runs["diverged"][:, self.main].sum(axis=(1, 2)), self._starts)
-        return statistics.proportion(counts, self._runs(self.main) * self.sizes)
+        """Share of each policy's runs that diverge in the tier that ranks [p].
+
+        The value is the mean of the scenarios' shares in the data.
+        """
+        flags = [self.flags.get(k, self.runs["diverged"][:, k]).mean(axis=-1) for k in self.main]
+        estimate = statistics.interval(self.average(self._diverged(self.main)))
+        return dataclasses.replace(estimate, value=self.average(np.mean(flags, axis=0)[None])[0])
 
     @cached_property
     def effort(self) -> Array | None:
@@ -262,6 +267,24 @@ class Board:
     def rank(self) -> Estimate:
         """Rank of each ranked policy, in the order of `ranked`."""
         return statistics.ranks(self._levels[:, self.ranked])
+
+    @cached_property
+    def error_rank(self) -> Estimate:
+        """Rank of each ranked policy by its error in the tier that ranks, in the order of `ranked`."""
+        return statistics.ranks(self._mean_errors(self.errors[:, self.main])[:, self.ranked])
+
+    @cached_property
+    def diverged_rank(self) -> Estimate:
+        """Rank of each ranked policy by its share of diverged runs, in the order of `ranked`."""
+        return statistics.ranks(self.average(self._diverged(self.main))[:, self.ranked])
+
+    @cached_property
+    def times_ceiling(self) -> Array | None:
+        """Geometric mean of each policy's errors over those of the ceilings [p]; None without one."""
+        scored = [k for k in self.main if self.ceilings[k] >= 0]
+        logs = np.log(self.errors).mean(axis=-1)
+        ratio = np.mean(logs[:, scored] - logs[self.ceilings[scored], scored], axis=-1)
+        return np.exp(self.average(ratio[None])[0]) if scored else None
 
     @cached_property
     def order(self) -> list[int]:
@@ -357,7 +380,8 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     with a member that failed in all of them, or lacks a result, is left out and named.
 
     Args:
-        results: of cells with the same seeds.
+        results: of cells with the same seeds; a scenario may have more, which only tell how often a
+            policy's runs diverge.
         expected: cells that the board should have.
 
     Raises:
@@ -396,9 +420,18 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
             ]
             table.append(row)
         decision.append(np.median([r.decision_us for spec in members for r in stored[spec.name].values() if r.rows]))
-    cell = results[0].cell
-    runs = {name: np.array([[[run[name] for run in one] for one in row] for row in table]) for name in cell.columns}
-    return Board(complete, tuple(tasks), cell.seeds, runs, np.array(decision), incomplete, gap, failed, cell.metrics)
+    cell = min((result.cell for result in results), key=lambda cell: len(cell.seeds))
+    count = len(cell.seeds)
+    runs = {
+        name: np.array([[[run[name] for run in one[:count]] for one in row] for row in table]) for name in cell.columns
+    }
+    flags = {
+        k: np.array([[run["diverged"] for run in row[k]] for row in table])
+        for k in range(len(tasks)) if len(table[0][k]) > count
+    }  # fmt: skip
+    return Board(
+        complete, tuple(tasks), cell.seeds, runs, np.array(decision), incomplete, gap, failed, cell.metrics, flags
+    )
 
 
 def _lack(results: Mapping[str, Result], tasks: Iterable[str]) -> str:

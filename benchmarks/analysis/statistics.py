@@ -1,14 +1,13 @@
 """Statistics of the leaderboard: pure functions on arrays.
 
-Runs lie in arrays [... x s x n] of s scenarios and n seeds; axes before these stay. A bootstrap
-resample is a row of counts, the weight of each seed. `resample` draws all b - 1 resamples of a
-bootstrap at once, below a first row for the data themselves. A statistic is computed for each row,
-and `interval` turns its draws [b x ...] into an estimate. Statistics with the same counts use the
-same resampled seeds, so policies are compared in pairs.
+Runs lie in arrays [... x s x n] of s scenarios and n seeds; axes before these stay. A draw of a
+bootstrap is a row of weights, one for each seed. `weigh` makes all b - 1 draws at once, below a
+first row for the data themselves. A statistic is computed for each row, and `interval` turns its
+draws [b x ...] into an estimate. Statistics with the same weights are compared in pairs.
 
 Scenarios share seeds: seed 7 has the same motion everywhere, so a policy's errors in two scenarios
-are correlated. All scenarios therefore share the resampled seeds. Resampling the seeds of each
-scenario separately (Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
+are correlated. All scenarios therefore share the weights. Weighing the seeds of each scenario
+separately (Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
 Precipice", NeurIPS 2021) would give intervals that are too narrow here.
 
 Smaller errors are better. A run that diverged counts with its worst error and is never left out:
@@ -41,11 +40,8 @@ DIVERGENCE_PENALTY = 100 * np.log(2.0)
 """Price of a share of diverged runs in the logarithm of the error: each percent costs as much as
 doubling the error."""
 
-ENOUGH_EPISODES = 256
-"""Test episodes that a claim about the share of diverged runs needs.
-
-If none of them diverges, they bound the share by 1.4 % (`proportion`).
-"""
+PRIOR_LOST = 0.5
+"""Diverged runs that every policy has before any is seen (Jeffreys' prior of a share)."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +65,38 @@ def resample(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> A
     """
     n, resamples = check_whole("n", n, low=1), check_whole("resamples", resamples, low=1)
     return np.vstack([np.ones(n), np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples)])
+
+
+def weigh(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> Array:
+    """Return the weight of each of n seeds in the data, and in each draw of the posterior, [b x n].
+
+    This is the Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981): n times a draw of the
+    uniform Dirichlet distribution. The first row is of the data, all ones. Each row sums to n.
+    """
+    n, resamples = check_whole("n", n, low=1), check_whole("resamples", resamples, low=1)
+    return np.vstack([np.ones(n), n * np.random.default_rng(seed).dirichlet(np.ones(n), size=resamples)])
+
+
+def diverged_shares(flags: Sequence[ArrayLike], seed: int, resamples: int = RESAMPLES) -> Array:
+    """Return the posterior of the share of runs that diverge, the mean of s scenarios, [b x ...].
+
+    None of the runs seen does not mean none. The prior is Jeffreys', half a diverged run. With one
+    scenario and independent runs the posterior is Beta(k + 1/2, n - k + 1/2), but for a bound on
+    the share. A seed's runs in several scenarios weigh alike, so that they count as one cluster.
+
+    Args:
+        flags: of each scenario, 1 where a run diverged [... x n]. Scenarios may have more seeds
+            than others.
+        seed: of the draws.
+        resamples: number of draws below the first row, the posterior mean.
+    """
+    flags = [np.asarray(scenario, dtype=float) for scenario in flags]
+    sizes = [scenario.shape[-1] for scenario in flags]
+    weights = {n: weigh(n, (seed, n), resamples) / n for n in set(sizes)}
+    shares = sum(np.moveaxis(x @ weights[n].T, -1, 0) for x, n in zip(flags, sizes, strict=True)) / len(flags)
+    prior = np.random.default_rng((seed, 0)).gamma(PRIOR_LOST, size=np.shape(shares))
+    prior[0] = PRIOR_LOST
+    return np.asarray(shares + prior / (len(flags) * min(sizes)))
 
 
 def mean(runs: ArrayLike, counts: Array) -> Array:
@@ -130,21 +158,11 @@ def score(gains: ArrayLike, spans: ArrayLike, diverged: ArrayLike) -> Array:
         gains: ln(E_stay / E) [s x ...]. E is the geometric mean error of the runs, E_stay that of
             the motionless baseline.
         spans: ln(E_stay / E_ceiling) [s x ...] for the best law that knows the truth.
-        diverged: share of the runs that diverged [...], see `diverged_share`.
+        diverged: share of the runs that diverge [...].
     """
     spans = np.asarray(spans)
     errors = np.clip(100 * np.asarray(gains) / spans, *BOUNDS).mean(axis=0)
     return np.asarray(errors - 100 * DIVERGENCE_PENALTY * np.asarray(diverged) / spans.mean(axis=0))
-
-
-def diverged_share(diverged: ArrayLike, runs: int) -> Array:
-    """Return the share of diverged runs that a score counts, of their number [...].
-
-    It is Clopper and Pearson's upper bound, less the upper bound where none diverged: the bound
-    alone would charge all policies for few runs.
-    """
-    bounds = proportion(np.arange(runs + 1), runs).high
-    return np.asarray((bounds - bounds[0])[np.rint(diverged).astype(int)])
 
 
 def tail_mean(x: ArrayLike, share: float = 0.05) -> Array:
@@ -166,8 +184,3 @@ def proportion(count: ArrayLike, runs: ArrayLike) -> Estimate:
         low = np.where(k > 0, stats.beta.ppf(TAIL, k, n - k + 1), 0.0)
         high = np.where(k < n, stats.beta.ppf(1 - TAIL, k + 1, n - k), 1.0)
     return Estimate(k / n, low, high)
-
-
-def enough(episodes: int) -> bool:
-    """Return True if a claim about the share of diverged runs has enough independent episodes."""
-    return check_whole("episodes", episodes) >= ENOUGH_EPISODES

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from benchmarks.analysis.statistics import DIVERGENCE_PENALTY, TAIL, diverged_share
+from benchmarks.analysis.statistics import DIVERGENCE_PENALTY, PRIOR_LOST, TAIL
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.store import Result
 from fbl_gym.model.arm import Array
@@ -37,7 +37,7 @@ class Runs:
     @property
     def levels(self) -> Array:
         """Mean logarithm of the errors, and the divergence penalty, [policies x scenarios]."""
-        share = diverged_share(self.diverged.sum(axis=-1), self.diverged.shape[-1])
+        share = (self.diverged.sum(axis=-1) + PRIOR_LOST) / (self.diverged.shape[-1] + 2 * PRIOR_LOST)
         return self.logs.mean(axis=-1) + DIVERGENCE_PENALTY * share
 
     @property

@@ -92,15 +92,19 @@ def percent(x: float) -> str:
 def columns(board: Board) -> list[Column]:
     """Return the columns of a board, from left to right."""
     count = len(board.policies)
-    ranks = [
-        [dict(zip(board.ranked, of_ranked.tolist(), strict=True)).get(i) for i in range(count)]
-        for of_ranked in (board.rank.value, board.rank.low, board.rank.high)
-    ]
     failures = [sum(j == i for j, _ in board.failed) for i in range(count)]
 
     def estimated(key: str, title: str, meaning: str, estimate: Estimate, scale: float = 1.0, **more: object) -> Column:
         value, low, high = ((scale * np.asarray(x)).tolist() for x in (estimate.value, estimate.low, estimate.high))
         return Column(key, title, meaning, value, low, high, **more)  # type: ignore[arg-type]
+
+    def ranked(key: str, title: str, meaning: str, ranks: Estimate) -> Column:
+        value, low, high = (
+            [dict(zip(board.ranked, bound.tolist(), strict=True)).get(i) for i in range(count)]
+            for bound in (ranks.value, ranks.low, ranks.high)
+        )
+        meaning += " Median and interval over the bootstrap. A policy with privileged access has no rank."
+        return Column(key, title, meaning, value, low, high, form="{:.0f}".format, place="short", ends="range")
 
     seeds = [f"{size} training seeds" if size > 1 else "" for size in board.sizes]
     stays = [f"motionless in {n} of {len(board.scenarios)}" if n else "" for n in failures]
@@ -109,10 +113,7 @@ def columns(board: Board) -> list[Column]:
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
     return [
-        Column(
-            "rank", "rank", "Median rank over the bootstrap. A policy with privileged access has no rank.",
-            ranks[0], low=ranks[1], high=ranks[2], form="{:.0f}".format, place="short", ends="range",
-        ),
+        ranked("rank", "rank", "Rank by the score, or by the error where there is no score.", board.rank),
         Column(
             "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
             "failed, it counts as the motionless baseline.", board.policies, notes=notes, place="short",
@@ -127,17 +128,25 @@ def columns(board: Board) -> list[Column]:
             )
             for tier, score in board.scores.items()
         ),
+        ranked("error-rank", "error rank", "Rank by the error.", board.error_rank),
+        ranked("diverged-rank", "diverged rank", "Rank by the share of runs that diverge.", board.diverged_rank),
         estimated(
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
             "reference's amplitude, half its range.", board.error, best=-1, place="short", ends="interval",
+        ),
+        *(
+            [] if board.times_ceiling is None else [Column(
+                "ceiling", "× ceiling", "Error over that of the ceiling, geometric mean of the scenarios with a ceiling.",
+                board.times_ceiling.tolist(), best=-1, place="table",
+            )]
         ),
         Column(
             "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
             place="short",
         ),
         estimated(
-            "diverged", "diverged %", f"Share of runs that diverged {here}, with Clopper and Pearson's upper bound. These "
-            "runs count in every error.", board.diverged, 100.0, best=-1, form=percent, place="short", ends="upper",
+            "diverged", "diverged %", f"Share of runs that diverged {here}, with the upper end of its posterior's interval. "
+            "These runs count in every error.", board.diverged, 100.0, best=-1, form=percent, place="short", ends="upper",
         ),
         *(
             [Column(

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.analysis import statistics
 from benchmarks.analysis.board import Board
 from benchmarks.files import write_text
 from benchmarks.report import figures
@@ -62,7 +61,6 @@ def contents(board: Board, results: Sequence[Result], command: str) -> Any:
             f"{len(board.policies)} policies on {len(board.scenarios)} scenarios with the same {len(board.seeds)} seeds. "
             f"{_tiers(board)}"
             "Intervals cover 95 %, by a bootstrap over the seeds, and over the training seeds of agents."
-            + ("" if statistics.enough(len(board.seeds)) else " Too few episodes to claim a share of diverged runs.")
             + "".join(f" {remark.removesuffix('.')}." for remark in board.remarks)
         ),
         "facts": {

@@ -111,6 +111,7 @@ class Suite:
         scenarios: the tasks.
         seeds: how many of the test seeds, from 0 on.
         metrics: external ones to measure, too.
+        more_seeds: how many test seeds some scenarios have, by name, if more than `seeds`.
     """
 
     name: str
@@ -118,6 +119,7 @@ class Suite:
     scenarios: tuple[Scenario, ...]
     seeds: int
     metrics: tuple[Metric, ...] = ()
+    more_seeds: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         set_fields(
@@ -130,9 +132,10 @@ class Suite:
     @cached_property
     def cells(self) -> list[Cell]:
         """The cells, scenario by scenario, each with every policy."""
-        seeds = tuple(SPLITS["test"][: self.seeds])
         policies = [*map(resolve_isolated, self.policies)]
-        return [Cell(policy, scenario, seeds, self.metrics) for scenario in self.scenarios for policy in policies]
+        seeds = [tuple(SPLITS["test"][: self.more_seeds.get(task.name, self.seeds)]) for task in self.scenarios]
+        tasks = [*zip(self.scenarios, seeds, strict=True)]
+        return [Cell(policy, task, some, self.metrics) for task, some in tasks for policy in policies]
 
 
 def training(folder: Path) -> tuple[str, int]:
@@ -231,6 +234,7 @@ class SuiteSpec:
         policies: texts that name the policies; empty: all, tuned where they can be.
         tasks: names, families, files and tables of further scenarios.
         seeds: how many of the test seeds.
+        more_seeds: how many of some scenarios, by name, in which many policies lose runs.
         control_dt: time between decisions of all scenarios [s]; None: their own.
         file: that describes the suite; None: it is one of `SUITES`.
     """
@@ -242,6 +246,7 @@ class SuiteSpec:
     policies: tuple[str, ...] = ()
     tasks: tuple[Any, ...] = ()
     seeds: int = 32
+    more_seeds: Mapping[str, int] = field(default_factory=dict)
     control_dt: float | None = None
     file: Path | None = None
 
@@ -282,14 +287,16 @@ class SuiteSpec:
         Args:
             policies: instead of the suite's; empty: these.
             tasks: scenarios and families instead of the suite's; empty: these.
-            seeds: instead of the suite's.
+            seeds: of every scenario, instead of the suite's.
             more: policies to add.
             metrics: external ones to measure, too.
             limits: of loading an external policy.
         """
         chosen = expand(tasks) or self.scenarios
         specs = members((*(policies or self.policy_names), *more), limits)
-        return Suite(self.name, specs, chosen, self.seeds if seeds is None else seeds, metrics)
+        if seeds is not None:
+            return Suite(self.name, specs, chosen, seeds, metrics)
+        return Suite(self.name, specs, chosen, self.seeds, metrics, self.more_seeds)
 
 
 NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
@@ -303,8 +310,10 @@ SUITES: dict[str, SuiteSpec] = {
     for spec in (
         SuiteSpec(
             "hardware",
-            "the board: every policy, tuned where it can be, but nmpc, on hardware at severity 2 and surprise, 32 seeds",
+            "the board: every policy, tuned where it can be, but nmpc, on hardware at severity 2 and surprise, 32 "
+            "seeds, 512 in saturation",
             {"hardware": (2,), "surprise": (2,)}, (*_SINGLE, *_SLOW, *NEEDS_ACCELERATION),
+            more_seeds={"hardware-saturation-2": 512},
         ),
         SuiteSpec(
             "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, Table 1's arm, 32 seeds",

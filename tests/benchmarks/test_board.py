@@ -14,7 +14,6 @@ from benchmarks import cli
 from benchmarks.analysis import board as analysis_board
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
-from benchmarks.analysis.statistics import diverged_share
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import columns
@@ -147,7 +146,7 @@ def test_diverged_runs_cost_their_price():
     runs = {**found.runs, "diverged": found.runs["diverged"].copy()}
     runs["diverged"][2, 0, 0] = 1.0
     span = np.log(found.runs["baseline_error_pct"][0, 0]).mean() - np.log(found.errors[3, 0]).mean()
-    price = 100 * np.log(2) * 100 * diverged_share(1, 8) / span
+    price = 100 * np.log(2) * 100 * (1 / 8) / span
     once = dataclasses.replace(found, runs=runs)
     assert once.score.value[2] == pytest.approx(max(found.score.value[2] - price, -100.0))
     assert once.diverged.value[2] == 1 / 8
