@@ -33,7 +33,7 @@ MOST_DIVERGED = 0.1
 """Largest share of runs that diverge for which a law can be a ceiling."""
 
 TOP = 10
-"""A suite on which the rank intervals of the TOP best policies overlap is too easy."""
+"""A suite on which the error ranks of the TOP best policies overlap is too easy."""
 
 BOOTSTRAP_SEED = 0
 """Seed of the bootstrap."""
@@ -57,7 +57,7 @@ class Board:
         lacking: a sentence on the scenarios without results; empty: there are none.
         failed: the error of each policy and scenario, by index, where a member failed.
         metrics: external ones, which `runs` has too.
-        flags: 1 where a run diverged [m x more seeds], of each scenario that has more seeds, by index.
+        flags: of each scenario with more seeds, by index: 1 where a run diverged [m x seeds].
     """
 
     rows: dict[str, tuple[PolicySpec, ...]]
@@ -88,10 +88,12 @@ class Board:
                 f"No error score, since no law with privileged access is a ceiling there: {', '.join(without)}. Diverged "
                 "runs count there too."
             )
-        rank, count = self.rank, min(TOP, len(self.ranked))
+        rank, count = self.error_rank, min(TOP, len(self.ranked))
         best = np.argsort(rank.value, kind="stable")[:count]
         if count == TOP and rank.low[best].max() <= rank.high[best].min():
-            sentences.append(f"This suite is too easy: the rank intervals of the best {TOP} policies overlap.")
+            sentences.append(
+                f"This suite is too easy: the intervals of the error ranks of the best {TOP} policies overlap."
+            )
         reasons: dict[str, dict[str, list[str]]] = {}
         for (i, k), reason in self.failed.items():
             sensor = re.search(r"needs a sensor of \w+", reason)
@@ -111,6 +113,11 @@ class Board:
     def specs(self) -> tuple[PolicySpec, ...]:
         """First member of each policy [p]."""
         return tuple(members[0] for members in self.rows.values())
+
+    @cached_property
+    def _members(self) -> tuple[PolicySpec, ...]:
+        """The members, policy by policy [m]."""
+        return tuple(spec for members in self.rows.values() for spec in members)
 
     @cached_property
     def sizes(self) -> NDArray[np.int64]:
@@ -199,14 +206,22 @@ class Board:
                 gains = baseline[scored] - errors[:, scored]
                 # A resample may lack the seeds on which the ceiling is clearly below the baseline.
                 spans = np.maximum(baseline[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
-                diverged = self._diverged(indices).T
+                shares, prior = self._diverged(indices)
+                diverged = shares.T - prior  # the prior alone would charge all policies for few runs
                 scores[tier] = self.average(statistics.score(gains.swapaxes(0, 1), spans[:, None], diverged).T)
         return scores
 
-    def _diverged(self, indices: Sequence[int]) -> Array:
-        """Return draws of the share of each member's runs that diverge in some scenarios [b x m]."""
+    def _diverged(self, indices: Sequence[int]) -> tuple[Array, float]:
+        """Return `diverged_shares` of each member in some scenarios [b x m].
+
+        Runs are likely to diverge where those of other policies do that seldom diverge.
+        """
         flags = [self.flags.get(k, self.runs["diverged"][:, k]) for k in indices]
-        return statistics.diverged_shares(flags, BOOTSTRAP_SEED)
+        means = np.array([scenario.mean(axis=-1) for scenario in flags])
+        seldom = [means[:, i].mean() <= MOST_DIVERGED and self._members[i].ranked for i in range(len(means[0]))]
+        runs = np.array([max(sum(seldom), 1) * scenario.shape[-1] for scenario in flags])
+        likely = means[:, seldom].sum(axis=1) / max(sum(seldom), 1) + statistics.PRIOR_LOST / runs
+        return statistics.diverged_shares(flags, likely, BOOTSTRAP_SEED)
 
     @cached_property
     def scores(self) -> dict[str, Estimate]:
@@ -243,7 +258,7 @@ class Board:
         The value is the mean of the scenarios' shares in the data.
         """
         flags = [self.flags.get(k, self.runs["diverged"][:, k]).mean(axis=-1) for k in self.main]
-        estimate = statistics.interval(self.average(self._diverged(self.main)))
+        estimate = statistics.interval(self.average(self._diverged(self.main)[0]))
         return dataclasses.replace(estimate, value=self.average(np.mean(flags, axis=0)[None])[0])
 
     @cached_property
@@ -270,21 +285,23 @@ class Board:
 
     @cached_property
     def error_rank(self) -> Estimate:
-        """Rank of each ranked policy by its error in the tier that ranks, in the order of `ranked`."""
+        """Rank of each policy in `ranked` by its error in the tier that ranks."""
         return statistics.ranks(self._mean_errors(self.errors[:, self.main])[:, self.ranked])
 
     @cached_property
     def diverged_rank(self) -> Estimate:
-        """Rank of each ranked policy by its share of diverged runs, in the order of `ranked`."""
-        return statistics.ranks(self.average(self._diverged(self.main))[:, self.ranked])
+        """Rank of each policy in `ranked` by its share of diverged runs."""
+        return statistics.ranks(self.average(self._diverged(self.main)[0])[:, self.ranked])
 
     @cached_property
     def times_ceiling(self) -> Array | None:
-        """Geometric mean of each policy's errors over those of the ceilings [p]; None without one."""
+        """Geometric mean of each policy's errors over the ceilings' [p]; None: there are none."""
         scored = [k for k in self.main if self.ceilings[k] >= 0]
+        if not scored:
+            return None
         logs = np.log(self.errors).mean(axis=-1)
         ratio = np.mean(logs[:, scored] - logs[self.ceilings[scored], scored], axis=-1)
-        return np.exp(self.average(ratio[None])[0]) if scored else None
+        return np.asarray(np.exp(self.average(ratio[None])[0]))
 
     @cached_property
     def order(self) -> list[int]:

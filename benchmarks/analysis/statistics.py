@@ -77,26 +77,38 @@ def weigh(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> Arra
     return np.vstack([np.ones(n), n * np.random.default_rng(seed).dirichlet(np.ones(n), size=resamples)])
 
 
-def diverged_shares(flags: Sequence[ArrayLike], seed: int, resamples: int = RESAMPLES) -> Array:
+def diverged_shares(
+    flags: Sequence[ArrayLike], likely: ArrayLike, seed: int, resamples: int = RESAMPLES
+) -> tuple[Array, float]:
     """Return the posterior of the share of runs that diverge, the mean of s scenarios, [b x ...].
 
-    None of the runs seen does not mean none. The prior is Jeffreys', half a diverged run. With one
-    scenario and independent runs the posterior is Beta(k + 1/2, n - k + 1/2), but for a bound on
-    the share. A seed's runs in several scenarios weigh alike, so that they count as one cluster.
+    None seen does not mean none. The prior is Jeffreys', half a diverged run. It lies in the
+    scenarios where runs are likely to diverge. With one scenario and independent runs, the
+    posterior is Beta(k + 1/2, n - k + 1/2) where few runs diverge. A seed's runs in several
+    scenarios weigh alike, so that they count as one cluster. The second result is the share that
+    the prior adds on average.
 
     Args:
         flags: of each scenario, 1 where a run diverged [... x n]. Scenarios may have more seeds
             than others.
+        likely: how likely runs diverge in each scenario [s], up to a factor.
         seed: of the draws.
         resamples: number of draws below the first row, the posterior mean.
     """
-    flags = [np.asarray(scenario, dtype=float) for scenario in flags]
-    sizes = [scenario.shape[-1] for scenario in flags]
-    weights = {n: weigh(n, (seed, n), resamples) / n for n in set(sizes)}
-    shares = sum(np.moveaxis(x @ weights[n].T, -1, 0) for x, n in zip(flags, sizes, strict=True)) / len(flags)
-    prior = np.random.default_rng((seed, 0)).gamma(PRIOR_LOST, size=np.shape(shares))
-    prior[0] = PRIOR_LOST
-    return np.asarray(shares + prior / (len(flags) * min(sizes)))
+    part = np.asarray(likely, dtype=float).ravel() / np.sum(likely)
+    random = np.random.default_rng((seed, 0))
+    weights, shares, added = {}, [], []
+    for scenario, shape in zip(flags, PRIOR_LOST * part, strict=True):
+        runs = np.asarray(scenario, dtype=float)
+        n = runs.shape[-1]
+        if n not in weights:
+            weights[n] = weigh(n, (seed, n), resamples)
+        lost = np.moveaxis(runs @ weights[n].T, -1, 0)
+        prior = random.gamma(shape, size=lost.shape)
+        prior[0] = shape
+        shares.append((lost + prior) / (n + prior))
+        added.append(shape / (n + shape))
+    return np.mean(shares, axis=0), float(np.mean(added))
 
 
 def mean(runs: ArrayLike, counts: Array) -> Array:

@@ -150,6 +150,7 @@ def test_diverged_runs_cost_their_price():
     once = dataclasses.replace(found, runs=runs)
     assert once.score.value[2] == pytest.approx(max(found.score.value[2] - price, -100.0))
     assert once.diverged.value[2] == 1 / 8
+    assert [once.error_rank.value[2], once.diverged_rank.value[2]] == [1, 3]
 
 
 def test_a_row_of_several_members_is_their_mean():
@@ -231,7 +232,7 @@ def test_a_suite_that_does_not_separate_its_best_is_too_easy():
         runs={name: np.concatenate([values[[2] * 10], values[3:]]) for name, values in found.runs.items()},
         decision_us=np.ones(11),
     )
-    sentence = "This suite is too easy: the rank intervals of the best 10 policies overlap."
+    sentence = "This suite is too easy: the intervals of the error ranks of the best 10 policies overlap."
     assert sentence in alike.remarks
     assert sentence in markdown.leaderboard(alike)
     better = alike.runs["error_pct"] * np.r_[0.3, np.ones(10)][:, None, None]
@@ -275,7 +276,6 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
     np.testing.assert_array_equal(found.errors[1, 1], found.runs["baseline_error_pct"][0, 1])
     assert "Count as the motionless baseline (needs a sensor of velocity): pid-flm in noise-1." in found.remarks
     assert "`pid-flm`, motionless in 1 of 2 |" in markdown.leaderboard(found)
-    assert found.diverged.high[1] > found.diverged.high[0]  # fewer runs
 
 
 def test_family_of():
@@ -295,11 +295,13 @@ def test_report_and_query_commands(tmp_path, capsys):
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
     assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
     table = (out / "board.md").read_text()
-    assert table.startswith("| rank | policy | score | error % | worst 5 % | diverged % | effort | nominal | access |")
+    assert table.startswith("| rank | policy | score | error rank | diverged rank | error % | × ceiling | worst 5 % |")
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
-    assert short.splitlines()[0] == "| rank | policy | score | error % | worst 5 % | diverged % | effort |"
+    assert short.splitlines()[0] == (
+        "| rank | policy | score | error rank | diverged rank | error % | worst 5 % | diverged % | effort |"
+    )
     assert table in (tmp_path / "docs" / "results" / "board.md").read_text()
     for line, whole in zip(short.splitlines()[2:], table.splitlines()[2:], strict=True):
         assert whole.startswith(line.rstrip("|"))

@@ -138,18 +138,21 @@ def test_score():
 def test_the_posterior_of_diverged_runs():
     """That of Jeffreys' prior for independent runs; none seen is not none; runs of one seed are one cluster."""
     flags = np.arange(64) < 3
-    draws = diverged_shares([flags], 0, resamples=20_000)
-    assert draws[0] == pytest.approx(3.5 / 64)
+    draws, prior = diverged_shares([flags], [1.0], 0, resamples=20_000)
+    assert prior == 0.5 / 64.5
+    assert draws[0] == pytest.approx(3.5 / 64.5)
     beta = stats.beta(3.5, 61.5)
     np.testing.assert_allclose(np.quantile(draws[1:], (0.025, 0.5, 0.975)), beta.ppf((0.025, 0.5, 0.975)), rtol=0.06)
-    none = interval(diverged_shares([np.zeros(32)] * 15, 0))
+    none = interval(diverged_shares([np.zeros(32)] * 15, np.ones(15), 0)[0])
     assert 0.0 < none.low < 0.5 / 480 < none.high < 3.0 / 480
     clustered, spread = np.zeros((2, 8, 32))
     clustered[:, 0] = spread[range(8), range(8)] = 1.0  # eight runs each: of one seed, of eight
-    assert interval(diverged_shares(clustered, 0)).high > 1.5 * interval(diverged_shares(spread, 0)).high
-    many = diverged_shares([np.zeros((2, 32)), np.array([[0.0] * 512, [1.0] * 512])], 0)
+    one, eight = (interval(diverged_shares(flags, np.ones(8), 0)[0]) for flags in (clustered, spread))
+    assert one.high > 1.5 * eight.high
+    many, prior = diverged_shares([np.zeros((2, 32)), np.array([[0.0] * 512, [1.0] * 512])], [1.0, 3.0], 0)
     assert many.shape == (2001, 2)
-    assert many[0, 1] == pytest.approx(0.5 + 0.5 / 64)
+    assert prior == pytest.approx((0.125 / 32.125 + 0.375 / 512.375) / 2)
+    assert many[0, 1] == pytest.approx(0.5 + 0.5 * 0.125 / 32.125)
 
 
 @pytest.mark.parametrize("spread", [0.0, 2.0])
@@ -163,7 +166,7 @@ def test_intervals_of_diverged_runs_cover(spread):
 
     truth = lost(2_000_000).mean()
     for trial in range(200):
-        estimate = interval(diverged_shares(lost(32), trial, resamples=500))
+        estimate = interval(diverged_shares(lost(32), rates, trial, resamples=500)[0])
         covered += estimate.low <= truth <= estimate.high
     assert covered >= 0.92 * 200
 

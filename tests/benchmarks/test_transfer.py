@@ -56,7 +56,7 @@ def test_the_command_prints_both_boards_and_tau(tmp_path, capsys):
     lines = [words for text in out.splitlines() if (words := text.split())]
     assert next(words for words in lines if words[0] == "mujoco-lab")[1] == "1.00"
     places = [tuple(words[:2]) for words in lines if words[0] in ("computed-torque", "pd-gravity")]
-    assert places == [("computed-torque", "1"), ("pd-gravity", "2")] * 2
+    assert places == [("computed-torque", "1–2"), ("pd-gravity", "1–2")] * 2
     assert any(words[0] == "(oracle-flm)" for words in lines)
     assert f"Left out: {broken}: ValueError: no gains" in " ".join(out.split())
     assert len(list(tmp_path.glob("*.json"))) == 12
