@@ -207,7 +207,8 @@ class Board:
                 # A resample may lack the seeds on which the ceiling is clearly below the baseline.
                 spans = np.maximum(baseline[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
                 shares, prior = self._diverged(indices)
-                diverged = shares.T - prior  # the prior alone would charge all policies for few runs
+                # The prior alone would charge all policies for few runs.
+                diverged = np.maximum(shares.T - prior, 0.0)
                 scores[tier] = self.average(statistics.score(gains.swapaxes(0, 1), spans[:, None], diverged).T)
         return scores
 

@@ -134,12 +134,6 @@ def columns(board: Board) -> list[Column]:
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
             "reference's amplitude, half its range.", board.error, best=-1, place="short", ends="interval",
         ),
-        *(
-            [] if board.times_ceiling is None else [Column(
-                "ceiling", "× ceiling", "Error over that of the ceiling, geometric mean of the scenarios with a ceiling.",
-                board.times_ceiling.tolist(), best=-1, place="table",
-            )]
-        ),
         Column(
             "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
             place="short",
@@ -159,6 +153,12 @@ def columns(board: Board) -> list[Column]:
             [] if board.effort is None else [Column(
                 "effort", "effort", "Torque variation relative to that of the ceiling, median of the scenarios.",
                 board.effort.tolist(), place="short",
+            )]
+        ),
+        *(
+            [] if board.times_ceiling is None else [Column(
+                "ceiling", "× ceiling", "Error over that of the ceiling, geometric mean of the scenarios with a ceiling.",
+                board.times_ceiling.tolist(), best=-1, place="table",
             )]
         ),
         *(

@@ -146,7 +146,7 @@ def test_diverged_runs_cost_their_price():
     runs = {**found.runs, "diverged": found.runs["diverged"].copy()}
     runs["diverged"][2, 0, 0] = 1.0
     span = np.log(found.runs["baseline_error_pct"][0, 0]).mean() - np.log(found.errors[3, 0]).mean()
-    price = 100 * np.log(2) * 100 * (1 / 8) / span
+    price = 100 * np.log(2) * 100 * (1 / 8.5) / span
     once = dataclasses.replace(found, runs=runs)
     assert once.score.value[2] == pytest.approx(max(found.score.value[2] - price, -100.0))
     assert once.diverged.value[2] == 1 / 8
@@ -295,7 +295,7 @@ def test_report_and_query_commands(tmp_path, capsys):
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
     assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
     table = (out / "board.md").read_text()
-    assert table.startswith("| rank | policy | score | error rank | diverged rank | error % | × ceiling | worst 5 % |")
+    assert table.startswith("| rank | policy | score | error rank | diverged rank | error % | worst 5 % | diverged % |")
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
