@@ -215,21 +215,6 @@ def resolve_isolated(policy: str | PolicyName | PolicySpec, limits: CallLimits |
         return PolicySpec(name, "classical", "nominal", external=True, problem=f"{problem}, while it was loaded")
 
 
-def is_unchanged(spec: PolicySpec) -> bool:
-    """Return True if a policy still has the code, gains and data of a specification.
-
-    No code of a file is run.
-    """
-    try:
-        if spec.parsed.form not in ("file", "module"):
-            return resolve_isolated(spec.parsed).identity == spec.identity
-        data = {name: external.file_digest(Path(path)) for name, path in spec.files.items()}
-        uses = {name: _used(name) for name in spec.uses}
-        return (_digest(external.sources(spec.parsed)), data, uses) == (spec.digest, spec.data, spec.uses)
-    except (ValueError, OSError):
-        return False
-
-
 def _check(name: PolicyName) -> None:
     """Refuse a name that means no policy, and an archive that may not be loaded."""
     if name.form != "name":

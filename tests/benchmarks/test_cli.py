@@ -44,7 +44,6 @@ from benchmarks.run.suite import load
         ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
         ("leaderboard --workers 0", "must be a whole number, 1 or more, got '0'"),
         ("list policy", "did you mean 'policies'"),
-        ("query 'SELECT polcy FROM results'", "The table results has the columns policy, scenario, control_dt, seed"),
         ("report --store nowhere", "the folder nowhere lacks these results: run `fbl-gym leaderboard`"),
         ("tune zero", "zero has nothing to tune"),
         ("reproduce --only figure-77", "unknown claim 'figure-77'; did you mean 'figure-7'"),
@@ -201,7 +200,6 @@ def test_first_commands_need_no_extra(command):
     [
         ("evaluate zero", "bench"),
         ("leaderboard", "bench"),
-        ("query 'SELECT 1'", "analysis"),
         ("margins pid-flm", "analysis"),
         ("tune pid-flm", "analysis"),
     ],

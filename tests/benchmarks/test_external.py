@@ -214,6 +214,9 @@ def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path, monkeypatch, c
         ("zero", "hardware-nominal"): 1,
         ("pd-gravity", "hardware-nominal"): 2,
     }
+    line = "report --policies zero --scenarios hardware-nominal --seeds 1 --store store --out out"
+    assert cli.main(line.split()) == 0
+    assert "pd-gravity,hardware-nominal,2\n" in (tmp_path / "out" / "test_accesses.csv").read_text()
 
 
 def test_a_policy_that_hangs_is_a_failed_cell(tmp_path):
