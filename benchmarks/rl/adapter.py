@@ -86,6 +86,16 @@ class AdapterSettings(Record):
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
 
+    @property
+    def access(self) -> str:
+        """Return the agent's access: "privileged" with context, else "nominal"."""
+        return "privileged" if self.context else "nominal"
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """Return the law under the residual, which the agent's numbers depend on."""
+        return (self.base,) if self.action == "residual" else ()
+
 
 def true_parameters(truth: Truth, interface: Interface) -> Array:
     """Return the true parameters [n x 5] as an agent with context observes them.

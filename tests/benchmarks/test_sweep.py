@@ -50,13 +50,15 @@ def test_one_option(folder):
     assert stored == {path: path.stat().st_mtime_ns for path in (folder / "results/board").iterdir()}
 
 
-def test_two_options_give_a_map(folder):
+def test_two_options_give_every_pair_of_values(folder):
     line = "sweep pd-gravity --over arm.m2=2,4 --over noise.position=0:1e-2:lin:2 --scenario arm.toml --seeds 1"
-    assert cli.main(shlex.split(f"{line} --workers 1 --csv two.csv --plot two.pdf")) == 0
+    assert cli.main(shlex.split(f"{line} --workers 1 --csv two.csv --plot two.svg")) == 0
     assert [(run["arm.m2"], run["noise.position"]) for run in rows("two.csv")] == [
         ("2.0", "0.0"), ("2.0", "0.01"), ("4.0", "0.0"), ("4.0", "0.01"),
     ]  # fmt: skip
-    assert (folder / "two.pdf").exists()
+    drawn = (folder / "two.svg").read_text()
+    assert "pd-gravity, noise.position 0<" in drawn
+    assert "pd-gravity, noise.position 0.01<" in drawn
 
 
 @pytest.mark.parametrize(
@@ -66,8 +68,8 @@ def test_two_options_give_a_map(folder):
         ("--over noise.position=0.0010000001,0.0010000002", "must have values that differ in their first six digits"),
         ("--over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
         (
-            "--over arm.m1=1 --over arm.m2=1 --over arm.L1=1",
-            "--over may be given once or twice, got arm.m1 arm.m2 arm.L1",
+            "--over arm.m1=1 --over arm.m2=1 --over arm.m1=2",
+            "--over must name options that are no part of each other, got arm.m1 arm.m2 arm.m1",
         ),
     ],
 )
