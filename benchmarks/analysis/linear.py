@@ -101,7 +101,7 @@ class LinearLoop:
         stiffness: derivative of the acceleration by (q, v), [2 x 4].
         inverse_inertia: derivative of the acceleration by the commanded torque, [2 x 2]; the
             drive's gain is part of it.
-        matrices: A, B, C, D of K; all floating-point numbers of the law's state are its states.
+        matrices: A, B, C, D of K.
         readings: names of y, as in `Layout.names`.
         action_scale: torque of an action of 1, [2] N m.
     """
@@ -311,7 +311,7 @@ def _loop(
         lag=middle(drive.lag),
         stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
         inverse_inertia=np.linalg.inv(inertia_matrix(arm, truth.position)[0]) * truth.gain[0],
-        matrices=(slope[2:, m:], slope[2:, :m], slope[:2, m:], slope[:2, :m]),
+        matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
         readings=tuple(layout.names[i] for i in entries),
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
     )
@@ -396,3 +396,18 @@ def _differ(one: Array, other: Array, allowed: Array | float = 0.0) -> bool:
     """Return True if two derivatives differ by more than is allowed and their rounding."""
     rounding = 1e-3 * np.abs(other) + 1e-5 * np.abs(other).max(axis=1, keepdims=True)
     return bool(np.any(np.abs(one - other) > allowed + rounding))
+
+
+def _minimal(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
+    """Return A, B, C without the states that no input moves or no output shows."""
+    for _ in range(2):
+        basis, block = np.zeros((len(a), 0)), b
+        while block.any():
+            block = block / np.maximum(np.linalg.norm(block, axis=0), 1e-300)
+            for _ in range(2):  # rounding leaves nothing after the second time
+                block = block - basis @ (basis.T @ block)
+            directions, sizes, _ = np.linalg.svd(block, full_matrices=False)
+            new = directions[:, sizes > 1e-7]
+            basis, block = np.hstack([basis, new]), a @ new
+        a, b, c = (basis.T @ a @ basis).T, (c @ basis).T, (basis.T @ b).T
+    return a, b, c
