@@ -306,7 +306,7 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path):
     page = (out / "board.html").read_text()
     assert "cascade-flm" in page
     assert "src=" not in page.partition("<body")[0].replace("data:", "")
-    runs = list(csv.DictReader((out / "board.csv").open()))
+    runs = list(csv.DictReader((out / "board.csv").read_text().splitlines()))
     assert len(runs) == 12
     assert len({run["policy"] for run in runs}) == 4
     assert (out / "test_accesses.csv").read_text() == "policy,scenario,test_accesses\n"  # nominal is not for judging
