@@ -113,6 +113,10 @@ class ArmVecEnv(VecEnv):
         for env in self.envs:
             env.close()
 
+    def get_images(self) -> list[Any]:
+        """Return a frame of each lane."""
+        return [frame for env in self.envs for frame in env.render() or ()]
+
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return for each lane the attribute of its batch, wrapped or not."""
         lanes = [env for env in self.envs for _ in range(env.num_envs)]
