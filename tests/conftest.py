@@ -4,16 +4,6 @@ import os
 
 import pytest
 
-SLOW = (
-    "benchmarks/test_paper.py::test_a_claim_has_its_verdict_a_file_and_plots",
-    "benchmarks/rl/test_train.py::test_every_algorithm",
-    "benchmarks/rl/test_train.py::test_a_killed_run_resumes",
-    "benchmarks/rl/test_train.py::test_a_finished_run_is_extended",
-    "benchmarks/rl/test_train_command.py::test_the_page_on_learning_runs",
-    "benchmarks/rl/test_external_tools.py",
-)
-"""Beginnings of the names of tests that are slow by nature. Those with a browser are slow too."""
-
 os.environ["OMP_NUM_THREADS"] = "1"  # several workers with several threads each wait for each other
 
 
@@ -27,7 +17,7 @@ def _logs_of_stable_baselines3(tmp_path_factory):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
+    """Tests that look at a page in a browser are slow."""
     for item in items:
-        browser = item.path.name == "test_page.py" and "page" in item.fixturenames
-        if browser or item.nodeid.removeprefix("tests/").startswith(SLOW):
+        if "page" in item.fixturenames and item.path.name == "test_page.py":
             item.add_marker(pytest.mark.slow)

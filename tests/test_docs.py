@@ -141,7 +141,7 @@ def test_the_suite_of_the_documentation_is_read(tmp_path, monkeypatch):
         Path(name).write_text(text)
     suite = load("mine.toml").build()
     assert suite.cells[-1].policy.name == "my_law.py"
-    assert {"noise-1@500Hz", "heavy@500Hz"} <= {scenario.name for scenario in suite.scenarios}
+    assert {"noise-1", "heavy"} <= {scenario.name for scenario in suite.scenarios}
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -84,7 +84,6 @@ def test_importing_brings_no_graphics_and_no_learning():
         "stable_baselines3",
         "rich",
         "plotly",
-        "duckdb",
         "control",
         "optuna",
     }

@@ -324,12 +324,6 @@ class Board:
         families = self.families.items()
         return {family: statistics.interval(self._mean_errors(self.errors[:, i])) for family, i in families}
 
-    def wins(self, i: int) -> Estimate:
-        """Return the share of runs in which policy i errs less than each other one [p]."""
-        members = slice(self._starts[i], self._starts[i] + self.sizes[i])
-        draws = statistics.wins(self.errors[members, None], self.errors, self.counts)
-        return statistics.interval((self.average(draws.swapaxes(1, 2)) * self.weights[:, None, members]).sum(axis=-1))
-
     @cached_property
     def recovery(self) -> Array | None:
         """Time until the error of each policy is back after an event [p].

@@ -92,8 +92,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     store = Store(arguments.store)
 
     def run(cells: Sequence[Cell]) -> dict[str, Result]:
-        errors = {outcome.id: outcome.error for outcome in run_cells(cells, store, workers=arguments.workers)}
-        return {cell.id: store.find(cell) or Result.failure(cell, errors[cell.id]) for cell in cells}
+        return {result.cell.id: result for _, result in run_cells(cells, store, workers=arguments.workers)}
 
     rows = []
     for row in check(arguments.arms, arguments.policies, arguments.seeds, run):

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import control
 import numpy as np
 from scipy.linalg import block_diag, expm
 from threadpoolctl import threadpool_limits
@@ -32,8 +31,6 @@ POINT: Pair = (-1.0, 0.5)
 
 MEASURED = ("position", "velocity", "acceleration", "previous_actions")
 """The slots of the observation that depend on the arm. The reference is held."""
-
-TORQUES = ["torque[0]", "torque[1]"]
 
 SETTLING = 60.0
 """An arm that is not at rest after so long [s] has no operating point."""
@@ -118,7 +115,7 @@ class LinearLoop:
     readings: tuple[str, ...]
     action_scale: Array
 
-    def _plant(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
+    def plant(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
         """Return A, B, C of P.
 
         Its state is (q, v), the drive's torque if it lags, and the past commands. A delay of k + f
@@ -156,42 +153,22 @@ class LinearLoop:
 
     def _series(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
         """Return A, B, C of K P, the loop that is cut open at the plant's input."""
-        a, b, c = self._plant(more_delay)
+        a, b, c = self.plant(more_delay)
         law_a, law_b, law_c, law_d = self.matrices
         step = block_diag(a, law_a)
         step[len(a) :, : len(a)] = law_b @ c
         return step, np.vstack([b, np.zeros((len(law_a), 2))]), np.hstack([law_d @ c, law_c])
 
-    @property
-    def plant(self) -> control.StateSpace:
-        """P, from the torques to the measured signals."""
-        a, b, c = self._plant()
-        return control.StateSpace(a, b, c, 0.0, self.control_dt, inputs=TORQUES, outputs=list(self.readings), name="P")
-
-    @property
-    def law(self) -> control.StateSpace:
-        """K, from the measured signals to the torques."""
-        inputs = list(self.readings)
-        return control.StateSpace(*self.matrices, self.control_dt, inputs=inputs, outputs=TORQUES, name="K")
-
-    @property
-    def sensitivity(self) -> control.StateSpace:
-        """S = (I - K P)^-1, from disturbances of the torques to the torques on the arm."""
-        a, b, c = self._series()
-        dt, one = self.control_dt, np.eye(2)
-        return control.StateSpace(a + b @ c, b, c, one, dt, inputs=TORQUES, outputs=TORQUES, name="S")
-
-    def open_loop(self, joint: int) -> control.StateSpace:
-        """Return L of joint 0 or 1, for negative feedback; the other joint's loop is closed."""
-        a, b, c = self._series()
-        other = 1 - joint
-        closed = a + np.outer(b[:, other], c[other])
-        return control.StateSpace(closed, b[:, [joint]], -c[[joint]], 0.0, self.control_dt, name=f"L{joint}")
-
     def response(self, joint: int, points: int = 2000) -> tuple[Array, Array]:
-        """Return frequencies from 0.1 rad/s to Nyquist's and L there, complex, both [points]."""
+        """Return frequencies from 0.1 rad/s to Nyquist's, and the loop transfer L, both [points].
+
+        L is that of joint 0 or 1, complex, for negative feedback; the other joint's loop is closed.
+        """
+        a, b, c = self._series()
+        closed = a + np.outer(b[:, 1 - joint], c[1 - joint])
         frequencies = np.geomspace(0.1, np.pi / self.control_dt, points)
-        return frequencies, self.open_loop(joint)(np.exp(1j * frequencies * self.control_dt))
+        z, one = np.exp(1j * frequencies * self.control_dt), np.eye(len(a))
+        return frequencies, np.array([-c[joint] @ np.linalg.solve(x * one - closed, b[:, joint]) for x in z])
 
     def is_stable(self, factors: Sequence[complex] = (1.0, 1.0), more_delay: float = 0.0) -> bool:
         """Return True if all eigenvalues of the closed loop are within the unit circle.
@@ -385,7 +362,7 @@ def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, sl
     An estimator, such as that of `adaptive-flm`, may switch only if its samples are those of a
     moving arm. The plant is delayed, since an estimator with an exact model would find it again.
     """
-    a, b, c = loop._plant(1.5 * loop.control_dt)
+    a, b, c = loop.plant(1.5 * loop.control_dt)
     m, centre = len(c), step(point[None])[0]
     x, states = np.zeros(len(a)), np.zeros(len(point) - m)
     x[:4] = 1e-6, -1e-6, 1e-5, 2e-5

@@ -5,13 +5,16 @@ import importlib
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from rich.progress import track
+
 from benchmarks.policies import external
-from benchmarks.policies.isolation import Failed, reason_of, run_isolated
+from benchmarks.policies.isolation import CallLimits, Failed, reason_of, run_isolated
 from benchmarks.policies.name import PolicyName
+from benchmarks.report.terminal import Screen
 from benchmarks.run.metrics import Metric, find_metrics, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
@@ -56,7 +59,7 @@ def policy_name(text: str) -> str:
         if not Path(name.source).exists():
             raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
         if Path(name.source).is_dir() and name.form == "name":
-            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json or a .zip, got {text!r}")
+            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json, got {text!r}")
     return text
 
 
@@ -173,15 +176,19 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
 # What commands share.
 
 
-def run_all(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[str, Result]:
-    """Run the cells that the store lacks, and return all results by id."""
-    store, errors = Store(arguments.store), {}
-    for outcome in run_cells(
-        cells, store, workers=arguments.workers, command=command_line(), cluster=arguments.cluster
-    ):
-        if outcome.error:
-            errors[outcome.id] = outcome.error
-    return {cell.id: store.find(cell) or Result.failure(cell, errors.get(cell.id, "no result")) for cell in cells}
+def run_all(cells: Sequence[Cell], arguments: argparse.Namespace, limits: CallLimits | None = None) -> Iterator[Result]:
+    """Run the cells that the store lacks, show the progress, and yield all results in any order."""
+    runs = run_cells(
+        cells, Store(arguments.store), workers=arguments.workers, command=command_line(), limits=limits,
+        cluster=arguments.cluster,
+    )  # fmt: skip
+    for _, result in track(runs, "cells", len(cells), console=Screen(stderr=True)):
+        yield result
+
+
+def results_by_id(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[str, Result]:
+    """Return the results of `run_all` by the ids of their cells."""
+    return {result.cell.id: result for result in run_all(cells, arguments)}
 
 
 def refuse_judged(scenario: Scenario) -> None:

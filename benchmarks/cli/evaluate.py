@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", type=common.csv_path, metavar="FILE", help="write all metrics of all runs: .csv")
     parser.add_argument(
         "--trace", type=common.trace_file, metavar="FILE",
-        help="write all signals of all seeds of one policy: .npz, .csv, .mat or .parquet (extra: analysis)",
+        help="write all signals of all seeds of one policy: .npz or .csv",
     )  # fmt: skip
     common.add_metrics(parser)
     common.add_trust(parser)

@@ -1,24 +1,18 @@
 """The command `fbl-gym leaderboard`."""
 
 import argparse
-import math
 import sys
-from collections import Counter
 from collections.abc import Sequence
-
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from benchmarks.analysis.board import assemble
 from benchmarks.cli import transfer
-from benchmarks.cli.common import add_metrics, add_run, command_line, count, policy_name, trust
+from benchmarks.cli.common import add_metrics, add_run, count, policy_name, run_all, trust
 from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.name import PolicyName
 from benchmarks.report import terminal
 from benchmarks.report.terminal import Screen
-from benchmarks.run.runner import Outcome
-from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import SUITES, Cell, Suite, load
 
@@ -78,30 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
     suite, store = suite_of(arguments), Store(arguments.store)
     if arguments.world:
         return transfer.compare(suite, arguments)
-    cells = suite.cells
-    outcomes: list[Outcome] = []
-    stopped: KeyboardInterrupt | None = None
-    columns = (
-        TextColumn("{task.description:<44}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[rate]} [red]{task.fields[failures]}"),
-    )  # fmt: skip
-    with Progress(*columns, console=Screen(stderr=True)) as progress:
-        task = progress.add_task("starting", total=len(cells), rate="", failures="")
-        try:
-            for outcome in run_cells(
-                cells, store, workers=arguments.workers, command=command_line(), limits=limits_of(arguments),
-                cluster=arguments.cluster,
-            ):  # fmt: skip
-                outcomes.append(outcome)
-                done = Counter(outcome.done for outcome in outcomes)
-                rate = done["computed"] / (progress.tasks[0].elapsed or math.inf)
-                progress.update(
-                    task, advance=1, description=outcome.id, rate=f"{rate:.1f} cells/s" if rate else "",
-                    failures=f"{done['failed']} failed" if done["failed"] else "",
-                )  # fmt: skip
-        except KeyboardInterrupt as stop:
-            stopped = stop
-    results = results_of(cells, store, outcomes)
+    cells, stopped = suite.cells, None
+    try:
+        for _ in run_all(cells, arguments, limits_of(arguments)):
+            pass
+    except KeyboardInterrupt as stop:
+        stopped = stop
+    results = results_of(cells, store)
     if any(result.rows for result in results):
         try:
             terminal.leaderboard(Screen(), assemble(results, cells))
@@ -111,10 +88,10 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"fbl-gym: {problem}", file=sys.stderr)  # no policy is complete yet
         print(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
     if stopped is not None:
-        place = f"{len(results)} of {len(cells)} cells in {arguments.store}"
-        print(f"fbl-gym: stopped with {place}; the same command goes on from there", file=sys.stderr)
+        done = f"{len(results)} of {len(cells)} cells in {arguments.store}"
+        print(f"fbl-gym: stopped with {done}; the same command goes on from there", file=sys.stderr)
         return stopped_status(stopped)
-    return 1 if any(counts(outcome.error) for outcome in outcomes) else 0
+    return 1 if any(counts(result.error) for result in results) else 0
 
 
 def counts(error: str) -> bool:
@@ -122,16 +99,7 @@ def counts(error: str) -> bool:
     return bool(error) and "DependencyNotInstalled" not in error and "needs a sensor of" not in error
 
 
-def results_of(cells: Sequence[Cell], store: Store, outcomes: Sequence[Outcome] = ()) -> list[Result]:
-    """Return the stored results of some cells, in their order.
-
-    A cell that failed, in this run or the last one, has a result with its error.
-    """
-    errors = {outcome.id: outcome.error for outcome in outcomes if outcome.error}
-    results = []
-    for cell in cells:
-        if cell.id in errors:
-            results.append(Result.failure(cell, errors[cell.id]))
-        elif (result := store.find(cell) or store.find_failure(cell)) is not None:
-            results.append(result)
-    return results
+def results_of(cells: Sequence[Cell], store: Store) -> list[Result]:
+    """Return the stored results of some cells, in their order; those that failed have an error."""
+    found = (store.find(cell) or store.find_failure(cell) for cell in cells)
+    return [result for result in found if result is not None]

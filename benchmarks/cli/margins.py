@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Sequence
 
+from benchmarks.analysis.linear import LinearLoop, NotLinear, linearize
 from benchmarks.cli.common import add_plot, add_policies, add_scenario
 from benchmarks.report.plot import plot_loops
 from benchmarks.report.terminal import Screen, table
@@ -24,8 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the margins of each policy, and draw its loop."""
-    from benchmarks.analysis.linear import LinearLoop, NotLinear, linearize  # the extra `analysis`
-
     scenario = scenarios.get(arguments.scenario)
     times = () if arguments.time is None else (arguments.time,)
     q1, q2 = arguments.at

@@ -35,9 +35,7 @@ COMMANDS: dict[str, Command] = {
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4"),
     "report": Command("report", "write the board as Markdown, CSV and one HTML page, from stored results",
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4 --out board"),
-    "query": Command("query", "query stored results in SQL, or write them as CSV or Parquet",
-        '"SELECT policy, avg(error_pct) FROM results GROUP BY policy ORDER BY 2"'),
-    "sweep": Command("sweep", "measure policies over the values of one or two options: CSV and figure",
+    "sweep": Command("sweep", "measure policies over the values of options: CSV and figure",
         "pid-flm lqg --over noise.position=1e-4:1e-2:log:5 --scenario nominal --seeds 8",
         "finished cells are kept"),
     "recommend": Command("recommend", "name the policies to use on an arm: a scenario and conditions around it",
@@ -64,7 +62,7 @@ COMMANDS: dict[str, Command] = {
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "bench": ("matplotlib", "rich", "threadpoolctl"),
-    "analysis": ("control", "duckdb", "optuna", "plotly"),
+    "analysis": ("optuna", "plotly"),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
     "cluster": ("distributed",),

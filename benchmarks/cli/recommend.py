@@ -7,7 +7,7 @@ from functools import partial
 
 from benchmarks.analysis import recommend
 from benchmarks.analysis.recommend import RULE, Recommendation
-from benchmarks.cli.common import add_run, policy_name, run_all, trust
+from benchmarks.cli.common import add_run, policy_name, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
 from fbl_gym.scenarios import as_scenario
 
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.seeds < 2:
         raise ValueError(f"--seeds must be at least 2 for an interval, got {arguments.seeds}")
     trust(arguments)
-    policies, run_cells = arguments.policies or recommend.candidates(), partial(run_all, arguments=arguments)
+    policies, run_cells = arguments.policies or recommend.candidates(), partial(results_by_id, arguments=arguments)
     base = as_scenario(arguments.scenario)
     result = recommend.recommend(base, policies, arguments.seeds, run_cells)
     if arguments.json:

@@ -36,13 +36,15 @@ def run(arguments: argparse.Namespace) -> int:
     terminal.leaderboard(terminal.Screen(), board)
     write_text(arguments.out / "board.md", markdown.leaderboard(board))
     write_csv(arguments.out / "board.csv", results)
+    accesses = [f"{law},{scenario},{count}\n" for (law, scenario), count in store.test_accesses().items()]
+    write_text(arguments.out / "test_accesses.csv", "".join(["policy,scenario,test_accesses\n", *accesses]))
     write_page(arguments.out / "board.html", contents(board, results, command_line()))
     if arguments.readme is not None:
         text = arguments.readme.read_text(encoding="utf-8")
         write_text(arguments.readme, markdown.replace_between(text, markdown.leaderboard(board, short=True)))
         command = f"fbl-gym leaderboard --suite {arguments.suite}"
         write_text(arguments.readme.parent / "docs" / "results" / "board.md", markdown.board_page(board, command))
-    print(f"report: {arguments.out / 'board.html'}, board.md and board.csv beside it")
+    print(f"report: {arguments.out / 'board.html'}, board.md, board.csv and test_accesses.csv beside it")
     if board.gaps:
         print("fbl-gym: the report is incomplete, see above; `fbl-gym leaderboard` computes the rest", file=sys.stderr)
     return 1 if board.lacking or any(map(counts, (*board.incomplete.values(), *board.failed.values()))) else 0

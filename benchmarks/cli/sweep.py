@@ -1,4 +1,4 @@
-"""The command `fbl-gym sweep`: the error over the values of one or two options."""
+"""The command `fbl-gym sweep`: the error over the values of options."""
 
 import argparse
 import itertools
@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rich.progress import track
 
 from benchmarks.cli.common import (
     add_metrics,
@@ -14,17 +13,15 @@ from benchmarks.cli.common import (
     add_policies,
     add_run,
     add_scenario,
-    command_line,
     count,
     csv_path,
+    run_all,
     trust,
 )
 from benchmarks.cli.names import options
 from benchmarks.report.export import csv_file
-from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines, plot_maps
-from benchmarks.report.terminal import Screen
+from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines
 from benchmarks.run.metrics import counted_errors
-from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Suite, with_option
 from benchmarks.text import visible
@@ -59,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--over", type=over, action="append", required=True, metavar="OPTION=VALUES",
         help="an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
-        "given twice, every pair of values",
+        "given more than once, all combinations of values",
     )  # fmt: skip
     add_scenario(parser)
     parser.add_argument(
@@ -78,10 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure each policy at each value, and write all runs and a figure."""
     trust(arguments)
     names, scales, values = zip(*arguments.over, strict=True)
-    if len(names) > 2:
-        raise ValueError(f"--over may be given once or twice, got {' '.join(names)}")
-    if len(names) == 2 and any(f"{one}.".startswith(f"{other}.") for one, other in (names, names[::-1])):
-        raise ValueError(f"--over must name two options that are no part of each other, got {' '.join(names)}")
+    if any(f"{one}.".startswith(f"{other}.") for one, other in itertools.permutations(names, 2)):
+        raise ValueError(f"--over must name options that are no part of each other, got {' '.join(names)}")
     points = list(itertools.product(*values))
     tasks = []
     for point in points:
@@ -91,33 +86,29 @@ def run(arguments: argparse.Namespace) -> int:
         tasks.append(task)
     suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds, arguments.metrics)
     store, cells = Store(arguments.store), suite.cells
-    outcomes = run_cells(cells, store, workers=arguments.workers, command=command_line(), cluster=arguments.cluster)
     failed = 0
-    for outcome in track(outcomes, "cells", len(cells), console=Screen(stderr=True)):
-        if outcome.error:
+    for result in run_all(cells, arguments):
+        if result.error:
             failed += 1
-            print(visible(f"fbl-gym: {outcome.id} failed: {outcome.error}"), file=sys.stderr)
+            print(visible(f"fbl-gym: {result.cell.id} failed: {result.error}"), file=sys.stderr)
     curves: dict[str, list[np.ndarray]] = {}
     with csv_file(arguments.csv, ("policy", *names), cells[0].columns) as append:
         for i, cell in enumerate(cells):
+            point = points[i // (len(cells) // len(points))]
             band = np.full(3, np.nan)
-            if (result := store.find(cell)) is not None:
-                append((cell.policy.name, *points[i // (len(cells) // len(points))]), cell.seeds, result.rows)
-                band = np.quantile(counted_errors(result.rows), QUANTILES)
-            curves.setdefault(cell.policy.name, []).append(band)
+            if (stored := store.find(cell)) is not None:
+                append((cell.policy.name, *point), cell.seeds, stored.rows)
+                band = np.quantile(counted_errors(stored.rows), QUANTILES)
+            others = (f"{name} {value:g}" for name, value in zip(names[1:], point[1:], strict=True))
+            curves.setdefault(", ".join([cell.policy.name, *others]), []).append(band)
     path = arguments.plot or arguments.csv.with_suffix(".png")
-    title = f"Error on {arguments.scenario}, {arguments.seeds} seeds"
-    bands = {policy: np.array(bands) for policy, bands in curves.items()}
-    units = {option.path: option.unit for option in options()}
-    labels = [f"{name} [{units[name]}]" if units.get(name) else name for name in names]
-    if len(names) == 1:
-        (x,) = map(np.array, values)
-        lines = tuple(Line(x, band[:, 1], policy, low=band[:, 0], high=band[:, 2]) for policy, band in bands.items())
-        panel = Panel("", labels[0], "error [%]", lines, (scales[0], "log"))
-        plot_lines(title, [panel], path, arguments.columns)
-    else:
-        shape = tuple(map(len, values))
-        maps = {policy: band[:, 1].reshape(shape) for policy, band in bands.items()}
-        plot_maps(title, labels, values, maps, path, arguments.columns)
+    unit = {option.path: option.unit for option in options()}.get(names[0])
+    label = f"{names[0]} [{unit}]" if unit else names[0]
+    lines = []
+    for name, bands in curves.items():
+        low, median, high = np.transpose(bands)
+        lines.append(Line(np.array(values[0]), median, name, low=low, high=high))
+    panel = Panel("", label, "error [%]", tuple(lines), (scales[0], "log"))
+    plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
     print(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0

@@ -5,7 +5,7 @@ import dataclasses
 
 from benchmarks.analysis.board import assemble
 from benchmarks.analysis.transfer import Agreement, Runs, compare_halves, compare_orders
-from benchmarks.cli.common import run_all
+from benchmarks.cli.common import results_by_id
 from benchmarks.report.terminal import Screen, leaderboard, table
 from benchmarks.run.suite import Suite
 from fbl_gym import scenarios
@@ -26,7 +26,7 @@ def compare(suite: Suite, arguments: argparse.Namespace) -> int:
     for world in arguments.world:
         tasks = tuple(scenarios.in_world(scenario, world) for scenario in suite.scenarios)
         suites[world] = dataclasses.replace(suite, scenarios=tasks)
-    results = run_all([cell for side in suites.values() for cell in side.cells], arguments)
+    results = results_by_id([cell for side in suites.values() for cell in side.cells], arguments)
     failed = {result.cell.policy.name for result in results.values() if result.error}
     names = dict.fromkeys(cell.policy.name for cell in suite.cells if cell.policy.name not in failed)
     screen, runs = Screen(), {}

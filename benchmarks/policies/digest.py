@@ -67,12 +67,12 @@ def closure(roots: Mapping[str, Path], folder: Path | None = None) -> dict[str, 
     Only modules of fbl-gym, and modules that lie in the folder, are followed.
     """
     modules = dict(roots)
-    left = list(roots.items())
-    while left:
-        for name, path in _imported(*left.pop(), folder):
+    unread = list(roots.items())
+    while unread:
+        for name, path in _imported(*unread.pop(), folder):
             if path not in modules.values():
                 modules[name] = path
-                left.append((name, path))
+                unread.append((name, path))
     return modules
 
 
@@ -82,8 +82,8 @@ def file_of(module: str, folder: Path | None = None) -> Path | None:
         folder = _ROOT
     elif folder is None:
         return None
-    place = folder.joinpath(*module.split("."))
-    files = (place / "__init__.py", place.with_name(f"{place.name}.py"))
+    path = folder.joinpath(*module.split("."))
+    files = (path / "__init__.py", path.with_name(f"{path.name}.py"))
     return next((file for file in files if file.is_file()), None)
 
 

@@ -20,7 +20,7 @@ from types import ModuleType
 from typing import Any
 
 from benchmarks.policies.digest import PACKAGES, closure, code_digest
-from benchmarks.policies.name import PolicyName, archives
+from benchmarks.policies.name import PolicyName
 from controllers import registry
 from fbl_gym.checks import unknown
 
@@ -56,7 +56,7 @@ def _trusted_as(name: PolicyName) -> str:
 
 def check(name: PolicyName) -> None:
     """Raise an error if an external policy does not exist or may not be loaded."""
-    file = archive(name) if name.form == "archive" else Path(name.source)
+    file = Path(name.source)
     if name.form in ("archive", "file") and not file.is_file():
         raise ValueError(f"policy must name a file that exists, but there is no file {file}")
     if name.form == "archive" and _trusted_as(name) not in _TRUSTED:
@@ -65,24 +65,6 @@ def check(name: PolicyName) -> None:
         raise ValueError(
             f"the module of a policy must be named as in an import, such as my_laws.pd, got {name.source!r}"
         )
-
-
-def archive(name: PolicyName) -> Path:
-    """Return the archive that a name means: a .zip, or the only one in a folder of Hugging Face."""
-    folder = Path(name.source)
-    if name.source.endswith(".zip"):
-        return folder
-    if (folder / "vec_normalize.pkl").exists():
-        raise ValueError(
-            f"{folder} holds a model of normalized observations (vec_normalize.pkl): train it without VecNormalize, on "
-            "fbl_gym/TwoLinkArmTracking-v0, whose observations are of order one"
-        )
-    first, *others = archives(folder)
-    if others:
-        raise ValueError(
-            f"folder must hold one archive, got {name.source!r} with {len(others) + 1}: name one, such as {first}"
-        )
-    return first
 
 
 # Code: a file or a module.

@@ -13,8 +13,7 @@ The text is one of:
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";
 - "./path/to/run", a folder that `fbl-gym train` wrote;
-- "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`, or a folder of
-  Hugging Face that holds one.
+- "path/to/model.zip", a model saved by stable-baselines3, after `external.trust`.
 
 A registered name wins over a file or folder of the same name.
 """
@@ -76,12 +75,11 @@ class PolicyName:
         source, _, attribute = text.rpartition(":")  # a path may contain colons, as on Windows
         if not source or not attribute.isidentifier():
             source, attribute = text, ""
-        is_folder = "/" in text or os.sep in text
-        if text.endswith(".zip") or (is_folder and not (Path(text) / DESCRIPTION).is_file() and archives(Path(text))):
+        if text.endswith(".zip"):
             return cls(text, "archive", text)
         if source.endswith(".py"):
             return cls(text, "file", source, attribute)
-        if is_folder and (Path(text) / DESCRIPTION).is_file():
+        if ("/" in text or os.sep in text) and (Path(text) / DESCRIPTION).is_file():
             return cls(text, "agent", text)
         return cls(text, "module", source, attribute) if ":" in text else cls(text, "name", text)
 
@@ -119,8 +117,3 @@ class PolicyName:
     def given_gains(self) -> dict[str, Any]:
         """The gains at the end of the name, by name; files are read."""
         return read_gains(self.code.text, self.gains)
-
-
-def archives(folder: Path) -> list[Path]:
-    """Return the archives in a folder; rl_zoo3 puts its learning curve beside them."""
-    return [path for path in sorted(folder.glob("*.zip")) if path.name != "train_eval_metrics.zip"]

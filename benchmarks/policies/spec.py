@@ -24,7 +24,7 @@ from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
 from benchmarks.policies.isolation import CallLimits, Failed, run_isolated
 from benchmarks.policies.name import PolicyName
-from benchmarks.rl.agent import access_of, bases_of, files, needs_of, saved_agent
+from benchmarks.rl.agent import files, saved_agent, settings_of
 from benchmarks.rl.sb3 import MOTION, load_zip
 from controllers.policy import ACCESS
 from controllers.registry import KINDS, is_composed
@@ -215,21 +215,6 @@ def resolve_isolated(policy: str | PolicyName | PolicySpec, limits: CallLimits |
         return PolicySpec(name, "classical", "nominal", external=True, problem=f"{problem}, while it was loaded")
 
 
-def is_unchanged(spec: PolicySpec) -> bool:
-    """Return True if a policy still has the code, gains and data of a specification.
-
-    No code of a file is run.
-    """
-    try:
-        if spec.parsed.form not in ("file", "module"):
-            return resolve_isolated(spec.parsed).identity == spec.identity
-        data = {name: external.file_digest(Path(path)) for name, path in spec.files.items()}
-        uses = {name: _used(name) for name in spec.uses}
-        return (_digest(external.sources(spec.parsed)), data, uses) == (spec.digest, spec.data, spec.uses)
-    except (ValueError, OSError):
-        return False
-
-
 def _check(name: PolicyName) -> None:
     """Refuse a name that means no policy, and an archive that may not be loaded."""
     if name.form != "name":
@@ -254,22 +239,18 @@ def _with_files(spec: PolicySpec, files: Mapping[str, Path]) -> PolicySpec:
 
 def _trained(name: PolicyName) -> PolicySpec:
     """Return the specification of an archive or a folder of an agent."""
-    is_archive, folder = name.form == "archive", Path(name.source)
-    modules = _files((load_zip if is_archive else saved_agent).__module__)
-    access, needs = ("nominal", MOTION) if is_archive else (access_of(folder), needs_of(folder))
-    spec = PolicySpec(
-        name, "learned", access, needs=needs, tuning="trained", external=True, digest=_digest(modules),
-        uses={} if is_archive else {law: _used(law) for law in bases_of(folder)},
-        packages=("torch",) if is_archive else (), trusted=is_archive,
-    )  # fmt: skip
-    return _with_files(spec, _weights(name))
-
-
-def _weights(name: PolicyName) -> dict[str, Path]:
-    """Return the files of a trained policy, by name; none for code."""
+    given: dict[str, Any]
     if name.form == "archive":
-        return {"model.zip": external.archive(name).resolve()}
-    return {path.name: path.resolve() for path in (files(Path(name.source)) if name.form == "agent" else ())}
+        modules, data = _files(load_zip.__module__), {"model.zip": Path(name.source).resolve()}
+        given = {"access": "nominal", "needs": MOTION, "packages": ("torch",), "trusted": True}
+    else:
+        folder = Path(name.source)
+        settings, modules = settings_of(folder), _files(saved_agent.__module__)
+        data = {path.name: path.resolve() for path in files(folder)}
+        uses = {law: _used(law) for law in settings.uses}
+        given = {"access": settings.access, "needs": settings.sensors, "uses": uses}
+    spec = PolicySpec(name, "learned", tuning="trained", external=True, digest=_digest(modules), **given)
+    return _with_files(spec, data)
 
 
 def _coded(name: PolicyName) -> PolicySpec:
@@ -352,7 +333,7 @@ def _make(name: PolicyName, env: Any, gains: Mapping[str, Any]) -> Any:
             return controllers.make(name.registered, env, **({} if name.seed is None else {"seed": name.seed}), **gains)
         case "archive":
             interface = env if isinstance(env, Interface) else env.unwrapped.interface
-            return load_zip(external.archive(name), interface, trust=True)
+            return load_zip(name.source, interface, trust=True)
         case "agent":
             return saved_agent(env, name.source)
         case _:

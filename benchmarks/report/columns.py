@@ -3,14 +3,18 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from benchmarks.analysis.board import Board, meaning_of
 from benchmarks.analysis.statistics import Estimate
+from fbl_gym.model.arm import Array
 
 Value: TypeAlias = float | str | None
+
+ALL, ALL_BUT_README, NONE = "all", "all but the README's", "none"
+"""The tables that have a column; the page has all columns."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Column:
         notes: text below the entry of each policy; empty without notes.
         best: 1 if larger is better, -1 if smaller is better, 0 if neither.
         form: function that prints a number.
-        place: "short" for every table, "table" for all but the README's, "page" for the page alone.
+        tables: that have the column: `ALL`, `ALL_BUT_README` or `NONE`.
         ends: the interval in a table: "" none, "interval" both ends, "upper" the upper end, "range"
             both ends in place of the value.
     """
@@ -40,7 +44,7 @@ class Column:
     notes: Sequence[str] = ()
     best: int = 0
     form: Callable[[float], str] = lambda x: number(x)
-    place: str = "page"
+    tables: str = ALL_BUT_README
     ends: str = ""
 
     @property
@@ -104,19 +108,25 @@ def columns(board: Board) -> list[Column]:
             for bound in (ranks.value, ranks.low, ranks.high)
         )
         meaning += " Median and interval over the bootstrap. A policy with privileged access has no rank."
-        return Column(key, title, meaning, value, low, high, form="{:.0f}".format, place="short", ends="range")
+        return Column(key, title, meaning, value, low, high, form="{:.0f}".format, tables=ALL, ends="range")
 
     seeds = [f"{size} training seeds" if size > 1 else "" for size in board.sizes]
-    stays = [f"motionless in {n} of {len(board.scenarios)}" if n else "" for n in failures]
-    notes = [", ".join(filter(None, pair)) for pair in zip(seeds, stays, strict=True)]
-    violation = board.runs["violation_pct"][:, board.main]
+    failed = [f"motionless in {n} of {len(board.scenarios)}" if n else "" for n in failures]
+    notes = [", ".join(filter(None, pair)) for pair in zip(seeds, failed, strict=True)]
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
+
+    def of_runs(name: str, mean: Callable[[Array], Any]) -> list[float | None]:
+        """Return a metric's mean over the runs of each policy; None where it applies to none."""
+        known = [runs[~np.isnan(runs)] for runs in board.split(board.runs[name][:, board.main])]
+        return [float(mean(runs)) if runs.size else None for runs in known]
+
+    violation = of_runs("violation_pct", np.mean)
     return [
         ranked("rank", "rank", "Rank by the score, or by the error where there is no score.", board.rank),
         Column(
             "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
-            "failed, it counts as the motionless baseline.", board.policies, notes=notes, place="short",
+            "failed, it counts as the motionless baseline.", board.policies, notes=notes, tables=ALL,
         ),
         *(
             estimated(
@@ -124,7 +134,7 @@ def columns(board: Board) -> list[Column]:
                 "0 is the motionless baseline, 100 the ceiling: the law with the least error that knows the truth. "
                 f"Logarithmic in the error; each percent of diverged runs counts as twice the error. Mean of the scenarios "
                 f"in the tier {tier}.",
-                score, best=1, form="{:.1f}".format, place="short" if tier == first else "table", ends="interval",
+                score, best=1, form="{:.1f}".format, tables=ALL if tier == first else ALL_BUT_README, ends="interval",
             )
             for tier, score in board.scores.items()
         ),
@@ -132,74 +142,63 @@ def columns(board: Board) -> list[Column]:
         ranked("diverged-rank", "diverged rank", "Rank by the share of runs that diverge.", board.diverged_rank),
         estimated(
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
-            "reference's amplitude, half its range.", board.error, best=-1, place="short", ends="interval",
+            "reference's amplitude, half its range.", board.error, best=-1, tables=ALL, ends="interval",
         ),
         Column(
             "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
-            place="short",
+            tables=ALL,
         ),
         estimated(
             "diverged", "diverged %", f"Share of runs that diverged {here}, with the upper end of its posterior's interval. "
-            "These runs count in every error.", board.diverged, 100.0, best=-1, form=percent, place="short", ends="upper",
+            "These runs count in every error.", board.diverged, 100.0, best=-1, form=percent, tables=ALL, ends="upper",
         ),
         *(
             [Column(
                 "violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
-                [float(np.nanmean(runs)) if not np.isnan(runs).all() else None for runs in board.split(violation)],
-                best=-1, form=percent, place="short",
-            )] if not np.isnan(violation).all() else []
+                violation, best=-1, form=percent, tables=ALL,
+            )] if any(share is not None for share in violation) else []
         ),
         *(
             [] if board.effort is None else [Column(
                 "effort", "effort", "Torque variation relative to that of the ceiling, median of the scenarios.",
-                board.effort.tolist(), place="short",
+                board.effort.tolist(), tables=ALL,
             )]
         ),
         *(
             [] if board.times_ceiling is None else [Column(
                 "ceiling", "× ceiling", "Error over that of the ceiling, geometric mean of the scenarios with a ceiling.",
-                board.times_ceiling.tolist(), best=-1, place="table",
+                board.times_ceiling.tolist(), best=-1,
             )]
         ),
         *(
             [] if board.recovery is None else [Column(
                 "recovery", "recovery s", "Time until the error is back after an event, mean of the scenarios with events.",
-                board.recovery.tolist(), best=-1, place="table",
+                board.recovery.tolist(), best=-1,
             )]
         ),
         *(
-            estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[places[0]])}.",
-                      board.family_errors[family], best=-1, place="table" if places[0] in board.main else "page")
-            for family, places in board.families.items()
+            estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
+                      board.family_errors[family], best=-1, tables=ALL_BUT_README if members[0] in board.main else NONE)
+            for family, members in board.families.items()
         ),
         Column(
             "access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",
-            [spec.access for spec in board.specs], place="table",
+            [spec.access for spec in board.specs],
         ),
         Column(
             "sensors", "sensors", "Sensors that the policy uses: p position, v velocity, a acceleration.",
-            [" ".join(name[0] for name in spec.needs) or "none" for spec in board.specs], place="table",
+            [" ".join(name[0] for name in spec.needs) or "none" for spec in board.specs],
         ),
         Column(
             "decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].",
-            board.decision_us.tolist(), place="table",
-        ),
-        Column(
-            "variation", "torque variation kN m/s",
-            "Total variation of the torque per second, both joints, median of the runs.",
-            [float(np.median(runs)) / 1e3 for runs in board.split(board.runs["variation"][:, board.main])],
+            board.decision_us.tolist(),
         ),
         *(
             Column(
                 f"metric-{metric.name}", metric.name, f"{metric.meaning}: median of the runs {here}.",
-                [float(np.median(runs[~np.isnan(runs)])) if not np.isnan(runs).all() else None
-                 for runs in board.split(board.runs[metric.name][:, board.main])], place="table",
+                of_runs(metric.name, np.median),
             )
             for metric in board.metrics
         ),
-        Column(
-            "preview", "preview", "Part of the reference's future that the policy reads.",
-            [f"{spec.preview:.2g} s" if spec.preview else "none" for spec in board.specs],
-        ),
-        Column("tuning", "gains", "Origin of the gains.", [spec.tuning for spec in board.specs]),
+        Column("tuning", "gains", "Origin of the gains.", [spec.tuning for spec in board.specs], tables=NONE),
     ]  # fmt: skip

@@ -33,9 +33,9 @@ FEW = 8
 """A curve of at most so many points has marks and bars; a longer one has a band."""
 
 
-def style(place: int) -> tuple[str, str, str]:
-    """Return colour, mark and dash of a place on the board, different for 28 places."""
-    return COLORS[place % 7], list(MARKS)[place % 7], list(DASHES)[place // 7 % 4]
+def style(row: int) -> tuple[str, str, str]:
+    """Return colour, mark and dash of a row of the board, different for 28 places."""
+    return COLORS[row % 7], list(MARKS)[row % 7], list(DASHES)[row // 7 % 4]
 
 
 def _figure(title: str, description: str, data: list[Figure], x: str, y: str, **layout: Any) -> Figure:
@@ -48,8 +48,8 @@ def _figure(title: str, description: str, data: list[Figure], x: str, y: str, **
 def _curves(board: Board, x: Sequence[float] | Array, estimate: Estimate) -> list[Figure]:
     """Return the curve of every policy of a board with its intervals, as bars or as a band."""
     data = []
-    for place, i in enumerate(board.order):
-        policy, (color, mark, dash) = board.policies[i], style(place)
+    for row, i in enumerate(board.order):
+        policy, (color, mark, dash) = board.policies[i], style(row)
         value, low, high = (np.asarray(y)[i] for y in (estimate.value, estimate.low, estimate.high))
         shared: Figure = {"type": "scatter", "legendgroup": policy, "x": list(x)}
         line = {
@@ -100,13 +100,13 @@ def pareto(board: Board) -> list[Figure]:
 
 def _points(board: Board, x: Array, y: Array, chosen: Sequence[int], named: Sequence[int]) -> list[Figure]:
     """Return a mark for each chosen policy, some with their names."""
-    place = {i: k for k, i in enumerate(board.order)}
+    row = {i: k for k, i in enumerate(board.order)}
     return [
         {
             "type": "scatter", "name": board.policies[i], "legendgroup": board.policies[i], "x": [x[i]], "y": [y[i]],
             "mode": "markers+text" if i in named else "markers", "text": [board.policies[i]],
             "textposition": "bottom center" if i in named[1::2] else "top center",
-            "marker": {"color": style(place[i])[0], "symbol": style(place[i])[1], "size": 9}, "cliponaxis": False,
+            "marker": {"color": style(row[i])[0], "symbol": style(row[i])[1], "size": 9}, "cliponaxis": False,
             "hovertemplate": "%{fullData.name}: %{x:.3g}, %{y:.3g}<extra></extra>",
         }
         for i in chosen
@@ -120,25 +120,3 @@ def profiles(board: Board) -> list[Figure]:
     data = _curves(board, tau, estimate)
     text = "Share of all runs with a tracking error of at most the value on the x axis."
     return [_figure("All scenarios", text, data, "tracking error [%]", "share of runs", xaxis=LOG)]
-
-
-def pairs(board: Board) -> list[Figure]:
-    """Return the share of runs in which the row's policy has the smaller error, for each pair."""
-    names = [board.policies[i] for i in board.order]
-    share, text = np.full((len(names), len(names)), np.nan), [[""] * len(names) for _ in names]
-    for a, i in enumerate(board.order):
-        wins = board.wins(i)
-        for b, j in enumerate(board.order):
-            if i != j:
-                share[a, b] = wins.value[j]
-                text[a][b] = f"{names[a]} against {names[b]}: {share[a, b]:.2f} ({wins.low[j]:.2f}–{wins.high[j]:.2f})"
-    heatmap = {
-        "type": "heatmap", "x": names, "y": names, "z": share, "text": text, "hovertemplate": "%{text}<extra></extra>",
-        "zmin": 0, "zmax": 1, "colorscale": [[0, COLORS[1]], [0.5, "rgba(128,128,128,0.15)"], [1, COLORS[0]]],
-        "xgap": 1, "ygap": 1, "colorbar": {"thickness": 10, "outlinewidth": 0},
-    }  # fmt: skip
-    description = "Share of the runs in which the row's policy errs less than the column's on the same seed."
-    x, y = {"side": "top", "tickangle": -90, "dtick": 1}, {"autorange": "reversed", "dtick": 1}
-    return [
-        {**_figure("Smaller error", description, [heatmap], "", "", xaxis=x, yaxis=y), "height": 240 + 18 * len(names)}
-    ]

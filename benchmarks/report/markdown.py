@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import Column, columns
+from benchmarks.report.columns import ALL, ALL_BUT_README, Column, columns
 
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 """The lines of a file between which the leaderboard is written."""
@@ -36,8 +36,8 @@ def leaderboard(board: Board, *, short: bool = False) -> str:
 
     A short one has the best five rows with the main columns, and no remarks on a complete board.
     """
-    places = ("short",) if short else ("short", "table")
-    selected = [column for column in columns(board) if column.place in places]
+    tables = (ALL,) if short else (ALL, ALL_BUT_README)
+    selected = [column for column in columns(board) if column.tables in tables]
     rows = [[_cell(column, i) for column in selected] for i in (board.order[:ROWS] if short else board.order)]
     remarks = "".join(f"\n{plain(remark)}\n" for remark in (board.gaps if short else board.remarks))
     return table([plain(column.title) for column in selected], rows) + remarks

@@ -34,7 +34,6 @@ _SECTIONS: dict[str, tuple[Callable[[Board], list[figures.Figure]], str, str]] =
         figures.profiles, "Performance profiles",
         "The share of runs with at most some error: a better policy is further up and left. Bands are pointwise intervals.",
     ),
-    "pairs": (figures.pairs, "Pair by pair", ""),
 }  # fmt: skip
 """The figures of each section, its title, and the text below the title."""
 
@@ -98,7 +97,7 @@ def write_page(path: Path, page: Mapping[str, Any]) -> None:
         "FILTERS": "".join(_filter(column) for column in page["columns"] if column.is_choice),
         "TABLE": _table(page),
         "MEANINGS": "".join(f"<dt>{text(c.title)}</dt><dd>{text(c.meaning)}</dd>" for c in page["columns"]),
-        "CHIPS": "".join(_chip(name, place) for place, name in enumerate(page["order"])),
+        "CHIPS": "".join(_chip(name, row) for row, name in enumerate(page["order"])),
         "SECTIONS": "".join(
             f'<section id="{name}"><h2>{_SECTIONS[name][1]}</h2><p>{_SECTIONS[name][2]}</p><div class="grid"></div></section>'
             for name in drawn
@@ -154,8 +153,8 @@ def _filter(column: Column) -> str:
     return f'<label{hidden}>{html.escape(column.title)}<select id="filter-{column.key}">{options}</select></label>'
 
 
-def _chip(name: str, place: int) -> str:
-    color, mark, dash = style(place)
+def _chip(name: str, row: int) -> str:
+    color, mark, dash = style(row)
     return (
         f'<label style="border-bottom: 3px {DASHES[dash]} {color}"><input type="checkbox" checked '
         f'data-chip="{html.escape(name)}"><span style="color: {color}">{MARKS[mark]}</span>{html.escape(name)}</label>'

@@ -158,44 +158,6 @@ def _draw(axes: Axes, panel: Panel) -> None:
         axes.set_ylim(panel.bounds)
 
 
-def plot_maps(
-    title: str,
-    names: Sequence[str],
-    values: Sequence[Sequence[float]],
-    maps: Mapping[str, Array],
-    path: Path,
-    columns: int = 2,
-) -> None:
-    """Draw errors over two options as maps with one colour scale, which grey print keeps in order.
-
-    Args:
-        title: of the file.
-        names: of the options, on the x and the y axis.
-        values: of each option.
-        maps: the errors [number of x values, number of y values] in %, by the title of each map.
-        path: of the figure.
-        columns: of the page that the figure spans, and maps in a row, 1 or 2.
-    """
-    from matplotlib.colors import LogNorm
-
-    across = min(columns, len(maps))
-    rows = -(-len(maps) // across)
-    limits = np.nanquantile(np.array(list(maps.values())), (0.0, 1.0))
-    with _figure(title, path, (WIDTHS[columns], 2.5 * rows)) as figure:
-        grid = figure.subplots(rows, across, squeeze=False)
-        for axes, (label, errors) in zip(grid.ravel(), maps.items(), strict=False):
-            image = axes.imshow(errors.T, origin="lower", norm=LogNorm(*limits), cmap="cividis", aspect="auto")
-            axes.set(title=label, xlabel=names[0], ylabel=names[1])
-            axes.grid(visible=False)
-            axes.set_xticks(range(len(values[0])), [f"{value:.3g}" for value in values[0]], rotation=45)
-            axes.set_yticks(range(len(values[1])), [f"{value:.3g}" for value in values[1]])
-        for axes in grid.ravel()[len(maps) :]:
-            axes.set_visible(False)
-        ticks = np.geomspace(limits[0], limits[1], 5)
-        bar = figure.colorbar(image, ax=grid, label="error [%]", location="top", aspect=40, ticks=ticks, format="%.2g")
-        bar.minorticks_off()
-
-
 def band(x: Array, signal: Array, label: str) -> Line:
     """Return the median over the seeds with its band, or the line of a single seed.
 

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import Column, columns
+from benchmarks.report.columns import NONE, Column, columns
 from benchmarks.run.metrics import Metric, counted_errors, describe, summarize
 from benchmarks.text import visible
 
@@ -60,19 +60,23 @@ def leaderboard(console: Console, board: Board) -> None:
     fit follow in further tables.
     """
     text_width = console.width
-    rank, policy, *left = (column for column in columns(board) if column.place != "page")
-    left = [rank, *left]
+    rank, policy, *others = (column for column in columns(board) if column.tables != NONE)
+    remaining = [rank, *others]
     if not console.is_terminal:
-        console.width = max(console.width, _width(console, _board(board, policy, left)))
+        console.width = max(console.width, _width(console, _board(board, policy, remaining)))
     counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
     title: str | None = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items()) + " each"
-    while left:
-        fits = [n for n in range(len(left) + 1) if _width(console, _board(board, policy, left[:n])) <= console.width]
+    while remaining:
+        fits = [
+            n
+            for n in range(len(remaining) + 1)
+            if _width(console, _board(board, policy, remaining[:n])) <= console.width
+        ]
         n = max([*fits, 1])
-        table = _board(board, policy, left[:n])
+        table = _board(board, policy, remaining[:n])
         table.title = title
         console.print(table)
-        left, title = left[n:], None
+        remaining, title = remaining[n:], None
     console.print(MEANING, width=min(text_width, console.width))
     for remark in board.remarks:
         style = "red" if remark in board.gaps else "yellow"

@@ -12,7 +12,7 @@ import controllers
 from controllers.policy import State, TorqueLaw
 from controllers.registry import is_composed
 from fbl_gym.checks import check_choice, check_number
-from fbl_gym.envs.wrappers import ErrorScales
+from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
@@ -53,7 +53,7 @@ def _check_scales(name: str, value: Any) -> tuple[float, ...]:
 class AdapterSettings(Record):
     """The settings of an agent's adapter, as plain data.
 
-    The agent observes tracking errors at a fixed scale, see `fbl_gym.envs.wrappers.ErrorScales`.
+    The agent observes tracking errors at a fixed scale, as of `envs.error_scales.ErrorScales`.
     Steps before the episode are zeros in its history.
 
     Args:
@@ -85,6 +85,16 @@ class AdapterSettings(Record):
     context: bool = declared(False, _check_flag, "True or False")
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
+
+    @property
+    def access(self) -> str:
+        """Return the agent's access: "privileged" with context, else "nominal"."""
+        return "privileged" if self.context else "nominal"
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """Return the law under the residual, which the agent's numbers depend on."""
+        return (self.base,) if self.action == "residual" else ()
 
 
 def true_parameters(truth: Truth, interface: Interface) -> Array:

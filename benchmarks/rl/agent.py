@@ -63,7 +63,7 @@ class Agent(TorqueLaw):
     @property
     def uses(self) -> tuple[str, ...]:
         """The law under the residual, which the agent's numbers depend on."""
-        return (self.settings.base,) if self.settings.action == "residual" else ()
+        return self.settings.uses
 
     @cached_property
     def adapter(self) -> AgentAdapter:
@@ -126,27 +126,15 @@ def read(folder: Path) -> tuple[AdapterSettings, Actor]:
     with _reading(weights), weights.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         arrays = {name: file[name].astype(float) for name in file}
     with _reading(folder / DESCRIPTION):
-        network, settings = description["network"], AdapterSettings(**description["interface"])
+        network = description["network"]
         layers = tuple((arrays[f"weight_{i}"], arrays[f"bias_{i}"]) for i in range(network["layers"]))
-        return settings, Actor(layers, network["activation"], network["output"])
+        return settings_of(folder), Actor(layers, network["activation"], network["output"])
 
 
-def access_of(folder: Path) -> str:
-    """Return the access of a folder's agent: "privileged" with context, else "nominal"."""
-    return "privileged" if describe(folder)["interface"].get("context") else "nominal"
-
-
-def needs_of(folder: Path) -> tuple[str, ...]:
-    """Return the sensors that a folder's agent observes."""
-    sensors = describe(folder)["interface"].get("sensors", SENSORS)
-    return tuple(name for name in SENSORS if name in sensors)
-
-
-def bases_of(folder: Path) -> tuple[str, ...]:
-    """Return the law under the residual of a folder's agent, if there is one."""
+def settings_of(folder: Path) -> AdapterSettings:
+    """Return the adapter's settings of the agent in a folder."""
     with _reading(folder / DESCRIPTION):
-        settings = AdapterSettings(**describe(folder)["interface"])
-    return (settings.base,) if settings.action == "residual" else ()
+        return AdapterSettings(**describe(folder)["interface"])
 
 
 def make_agent(env: Any, settings: AdapterSettings, actor: Actor) -> Agent:

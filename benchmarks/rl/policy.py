@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.rl.agent import Agent, access_of, describe, needs_of, saved_agent
+from benchmarks.rl.agent import Agent, describe, saved_agent, settings_of
 from fbl_gym.checks import unknown
 
 SHIPPED = Path(__file__).parent / "agents"
@@ -41,8 +41,8 @@ def _factory(name: str, summary: str) -> Callable[..., Agent]:
     def factory(env: Any, seed: int | None = None) -> Agent:
         return shipped_agent(name, env, seed)
 
-    example = SHIPPED / name / "0"
-    vars(factory).update(kind="learned", access=access_of(example), needs=needs_of(example))
+    settings = settings_of(SHIPPED / name / "0")
+    vars(factory).update(kind="learned", access=settings.access, needs=settings.sensors)
     factory.__doc__ = summary
     return factory
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from controllers.policy import Policy
 from fbl_gym.checks import check_choice
-from fbl_gym.envs.wrappers import ErrorScales
+from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, gravity_torque
 

@@ -74,8 +74,8 @@ METRICS: dict[str, str] = {
 GROUP = "fbl_gym.metrics"
 """The entry points by which other packages register metrics."""
 
-OTHER_COLUMNS = ("policy", "scenario", "control_dt", "seed", "key", "current", "seeds", "code", "time")
-"""Names of a result's other columns, which no metric may have."""
+OTHER_COLUMNS = ("policy", "scenario", "control_dt", "trial", "seed")
+"""Names of the other columns of a CSV file, which no metric may have."""
 
 
 @dataclass(frozen=True)
@@ -93,14 +93,6 @@ class Metric:
     meaning: str
     source: str
     digest: str
-
-    @property
-    def unchanged(self) -> bool:
-        """True if the function still exists and has the same code."""
-        try:
-            return self.digest in [metric.digest for metric in find_metrics(self.source)]
-        except (ValueError, OSError):
-            return False
 
     def __call__(self, trace: Trace) -> Array:
         """Return the metric of each seed [n]; NaN where it does not apply.

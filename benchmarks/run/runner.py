@@ -5,7 +5,6 @@ A finished cell is in the store, which this process alone writes. Nothing is los
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -13,21 +12,6 @@ from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
 from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The end of a cell in a run.
-
-    Args:
-        id: of the cell.
-        done: "computed", "found" (it was in the store), or "failed".
-        error: why it failed.
-    """
-
-    id: str
-    done: str
-    error: str = ""
 
 
 def run(
@@ -38,8 +22,10 @@ def run(
     command: str = "",
     limits: CallLimits | None = None,
     cluster: str = "",
-) -> Iterator[Outcome]:
-    """Run the cells that the store lacks, in any order, and yield the outcome of each.
+) -> Iterator[tuple[str, Result]]:
+    """Run the cells that the store lacks, in any order, and yield each result with its origin.
+
+    The origin is "computed", "found" (it was in the store), or "failed".
 
     Args:
         cells: all cells that the store shall have.
@@ -52,15 +38,15 @@ def run(
     store.clean()
     absent = []
     for cell in cells:
-        if store.find(cell) is None:
+        if (stored := store.find(cell)) is None:
             absent.append(cell)
         else:
-            yield Outcome(cell.id, "found")
+            yield "found", stored
     work = partial(_run_in, os.getcwd(), command, limits)
     for cell, answer in run_parallel(work, absent, min(workers, len(absent)), cluster):
         result = Result.failure(cell, str(answer), command=command) if isinstance(answer, Failed) else answer
         store.save(result)
-        yield Outcome(cell.id, "failed" if result.error else "computed", result.error)
+        yield "failed" if result.error else "computed", result
 
 
 def _run_in(folder: str, command: str, limits: CallLimits | None, cell: Cell) -> Result:

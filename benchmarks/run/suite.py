@@ -19,7 +19,7 @@ from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.seeds import SPLITS
 from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
-from fbl_gym.checks import check_number, check_whole, unknown
+from fbl_gym.checks import check_whole, unknown
 from fbl_gym.records import set_fields
 from fbl_gym.scenarios import as_scenario
 from fbl_gym.scenarios.files import from_table, merged, read_toml
@@ -200,12 +200,6 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
     return tuple(distinct)
 
 
-def at_rate(scenario: Scenario, control_dt: float) -> Scenario:
-    """Return the scenario with another time between decisions [s], and the rate in its name."""
-    name = scenario.name if control_dt == scenario.control_dt else f"{scenario.name}@{1.0 / control_dt:g}Hz"
-    return scenario.replace(control_dt=control_dt, physics_dt=min(scenario.physics_dt, control_dt), name=name)
-
-
 def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
     """Return the scenario with another value of an option, which becomes part of its name.
 
@@ -235,7 +229,6 @@ class SuiteSpec:
         tasks: names, families, files and tables of further scenarios.
         seeds: how many of the test seeds.
         more_seeds: how many of some scenarios, by name, in which many policies lose runs.
-        control_dt: time between decisions of all scenarios [s]; None: their own.
         file: that describes the suite; None: it is one of `SUITES`.
     """
 
@@ -247,7 +240,6 @@ class SuiteSpec:
     tasks: tuple[Any, ...] = ()
     seeds: int = 32
     more_seeds: Mapping[str, int] = field(default_factory=dict)
-    control_dt: float | None = None
     file: Path | None = None
 
     @property
@@ -270,7 +262,7 @@ class SuiteSpec:
             else task
             for task in self.tasks
         ])  # fmt: skip
-        return tuple(chosen if self.control_dt is None else (at_rate(task, self.control_dt) for task in chosen))
+        return tuple(chosen)
 
     def build(
         self,
@@ -334,7 +326,7 @@ def load(name: str) -> SuiteSpec:
     Args:
         name: one of `SUITES`, or the path of a file that ends in .toml. The file has `policies` and
             `scenarios` (names, families, files, or tables with the options of a scenario and
-            perhaps a `base`), and may have `seeds` (64) and `control_dt` [s] for all.
+            perhaps a `base`), and may have `seeds` (64).
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -342,7 +334,7 @@ def load(name: str) -> SuiteSpec:
             raise unknown("suite", name, SUITES)
         return SUITES[name]
     data = read_toml(path)
-    entries = ("policies", "scenarios", "seeds", "control_dt")
+    entries = ("policies", "scenarios", "seeds")
     for key in data:
         if key not in entries:
             raise unknown(f"entry of {path}", key, entries)
@@ -351,11 +343,9 @@ def load(name: str) -> SuiteSpec:
         raise ValueError(f"policies of {path} must be a list of names, got {policies!r}")
     if not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
         raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
-    dt = check_number("control_dt", data["control_dt"], above=0) if "control_dt" in data else None
     return SuiteSpec(
-        path.stem, policies=tuple(policies) or names(), tasks=tuple(tasks), seeds=data.get("seeds", 64), control_dt=dt,
-        file=path,
-    )  # fmt: skip
+        path.stem, policies=tuple(policies) or names(), tasks=tuple(tasks), seeds=data.get("seeds", 64), file=path
+    )
 
 
 def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenario, ...]:

@@ -20,7 +20,7 @@ SIGNALS = {
 }
 """The name with its unit of each signal in a file."""
 
-FORMATS = (".npz", ".csv", ".mat", ".parquet")
+FORMATS = (".npz", ".csv")
 
 
 def arrays(trace: Trace) -> dict[str, Any]:
@@ -67,25 +67,16 @@ def export(trace: Trace, path: Path) -> None:
 
     Args:
         trace: to be written.
-        path: a name that ends in one of `FORMATS`. NumPy's and MATLAB's files have `arrays`; CSV
-            and Parquet have the `table`.
+        path: a name that ends in one of `FORMATS`. NumPy's file has `arrays`, CSV the `table`.
     """
     with replacing(path) as beside:
         if path.suffix == ".npz":
             np.savez_compressed(beside, **arrays(trace))
-        elif path.suffix == ".mat":
-            from scipy.io import savemat
-
-            savemat(beside, arrays(trace), do_compression=True)
-        elif path.suffix == ".csv":
+        else:
             columns = table(trace)
             rows = zip(*(column.tolist() for column in columns.values()), strict=True)
             with beside.open("w", encoding="utf-8", newline="") as file:
                 csv.writer(file, lineterminator="\n").writerows([columns, *(map(_field, row) for row in rows)])
-        else:
-            import duckdb  # the extra `analysis`
-
-            duckdb.connect().register("trace", table(trace)).table("trace").write_parquet(str(beside))
 
 
 def _field(value: Any) -> Any:

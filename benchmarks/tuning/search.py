@@ -82,16 +82,15 @@ class Task:
         values = {field.name: field.default for field in dataclasses.fields(law)}
         return {name: values[name] for name in self.ranges}
 
-    @property
-    def steps(self) -> int:
-        """Environment steps of one set of gains."""
-        return sum(scenario.steps for scenario in self.scenarios) * len(self.seeds)
-
-    @property
-    def described(self) -> dict[str, Any]:
-        """Scenarios and seeds as plain data."""
-        names = [scenario.name for scenario in self.scenarios]
-        return {"scenarios": names, "seeds": [self.seeds.start, self.seeds.stop]}
+    def effort(self, count: int, cpu_s: float) -> dict[str, Any]:
+        """Return the effort of some sets of gains as plain data, with scenarios and seeds."""
+        return {
+            "count": count,
+            "environment_steps": count * len(self.seeds) * sum(scenario.steps for scenario in self.scenarios),
+            "cpu_s": round(cpu_s, 1),
+            "scenarios": [scenario.name for scenario in self.scenarios],
+            "seeds": [self.seeds.start, self.seeds.stop],
+        }
 
     @property
     def digest(self) -> str:
@@ -207,19 +206,11 @@ def summary(
     return {
         "policy": task.policy.parsed.code.text,
         "gains": verdicts[0]["gains"] or task.defaults,
-        "trials": {
-            "count": len(done),
-            "environment_steps": task.steps * len(done),
-            "cpu_s": round(sum(t.user_attrs.get("cpu_s", 0.0) for t in done), 1),
-            **task.described,
-        },
+        "trials": task.effort(len(done), sum(t.user_attrs.get("cpu_s", 0.0) for t in done)),
         "judged": {
-            "count": len(verdicts),
             "best": judged[0],
             "defaults": next(verdict for verdict in judged if verdict["trial"] == 0),
-            "environment_steps": judging.steps * len(verdicts),
-            "cpu_s": round(sum(verdict["cpu_s"] for verdict in verdicts), 1),
-            **judging.described,
+            **judging.effort(len(verdicts), sum(verdict["cpu_s"] for verdict in verdicts)),
         },
         "ranges": {name: list(ends) for name, ends in task.ranges.items()},
         **provenance(command),

@@ -1,1 +1,1 @@
-"""Gymnasium's interfaces: one arm, a batch of arms, MuJoCo's physics, and wrappers for agents."""
+"""Gymnasium's interfaces: one arm, a batch of arms, MuJoCo's physics, observations for agents."""

@@ -8,15 +8,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import error
 
-from fbl_gym.envs.env_common import (
-    MAX_SEED,
-    TaskProperties,
-    as_actions,
-    check_begun,
-    check_render,
-    check_reset_options,
-    check_seed,
-)
+from fbl_gym.envs.env_common import MAX_SEED, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Truth, single
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
@@ -227,7 +219,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: before the first `reset`.
         """
-        check_begun("truth", self._begun)
+        self._expect_begun("truth")
         return single(self._batch.truth())
 
     def render(self) -> Any:
@@ -239,14 +231,9 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             gymnasium.error.ResetNeeded: before the first `reset`.
             gymnasium.error.DependencyNotInstalled: without pygame.
         """
-        if check_render(self.render_mode, self._begun) is None:
-            return None
-        if not self._views:
-            from fbl_gym.view.render import View
-
-            self._views = [View(self.scenario, self.render_size)]
-        (view,) = self._views
-        return view.show(self.truth) if self.render_mode == "human" else view.frame(self.truth)
+        for view in self._shown_views():
+            return view.show(self.truth) if self.render_mode == "human" else view.frame(self.truth)
+        return None
 
     def close(self) -> None:
         """Close the window, if it is open."""

@@ -99,6 +99,24 @@ class TaskProperties:
         self._take(built, new, batch)
         self._close_views()
 
+    def _expect_begun(self, name: str) -> None:
+        """Refuse to read a property before the first reset."""
+        if not self._begun:
+            raise error.ResetNeeded(f"call reset() before reading {name}: no episode has begun")
+
+    def _shown_views(self) -> list[Any]:
+        """Return the view of each lane; without a render mode none, and warn as Gymnasium does."""
+        if self.render_mode is None:
+            logger.warn('render() draws nothing without a render_mode: gym.make(..., render_mode="rgb_array")')
+            return []
+        if not self._begun:
+            raise error.ResetNeeded("call reset() before the first render()")
+        if not self._views:
+            from fbl_gym.view.render import View
+
+            self._views = [View(self.scenario, self.render_size) for _ in range(self._lanes)]
+        return self._views
+
     def _close_views(self) -> None:
         for view in self._views:
             view.close()
@@ -225,21 +243,6 @@ def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) 
     """Refuse options of `reset` that are not known."""
     for name in options or {}:
         check_choice("reset option", name, known)
-
-
-def check_begun(name: str, has_begun: bool) -> None:
-    """Refuse to read a property before the first reset."""
-    if not has_begun:
-        raise error.ResetNeeded(f"call reset() before reading {name}: no episode has begun")
-
-
-def check_render(render_mode: str | None, has_begun: bool) -> str | None:
-    """Return the render mode; warn if it is None, as Gymnasium's environments do."""
-    if render_mode is None:
-        logger.warn('render() draws nothing without a render_mode: gym.make(..., render_mode="rgb_array")')
-    elif not has_begun:
-        raise error.ResetNeeded("call reset() before the first render()")
-    return render_mode
 
 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:

@@ -4,14 +4,36 @@ from __future__ import annotations
 
 from typing import Any
 
+from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from fbl_gym.envs.env import TwoLinkArmEnv
+from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
-from fbl_gym.envs.wrappers import InErrorCoordinates
+from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array
 
 
-class TwoLinkArmTrackingEnv(InErrorCoordinates, TwoLinkArmEnv):
+class _InErrorCoordinates:
+    """Base of environments, single or batched, that observe `ErrorScales`."""
+
+    def _scale(self, interface: Interface) -> spaces.Box:
+        """Prepare the observations, and return the box of one."""
+        self._errors = ErrorScales(interface)
+        return self._errors.space
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start episodes, and return observations in error coordinates."""
+        observations, infos = super().reset(seed=seed, options=options)  # type: ignore[misc]
+        return self._errors.single_precision(observations), infos
+
+    def step(self, action: Array) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Make a step, and return observations in error coordinates."""
+        observations, rewards, terminated, truncated, infos = super().step(action)  # type: ignore[misc]
+        return self._errors.single_precision(observations, infos), rewards, terminated, truncated, infos
+
+
+class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):
     """An uncertain two-link arm that follows a reference, with observations for learning agents.
 
     ## Description
@@ -52,7 +74,7 @@ class TwoLinkArmTrackingEnv(InErrorCoordinates, TwoLinkArmEnv):
         self.observation_space = self._scale(self.interface)
 
 
-class TwoLinkArmTrackingVectorEnv(InErrorCoordinates, TwoLinkArmVectorEnv):
+class TwoLinkArmTrackingVectorEnv(_InErrorCoordinates, TwoLinkArmVectorEnv):
     """Arms of `TwoLinkArmTrackingEnv`, stepped together, as in `TwoLinkArmVectorEnv`."""
 
     def __init__(self, num_envs: int = 1, scenario: Any = None, *, past_actions: int = 1, **options: Any) -> None:

@@ -12,15 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from fbl_gym.checks import check_whole, unknown
-from fbl_gym.envs.env_common import (
-    MAX_SEED,
-    TaskProperties,
-    as_actions,
-    check_begun,
-    check_render,
-    check_reset_options,
-    check_seed,
-)
+from fbl_gym.envs.env_common import MAX_SEED, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.kernel.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
 from fbl_gym.model.arm import Array
@@ -188,7 +180,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     @property
     def truth(self) -> Truth:
         """Return the true parameters and signals of every lane now. A policy must not use them."""
-        check_begun("truth", self._begun)
+        self._expect_begun("truth")
         return self._batch.truth()
 
     def true_signals(self) -> dict[str, Array]:
@@ -197,20 +189,17 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         They are `position`, `velocity`, `reference`, `applied_torque` and `disturbance`,
         [lanes x 2], and `payload`, [lanes].
         """
-        check_begun("true_signals", self._begun)
+        self._expect_begun("true_signals")
         return self._batch.true_signals()
 
     def render(self) -> tuple[Frame, ...] | None:
         """Return the frame of each lane, [size x size x 3]; see `TwoLinkArmEnv.render`."""
-        if check_render(self.render_mode, self._begun) is None:
+        views = self._shown_views()
+        if not views:
             return None
-        if not self._views:
-            from fbl_gym.view.render import View
-
-            self._views = [View(self.scenario, self.render_size) for _ in range(self.num_envs)]
         truth = vars(self.truth)
         lanes = (Truth(**{name: values[lane] for name, values in truth.items()}) for lane in range(self.num_envs))
-        return tuple(view.frame(lane) for view, lane in zip(self._views, lanes, strict=True))
+        return tuple(view.frame(lane) for view, lane in zip(views, lanes, strict=True))
 
     def _as_mask(self, mask: Any) -> Flags:
         if mask is None:

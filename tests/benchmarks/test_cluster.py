@@ -61,15 +61,15 @@ def test_a_killed_worker_costs_nothing_and_the_numbers_are_the_same(cluster, tmp
     tasks = [scenarios.get(name).replace(duration=0.5) for name in ("nominal", "noise-1", "noise-2", "mass-error-1")]
     cells = [Cell(policy, task, (0, 1)) for task in tasks for policy in ("cascade-flm", str(tmp_path / "slow.py"))]
     here, there = Store(tmp_path / "here"), Store(tmp_path / "there")
-    assert not [outcome.error for outcome in run(cells, here) if outcome.error]
+    assert not [result.error for _, result in run(cells, here) if result.error]
     outcomes = []
     for outcome in run(cells, there, cluster=address):
         outcomes.append(outcome)
         if len(outcomes) == 1:
             time.sleep(1.0)
             workers[0].kill()
-    assert sorted(outcome.id for outcome in outcomes) == sorted(cell.id for cell in cells)
-    assert {outcome.done for outcome in outcomes} == {"computed"}
+    assert sorted(result.cell.id for _, result in outcomes) == sorted(cell.id for cell in cells)
+    assert {done for done, _ in outcomes} == {"computed"}
     assert len(there.files()) == len(cells)
     for cell in cells:
         assert repr(here.find(cell).rows) == repr(there.find(cell).rows)

@@ -111,7 +111,7 @@ def test_what_a_policy_prints_and_reads_stays_with_it(tmp_path):
     law = tmp_path / "prints.py"
     law.write_text("from controllers.simple import Zero as make_policy\nimport sys\nprint('hello', sys.stdin.read())\n")
     outcomes = list(run([Cell(resolve_isolated(str(law)), "nominal", (0,))], Store(tmp_path / "store")))
-    assert [outcome.error for outcome in outcomes] == [""]
+    assert [result.error for _, result in outcomes] == [""]
 
 
 def test_a_relative_path_is_that_of_the_present_folder(tmp_path, monkeypatch):
@@ -159,8 +159,8 @@ def test_a_process_that_changes_its_folder_runs_the_policies_of_the_new_one(tmp_
         folder.mkdir()
         (folder / f"{name}.py").write_text("from controllers.simple import Zero as make_policy\n")
         monkeypatch.chdir(folder)
-        (outcome,) = run([Cell(f"{name}.py", "nominal", (0,))], Store(folder / "store"), workers=2)
-        assert (outcome.done, outcome.error) == ("computed", "")
+        ((done, result),) = run([Cell(f"{name}.py", "nominal", (0,))], Store(folder / "store"), workers=2)
+        assert (done, result.error) == ("computed", "")
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits memory, and uses any file name")
@@ -214,6 +214,9 @@ def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path, monkeypatch, c
         ("zero", "hardware-nominal"): 1,
         ("pd-gravity", "hardware-nominal"): 2,
     }
+    line = "report --policies zero --scenarios hardware-nominal --seeds 1 --store store --out out"
+    assert cli.main(line.split()) == 0
+    assert "pd-gravity,hardware-nominal,2\n" in (tmp_path / "out" / "test_accesses.csv").read_text()
 
 
 def test_a_policy_that_hangs_is_a_failed_cell(tmp_path):
@@ -294,7 +297,7 @@ def test_a_law_with_state_in_its_module_has_one_number_for_each_cell(tmp_path):
     numbers = []
     for order, workers in ((1, 1), (-1, 1), (1, 2)):
         store = Store(tmp_path / f"store{len(numbers)}")
-        assert [outcome.error for outcome in run(cells[::order], store, workers=workers)] == ["", ""]
+        assert [result.error for _, result in run(cells[::order], store, workers=workers)] == ["", ""]
         numbers.append([store.find(cell).rows[0]["error_pct"] for cell in cells])
     assert numbers[0] == numbers[1] == numbers[2]
 

@@ -84,6 +84,7 @@ def test_every_claim_has_a_verdict():
     assert list(VERDICTS) == list(CLAIMS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in VERDICTS if name not in LONG])
 def test_a_claim_has_its_verdict_a_file_and_plots(name, tmp_path, capsys):
     assert cli.main(["reproduce", "--short", "--only", name, "--out", str(tmp_path)]) == 0

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from benchmarks.report import plot
-from benchmarks.report.plot import Line, Panel, plot_comparison, plot_lines, plot_maps, plot_trace
+from benchmarks.report.plot import Line, Panel, plot_comparison, plot_lines, plot_trace
 from benchmarks.run.rollout import rollout
 from fbl_gym import scenarios
 
@@ -45,12 +45,6 @@ def test_the_ending_gives_the_format(columns, tmp_path):
 def test_lines_differ_in_grey_print():
     styles = {(plot.MARKERS[i % len(plot.MARKERS)], plot.DASHES[i % len(plot.DASHES)]) for i in range(28)}
     assert len(styles) == 28
-
-
-def test_maps_of_some_policies(tmp_path):
-    maps = {name: np.array([[1.0, 2.0], [np.nan, 4.0]]) for name in ("a", "b", "c")}
-    plot_maps("maps", ("x", "y"), ([0, 1], [0, 1]), maps, tmp_path / "maps.png", 1)
-    assert (tmp_path / "maps.png").stat().st_size > 1000
 
 
 def test_several_seeds_give_medians_and_bands(trace, panels, tmp_path):

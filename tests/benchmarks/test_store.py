@@ -43,10 +43,10 @@ def contents(folder):
 
 
 def test_a_finished_cell_is_found_and_not_run_again(tmp_path, monkeypatch):
-    assert {o.done for o in finish(cells(), tmp_path)} == {"computed"}
+    assert {done for done, _ in finish(cells(), tmp_path)} == {"computed"}
     before = {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()}
     monkeypatch.setattr(cell_module, "rollout_trials", lambda *_: pytest.fail("it was run again"))
-    assert {o.done for o in finish(cells(), tmp_path)} == {"found"}
+    assert {done for done, _ in finish(cells(), tmp_path)} == {"found"}
     assert {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()} == before
 
 
@@ -80,8 +80,8 @@ def test_a_failing_policy_is_a_row_with_its_error(tmp_path):
     file.write_text("def make_policy(interface):\n    raise RuntimeError('I never work')\n")
     some = [*cells(["zero"]), Cell(str(file), "nominal", (0,))]
     outcomes = finish(some, tmp_path / "store")
-    assert sorted(o.done for o in outcomes) == ["computed", "computed", "computed", "failed"]
-    (failed,) = [o for o in outcomes if o.error]
+    assert sorted(done for done, _ in outcomes) == ["computed", "computed", "computed", "failed"]
+    (failed,) = [result for _, result in outcomes if result.error]
     assert failed.error == "RuntimeError: I never work"
     assert Store(tmp_path / "store").find_failure(some[-1]).error == failed.error
     # Mended, it runs, and the error is gone.
@@ -98,7 +98,7 @@ def test_a_damaged_file_is_moved_aside_named_and_computed_again(tmp_path):
     with pytest.warns(
         UserWarning, match=rf"{victim.name} is damaged .* moved to .*; `fbl-gym leaderboard` computes its cell again"
     ):
-        assert [o.done for o in finish(cells(), tmp_path)].count("computed") == 1
+        assert [done for done, _ in finish(cells(), tmp_path)].count("computed") == 1
     assert (tmp_path / "damaged" / victim.name).is_file()
     assert len(list(store.results())) == len(cells())
     for damage in ("", "{", "[]", "null", victim.read_text()[:-40]):
@@ -179,7 +179,7 @@ def test_a_full_disk_is_an_error_and_leaves_the_rest(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", real)
     assert len(Store(tmp_path).files()) == 1
     assert not list(tmp_path.glob(".*"))
-    assert sorted(o.done for o in finish(some, tmp_path)) == ["computed", "computed", "found"]
+    assert sorted(done for done, _ in finish(some, tmp_path)) == ["computed", "computed", "found"]
 
 
 COMMAND = [
@@ -251,5 +251,5 @@ def test_a_policy_that_always_kills_its_worker_is_a_failure_and_the_rest_is_done
     some = [*cells(["zero"]), Cell(str(file), cells()[0].scenario, (0, 1))]
     outcomes = finish(some, tmp_path / "store", workers=2)
     assert len(list(Store(tmp_path / "store").results())) == len(some) - 1
-    (failed,) = [o for o in outcomes if o.error]
+    (failed,) = [result for _, result in outcomes if result.error]
     assert failed.error == "its process died, with exit status 137"

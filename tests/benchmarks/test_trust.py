@@ -6,7 +6,6 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.policies import external
-from benchmarks.report.export import query
 from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Store, _digest
 from benchmarks.run.suite import Cell
@@ -30,7 +29,7 @@ def test_a_result_that_names_code_is_verified_only_with_trust(name, flag, capsys
     flag.unlink()
     assert cli.main(["verify", str(path), "--store", "store"]) == 2
     assert f"names {name}, whose code would be run; give --trust if you trust it" in capsys.readouterr().err
-    assert str(query(store.results(), "SELECT count(*) FROM results")).count("1")
+    assert len(list(store.results())) == 1
     assert not flag.exists()
     assert cli.main(["verify", str(path), "--store", "store", "--trust"]) == 0
     assert flag.exists()

@@ -7,7 +7,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.envs.wrappers import ErrorCoordinates
+from fbl_gym.envs.error_scales import ErrorScales
 from tests.fbl_gym.episodes import ID, RECORDS
 
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
@@ -23,15 +23,16 @@ def test_checkers_pass_without_a_warning(options):
 @pytest.mark.parametrize("scenario", ["nominal", "everything-2", "hardware-nominal"])
 def test_the_observation_is_that_of_the_error_coordinates_with_the_previous_action(scenario):
     env = gym.make(TRACKING, scenario=scenario)
-    twin = ErrorCoordinates(TwoLinkArmEnv(scenario, past_actions=1))
-    assert env.observation_space == twin.observation_space
+    twin = TwoLinkArmEnv(scenario, past_actions=1)
+    errors = ErrorScales(twin.interface)
+    assert env.observation_space == errors.space
     assert env.observation_space.dtype == np.float32
     observation = env.reset(seed=3)[0]
-    np.testing.assert_array_equal(observation, twin.reset(seed=3)[0])
+    np.testing.assert_array_equal(observation, errors.single_precision(twin.reset(seed=3)[0]))
     for k in range(5):
         action = np.array([0.1 * k, -0.3], dtype=np.float32)
         observation = env.step(action)[0]
-        np.testing.assert_array_equal(observation, twin.step(action)[0])
+        np.testing.assert_array_equal(observation, errors.single_precision(twin.step(action)[0]))
         np.testing.assert_array_equal(observation[10:12], action)
         assert env.observation_space.contains(observation)
 

@@ -154,27 +154,3 @@ def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
     path.write_bytes(b"PK")
     with pytest.raises(ValueError, match="must be an archive that stable-baselines3's save wrote"):
         load_zip(path, TwoLinkArmEnv().interface, trust=True)
-
-
-def test_a_folder_of_hugging_face_is_a_policy(tmp_path):
-    """It is as rl_zoo3 and huggingface_sb3 write it: one archive, the same unpacked, and other files."""
-    env = TwoLinkArmTrackingEnv()
-    model, path = save_model(tmp_path, env)
-    folder = tmp_path / "ppo-arm"
-    (folder / "ppo-arm").mkdir(parents=True)
-    for name in ("README.md", "config.json", "ppo-arm/data", "train_eval_metrics.zip"):
-        (folder / name).touch()
-    path.rename(folder / "ppo-arm.zip")
-    with pytest.raises(external.Untrusted):
-        resolve(str(folder))
-    external.trust(PolicyName.parse(str(folder)))
-    observation = TwoLinkArmEnv().reset(seed=0)[0]
-    action, _ = resolve(str(folder)).make(TwoLinkArmEnv()).predict(observation, deterministic=True)
-    expected = model.predict(env.reset(seed=0)[0], deterministic=True)[0]
-    np.testing.assert_allclose(action, expected, atol=2e-3)  # the previous action is from measured positions
-    (folder / "best_model.zip").touch()
-    with pytest.raises(ValueError, match=r"with 2: name one, such as .*best_model.zip"):
-        resolve(str(folder))
-    (folder / "vec_normalize.pkl").touch()
-    with pytest.raises(ValueError, match="normalized observations"):
-        resolve(str(folder))

@@ -40,6 +40,7 @@ def test_sb3_changes_the_scenario_of_its_environments():
     assert [scenario.name for scenario in envs.get_attr("scenario")] == ["everything-2"] * 2
 
 
+@pytest.mark.slow
 def test_rl_zoo3_trains_with_the_shipped_file_and_its_archive_is_a_policy(tmp_path):
     pytest.importorskip("rl_zoo3")
     command = "-m rl_zoo3.train --algo ppo --env fbl_gym/TwoLinkArmTracking-v0 --gym-packages fbl_gym --conf-file"

@@ -129,6 +129,7 @@ def test_a_resumed_folder_runs_no_code(tmp_path):
     assert not (tmp_path / "marker").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
 def test_a_finished_run_is_extended(algorithm, tmp_path, capsys):
     short = settings(algorithm)

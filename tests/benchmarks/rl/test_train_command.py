@@ -42,6 +42,7 @@ def test_options_reach_the_agent(folder, capsys):
     assert description["scenario"]["name"] == "mixed-error-1"
 
 
+@pytest.mark.slow
 def test_the_pages_on_learning_run(tmp_path, monkeypatch):
     """Their training and recording commands with fewer steps, then its Python as printed, in one process."""
     monkeypatch.chdir(tmp_path)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import RecordConstructorArgs
 
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.model.arm import Array
@@ -93,37 +91,3 @@ class ErrorScales:
             actions = self.layout["previous_actions"]
             bound[actions.start - actions.stop :] = 1.0
         return spaces.Box(-bound, bound)
-
-
-class InErrorCoordinates:
-    """Base of environments and wrappers, single or batched, that observe `ErrorScales`."""
-
-    def _scale(self, interface: Interface) -> spaces.Box:
-        """Prepare the observations, and return the box of one."""
-        self._errors = ErrorScales(interface)
-        return self._errors.space
-
-    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start episodes, and return observations in error coordinates."""
-        observations, infos = super().reset(seed=seed, options=options)  # type: ignore[misc]
-        return self._errors.single_precision(observations), infos
-
-    def step(self, action: Array) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Make a step, and return observations in error coordinates."""
-        observations, rewards, terminated, truncated, infos = super().step(action)  # type: ignore[misc]
-        return self._errors.single_precision(observations, infos), rewards, terminated, truncated, infos
-
-
-class ErrorCoordinates(InErrorCoordinates, gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """A wrapper with the observations of `fbl_gym/TwoLinkArmTracking-v0`; see `ErrorScales`.
-
-    It goes over other wrappers.
-
-    Args:
-        env: a `TwoLinkArmEnv`, wrapped or not, with unchanged observations.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        RecordConstructorArgs.__init__(self)
-        gym.Wrapper.__init__(self, env)
-        self.observation_space = self._scale(env.unwrapped.interface)  # type: ignore[attr-defined]
