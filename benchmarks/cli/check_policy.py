@@ -8,7 +8,7 @@ from typing import Any
 from benchmarks.cli.common import add_policy, add_trust, trust
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.run.contract import Check, check
-from benchmarks.text import visible
+from benchmarks.text import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,15 +22,15 @@ def run(arguments: argparse.Namespace) -> int:
     policy = resolve_isolated(arguments.policy)
     for checked in starmap(Check, policy.call(_check, policy)):
         if checked.kept:
-            print(visible(f"ok      {checked.promise}: {checked.detail}"))
+            say(f"ok      {checked.promise}: {checked.detail}")
         else:
             broken.setdefault(checked.detail, []).append(checked.promise)
     # One mistake often breaks several promises.
     for detail, promises in broken.items():
         if len(promises) == 1:
-            print(visible(f"BROKEN  {promises[0]}: {detail}"))
+            say(f"BROKEN  {promises[0]}: {detail}")
         else:
-            print(visible(f"BROKEN  {len(promises)} promises: {detail}"), *promises, sep="\n        ")
+            say("\n        ".join([f"BROKEN  {len(promises)} promises: {detail}", *promises]))
     count = sum(map(len, broken.values()))
     print(f"breaks {count} promises" if count else "keeps every promise of a policy")
     return 1 if count else 0

@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.cli.common import add_policy, add_scenario, add_trust, command_line, count, refuse_judged, trust
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.rl.training_settings import SEEDS_PER_RUN, training_seeds
+from benchmarks.text import say
 from fbl_gym import scenarios
 
 
@@ -64,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     )  # fmt: skip
     errors = [episode.infos["reference"] - episode.infos["position"] for episode in episodes]
     terminated = sum(bool(episode.terminations[-1]) for episode in episodes)
-    print(
+    say(
         f"{len(seeds)} episodes, {terminated} terminated, mean return "
         f"{np.mean([sum(episode.rewards) for episode in episodes]):.1f}, "
         f"error {1e3 * np.mean([np.sqrt(np.mean(error[:-1] ** 2)) for error in errors]):.3g} mrad\n"

@@ -27,7 +27,7 @@ from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Suite, with_option
-from benchmarks.text import visible
+from benchmarks.text import say
 from fbl_gym import scenarios
 
 Over = tuple[str, str, list[float]]
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     for outcome in track(outcomes, "cells", len(cells), console=Screen(stderr=True)):
         if outcome.error:
             failed += 1
-            print(visible(f"fbl-gym: {outcome.id} failed: {outcome.error}"), file=sys.stderr)
+            say(f"fbl-gym: {outcome.id} failed: {outcome.error}", sys.stderr)
     curves: dict[str, list[np.ndarray]] = {}
     with csv_file(arguments.csv, ("policy", *names), cells[0].columns) as append:
         for i, cell in enumerate(cells):
@@ -119,5 +119,5 @@ def run(arguments: argparse.Namespace) -> int:
         shape = tuple(map(len, values))
         maps = {policy: band[:, 1].reshape(shape) for policy, band in bands.items()}
         plot_maps(title, labels, values, maps, path, arguments.columns)
-    print(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
+    say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0
