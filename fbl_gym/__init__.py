@@ -5,8 +5,10 @@ Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium;
 `fbl_gym/TwoLinkArmMuJoCo-v0`, the same with MuJoCo's physics.
 """
 
-import sys
+from fbl_gym.neighbours import IS_COMMAND, warn_of_hidden
 
+# A command that is stopped during the imports below says so in one line.
+# isort: split
 from gymnasium.envs.registration import register
 
 from fbl_gym import options, scenarios
@@ -16,7 +18,6 @@ from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import SECTION_2_2, TABLE_1, ArmParameters
-from fbl_gym.neighbours import warn_of_hidden
 from fbl_gym.options import *  # noqa: F403 - the records that `options.__all__` lists
 from fbl_gym.records import Distribution
 from fbl_gym.scenarios import Scenario
@@ -38,5 +39,5 @@ register(
     vector_entry_point="fbl_gym.envs.tracking:TwoLinkArmTrackingVectorEnv",
 )
 
-if not (sys.argv[0].endswith("fbl-gym") or sys.orig_argv[1:3] == ["-m", "fbl_gym"]):  # commands find their own packages
+if not IS_COMMAND:
     warn_of_hidden()

@@ -1,10 +1,27 @@
 """The packages `controllers` and `benchmarks` beside this one, and others that hide them."""
 
+import sys
 import warnings
 from importlib.machinery import PathFinder
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+
+IS_COMMAND = sys.argv[0].endswith("fbl-gym") or sys.orig_argv[1:3] == ["-m", "fbl_gym"]
+"""True in the command line, which finds its own packages."""
+
+
+def _report(kind: type[BaseException], *problem: Any) -> None:
+    """Report the end of a command; one that is stopped while it is imported, in one line."""
+    if kind is KeyboardInterrupt:
+        print("fbl-gym: stopped", file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, *problem)
+
+
+if IS_COMMAND:
+    sys.excepthook = _report
 
 
 def hidden_by() -> dict[str, Path]:

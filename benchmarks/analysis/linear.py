@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 from threadpoolctl import threadpool_limits
 
-from benchmarks.policies.spec import resolve
+from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.rollout import make_env
 from controllers.policy import leaves, map_state
 from fbl_gym.checks import Pair, check_number, check_pair
@@ -220,7 +220,7 @@ def _edge(stable: Callable[[float], bool], inside: float, grid: Array) -> float:
 
 
 def linearize(
-    policy: str,
+    policy: PolicySpec | str,
     scenario: Scenario | str | None = None,
     at: Pair = POINT,
     *,

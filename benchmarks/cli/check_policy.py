@@ -1,10 +1,14 @@
 """The command `fbl-gym check-policy`."""
 
 import argparse
+from dataclasses import astuple
+from itertools import starmap
+from typing import Any
 
 from benchmarks.cli.common import add_policy, add_trust, trust
-from benchmarks.policies.spec import resolve
-from benchmarks.run.contract import check
+from benchmarks.policies.spec import PolicySpec, resolve_isolated
+from benchmarks.run.contract import Check, check
+from benchmarks.text import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,17 +19,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
     broken: dict[str, list[str]] = {}
-    for checked in check(resolve(arguments.policy)):
+    policy = resolve_isolated(arguments.policy)
+    for checked in starmap(Check, policy.call(_check, policy)):
         if checked.kept:
-            print(f"ok      {checked.promise}: {checked.detail}", flush=True)
+            say(f"ok      {checked.promise}: {checked.detail}")
         else:
             broken.setdefault(checked.detail, []).append(checked.promise)
     # One mistake often breaks several promises.
     for detail, promises in broken.items():
         if len(promises) == 1:
-            print(f"BROKEN  {promises[0]}: {detail}")
+            say(f"BROKEN  {promises[0]}: {detail}")
         else:
-            print(f"BROKEN  {len(promises)} promises: {detail}", *promises, sep="\n        ")
+            say("\n        ".join([f"BROKEN  {len(promises)} promises: {detail}", *promises]))
     count = sum(map(len, broken.values()))
     print(f"breaks {count} promises" if count else "keeps every promise of a policy")
     return 1 if count else 0
+
+
+def _check(policy: PolicySpec) -> list[tuple[Any, ...]]:
+    return [*map(astuple, check(policy))]

@@ -13,8 +13,8 @@ from benchmarks.policies.spec import resolve_isolated
 from benchmarks.report import terminal
 from benchmarks.report.export import csv_file
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
-from benchmarks.run.cell import run_trials
-from benchmarks.run.metrics import counted_errors, measure, summarize
+from benchmarks.run.cell import measured, run_trials
+from benchmarks.run.metrics import counted_errors, summarize
 from benchmarks.run.rollout import Trace
 from benchmarks.run.store import Store
 from benchmarks.run.traces import export
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         spec = resolve_isolated(policy)
         traces[policy] = run_trials(spec, scenario, range(arguments.seeds), arguments.trials)
         Store(arguments.store).record_access(spec, scenario)
-    runs = {policy: [measure(trace, more=more) for trace in trials] for policy, trials in traces.items()}
+    runs = {policy: [measured(trace, more) for trace in trials] for policy, trials in traces.items()}
     last = {policy: trials[-1] for policy, trials in traces.items()}
     title = f"{scenario.name}, {arguments.seeds} seeds"
     screen = terminal.Screen()

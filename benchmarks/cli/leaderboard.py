@@ -15,6 +15,7 @@ from benchmarks.report import terminal
 from benchmarks.report.terminal import Screen
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import SUITES, Cell, Suite, load
+from benchmarks.text import say
 
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
@@ -85,11 +86,11 @@ def run(arguments: argparse.Namespace) -> int:
         except ValueError as problem:
             if stopped is None:
                 raise
-            print(f"fbl-gym: {problem}", file=sys.stderr)  # no policy is complete yet
-        print(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
+            say(f"fbl-gym: {problem}", sys.stderr)  # no policy is complete yet
+        say(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
     if stopped is not None:
         done = f"{len(results)} of {len(cells)} cells in {arguments.store}"
-        print(f"fbl-gym: stopped with {done}; the same command goes on from there", file=sys.stderr)
+        say(f"fbl-gym: stopped with {done}; the same command goes on from there", sys.stderr)
         return stopped_status(stopped)
     return 1 if any(counts(result.error) for result in results) else 0
 

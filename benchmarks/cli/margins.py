@@ -2,12 +2,15 @@
 
 import argparse
 from collections.abc import Sequence
+from typing import Any
 
 from benchmarks.analysis.linear import LinearLoop, NotLinear, linearize
 from benchmarks.cli.common import add_plot, add_policies, add_scenario
+from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.report.plot import plot_loops
 from benchmarks.report.terminal import Screen, table
-from fbl_gym import scenarios
+from fbl_gym import Scenario, scenarios
+from fbl_gym.checks import Pair
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,8 +36,12 @@ def run(arguments: argparse.Namespace) -> int:
     loops: dict[str, LinearLoop] = {}
     reasons: list[str] = []
     for policy in arguments.policies:
+        spec = resolve_isolated(policy)
+        answer = spec.call(_linearized, spec, scenario, (q1, q2), times, arguments.seed)
         try:
-            (loop,) = linearize(policy, scenario, (q1, q2), times=times, seed=arguments.seed)
+            if isinstance(answer, str):
+                raise NotLinear(answer)
+            loop = LinearLoop(**answer)
             margins = loop.margins()
         except NotLinear as problem:
             reasons.append(f"no margins of {policy}: {problem}")
@@ -60,3 +67,15 @@ def run(arguments: argparse.Namespace) -> int:
         plot_loops(responses, f"{scenario.name}, {point}", arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}")
     return 0
+
+
+def _linearized(
+    policy: PolicySpec, scenario: Scenario, at: Pair, times: Sequence[float], seed: int
+) -> dict[str, Any] | str:
+    """Return the fields of a policy's loop, or the reason why there is none."""
+
+    try:
+        (loop,) = linearize(policy, scenario, at, times=times, seed=seed)
+    except NotLinear as problem:
+        return str(problem)
+    return vars(loop)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from benchmarks.text import visible
+from benchmarks.text import say, visible
 from fbl_gym import __version__
 from fbl_gym.checks import nearest, unknown
 
@@ -91,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as problem:
-        print(visible(f"fbl-gym: {_reason(problem)}"), file=sys.stderr)
+        say(f"fbl-gym: {_reason(problem)}", sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
         kept = COMMANDS[given[0]].kept if given and given[0] in COMMANDS else ""
@@ -177,7 +177,7 @@ class Parser(argparse.ArgumentParser):
         elif choice:
             action = next(a for a in self._actions if choice[1] in ("/".join(a.option_strings), a.metavar, a.dest))
             message += nearest(choice[2], action.choices or ())
-        super().error(message)
+        super().error(visible(message))
 
 
 def _overview() -> argparse.ArgumentParser:

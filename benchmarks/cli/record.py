@@ -3,12 +3,14 @@
 import argparse
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.cli.common import add_policy, add_scenario, add_trust, command_line, count, refuse_judged, trust
-from benchmarks.policies.spec import resolve
+from benchmarks.policies.spec import resolve_isolated
 from benchmarks.rl.training_settings import SEEDS_PER_RUN, training_seeds
+from benchmarks.text import say
 from fbl_gym import scenarios
 
 
@@ -42,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from benchmarks.run.episodes import record, write  # the extra `data`
+    from minari.data_collector.episode_buffer import EpisodeBuffer  # the extra `data`
+
+    from benchmarks.run.episodes import write
 
     trust(arguments)
     scenario = scenarios.get(arguments.scenario)
@@ -52,18 +56,26 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"episodes must be at most {SEEDS_PER_RUN}, the seeds of one --seed, got {arguments.episodes}")
     if not arguments.noise >= 0:
         raise ValueError(f"noise must not be negative, got {arguments.noise}")
-    policy = resolve(arguments.policy)
-    episodes = record(policy, scenario, seeds, arguments.noise, arguments.observation)
+    policy = resolve_isolated(arguments.policy)
+    fields = policy.call(_record, policy, scenario, seeds, arguments.noise, arguments.observation)
+    episodes = [EpisodeBuffer(**episode) for episode in fields]
     write(
         episodes, arguments.out, scenario, arguments.observation,
         algorithm_name=policy.name, description=command_line(),
     )  # fmt: skip
     errors = [episode.infos["reference"] - episode.infos["position"] for episode in episodes]
     terminated = sum(bool(episode.terminations[-1]) for episode in episodes)
-    print(
+    say(
         f"{len(seeds)} episodes, {terminated} terminated, mean return "
         f"{np.mean([sum(episode.rewards) for episode in episodes]):.1f}, "
         f"error {1e3 * np.mean([np.sqrt(np.mean(error[:-1] ** 2)) for error in errors]):.3g} mrad\n"
         f"data set: {arguments.out}"
     )
     return 0
+
+
+def _record(*arguments: Any) -> list[dict[str, Any]]:
+    """Return the fields of the episodes of `record`."""
+    from benchmarks.run.episodes import record
+
+    return [vars(episode) for episode in record(*arguments)]

@@ -12,6 +12,7 @@ from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv
 from benchmarks.report.page import contents, write_page
 from benchmarks.run.store import Store
+from benchmarks.text import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_text(arguments.readme, markdown.replace_between(text, markdown.leaderboard(board, short=True)))
         command = f"fbl-gym leaderboard --suite {arguments.suite}"
         write_text(arguments.readme.parent / "docs" / "results" / "board.md", markdown.board_page(board, command))
-    print(f"report: {arguments.out / 'board.html'}, board.md, board.csv and test_accesses.csv beside it")
+    say(f"report: {arguments.out / 'board.html'}, board.md, board.csv and test_accesses.csv beside it")
     if board.gaps:
         print("fbl-gym: the report is incomplete, see above; `fbl-gym leaderboard` computes the rest", file=sys.stderr)
     return 1 if board.lacking or any(map(counts, (*board.incomplete.values(), *board.failed.values()))) else 0

@@ -9,6 +9,7 @@ from benchmarks.cli.common import add_folder
 from benchmarks.paper.claim import FULL, SHORT
 from benchmarks.paper.claims import load, measure_claim, save, select
 from benchmarks.report.terminal import Screen, table
+from benchmarks.text import say
 
 _COLOURS = {"reproduced": "green", "under assumptions": "yellow", "not reproduced": "red", "–": "default"}
 
@@ -40,5 +41,5 @@ def run(arguments: argparse.Namespace) -> int:
     measured = [claims[name] for name in names]
     rows = [(c.figure, c.claim, c.paper, c.measured, c.holds, Text(c.verdict, _COLOURS[c.verdict])) for c in measured]
     Screen().print(table("The paper's claims, measured", header, rows, "left"))
-    print(f"claims and plots: {arguments.out}")
+    say(f"claims and plots: {arguments.out}")
     return 0

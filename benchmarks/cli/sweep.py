@@ -24,7 +24,7 @@ from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Suite, with_option
-from benchmarks.text import visible
+from benchmarks.text import say
 from fbl_gym import scenarios
 
 Over = tuple[str, str, list[float]]
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     for result in run_all(cells, arguments):
         if result.error:
             failed += 1
-            print(visible(f"fbl-gym: {result.cell.id} failed: {result.error}"), file=sys.stderr)
+            say(f"fbl-gym: {result.cell.id} failed: {result.error}", sys.stderr)
     curves: dict[str, list[np.ndarray]] = {}
     with csv_file(arguments.csv, ("policy", *names), cells[0].columns) as append:
         for i, cell in enumerate(cells):
@@ -110,5 +110,5 @@ def run(arguments: argparse.Namespace) -> int:
         lines.append(Line(np.array(values[0]), median, name, low=low, high=high))
     panel = Panel("", label, "error [%]", tuple(lines), (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
-    print(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
+    say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0

@@ -12,6 +12,7 @@ from benchmarks.cli.common import add_scenario, command_line
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.training_settings import TrainingSettings
+from benchmarks.text import say
 from fbl_gym import scenarios
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.options import SENSORS
@@ -73,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     default = f"runs/{arguments.algorithm}-{arguments.interface}{history}{context}-{arguments.seed}"
     folder = arguments.out or Path(default)
     train(settings, folder, command_line(), 40 if len(tasks) == 1 else 15)
-    print(f"agent: {folder}")
+    say(f"agent: {folder}")
     return 0
 
 

@@ -9,6 +9,7 @@ from benchmarks.cli.common import add_policies, command_line, count, refuse_judg
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import distinguish, expand
+from benchmarks.text import say
 from benchmarks.tuning.search import (
     JUDGED,
     SCENARIOS,
@@ -75,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     for _, answer in run_parallel(work, pairs, min(arguments.workers, len(pairs))):
         if isinstance(answer, Failed):
             raise answer
-        print(answer, flush=True)
+        say(answer)
     return 0
 
 

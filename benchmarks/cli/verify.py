@@ -12,7 +12,7 @@ from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.run.suite import Cell
-from benchmarks.text import visible
+from benchmarks.text import say
 from fbl_gym.checks import unknown
 
 
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
             cell = Cell(resolve_isolated(name), published.cell.scenario, published.cell.seeds)
             difference = compare(published, run_cell(cell))
             differs += bool(difference)
-            print(visible(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}"))
+            say(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")
     return 1 if differs else 0
 
 

@@ -67,9 +67,12 @@ class CallLimits:
 def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallLimits | None = None) -> Answer:
     """Call a function in a new Python process and return its result; raise its ValueError here.
 
+    The code in it reaches nothing in this process but the result, from which no code can be run.
+    It has all rights of the user on files and processes: this stops accidents, and no attack.
+
     Args:
-        function: of a module.
-        *arguments: plain data.
+        function: of a module; it returns plain data and arrays.
+        *arguments: data of any type.
         limits: of the call; None: an hour, and as much memory as there is.
 
     Raises:
@@ -82,20 +85,38 @@ def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallL
         pickle.dump((function, arguments), request)
         request.seek(0)
         status = _call(function.__module__, request, answer, limits.seconds)
+        if not answer.seek(0, os.SEEK_END):
+            raise Failed(f"its process died, with exit status {status}")
         answer.seek(0)
         try:
-            error, value = pickle.load(answer)
-        except Exception:  # a policy may have written anything
-            raise Failed(f"its process died, with exit status {status}") from None
+            error, is_value_error, result = _Answer(answer).load()
+        except Exception as problem:  # the process may have written anything
+            raise Failed(f"its answer cannot be read ({reason_of(problem)})") from None
     if error is not None:
-        raise error
-    result: Answer = value
-    return result
+        raise (ValueError if is_value_error else Failed)(str(error))
+    value: Answer = result
+    return value
+
+
+class _Answer(pickle.Unpickler):
+    """A reader of plain data and arrays, and of nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return what NumPy reads arrays and numbers with; refuse any other name."""
+        if (module, name) not in _ARRAYS:
+            raise pickle.UnpicklingError(f"it names {module}.{name}, which is no plain data")
+        return super().find_class(module, name)
+
+
+_ARRAYS = {
+    ("numpy", "dtype"), ("numpy", "ndarray"), ("numpy._core.multiarray", "_reconstruct"),
+    ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer"),
+}  # fmt: skip
 
 
 def _call(module: str, request: IO[bytes], answer: IO[bytes], seconds: float) -> int:
     """Run a call of a module's function in a new process; return the process's exit status."""
-    late = Failed(f"it took longer than {seconds:g} s, see --cell-timeout")
+    late = Failed(f"it took longer than {seconds:g} s, see leaderboard --cell-timeout")
     if os.name != "posix":
         try:
             return subprocess.run(_command(""), stdin=request, stdout=answer, timeout=seconds, check=False).returncode
@@ -169,6 +190,7 @@ def serve(request_file: int, answer_file: int) -> None:
     os.dup2(2, 1)
     random.seed()
     np.random.seed()  # noqa: NPY002  a policy may use it, and all calls of the server share its state
+    folder = os.getcwd()
     try:
         folder, variables, path, limits = pickle.load(request)
         os.environ.update(variables)
@@ -177,11 +199,12 @@ def serve(request_file: int, answer_file: int) -> None:
         function, arguments = pickle.load(request)
         if limits.gigabytes is not None:
             resource.setrlimit(resource.RLIMIT_DATA, (int(1e9 * limits.gigabytes),) * 2)
-        reply = pickle.dumps((None, function(*arguments)))
+        reply = pickle.dumps((None, False, function(*arguments)))
     except BaseException as problem:
-        kind = ValueError if isinstance(problem, ValueError) else Failed
         text = text_of(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
-        reply = pickle.dumps((kind(text), None))
+        if os.getcwd() != folder:
+            text += f"; the policy went to another folder, {os.getcwd()}, where relative paths mean other files"
+        reply = pickle.dumps((text, isinstance(problem, ValueError), None))
     answer.write(reply)
     answer.flush()
     os._exit(0)  # whatever threads the policy has started
@@ -253,9 +276,16 @@ def _run_in_pool(
 
 def _run_once_more(function: Callable[[Item], Answer | Failed], item: Item) -> Answer | Failed:
     try:
-        return run_isolated(function, item, limits=CallLimits(threading.TIMEOUT_MAX))
+        pickled = run_isolated(_pickled, function, item, limits=CallLimits(threading.TIMEOUT_MAX))
     except Failed as problem:
         return problem
+    answer: Answer | Failed = pickle.loads(pickled)
+    return answer
+
+
+def _pickled(function: Callable[[Item], Answer], item: Item) -> bytes:
+    """Return an answer of any type as bytes, as the processes of a pool send it too."""
+    return pickle.dumps(function(item))
 
 
 @contextlib.contextmanager

@@ -22,7 +22,7 @@ import controllers
 from benchmarks.policies import external
 from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, file_of
-from benchmarks.policies.isolation import CallLimits, Failed, run_isolated
+from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
 from benchmarks.policies.name import PolicyName
 from benchmarks.rl.agent import files, saved_agent, settings_of
 from benchmarks.rl.sb3 import MOTION, load_zip
@@ -142,6 +142,17 @@ class PolicySpec:
             parts = [part for part in now if now[part] != self.identity[part]]
             raise Changed(f"the {' and '.join(parts)} of {self.name} changed since it was resolved; run it again")
 
+    def call(self, function: Callable[..., Answer], *arguments: Any, limits: CallLimits | None = None) -> Answer:
+        """Call a function that makes the policy; in a fresh process, if external code may run.
+
+        Args:
+            function: as for `run_isolated`.
+            *arguments: of the function.
+            limits: of the call; None: those of external policies.
+        """
+        isolated = self.runs_code or external.has_loaded() or limits not in (None, CallLimits())
+        return run_isolated(function, *arguments, limits=limits) if isolated else function(*arguments)
+
     def factory(self) -> Callable[..., Any]:
         """Return the class or function that makes the policy from the interface and gains."""
         if self.parsed.form in ("agent", "archive"):
@@ -210,9 +221,13 @@ def resolve_isolated(policy: str | PolicyName | PolicySpec, limits: CallLimits |
     if name.form not in ("file", "module") and not external.entry_module(name):
         return resolve(name)
     try:
-        return run_isolated(resolve, name, limits=limits)
+        return PolicySpec.from_dict(run_isolated(_resolve, name, limits=limits))
     except Failed as problem:
         return PolicySpec(name, "classical", "nominal", external=True, problem=f"{problem}, while it was loaded")
+
+
+def _resolve(name: PolicyName) -> dict[str, Any]:
+    return resolve(name).to_dict()
 
 
 def _check(name: PolicyName) -> None:

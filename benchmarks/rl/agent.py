@@ -100,7 +100,7 @@ def describe(folder: Path) -> dict[str, Any]:
         raise ValueError(f"folder must hold an agent.json, as `fbl-gym train` writes it, got {str(folder)!r}")
     with _reading(path):
         description: dict[str, Any] = {"weights": WEIGHTS, **json.loads(path.read_text(encoding="utf-8"))}
-        _ = description["interface"].items(), (folder / description["weights"]).name
+        _ = description["interface"].items(), (folder / description["weights"]).resolve()
     return description
 
 

@@ -2,15 +2,15 @@
 
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits, Failed, reason_of, run_isolated
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.contract import broken
-from benchmarks.run.metrics import measure
+from benchmarks.run.metrics import Metric, measure
 from benchmarks.run.rollout import Trace, rollout_trials
 from benchmarks.run.store import Result, provenance
 from benchmarks.run.suite import Cell
@@ -39,16 +39,18 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
         for first in range(0, len(cell.seeds), BATCH):
             seeds = cell.seeds[first : first + BATCH]
             (trace,) = run_trials(cell.policy, cell.scenario, seeds, 1, limits, check=first == 0)
-            if cell.metrics:
-                rows += run_isolated(measure, trace, None, cell.metrics, limits=limits)
-            else:
-                rows += measure(trace)
+            rows += measured(trace, cell.metrics, limits)
             decisions.append(1e6 * trace.decision_time)
     except (Exception, SystemExit) as problem:  # a policy may raise anything, and other cells must not suffer
         error = str(problem) if isinstance(problem, Failed) else reason_of(problem)
         return Result.failure(cell, error, time.perf_counter() - begin, command)
     decision, wall = float(np.median(decisions)), time.perf_counter() - begin
     return Result(cell, tuple(rows), decision, wall, provenance=provenance(command, cell.packages))
+
+
+def measured(trace: Trace, more: Sequence[Metric], limits: CallLimits | None = None) -> list[dict[str, float]]:
+    """Return `metrics.measure` of a trace; code of external metrics runs in a fresh process."""
+    return run_isolated(measure, trace, None, more, limits=limits) if more else measure(trace)
 
 
 def run_trials(
@@ -70,13 +72,16 @@ def run_trials(
         limits: of time and memory.
         check: an external policy must keep its promises on the scenario first.
     """
-    if not (policy.runs_code or external.has_loaded() or limits not in (None, CallLimits())):
-        return _run(policy, scenario, seeds, trials, check and policy.external)
-    return run_isolated(_run, policy, scenario, tuple(seeds), trials, check and policy.external, limits=limits)
+    arguments = policy, scenario, tuple(seeds), trials, check and policy.external
+    return [Trace(scenario=scenario, **signals) for signals in policy.call(_run, *arguments, limits=limits)]
 
 
-def _run(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int, check: bool) -> list[Trace]:
+def _run(
+    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int, check: bool
+) -> list[dict[str, Any]]:
+    """Return the fields of each trial's trace, but the scenario."""
     with threadpool_limits(1):
         if check and (reason := broken(policy, scenario)):
             raise Failed(reason)
-        return rollout_trials(policy, scenario, seeds, trials)
+        traces = map(vars, rollout_trials(policy, scenario, seeds, trials))
+        return [{name: signal for name, signal in trace.items() if name != "scenario"} for trace in traces]

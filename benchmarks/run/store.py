@@ -29,6 +29,7 @@ from benchmarks.files import remove_unfinished, write_text
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.run.suite import Cell, versions
+from benchmarks.text import visible
 from fbl_gym import Scenario
 from fbl_gym.scenarios import held_out_reason
 
@@ -178,7 +179,7 @@ class Store:
             with contextlib.suppress(FileNotFoundError):  # another process was faster
                 path.replace(target)
                 text = f"{problem}; moved to {target}; `fbl-gym leaderboard` computes its cell again"
-                warnings.warn(text, stacklevel=3)
+                warnings.warn(visible(text), stacklevel=3)
             return None
 
     def load(self, path: Path, cell: Cell | None = None) -> Result:

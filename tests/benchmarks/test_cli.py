@@ -222,7 +222,7 @@ def test_no_name_controls_the_terminal(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "evil.toml").write_text('base = "nominal"\nname = "\\u001b[31mred"\nduration = 0.5\n')
     evil = "\x1b[2Jlaw.py"
-    (tmp_path / evil).write_text("from controllers.simple import Zero as make_policy\n")
+    (tmp_path / evil).write_text("from controllers.simple import PdGravity as make_policy\n")
     (tmp_path / "fails.py").write_text("raise ValueError('\\x1b[2J')\n")
     board = f"--scenarios evil.toml --seeds 1 --policies zero {evil}"
     for line in (
@@ -235,6 +235,11 @@ def test_no_name_controls_the_terminal(tmp_path, monkeypatch, capsys):
         "report",
         "evaluate fails.py",
         "evaluate \x1b[31mlost",
+        "evaluate zero --\x1b[31mlost",
+        f"check-policy {evil}:\x1b[31mlost",
+        f"margins {evil} --time 0.5 --scenario evil.toml",
+        f"sweep {evil} --over noise.position=1e-3 --scenario evil.toml --seeds 1 --workers 1 --csv \x1b[0m.csv",
+        f"tune {evil} --trials 1 --seeds 1 --fresh-seeds 2 --candidates 1 --scenarios noise-1 --storage sqlite:///a.db",
     ):
         with contextlib.suppress(SystemExit):
             cli.main(shlex.split(line))

@@ -1,6 +1,8 @@
 """External policies in a run: they reach no other row and stop no other cell."""
 
+import contextlib
 import os
+import pickle
 import subprocess
 import sys
 import time
@@ -125,19 +127,34 @@ def test_a_relative_path_is_that_of_the_present_folder(tmp_path, monkeypatch):
     assert digests[0] != digests[1]
 
 
-@pytest.mark.parametrize("command", [["evaluate"], ["evaluate", "zero"], ["margins"]])
-def test_a_policy_that_exits_is_an_error_of_other_commands_too(command, tmp_path):
-    (tmp_path / "leaves.py").write_text("import sys\nsys.exit(0)\n")
-    line = [sys.executable, "-m", "fbl_gym", *command, "leaves.py"]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.returncode == 2
-    assert "SystemExit" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 LAW = "from controllers.simple import Zero\nclass make_policy(Zero):\n    def torque(self, observation, state):\n        {}\n"
 WORKS = "return super().torque(observation, state)"
 NAMES = ("[red]a[" + "日本語" * 25, ":zap: a:b|`c*_<i>\n" + os.fsdecode(b"\xff"))
+BAD = {
+    "exits": ("import sys\nsys.exit(0)\n", WORKS, "SystemExit: 0"),
+    "leaves": ("import os\n", "os._exit(0)", "its process died, with exit status 0"),
+    "lacks": ("", "{}['lost']", "KeyError: 'lost'"),
+    "goes": ("import os\nos.chdir('/')\n", WORKS, "the policy went to another folder, /, where"),
+}
+
+
+@pytest.mark.parametrize(("command", "law"), [
+    ("evaluate", "goes"), ("evaluate zero", "exits"), ("margins", "exits"), ("margins", "leaves"),
+    ("check-policy", "leaves"), ("record --out data/a-v0", "leaves"), ("record --out data/a-v0", "lacks"),
+])  # fmt: skip
+def test_a_bad_policy_is_one_line_of_other_commands_too(command, law, tmp_path, monkeypatch, capfd):
+    """Its code runs in another process, so it cannot end this one without a word."""
+    head, body, reason = BAD[law]
+    (tmp_path / f"{law}.py").write_text(head + LAW.format(body))
+    monkeypatch.chdir(tmp_path)
+    pytest.importorskip("minari")
+    assert cli.main([*command.split(), f"{law}.py"]) in (1, 2)
+    out, errors = capfd.readouterr()
+    assert reason in out + errors
+    assert "Traceback" not in errors
+    assert Path.cwd() == tmp_path
+
+
 FAILS = {
     "text": ("class E(Exception):\n    def __str__(self):\n        raise RuntimeError\n", "raise E"),
     "loads": ("class E(BaseException):\n    pass\nraise E('no')\n", WORKS),
@@ -219,15 +236,18 @@ def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path, monkeypatch, c
     assert "pd-gravity,hardware-nominal,2\n" in (tmp_path / "out" / "test_accesses.csv").read_text()
 
 
+LATE = "it took longer than 1 s, see leaderboard --cell-timeout"
+
+
 def test_a_policy_that_hangs_is_a_failed_cell(tmp_path):
     """While it runs, and while it is loaded."""
     (tmp_path / "hangs.py").write_text(LAW.format("while True: pass"))
     (tmp_path / "loading.py").write_text("import time\ntime.sleep(600)\n")
     hangs = Cell(resolve_isolated(str(tmp_path / "hangs.py")), "nominal", (0,))
     limits = CallLimits(seconds=1.0)
-    assert run_cell(hangs, limits=limits).error == "it took longer than 1 s, see --cell-timeout"
+    assert run_cell(hangs, limits=limits).error == LATE
     loading = resolve_isolated(str(tmp_path / "loading.py"), limits)
-    assert loading.problem == "it took longer than 1 s, see --cell-timeout, while it was loaded"
+    assert loading.problem == f"{LATE}, while it was loaded"
 
 
 def start_and_hang(flag):
@@ -261,6 +281,28 @@ def test_the_processes_of_a_call_end_with_it(function, tmp_path):
         with pytest.raises(Failed, match="it took longer than 5 s"):
             run_isolated(*arguments, limits=limits)
     assert time.monotonic() - begin < 20
+
+
+class Opens:
+    def __reduce__(self):
+        return open, ("ran", "w")
+
+
+def answer_with(data):
+    """Write an answer in place of the call, as a policy may."""
+    for number in range(3, 64):
+        with contextlib.suppress(OSError):
+            os.write(number, data)
+    os._exit(0)
+
+
+@pytest.mark.parametrize("data", [b"garbage", pickle.dumps(5), pickle.dumps(Opens()), pickle.dumps(CallLimits())])
+def test_an_answer_is_data_or_an_error(data, tmp_path, monkeypatch):
+    """And no code of it runs in this process."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(Failed, match="its answer cannot be read"):
+        run_isolated(answer_with, data)
+    assert not Path("ran").exists()
 
 
 def test_no_standard_module_is_imported_from_the_current_folder(tmp_path):

@@ -6,6 +6,7 @@ from importlib import metadata
 import numpy as np
 import pytest
 
+import benchmarks
 from benchmarks import cli
 from benchmarks.run.metrics import METRICS, find_metrics, measure
 from benchmarks.run.rollout import rollout
@@ -38,6 +39,13 @@ def test_a_metric_is_a_function_of_a_trace():
     rows = measure(trace, more=[metric])
     assert list(rows[0]) == [*METRICS, "peak_torque"]
     np.testing.assert_array_equal([row["peak_torque"] for row in rows], np.abs(trace.torque[..., 0]).max(axis=0))
+
+
+def test_a_metric_reaches_no_other_number(folder):
+    """In `evaluate` too, its code runs in another process."""
+    (folder / "mine.py").write_text(f"import benchmarks\nbenchmarks.reached = True\n{CODE}")
+    assert cli.main(["evaluate", "zero", "pd-gravity", "--seeds", "1", "--metrics", "mine.py"]) == 0
+    assert not hasattr(benchmarks, "reached")
 
 
 def test_an_entry_point_names_a_metric(monkeypatch):

@@ -82,6 +82,12 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     data = json.loads(capsys.readouterr().out)
     assert data["safe"]
     assert data["choices"][0]["policy"] == "pd-gravity"
+    lacks = tmp_path / "lacks.py"
+    lacks.write_text("def make_policy(interface):\n    return {}['lost']\n")
+    assert cli.main([*arguments, "--policies", "pd-gravity", str(lacks), "json:loads"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert f"without {lacks}: KeyError: 'lost'" in shown
+    assert "without json:loads: TypeError: the JSON object must be" in shown
     assert cli.main([*arguments, "--policies", "zero"]) == 1
     assert "No policy is safe on short" in capsys.readouterr().out
     assert cli.main([*arguments, "--seeds", "1"]) == 2

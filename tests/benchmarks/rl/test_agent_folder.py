@@ -49,6 +49,7 @@ def test_a_folder_without_an_agent_is_refused(tmp_path):
 @pytest.mark.parametrize(
     "damage",
     ["", "[]", "3", "{", "{}", '{"interface": 3}', '{"interface": {}, "weights": 3}', '{"interface": {"action": 1}}',
+     r'{"interface": {}, "weights": "\u0000"}',
      '{"interface": {"x": 1}, "network": {"layers": 0}}', '{"interface": {}, "network": {"layers": "x"}}'],
 )  # fmt: skip
 def test_a_malformed_folder_is_an_error_that_names_the_file(damage, tmp_path):
