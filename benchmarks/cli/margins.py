@@ -73,7 +73,6 @@ def _linearized(
     policy: PolicySpec, scenario: Scenario, at: Pair, times: Sequence[float], seed: int
 ) -> dict[str, Any] | str:
     """Return the fields of a policy's loop, or the reason why there is none."""
-
     try:
         (loop,) = linearize(policy, scenario, at, times=times, seed=seed)
     except NotLinear as problem:

@@ -112,7 +112,7 @@ def test_the_board_in_a_file_has_all_its_columns(board):
     shown = printed(board, width=80)
     assert "…" not in shown
     (row,) = [line for line in shown.splitlines() if line.lstrip().startswith("slotine-li-composite@tuned")]
-    assert len(row.split()) == 12 + len(board.families)
+    assert len(row.split()) == 15 + len(board.families)
     assert max(map(len, shown[shown.index("score: 0") :].splitlines())) <= 80
 
 
@@ -131,7 +131,7 @@ def test_the_board_on_a_terminal_fits_into_it(board, width):
     assert "…" not in shown
     assert max(map(len, shown.splitlines())) <= width
     rows = [line.split() for line in shown.splitlines() if line.lstrip().startswith("slotine-li-composite@tuned")]
-    assert sum(len(row) - 1 for row in rows) == 11 + len(board.families)
+    assert sum(len(row) - 1 for row in rows) == 14 + len(board.families)
 
 
 def test_a_list_has_a_line_each(capsys, monkeypatch):

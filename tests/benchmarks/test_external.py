@@ -47,7 +47,7 @@ def test_a_policy_that_patches_the_package_changes_no_other_row(workers, tmp_pat
         "from benchmarks.run.suite import Cell; "
         "from benchmarks.policies.spec import resolve_isolated; import numpy; "
         f"cells = [Cell(resolve_isolated(p), 'noise-1', (0, 1)) for p in ({str(tmp_path / 'patches.py')!r}, 'pd-gravity')]; "
-        f"print([o.error for o in run(cells, Store(Path({str(store.folder)!r})), workers={workers})]); "
+        f"print([r.error for _, r in run(cells, Store(Path({str(store.folder)!r})), workers={workers})]); "
         "print(numpy.geterr()['divide'])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -21,7 +21,7 @@ def run(cells):
 
 
 @pytest.mark.parametrize(
-    "name", ["nominal", "hardware-nominal", "hardware-elastic-1", "hardware-everything-2", "paper-6b"]
+    "name", ["nominal", "hardware-nominal", "hardware-elastic-1", "hardware-everything-2", "paper-6a"]
 )
 def test_a_condition_changes_one_option(name):
     base = scenarios.get(name)

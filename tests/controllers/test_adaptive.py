@@ -19,7 +19,9 @@ def learn(scenario, steps, **gains):
     return np.abs(estimates / [*env.truth.masses, *env.truth.lengths] - 1)
 
 
-@pytest.mark.parametrize(("name", "mass", "rate"), [("paper-6a", 350.0, 1000), ("paper-6b", 3.5, 10_000)])
+@pytest.mark.parametrize(
+    ("name", "mass", "rate"), [("paper-6a", 350.0, 1000), pytest.param("paper-6b", 3.5, 10_000, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("form", ["mass known", "mass unknown"])
 def test_figures_6a_and_6b(name, mass, rate, form):
     """Real parameters ten times and a tenth of the estimates: within 10 % from the fourth sample on, and far better."""

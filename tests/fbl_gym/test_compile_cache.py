@@ -24,6 +24,7 @@ print(doctor._cache())
 """
 
 
+@pytest.mark.slow
 def test_an_environment_works_without_a_writable_cache():
     done = subprocess.run([sys.executable, "-c", WITHOUT_CACHE], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -41,6 +42,7 @@ print(env.step(np.array([0.1, -0.2]))[0].tobytes().hex())
 """
 
 
+@pytest.mark.slow
 def test_processes_share_what_one_has_compiled(tmp_path):
     """Two processes compile at once; a later one compiles nothing."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
