@@ -1,6 +1,7 @@
 """The board: score, error, diverged share, effort and rank of each policy of a suite."""
 
 import dataclasses
+import hashlib
 import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -58,6 +59,7 @@ class Board:
         failed: the error of each policy and scenario, by index, where a member failed.
         metrics: external ones, which `runs` has too.
         flags: of each scenario with more seeds, by index: 1 where a run diverged [m x seeds].
+        version: hash of all that its numbers depend on: policies, scenarios, seeds and code.
     """
 
     rows: dict[str, tuple[PolicySpec, ...]]
@@ -70,6 +72,7 @@ class Board:
     failed: dict[tuple[int, int], str] = field(default_factory=dict)
     metrics: tuple[Metric, ...] = ()
     flags: dict[int, Array] = field(default_factory=dict)
+    version: str = ""
 
     @property
     def gaps(self) -> list[str]:
@@ -441,8 +444,22 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         k: np.array([[run["diverged"] for run in row[k]] for row in table])
         for k in range(len(tasks)) if len(table[0][k]) > count
     }  # fmt: skip
+    keys = sorted(
+        stored[spec.name][task].cell.key for members in complete.values() for spec in members for task in tasks
+    )
+    version = hashlib.sha256("".join(keys).encode()).hexdigest()[:12]
     return Board(
-        complete, tuple(tasks), cell.seeds, runs, np.array(decision), incomplete, gap, failed, cell.metrics, flags
+        complete,
+        tuple(tasks),
+        cell.seeds,
+        runs,
+        np.array(decision),
+        incomplete,
+        gap,
+        failed,
+        cell.metrics,
+        flags,
+        version,
     )
 
 

@@ -36,6 +36,7 @@ class CheckedChoice:
         best: the best policy in the other world.
         ratio: error of the first choice there, relative to that of the best policy there.
         diverged: number of diverged runs of the first choice there.
+        ratios: error of each policy there, relative to that of the best, by name.
     """
 
     scenario: str
@@ -43,6 +44,7 @@ class CheckedChoice:
     best: str
     ratio: float
     diverged: int
+    ratios: dict[str, float]
 
 
 def check(
@@ -57,27 +59,30 @@ def check(
         names = [result.cell.policy.name for result in results]
         there = Runs.of([[result] for result in results])
         best = int(np.argmin(there.levels[:, 0]))
+        logs = there.logs.mean(axis=(1, 2))
+        ratios = dict(zip(names, np.exp(logs - logs[best]).tolist(), strict=True))
         if not result.safe:
-            yield CheckedChoice(base.name, "", names[best], float("nan"), 0)
+            yield CheckedChoice(base.name, "", names[best], float("nan"), 0, ratios)
             continue
         first = names.index(result.choices[0].policy)
-        logs = there.logs.mean(axis=(1, 2))
-        ratio = float(np.exp(logs[first] - logs[best]))
-        yield CheckedChoice(base.name, names[first], names[best], ratio, int(there.diverged[first].sum()))
+        diverged = int(there.diverged[first].sum())
+        yield CheckedChoice(base.name, names[first], names[best], ratios[names[first]], diverged, ratios)
 
 
 def draw(number: int) -> Scenario:
-    """Return a scenario with a drawn arm and drawn conditions of the tier `hardware`.
-
-    Links have 1 to 30 kg and 0.2 to 1 m, from a rod's mass distribution to a point mass's.
-    """
+    """Return a scenario with a drawn arm and drawn conditions of the tier `hardware`."""
     rng = np.random.default_rng(number)
+    arm = draw_arm(rng)
+    family, severity = str(rng.choice([*FAMILIES])), int(rng.integers(1, 4))
+    return Scenario(name=f"drawn-{number}-{family}-{severity}", **conditions(arm, family, severity))
+
+
+def draw_arm(rng: np.random.Generator) -> ArmParameters:
+    """Return an arm of links of 1 to 30 kg and 0.2 to 1 m, between rods and point masses."""
     mass, length = np.exp(rng.uniform(np.log(1.0), np.log(30.0), 2)), rng.uniform(0.2, 1.0, 2)
     point = rng.uniform(0.0, 1.0, 2)
     shape = {"centre": tuple(0.5 + 0.5 * point), "inertia": tuple((1.0 - point) / 12.0)}
-    arm = ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
-    family, severity = str(rng.choice([*FAMILIES])), int(rng.integers(1, 3))
-    return Scenario(name=f"drawn-{number}-{family}-{severity}", **conditions(arm, family, severity))
+    return ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -106,6 +111,11 @@ def main(argv: Sequence[str] | None = None) -> None:
             f"{good} of {len(chosen)} first choices within {WITHIN:g} times the best ({100 * share.low:.0f} to "
             f"{100 * share.high:.0f} %); none was safe on {len(rows) - len(chosen)} arms"
         )
+        always = {
+            policy: sum(row.ratios.get(policy, np.inf) <= WITHIN for row in chosen) for policy in arguments.policies
+        }
+        for policy in sorted(always, key=lambda policy: -always[policy])[:5]:
+            print(f"on the same arms, always {policy}: {always[policy]} of {len(chosen)}")
 
 
 if __name__ == "__main__":

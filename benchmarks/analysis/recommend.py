@@ -85,27 +85,27 @@ def push(base: Scenario, kind: str, factor: float) -> Scenario:
             changes = {"actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or 0.01 * more)}
         case "friction" if base.friction is None:
             usual = conditions(base.arm)["friction"]
-            changes = {"friction": {name: _times(value, more) for name, value in usual.items()}}
+            changes = {"friction": {name: scaled_pair(value, more) for name, value in usual.items()}}
         case "friction":
             levels = ("viscous", "coulomb", "stiction")
-            larger = {name: _times(getattr(base.friction, name), factor) for name in levels}
+            larger = {name: scaled_pair(getattr(base.friction, name), factor) for name in levels}
             changes = {"friction": _replaced(base.friction, **larger)}
         case "disturbance" if base.disturbance is None:
             usual = conditions(base.arm, "disturbance", 2)["disturbance"]
-            changes = {"disturbance": usual | {"amplitude": _times(usual["amplitude"], more)}}
+            changes = {"disturbance": usual | {"amplitude": scaled_pair(usual["amplitude"], more)}}
         case "disturbance":
             amplitude = getattr(base.disturbance, "amplitude", None)
             if amplitude is None:
                 return base
-            changes = {"disturbance": _replaced(base.disturbance, amplitude=_times(amplitude, factor))}
+            changes = {"disturbance": _replaced(base.disturbance, amplitude=scaled_pair(amplitude, factor))}
         case "noise":
             noise = getattr(base.noise, "position", None) or SensorError()
-            sigma = _times(noise.sigma, factor) if ends(noise.sigma)[1] > 0 else 3e-4 * more
+            sigma = scaled_pair(noise.sigma, factor) if ends(noise.sigma)[1] > 0 else 3e-4 * more
             changes = {"noise": _replaced(base.noise, position=_replaced(noise, sigma=sigma))}
         case "elastic":
             if base.joint is None:
                 return base
-            changes = {"joint": _replaced(base.joint, stiffness=_times(base.joint.stiffness, 1 / factor))}
+            changes = {"joint": _replaced(base.joint, stiffness=scaled_pair(base.joint.stiffness, 1 / factor))}
         case "torque constant":
             low, high = ends(actuator.gain)
             changes = {"actuator": _replaced(actuator, gain=_uniform(low - 0.2 * more, high + 0.2 * more))}
@@ -136,7 +136,7 @@ def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
     return Distribution(uniform=(low * scale, high * scale))
 
 
-def _times(value: Any, factor: float) -> Any:
+def scaled_pair(value: Any, factor: float) -> Any:
     """Return a number or a distribution, or one for each joint, times a factor."""
     return tuple(scaled(x, factor) for x in value) if isinstance(value, tuple) else scaled(value, factor)
 

@@ -61,28 +61,37 @@ class Agreement:
     """Kendall's tau between two orders of policies.
 
     Attributes:
-        tau: share of pairs in the same order less share of pairs in the other order; NaN: no pairs.
-        pairs: number of pairs that both sides separate.
+        tau: of all pairs; NaN: there are none.
+        pairs: their number.
+        clear_tau: of the pairs that both sides separate; NaN: there are none.
+        clear_pairs: their number.
     """
 
     tau: float
     pairs: int
+    clear_tau: float
+    clear_pairs: int
 
 
 def compare_orders(first: Runs, second: Runs) -> Agreement:
     """Return the agreement between two orders of policies, by their errors.
 
-    A pair of policies counts if its intervals are disjoint on both sides. A policy whose runs all
-    diverge on both sides has no place in an order.
+    Two sides separate a pair of policies if its intervals are disjoint on both. A policy whose runs
+    all diverge on both sides has no place in an order.
     """
     ordered = ~((first.diverged == 1).all(axis=(1, 2)) & (second.diverged == 1).all(axis=(1, 2)))
-    signs = []
+    signs, clear = [], []
     for runs in (first[ordered], second[ordered]):
-        low, high = runs.intervals
-        signs.append((low[:, None] > high[None, :]).astype(int) - (high[:, None] < low[None, :]))
-    products = (signs[0] * signs[1])[np.triu_indices(int(ordered.sum()), 1)]
-    pairs = int(np.count_nonzero(products))
-    return Agreement(float(products.sum() / pairs) if pairs else float("nan"), pairs)
+        (low, high), mean = runs.intervals, runs.logs.mean(axis=(1, 2))
+        signs.append(np.sign(mean[:, None] - mean[None, :]))
+        clear.append((low[:, None] > high[None, :]) | (high[:, None] < low[None, :]))
+    pairs = np.triu_indices(int(ordered.sum()), 1)
+    products, both = (signs[0] * signs[1])[pairs], (clear[0] & clear[1])[pairs]
+    nan = float("nan")
+    return Agreement(
+        float(products.mean()) if products.size else nan, len(products),
+        float(products[both].mean()) if both.any() else nan, int(both.sum()),
+    )  # fmt: skip
 
 
 def compare_halves(runs: Runs) -> Agreement:

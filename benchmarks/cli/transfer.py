@@ -40,9 +40,12 @@ def compare(suite: Suite, arguments: argparse.Namespace) -> int:
         for world in arguments.world
     ]
     screen.print(table("Kendall's tau (pairs) between the orders by the error", ("world", "tau", "halves"), rows))
-    screen.say("pairs: both sides separate them. halves: the same between halves of the seeds, package's arm / world")
+    screen.say(
+        "tau: of all pairs of rows, and of those that both sides separate. halves: the same between halves of the seeds, "
+        "package's arm / world"
+    )
     return 1 if failed else 0
 
 
 def _tau(agreement: Agreement) -> str:
-    return f"{agreement.tau:.2f} ({agreement.pairs})"
+    return f"{agreement.tau:.2f} ({agreement.pairs}), {agreement.clear_tau:.2f} ({agreement.clear_pairs})"

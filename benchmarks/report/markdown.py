@@ -62,6 +62,6 @@ def board_page(board: Board, command: str) -> str:
     """Return a page of the documentation with every row of the board."""
     return (
         f"# All rows of the board\n\nHow do all policies do? `{command}`: {len(board.scenarios)} scenarios, "
-        f"{len(board.seeds)} seeds each.\n[The leaderboard](../reference/columns.md) explains the columns.\n\n"
-        + leaderboard(board)
+        f"{len(board.seeds)} seeds each. This is the board {board.version}, a hash of its policies, scenarios, seeds and "
+        "code.\n[The leaderboard](../reference/columns.md) explains the columns.\n\n" + leaderboard(board)
     )

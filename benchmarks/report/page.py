@@ -63,6 +63,7 @@ def contents(board: Board, results: Sequence[Result], command: str) -> Any:
             + "".join(f" {remark.removesuffix('.')}." for remark in board.remarks)
         ),
         "facts": {
+            "board": board.version,
             "command": command,
             "computed with": latest.provenance.get("command", ""),
             "on": latest.provenance.get("machine", ""),

@@ -66,6 +66,7 @@ def leaderboard(console: Console, board: Board) -> None:
         console.width = max(console.width, _width(console, _board(board, policy, remaining)))
     counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
     title: str | None = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items()) + " each"
+    title = f"{title}; board {board.version}"
     while remaining:
         fits = [
             n

@@ -21,20 +21,21 @@ def test_tau_is_kendalls_where_all_pairs_are_separated():
         first, second = rng.permutation(8.0 * np.arange(1, 9)), rng.permutation(8.0 * np.arange(1, 9))
         spread = rng.uniform(0.99, 1.01, 16)
         agreement = compare_orders(runs(np.outer(first, spread)), runs(np.outer(second, spread)))
-        assert agreement.pairs == 28
+        assert agreement.pairs == agreement.clear_pairs == 28
+        assert agreement.tau == agreement.clear_tau
         assert agreement.tau == pytest.approx(kendalltau(first, second).statistic)
     assert compare_halves(runs(np.outer(first, spread))) == compare_orders(*[runs(np.outer(first, spread))] * 2)
 
 
-def test_pairs_that_one_world_does_not_separate_are_left_out():
+def test_pairs_that_one_world_does_not_separate_are_not_clear():
     rng = np.random.default_rng(1)
     alike = runs(rng.lognormal(size=(2, 400)))
     apart = np.array([[1.0], [5.0]]) * rng.lognormal(sigma=0.1, size=(2, 400))
     assert compare_orders(runs(apart), runs(apart[::-1])) == compare_orders(runs(apart[::-1]), runs(apart))
     assert compare_orders(runs(apart), runs(apart[::-1])).tau == -1.0
-    assert compare_orders(alike, runs(apart)).pairs == 0
-    assert np.isnan(compare_orders(alike, runs(apart)).tau)
-    assert compare_halves(alike).pairs == 0
+    assert compare_orders(alike, runs(apart)).clear_pairs == compare_halves(alike).clear_pairs == 0
+    assert np.isnan(compare_orders(alike, runs(apart)).clear_tau)
+    assert abs(compare_orders(alike, runs(apart)).tau) == compare_orders(alike, runs(apart)).pairs == 1
 
 
 def test_a_policy_that_diverges_on_both_sides_has_no_place():

@@ -1,0 +1,91 @@
+"""The sealed test of a release: does the board's order hold on arms and seeds that nobody has seen?
+
+`python -m benchmarks.analysis.sealed` takes the board from the store. Arms, motions and seeds are
+drawn from the board's version, a hash of its code, which nobody can choose: they are known when the
+last change is made, and are others after the next one. So the test is used once, at the end.
+"""
+
+import argparse
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.analysis.board import Board, assemble
+from benchmarks.analysis.drawn_arms import draw_arm
+from benchmarks.analysis.transfer import Runs
+from benchmarks.policies.spec import PolicySpec
+from benchmarks.run.runner import run as run_cells
+from benchmarks.run.store import Store
+from benchmarks.run.suite import Cell, load
+from benchmarks.seeds import SPLITS
+from fbl_gym import Scenario
+from fbl_gym.scenarios import conditions
+from fbl_gym.scenarios.hardware import FAMILIES
+
+SEVERITY = 3
+"""The board has severity 2."""
+
+
+def draw(version: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
+    """Return the task of a family, with another arm and other moves, and its 32 seeds."""
+    random = np.random.default_rng((int(version, 16), *map(ord, family)))
+    options = conditions(draw_arm(random), family, SEVERITY)
+    motion = options["reference"]
+    pace, rest = random.uniform(0.9, 1.3), random.uniform(0.1, 0.6)
+    options["reference"] = dataclasses.replace(motion, move_time=pace * motion.move_time, hold_time=rest)
+    return Scenario(name=f"sealed-{family}", **options), tuple(
+        random.choice(SPLITS["sealed"], 32, replace=False).tolist()
+    )
+
+
+def tau(board: Board, rows: Sequence[int], sealed: Runs) -> dict[str, float]:
+    """Return Kendall's tau between the rows' errors on the board and in the sealed test.
+
+    Args:
+        board: with the families.
+        rows: indices of the board's policies that are compared.
+        sealed: their runs [rows x families x seeds], families in the order of `FAMILIES`.
+    """
+    logs = sealed.logs.mean(axis=-1)
+    return {
+        "all": float(stats.kendalltau(board.error.value[rows], logs.mean(axis=1)).statistic),
+        **{
+            family: float(stats.kendalltau(board.family_errors[family].value[rows], logs[:, k]).statistic)
+            for k, family in enumerate(FAMILIES) if family in board.family_errors
+        },
+    }  # fmt: skip
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the sealed test of the board in the store, and print it."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.analysis.sealed", description=__doc__)
+    parser.add_argument("--suite", default="hardware", metavar="S", help="name or file of a suite (hardware)")
+    parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
+    parser.add_argument("--seeds", type=int, metavar="N", help="test seeds of the board (the suite's)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
+    arguments = parser.parse_args(argv)
+    store = Store(arguments.store)
+    cells = load(arguments.suite).build(arguments.policies, (), arguments.seeds).cells
+    board = assemble([result for cell in cells if (result := store.find(cell))], cells)
+    tasks = [draw(board.version, family) for family in FAMILIES]
+    first: dict[str, PolicySpec] = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
+    sealed = {(name, task.name): Cell(spec, task, seeds) for name, spec in first.items() for task, seeds in tasks}
+    results = {result.cell.id: result for _, result in run_cells([*sealed.values()], store, workers=arguments.workers)}
+    table = {name: [results[sealed[name, task.name].id] for task, _ in tasks] for name in first}
+    table = {name: row for name, row in table.items() if not any(result.error for result in row)}
+    runs = Runs.of([*table.values()])
+    print(f"The sealed test of the board {board.version}: {len(tasks)} families, 32 seeds each")
+    print("| policy | sealed error % | diverged % |\n| --- | --- | --- |")
+    for name, logs, diverged in zip(table, runs.logs, runs.diverged, strict=True):
+        print(f"| `{name}` | {np.exp(logs.mean()):.3g} | {100 * diverged.mean():.2g} |")
+    rows = [board.policies.index(name) for name in table]
+    print(*(f"{value:6.2f}  tau, {family}" for family, value in tau(board, rows, runs).items()), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
