@@ -33,7 +33,8 @@ LAWS = (
     ("oracle-flm", "oracle:OracleFlm", "feedback linearisation with the true arm, state and loads"),
     ("oracle-predictive", "oracle:OraclePredictive", "oracle-flm through delay and lag, both known"),
     ("oracle-elastic", "oracle:OracleElastic", "optimal regulator on the true arm, springs and drives included"),
+    ("oracle-planned", "planned:OraclePlanned", "oracle-elastic along the feasible motion closest to the reference"),
 )
 
-ACCESS = {"zero": "none", **dict.fromkeys(("oracle-flm", "oracle-predictive", "oracle-elastic"), "privileged")}
+ACCESS = {"zero": "none", **{name: "privileged" for name, _, _ in LAWS if name.startswith("oracle")}}
 """What a law may know; all others know the nominal model."""
