@@ -177,5 +177,5 @@ def _plan(arguments: argparse.Namespace, start: scenarios.Scenario, screen: Scre
     scenarios.get(str(path))
     peak = np.abs(motion["torque"]).max(axis=0)
     screen.say(
-        f"plan: {arguments.plan} and {path}, condition number {condition:.0f}, torques up to {peak[0]:.3g} and {peak[1]:.3g} N m"
+        f"plan: {arguments.plan} and {path}, condition number {condition:.0f}, torques up to {peak.round(3)} N m"
     )

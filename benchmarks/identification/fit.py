@@ -25,8 +25,11 @@ TERMS = {
 ZERO_SPREAD = 0.1
 """Standard deviation of a log's zero of the angles, before its motion is known [rad]."""
 
-LOWERS = 0.99
-"""A term must lower the held-out error to this share of it."""
+LOWERS = 0.98
+"""A term must lower the held-out error to this share, in the median over the folds."""
+
+FOLDS = 6
+"""Most parts of the logs that are held out in turn."""
 
 EXCITE = {
     "p": "moves of both joints together and against each other, fast and through large angles",
@@ -155,8 +158,8 @@ class _Problem:
                 return np.concatenate([table.reshape(-1, n + 2 * logs), np.eye(n + 2 * logs)])
 
             solution = least_squares(
-                residual, x, derivative, bounds=(low, np.inf), loss="soft_l1", f_scale=0.5, max_nfev=evaluations, xtol=1e-4,
-                ftol=1e-4,
+                residual, x, derivative, bounds=(low, np.inf), loss="soft_l1", f_scale=0.5, max_nfev=evaluations, xtol=1e-6,
+                ftol=1e-6,
             )  # fmt: skip
             x = solution.x
             left = without_state(self.error(x)[0][..., None])[:, : 2 * k, 0].reshape(-1, k, 2) * size * np.sqrt(k)
@@ -199,21 +202,21 @@ def _fit(
     logs: list[Log], free: Sequence[str], first: Array, tie: float, every: float
 ) -> tuple[_Problem, tuple[Array, ...]]:
     problem = _Problem(windows(logs, every=every), tuple(free), first, tie, _scale(logs, first))
-    return problem, problem.solve(*((3, 10) if free else (2, 6)))
+    return problem, problem.solve(*((3, 15) if free else (2, 6)))
 
 
-def _held_out(folds: list[list[Log]], free: Sequence[str], first: Array, tie: float, size: Array) -> float:
-    """Return the error of windows of each fold, by the fit to the other folds."""
+def _held_out(folds: list[list[Log]], free: Sequence[str], first: Array, tie: float, size: Array) -> Array:
+    """Return the error of windows of each fold [folds], by the fit to the other folds."""
     costs = []
-    for i, fold in enumerate(folds):
-        others = [log for j, other in enumerate(folds) if j != i for log in other]
+    for fold in folds:
+        others = [log for other in folds if other is not fold for log in other]
         problem, (x, *_) = _fit(others, free, first, tie, 0.5)
-        judged, (own, *_) = _fit(fold, (), problem.unpack(x)[0], tie, 0.25)
-        costs.append(np.sqrt(1.0 + (judged.error(own)[0] / size) ** 2) - 1.0)
-    return float(np.mean(np.concatenate(costs)))
+        judged, (zeros, *_) = _fit(fold, (), problem.unpack(x)[0], tie, 0.25)
+        costs.append(np.mean(np.sqrt(1.0 + (judged.error(zeros)[0] / size) ** 2) - 1.0))
+    return np.array(costs)
 
 
-def identify(logs: list[Log], start: Scenario, tick: Callable[[str], None] = lambda text: None) -> Fit:
+def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = str) -> Fit:
     """Return the arm of some logs, from the scenario of a similar one, whose lengths are true.
 
     The gain of joint 2 is that of `start`: masses, friction and gains share one scale.
@@ -227,10 +230,11 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], None] = lam
     core = ("p1", "p2", *(("p4", "p5") if gravity > 0 else ("p3",)), "coulomb 1", "coulomb 2", "delay")
     first = regress(logs, parameters_of(start), start.arm.L1, gravity)
     parts = logs if len(logs) > 2 else [part for log in logs for part in _thirds(log)]
-    folds = [parts[i::4] for i in range(min(4, len(parts)))]
+    folds = [parts[i::FOLDS] for i in range(min(FOLDS, len(parts)))]
     tick("core")
     problem, (x, _, _, size) = _fit(logs, (*core, "rotor 2"), first, tie, 0.5)
-    first, free, trials = problem.unpack(x)[0], core, {}
+    first, trials = problem.unpack(x)[0], {}
+    free = (*core, *TERMS["rotor"], *TERMS["gain"], *TERMS["viscous"])
     bare = first.copy()
     bare[[INDEX[name] for term in TERMS.values() for name in term]] = parameters_of(start)[
         [INDEX[name] for term in TERMS.values() for name in term]
@@ -238,10 +242,11 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], None] = lam
     least = _held_out(folds, free, bare, tie, size)
     for term, names in TERMS.items():
         tick(term)
-        error = _held_out(folds, (*free, *names), bare, tie, size)
-        trials[term] = error / least
-        if error < LOWERS * least:
-            free, least = (*free, *names), error
+        other = tuple(name for name in free if name not in names) if names[0] in free else (*free, *names)
+        error = _held_out(folds, other, bare, tie, size)
+        trials[term] = float(np.median(least / error if names[0] in free else error / least))
+        if (names[0] in free) != (trials[term] < LOWERS):
+            free, least = other, error
     tick("intervals")
     problem, (x, residual, table, size) = _fit(logs, free, bare, tie, 0.25)
     parameters, zero = problem.unpack(x)

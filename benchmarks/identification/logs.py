@@ -29,6 +29,9 @@ of the links if `position` has those of the motors.
 SMOOTHING = 0.06
 """Time over which positions are smoothed by a cubic polynomial [s]."""
 
+STEP = 0.004
+"""Time between two samples after reading, of logs that are no slower [s]."""
+
 MAX_GAP = 10.0
 """Longest interval between two samples, in median intervals."""
 
@@ -141,15 +144,18 @@ def read(
     still = np.ptp(position, axis=0) == 0
     if still.any():
         raise ValueError(
-            f"{path}: {mapping['position'][still.argmax()]} is {position[0, still.argmax()]:g} throughout: its encoder is "
+            f"{path}: {mapping['position'][still.argmax()]} does not change: its encoder is "
             "unplugged, or the column is another one"
         )
     jumps = np.abs(np.diff(position, axis=0))
     if (jumps > 1.0).any():
         raise ValueError(f"{path}: positions must not jump, but do by {jumps.max():.3g} rad; unwrap turns beforehand")
-    dt = sample * max(1, round(0.004 / sample))
-    times = np.arange(time[0], time[-1], dt)
-    held = np.searchsorted(time, times, side="right") - 1
+    dt = max(STEP, round(sample, 4))
+    times = np.arange(time[0], time[-1] - dt, dt)
+    # The mean of the held command over each step.
+    impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(signals["torque"][:-1] * steps[:, None], axis=0)])
+    edges = np.append(times, times[-1] + dt)
+    held = np.column_stack([np.diff(np.interp(edges, time, column)) / dt for column in impulse.T])
     even = np.column_stack([np.interp(times, time, column) for column in position.T]) + zero
     link = signals.get("link")
     if link is not None:
@@ -170,7 +176,7 @@ def read(
         f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
         f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else ""),
     )
-    return Log(path.name, dt, even, smooth, torque[held], counts, difference, noise, sample, remarks, link)
+    return Log(path.name, dt, even, smooth, held, counts, difference, noise, sample, remarks, link)
 
 
 def _counts(position: Array) -> Array:

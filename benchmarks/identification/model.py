@@ -134,7 +134,7 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, points: i
         points: number of comparisons in a window, at equal times.
     """
     dt = logs[0].dt
-    if any(abs(log.dt - dt) > 0.02 * dt for log in logs):
+    if any(log.dt != dt for log in logs):
         raise ValueError(
             f"logs must have one rate, got {', '.join(f'{1 / log.sample:.4g} Hz ({log.name})' for log in logs)}"
         )
