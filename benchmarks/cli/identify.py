@@ -135,21 +135,14 @@ def _validate(
     if arguments.plot is not None:
         log = judged[0]
         _, data, simulated = rollout_errors(log, parameters, 0.5)
+        time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
+        ends = np.full((len(data.time[::2]), 1), np.nan)  # lines end with their window
+        x = np.hstack([data.time[::2, None] + data.keep * float(data.dt), ends]).ravel()
         panels = []
-        for joint in (0, 1):
-            x = np.column_stack(
-                [data.time[::2, None] + data.keep * data.dt, np.full(len(data.time[::2]), np.nan)]
-            ).ravel()
-            y, z = (
-                np.column_stack([part[::2, :, joint], np.full(len(part[::2]), np.nan)]).ravel()
-                for part in (simulated, data.measured)
-            )
-            time = np.arange(len(log.position)) * float(log.dt)
-            lines = (
-                Line(time, log.position[:, joint], "measured", "0.5", "-"),
-                Line(x, y, "simulated", "#D55E00", "-"),
-            )
-            panels.append(Panel(f"joint {joint + 1}", "time [s]", "angle [rad]", lines))
+        for j in (0, 1):
+            y, z = (np.hstack([part[::2, :, j], ends]).ravel() for part in (simulated, data.measured))
+            lines = Line(time, log.position[:, j], "measured", "0.5", "-"), Line(x, y, "simulated", "#D55E00", "-")
+            panels.append(Panel(f"joint {j + 1}", "time [s]", "angle [rad]", lines))
             panels.append(Panel("", "time [s]", "residual [mrad]", (Line(x, 1e3 * (y - z), "_", "#0072B2", "-"),)))
         panels = [panels[i] for i in (0, 2, 1, 3)]
         plot_lines(f"Rollouts of 0.5 s on {log.name}", panels, arguments.plot, arguments.columns)

@@ -20,6 +20,9 @@ from fbl_gym.scenarios import Scenario
 V_S = 0.04
 """Scale of the squared velocity at which stiction fades [(rad/s)^2]."""
 
+SUBSTEPS = 4
+"""Physics steps between two samples."""
+
 PARAMETERS = (
     "p1", "p2", "p3", "p4", "p5", "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2", "stiction 1", "stiction 2",
     "gain 1", "gain 2", "delay", "lag",
@@ -75,7 +78,8 @@ def _simulate(parameters, state, zero, command, start, h, keep):  # type: ignore
                 u2 += share * (p[13] * ((1.0 - part) * command[new, 1] + part * command[old, 1]) - u2)
                 if i >= 0:
                     u = (u1, u2)
-                    q, v = move(h, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
+                    for _ in range(SUBSTEPS):
+                        q, v = move(h / SUBSTEPS, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
     return out
 
 

@@ -84,7 +84,7 @@ def test_columns_have_names_units_and_a_zero(rows, tmp_path):
     path = write(tmp_path / "other.csv.gz", rows[0], names)
     mapping = columns(["time=t", "position=a,b", "torque=u,w"])
     assert read(path, mapping, (0.5, 0.0)).position[5] == pytest.approx(rows[0][10, 1:3] + (0.5, 0.0), abs=0.01)
-    with pytest.raises(ValueError, match="column of time.*--signals"):
+    with pytest.raises(ValueError, match=r"column of time.*--signals"):
         read(path)
     with pytest.raises(ValueError, match="signal"):
         columns(["torqe=u,w"])
@@ -155,7 +155,7 @@ def test_the_arm_is_the_same_motion(fit):
     assert inertia_matrix(arm, q) == pytest.approx(inertia_matrix(ROBOT.arm, q), rel=0.02)
 
 
-def test_what_a_log_cannot_tell_is_named(rows, tmp_path):
+def test_what_a_log_cannot_tell_is_named(tmp_path):
     """Joint 2 hangs still, so that nothing tells its rotor."""
     robot = ROBOT.replace(friction={"viscous": (0.02, 0.01), "coulomb": (0.1, 5.0)})
     still = [read(write(tmp_path / f"{seed}.csv", run(seed, robot=robot, seconds=6.0))) for seed in (3, 4)]
