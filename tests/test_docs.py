@@ -89,9 +89,10 @@ def commands(page):
     return [shlex.split(line, comments=True)[1:] for line in lines]
 
 
+FEW = ["--seeds", "1", "--scenarios", "hardware-model-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"]
 SHORT = {
-    "leaderboard": ["--seeds", "1", "--scenarios", "mass-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"],
-    "report": ["--seeds", "1", "--scenarios", "mass-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"],
+    "leaderboard": FEW,
+    "report": FEW,
     "evaluate": ["--seeds", "2"],
     "sweep": ["--seeds", "1", "--workers", "1"],
     "tune": ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--workers", "1"],

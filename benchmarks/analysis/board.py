@@ -91,6 +91,11 @@ class Board:
                 f"No error score, since no law with privileged access is a ceiling there: {', '.join(without)}. Diverged "
                 "runs count there too."
             )
+        for i, k, error, least in self.too_good:
+            sentences.append(
+                f"Check {self.policies[i]} in {self.scenarios[k]}: it errs by {error:.3g} %, less than {least:.3g} % of "
+                "the best law that knows the truth."
+            )
         rank, count = self.error_rank, min(TOP, len(self.ranked))
         best = np.argsort(rank.value, kind="stable")[:count]
         if count == TOP and rank.low[best].max() <= rank.high[best].min():
@@ -194,6 +199,20 @@ class Board:
             if best >= 0 and errors[best, k] <= baseline[k] + np.log(CLEAR) and diverged[best, k] <= MOST_DIVERGED:
                 ceilings[k] = best
         return ceilings
+
+    @cached_property
+    def too_good(self) -> list[tuple[int, int, float, float]]:
+        """Ranked policies with less error than the ceiling: policy, scenario and both errors [%].
+
+        The ratio of the errors is below 1 with its whole interval.
+        """
+        found = []
+        for k in np.flatnonzero(self.ceilings >= 0):
+            errors = self._mean_errors(self.errors[:, [k]])
+            ceiling = statistics.geometric_mean(self.errors[self.ceilings[k], [k]], self.counts)
+            ratio = statistics.interval(errors / ceiling[:, None])
+            found += [(i, int(k), errors[0, i], ceiling[0]) for i in self.ranked if ratio.high[i] < 1.0]
+        return found
 
     @cached_property
     def _scores(self) -> dict[str, Array]:

@@ -43,7 +43,7 @@ COMMANDS: dict[str, Command] = {
     "recommend": Command("recommend", "name the policies to use on an arm: a scenario and conditions around it",
         "hardware-nominal --policies pd-gravity computed-torque --seeds 4"),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
-    "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/mass-error-2"),
+    "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/hardware-model-error-2"),
     "check-policy": Command("check_policy", "check that a policy keeps every promise of a policy", "my_law.py"),
     "tune": Command("tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20",
         "finished trials are kept"),

@@ -218,6 +218,20 @@ def test_a_board_shows_violations_where_scenarios_have_constraints():
     assert [column.text(i) for i in range(3)] == ["12", "–", "12"]
 
 
+def test_an_error_below_the_ceilings_is_remarked():
+    """Where the whole interval is below it."""
+    found = board(families=("nominal", "noise-1"))
+    assert found.too_good == []
+    errors = found.runs["error_pct"].copy()
+    errors[1, 1], errors[2, 1] = 0.9 * errors[3, 1], errors[3, 1] * np.r_[0.9, np.full(7, 1.01)]
+    (remark,) = dataclasses.replace(found, runs={**found.runs, "error_pct": errors}).remarks
+    means = [np.exp(np.log(x).mean()) for x in errors[[1, 3], 1]]
+    assert remark == (
+        f"Check pid-flm in noise-1: it errs by {means[0]:.3g} %, less than {means[1]:.3g} % of the best law that knows "
+        "the truth."
+    )
+
+
 def test_tier_of():
     assert [tier_of(name) for name in ("noise-1", "mine")] == ["ideal", "ideal"]
     assert tier_of("everything-2@mujoco-bend") == "surprise"
