@@ -3,6 +3,8 @@
 import contextlib
 import os
 import platform
+import shutil
+import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,11 +13,11 @@ _PREFIX = f".unfinished-{platform.node()[:40]}-"
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove the files that `replacing` left in a folder when its process was killed."""
+    """Remove the files and folders of this module that killed processes left in a folder."""
     for path in folder.glob(f"{_PREFIX}*"):
         process = path.name.removeprefix(_PREFIX).partition("-")[0]
         if process.isdigit() and not _runs(int(process)):
-            path.unlink(missing_ok=True)
+            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 def _runs(process: int) -> bool:
@@ -40,6 +42,15 @@ def replacing(path: Path) -> Iterator[Path]:
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def working_folder(folder: Path) -> Iterator[Path]:
+    """Yield a new folder in a folder; the block moves what it shall keep."""
+    folder.mkdir(parents=True, exist_ok=True)
+    remove_unfinished(folder)
+    with tempfile.TemporaryDirectory(prefix=f"{_PREFIX}{os.getpid()}-", dir=folder.resolve()) as name:
+        yield Path(name)
 
 
 def write_text(path: Path, text: str) -> None:

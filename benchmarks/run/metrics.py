@@ -59,7 +59,7 @@ METRICS: dict[str, str] = {
     "settling_s": "mean 2 % settling time of the steps [s] (step references only); the whole period if it never settles",
     "torque_rms": "root mean square torque, both joints [N m]",
     "variation": "total variation of the torque per second, both joints [N m/s]",
-    "saturated_pct": "share of samples in which a joint's torque is at its limit [%]",
+    "saturated_pct": "share of samples in which a joint's torque command is at its limit [%]",
     "violation_pct": "share of samples beyond the constraints, with those after a run diverged [%] (constraints only)",
     "recovery_rad_s": "area of the error above its level before an event, mean of the events [rad s] (events only)",
     "recovery_s": "time until the error is back after an event, mean of the events [s]; the time until the next event or "
@@ -217,8 +217,8 @@ def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()
     steady = _steady(trace, error) / size
     overshoot, settling = _steps(trace)
     area, back, unrecovered = _recovery(trace, mean_error)
-    limit = trace.scenario.actuator.torque_limit
-    at_limit = np.zeros_like(torque) if limit is None else np.abs(torque) >= np.array(limit) * (1 - 1e-9)
+    limit = np.inf if trace.scenario.actuator.torque_limit is None else np.array(trace.scenario.actuator.torque_limit)
+    at_limit = alive & (np.abs(trace.command) >= limit * (1 - 1e-9))
     encoder = trace.scenario.encoder
     counts = np.array(FINEST if encoder is None or encoder.counts is None else encoder.counts)
     columns: dict[str, Array] = {

@@ -27,7 +27,8 @@ class Trace:
         seeds: [n].
         time: [T + 1] s.
         position, velocity, reference: [T + 1 x n x 2] rad, rad/s, rad.
-        torque: applied torque [T + 1 x n x 2] N m.
+        command: torque command, within the torque limits [T + 1 x n x 2] N m.
+        torque: applied torque, after delay, lag and gain [T + 1 x n x 2] N m.
         disturbance: [T + 1 x n x 2] N m.
         alive: [T + 1 x n]; False from the sample at which a lane diverged. From there, only
             `reference` is of this episode.
@@ -46,6 +47,7 @@ class Trace:
     position: Array
     velocity: Array
     reference: Array
+    command: Array
     torque: Array
     disturbance: Array
     alive: NDArray[np.bool_]
@@ -69,7 +71,7 @@ def make_env(policy: PolicySpec, scenario: Scenario, lanes: int | None, action: 
 Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
 """A signal to record after each step: a function of the environment, the policy and its state."""
 
-_SIGNALS = ("position", "velocity", "reference", "torque", "disturbance")
+_SIGNALS = ("position", "velocity", "reference", "command", "torque", "disturbance")
 
 
 def action_of(scenario: Scenario) -> str:

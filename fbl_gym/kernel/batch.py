@@ -253,7 +253,7 @@ class ArmBatch:
         return self._memory[self._parts["final_observations"]].reshape(self.lanes, -1)
 
     def true_signals(self) -> dict[str, Array]:
-        """Return the fields of the truth that a recording needs."""
+        """Return the fields of the truth that a recording needs, and the last `command` alone."""
         return {name: self.field(_RENAMED.get(name, name)) for name in _RECORDED}
 
     def truth(self) -> Truth:
@@ -276,7 +276,7 @@ class ArmBatch:
         return Truth(**fields, commands=commands.copy(), event_times=times)
 
 
-_RECORDED = ("position", "velocity", "reference", "applied_torque", "disturbance", "payload")
+_RECORDED = ("position", "velocity", "reference", "command", "applied_torque", "disturbance", "payload")
 
 _RENAMED = {"applied_torque": "torque", "reference": "reference_position"}
 """Fields of a block that `Truth` names otherwise."""

@@ -89,7 +89,10 @@ class _Scale:
         return {"viscous": _times(self.weight, 0.005 * factor, 0.015 * factor), "coulomb": dry, "stiction": dry}
 
     def springs(self, frequency: float, backlash: float = 0.0) -> dict[str, Any]:
-        """Return joints whose links vibrate at a frequency [Hz] while the motors are held."""
+        """Return joints of which each alone vibrates at a frequency [Hz], with its motor held.
+
+        Both together have a slower mode.
+        """
         stiffness = self.inertia * (2 * math.pi * frequency) ** 2
         joint = {
             "stiffness": _times(stiffness, 0.7, 1.3),
@@ -144,7 +147,7 @@ _FAMILIES = {
         },
     ),
     "elastic": Family(
-        "springs in the joints, with natural frequencies about {} Hz; encoders on the links",
+        "springs in the joints, each alone with a natural frequency about {} Hz; encoders on the links",
         ((12, 7, 4),),
         lambda arm, frequency: arm.springs(frequency / arm.size),
     ),

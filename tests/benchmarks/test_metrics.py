@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.run.metrics import METRICS, WORST_ERROR, amplitude, departure, errors, measure, summarize
 from benchmarks.run.rollout import Trace, rollout
-from fbl_gym import Actuator, MinimumJerk, Scenario, Steps
+from fbl_gym import Actuator, MinimumJerk, Scenario, Steps, scenarios
 
 
-def trace(position, reference, *, torque=None, alive=None, scenario=None):
+def trace(position, reference, *, torque=None, command=None, alive=None, scenario=None):
     """A trace of one seed from [T + 1 x 2] arrays."""
     position, reference = np.asarray(position, float)[:, None], np.asarray(reference, float)[:, None]
     n = len(position)
@@ -22,6 +22,7 @@ def trace(position, reference, *, torque=None, alive=None, scenario=None):
         position=position,
         velocity=np.zeros_like(position),
         reference=reference,
+        command=np.zeros_like(position) if command is None else np.asarray(command, float)[:, None],
         torque=np.zeros_like(position) if torque is None else np.asarray(torque, float)[:, None],
         disturbance=np.zeros_like(position),
         alive=np.ones((n, 1), bool) if alive is None else np.asarray(alive)[:, None],
@@ -178,10 +179,26 @@ def test_effort():
     torque[1::2, 0] = 10.0  # jumps by 10 N m at each of 100 samples, 100 samples a second
     torque[:, 1] = 20.0
     scenario = Scenario(duration=1.0, actuator=Actuator(torque_limit=(50.0, 20.0)))
-    (row,) = measure(trace(ramp(n), ramp(n), torque=torque, scenario=scenario))
-    assert row["torque_rms"] == pytest.approx(np.sqrt((50 * 100 + n * 400) / (2 * n)))
-    assert row["variation"] == pytest.approx(100 * 10 / 1.01)
+    command = np.where(np.arange(n)[:, None] < 25, -20.0, torque)
+    (row,) = measure(trace(ramp(n), ramp(n), torque=0.5 * torque, command=command, scenario=scenario))
+    assert row["torque_rms"] == pytest.approx(0.5 * np.sqrt((50 * 100 + n * 400) / (2 * n)))
+    assert row["variation"] == pytest.approx(0.5 * 100 * 10 / 1.01)
     assert row["saturated_pct"] == pytest.approx(100.0)
+    (row,) = measure(trace(ramp(n), ramp(n), torque=torque, command=0.5 * command, scenario=scenario))
+    assert row["saturated_pct"] == 0.0
+
+
+def test_saturation_is_that_of_the_command():
+    """A drive with a lag and a low gain applies its limit late, or never."""
+    drive = {"torque_limit": 60.0, "lag": 0.05, "gain": 0.9}
+    policy, scenario = "pd-gravity", scenarios.get("nominal").replace(duration=2.0, actuator=drive)
+    watch = {"asked": lambda env, actor, state: env.truth.commands[:, 0]}
+    run = rollout(policy, scenario, range(4), watch=watch)
+    asked = (np.abs(run.watched["asked"]) == 60.0).any(axis=-1)
+    assert 0 < asked.mean() < 1
+    assert np.abs(run.torque).max() < 60.0
+    share = [100 * (asked[:, i].sum() + (np.abs(run.command[0, i]) == 60.0).any()) / 201 for i in range(4)]
+    assert [row["saturated_pct"] for row in measure(run)] == pytest.approx(share)
 
 
 def test_every_metric_has_a_meaning():

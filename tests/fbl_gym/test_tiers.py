@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.run.rollout import reference_motion
 from fbl_gym import Scenario, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.model.arm import TABLE_1, ArmParameters, inverse_dynamics
+from fbl_gym.model.arm import TABLE_1, ArmParameters, inertia_matrix, inverse_dynamics
+from fbl_gym.records import middle
 from fbl_gym.scenarios.hardware import ARM, FAMILIES, MOVES
 
 BOARD = (*scenarios.in_tier("hardware"), *scenarios.in_tier("surprise"))
@@ -49,6 +51,21 @@ def test_the_moves_fill_the_workspace_and_the_drives():
     share = np.abs(torques) / np.array(scenario.actuator.torque_limit)
     assert 0.3 < share.max() < 1.0
     assert (np.sqrt((share**2).mean(axis=(0, 1))) > 0.15).all()
+
+
+def test_the_numbers_of_the_pages():
+    """Of docs/explanation/tiers.md and mujoco.md: torques of the moves, slowest vibrations, and inertia in the world lab."""
+    nominal = scenarios.get("hardware-nominal")
+    share = np.abs(inverse_dynamics(ARM, *reference_motion(nominal, range(64)))) / nominal.actuator.torque_limit
+    assert share.max() == pytest.approx(0.69, abs=0.005)
+    for severity, slowest in ((1, 8.9), (2, 5.2), (3, 3.0)):
+        stiffness = [middle(x) for x in scenarios.get(f"hardware-elastic-{severity}").joint.stiffness]
+        squares = np.linalg.eigvals(np.linalg.solve(inertia_matrix(ARM.lumped, (0.0, 0.0)), np.diag(stiffness)))
+        assert np.sqrt(squares.min()) / (2 * np.pi) == pytest.approx(slowest, abs=0.05)
+    angles = np.column_stack([np.zeros(50), np.linspace(0.0, 2.2, 50)])
+    lab = scenarios.in_world(scenarios.get("nominal"), "mujoco-lab").arm
+    lab, usual = (np.diagonal(inertia_matrix(arm, angles), axis1=1, axis2=2) for arm in (lab, TABLE_1))
+    assert ((lab / usual).min(), (lab / usual).max()) == pytest.approx((0.767, 0.889), abs=0.001)
 
 
 def test_the_board_is_recognised_by_its_content():

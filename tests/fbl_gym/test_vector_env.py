@@ -22,7 +22,8 @@ def test_true_signals_are_those_of_the_truth(scenario):
     env.reset(seed=0)
     env.step(np.full((17, 2), 0.1))
     signals, truth = env.true_signals(), vars(env.truth)
-    assert set(signals) == {"position", "velocity", "reference", "applied_torque", "disturbance", "payload"}
+    truth["command"] = truth["commands"][:, 0]
+    assert set(signals) == {"position", "velocity", "reference", "command", "applied_torque", "disturbance", "payload"}
     for name, values in signals.items():
         np.testing.assert_array_equal(values, truth[name])
 
