@@ -14,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
 
 from controllers.oracle import PREVIEW, ElasticState, OracleElastic
 from controllers.policy import State
@@ -28,7 +29,7 @@ try:
 except ImportError as problem:
     raise DependencyNotInstalled("oracle-planned needs casadi: pip install 'fbl-gym[mpc]'") from problem
 
-STEP = 0.04
+STEP = 0.02
 """Interval of the plan [s], to the nearest multiple of the control interval."""
 
 SLOW = 0.05
@@ -67,8 +68,8 @@ def planner(count: int, step: float) -> Any:
     cost = ca.sum1(ca.vec(below)) + 1e-9 * ca.sumsqr((a[:, 1:] - a[:, :-1]) / step)
     given = ca.vertcat(start, ca.vec(r), ca.vec(joints), lag, arm)
     problem = {"x": ca.vec(x), "p": given, "f": cost, "g": ca.vertcat(*zeros, *signed, *positive)}
-    options = {"print_level": 0, "sb": "yes", "max_iter": 300, "tol": 1e-5}
-    solver = ca.nlpsol("planner", "ipopt", problem, {"ipopt": options, "print_time": False, "expand": True})
+    options: Any = {"ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 300, "ipopt.tol": 1e-5}
+    solver = ca.nlpsol("planner", "ipopt", problem, options | {"print_time": False, "expand": True})
     sizes = [sum(part.numel() for part in parts) for parts in (zeros, signed, positive)]
     low, high = (np.repeat(bound, sizes) for bound in ([0.0, -1.0, 0.0], [0.0, 1.0, np.inf]))
     return lambda guess, given: (solver(x0=guess, p=given, lbg=low, ubg=high)["x"], solver.stats()["success"])
@@ -90,7 +91,7 @@ class OraclePlanned(OracleElastic):
                     torque = M(q) q'' + C v + G + friction
 
     The plan is made at the start of an episode for each lane's true arm, from the true state at
-    which the first command acts, with the whole reference. Acceleration is linear over 40 ms
+    which the first command acts, with the whole reference. Acceleration is linear over 20 ms
     (`STEP`), and torques are those of rigid joints. Where the reference needs less than the limits,
     it is the plan itself. Disturbances, and changes of the arm after the start, are left to
     feed-forward and feedback. CasADi must be installed. Source: Betts 2010; see the module.
@@ -100,7 +101,7 @@ class OraclePlanned(OracleElastic):
         reserve: share of the limits that is left to the feedback.
     """
 
-    reserve: float = number(0.03, low=0, high=0.5)
+    reserve: float = number(0.01, low=0, high=0.5)
 
     packages: ClassVar[tuple[str, ...]] = ("casadi",)
 
@@ -133,7 +134,7 @@ class OraclePlanned(OracleElastic):
         twin._batch.reset(np.arange(lanes), observation.reshape(-1))
         return observation[:, reference_columns(twin.interface)].reshape(lanes, -1, 6)
 
-    def plan(self, arm: TrueArm, lanes: Array, now: Array, motion: Array) -> None:
+    def plan(self, arm: TrueArm, lanes: NDArray[np.int64], now: NDArray[np.int64], motion: Array) -> None:
         """Replace the reference by the plan in some lanes of `motion`, from `now` on, in steps."""
         if self.interface.torque_limit is None:
             return
