@@ -94,14 +94,11 @@ class Board:
                 f"No error score, since no law with privileged access is a ceiling there: {', '.join(without)}. Diverged "
                 "runs count there too."
             )
-        for k, (ceiling, runs) in self.ceilings.items():
-            least, errors = _geometric_mean(counted_error(runs)), self._mean_errors(self.errors[:, [k]])[0]
-            for i in self.ranked:
-                if errors[i] < least * (1 - 1e-9):
-                    sentences.append(
-                        f"{self.policies[i]} errs {errors[i]:.3g} % in {self.scenarios[k]}, below the ceiling "
-                        f"{ceiling} with {least:.3g} %: that is no ceiling, and the score there is too high."
-                    )
+        for i, k, error, least in self.too_good:
+            sentences.append(
+                f"Check {self.policies[i]} in {self.scenarios[k]}: it errs by {error:.3g} %, less than {least:.3g} % of "
+                "the best law that knows the truth."
+            )
         rank, count = self.error_rank, min(TOP, len(self.ranked))
         best = np.argsort(rank.value, kind="stable")[:count]
         if count == TOP and rank.low[best].max() <= rank.high[best].min():
@@ -200,19 +197,30 @@ class Board:
         for k in range(len(self.scenarios)):
             runs = {law: {name: x[i, k] for name, x in self.runs.items()} for law, i in laws.items()}
             runs |= self.partial.get(k, {})
-            best = min(runs, key=lambda law: _geometric_mean(counted_error(runs[law])), default="")
-            most = CLEAR * _geometric_mean(self.runs["baseline_error_pct"][0, k])
-            if (
-                best
-                and _geometric_mean(counted_error(runs[best])) <= most
-                and runs[best]["diverged"].mean() <= MOST_DIVERGED
-            ):
+            errors = {law: _geometric_mean(counted_error(metrics)) for law, metrics in runs.items()}
+            best = min(errors, key=errors.__getitem__, default="")
+            clear = best and errors[best] <= CLEAR * _geometric_mean(self.runs["baseline_error_pct"][0, k])
+            if clear and runs[best]["diverged"].mean() <= MOST_DIVERGED:
                 ceilings[k] = best, runs[best]
         return ceilings
 
     def _of_ceilings(self, scored: Sequence[int], value: Callable[[Mapping[str, Array]], Array]) -> Array:
         """Return a function of the metrics of the ceilings of some scenarios [... x n]."""
         return np.array([value(self.ceilings[k][1]) for k in scored])
+
+    @cached_property
+    def too_good(self) -> list[tuple[int, int, float, float]]:
+        """Ranked policies with less error than the ceiling: policy, scenario and both errors [%].
+
+        The ratio of the errors is below 1 with its whole interval.
+        """
+        found = []
+        for k in self.ceilings:
+            errors = self._mean_errors(self.errors[:, [k]])
+            ceiling = statistics.geometric_mean(self._of_ceilings([k], counted_error), self.counts)
+            ratio = statistics.interval(errors / ceiling[:, None])
+            found += [(i, k, errors[0, i], ceiling[0]) for i in self.ranked if ratio.high[i] < 1.0]
+        return found
 
     @cached_property
     def _scores(self) -> dict[str, Array]:

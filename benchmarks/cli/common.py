@@ -83,6 +83,7 @@ def _file(text: str, endings: Sequence[str]) -> Path:
 picture = partial(_file, endings=(".png", ".svg", ".pdf"))
 trace_file = partial(_file, endings=FORMATS)
 csv_path = partial(_file, endings=(".csv",))
+toml_path = partial(_file, endings=(".toml",))
 
 
 def metrics(text: str) -> tuple[Metric, ...]:

@@ -131,16 +131,26 @@ def _hold(h, q, v, tau, lumped, rotor, friction):
 
 
 @inline_njit
+def move(h, q, v, torques, lumped, rotor, friction, law):
+    """Return position and velocity after a physics step h.
+
+    `torques` has those of both joints at the start, the middle and the end of the step.
+    """
+    held = FREE
+    if law == EXACT_FRICTION:
+        held = _hold(h, q, v, torques[0], lumped, rotor, friction)
+    q, (v1, v2) = _runge_kutta(h, q, v, torques[0], torques[1], torques[2], (lumped, rotor, friction, held, law))
+    return q, (v1 if held[4] != 0.0 else 0.0, v2 if held[5] != 0.0 else 0.0)
+
+
+@inline_njit
 def _advance(block, lane, h, rotor, law):
     """Advance one lane by one physics step h."""
-    q, v, tau_start = pair(block.position, lane), pair(block.velocity, lane), pair(block.tau_start, lane)
-    lumped, friction, held = lumped_of(block, lane), friction_of(block, lane), FREE
-    if law == EXACT_FRICTION:
-        held = _hold(h, q, v, tau_start, lumped, rotor, friction)
-    tau_half, tau_end = pair(block.tau_half, lane), pair(block.tau_end, lane)
-    q, (v1, v2) = _runge_kutta(h, q, v, tau_start, tau_half, tau_end, (lumped, rotor, friction, held, law))
+    torques = pair(block.tau_start, lane), pair(block.tau_half, lane), pair(block.tau_end, lane)
+    q, v = pair(block.position, lane), pair(block.velocity, lane)
+    q, v = move(h, q, v, torques, lumped_of(block, lane), rotor, friction_of(block, lane), law)
     put(block.position, lane, q)
-    put(block.velocity, lane, (v1 if held[4] != 0.0 else 0.0, v2 if held[5] != 0.0 else 0.0))
+    put(block.velocity, lane, v)
 
 
 @kernel_njit

@@ -142,7 +142,7 @@ def test_a_scenario_without_a_ceiling_leaves_the_rest():
 
 
 def test_a_policy_with_results_in_one_scenario_may_be_its_ceiling():
-    """It is no row; the score follows it; a ranked row below a ceiling is named."""
+    """It is no row, and the score follows it; while it has no result, the board says so."""
     cells = load("ideal").build(("zero", "pid-flm", "cascade-flm", "oracle-flm"), ("nominal", "noise-1"), 4).cells
     results = [run_cell(cell) for cell in cells]
     found = assemble(results, cells)
@@ -154,10 +154,6 @@ def test_a_policy_with_results_in_one_scenario_may_be_its_ceiling():
     assert further.score.value[2] < found.score.value[2]
     assert further.version != found.version
     assert further.times_ceiling[3] == pytest.approx(2.0)
-    assert "below the ceiling" not in " ".join(further.remarks)
-    above = changed(found, 0, error_pct=[90.0, 1.0, 2.0, 1.5])
-    (remark,) = [remark for remark in above.remarks if "below the ceiling" in remark]
-    assert remark.startswith("pid-flm errs 1 % in nominal, below the ceiling oracle-flm with 1.5 %")
     (gap,) = assemble(results, [*cells, cell]).gaps
     assert gap == "Left out: oracle-predictive: no result yet, where it may be the ceiling"
 
@@ -245,6 +241,20 @@ def test_a_board_shows_violations_where_scenarios_have_constraints():
     runs["violation_pct"][1] = np.nan  # it failed
     (column,) = [column for column in columns(dataclasses.replace(found, runs=runs)) if column.key == "violation"]
     assert [column.text(i) for i in range(3)] == ["12", "–", "12"]
+
+
+def test_an_error_below_the_ceilings_is_remarked():
+    """Where the whole interval is below it."""
+    found = board(families=("nominal", "noise-1"))
+    assert found.too_good == []
+    errors = found.runs["error_pct"].copy()
+    errors[1, 1], errors[2, 1] = 0.9 * errors[3, 1], errors[3, 1] * np.r_[0.9, np.full(7, 1.01)]
+    (remark,) = dataclasses.replace(found, runs={**found.runs, "error_pct": errors}).remarks
+    means = [np.exp(np.log(x).mean()) for x in errors[[1, 3], 1]]
+    assert remark == (
+        f"Check pid-flm in noise-1: it errs by {means[0]:.3g} %, less than {means[1]:.3g} % of the best law that knows "
+        "the truth."
+    )
 
 
 def test_tier_of():

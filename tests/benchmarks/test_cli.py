@@ -94,6 +94,13 @@ def test_the_example_of_a_command_is_right(name):
     parser.parse_args(shlex.split(example))
 
 
+def test_the_row_of_the_example_is_on_the_default_board():
+    policy, _, task = cli.COMMANDS["verify"].example.partition("/")
+    suite = load("hardware")
+    assert policy in suite.policy_names
+    assert task in [scenario.name for scenario in suite.scenarios]
+
+
 @pytest.fixture(scope="module")
 def board():
     tasks = [s for s in load("ideal").scenarios if s.name != "everything-2"]

@@ -1,0 +1,174 @@
+"""The command `fbl-gym identify`: from the logs of a robot to a scenario."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.progress import Progress
+
+from benchmarks.cli.common import add_plot, command_line, csv_path, positive, toml_path
+from benchmarks.identification import excitation, logs, result
+from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors
+from benchmarks.identification.model import PARAMETERS, parameters_of
+from benchmarks.report.plot import Line, Panel, plot_lines
+from benchmarks.report.terminal import Screen, table
+from fbl_gym import scenarios
+from fbl_gym.model.arm import Array
+
+HORIZONS = (0.1, 0.5, 1.0)
+"""Lengths of the rollouts of `--validate` [s]."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files of one arm, which may end in .gz")
+    parser.add_argument(
+        "--start", default="hardware-nominal", metavar="SCENARIO",
+        help="a similar arm with the true lengths: a name or a TOML file (hardware-nominal)",
+    )  # fmt: skip
+    parser.add_argument("--out", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml")
+    parser.add_argument(
+        "--signals", nargs="+", default=(), metavar="SIGNAL=COLUMNS",
+        help="the columns of time, position, torque (commanded) and velocity, such as time=t torque=u1,u2",
+    )  # fmt: skip
+    parser.add_argument(
+        "--zero", nargs=2, type=float, default=(0.0, 0.0), metavar=("Q1", "Q2"),
+        help="angles of this package where the logs' positions are zero, in rad; -1.5708 0 if they count from hanging (0 0)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--validate",
+        nargs="+",
+        type=Path,
+        default=(),
+        metavar="LOG",
+        help="logs on which to simulate the arm, open loop",
+    )
+    add_plot(parser, "the first log of --validate: measured, simulated, residual")
+    parser.add_argument(
+        "--plan", type=csv_path, metavar="FILE", help="plan a motion that excites the arm: .csv, and .toml beside it"
+    )
+    parser.add_argument(
+        "--amplitude", nargs=2, type=positive, default=(1.0, 1.0), metavar=("A1", "A2"),
+        help="largest distance of the planned motion from hanging, in rad (1 1)",
+    )  # fmt: skip
+    parser.add_argument("--speed", type=positive, default=5.0, metavar="V", help="its largest velocity, in rad/s (5)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Plan, identify and validate, as the arguments ask."""
+    if arguments.plan is None and not arguments.logs and not arguments.validate:
+        raise ValueError("give the logs of a robot, or --validate, or --plan")
+    screen, start = Screen(), scenarios.get(arguments.start)
+    if start.joint is not None or start.plant is not None:
+        raise ValueError(f"--start must have rigid joints and this package's physics, got {arguments.start}")
+    if arguments.plan is not None:
+        _plan(arguments, start, screen)
+    read = partial(logs.read, mapping=logs.columns(arguments.signals), zero=arguments.zero)
+    runs, judged = [read(path) for path in arguments.logs], [read(path) for path in arguments.validate]
+    for log in (*runs, *judged):
+        screen.say(f"{log.name}: " + "\n    ".join(log.remarks))
+    parameters = parameters_of(start)
+    if runs:
+        with Progress(console=Screen(stderr=True)) as progress:
+            task = progress.add_task("reading", total=len(TERMS) + 2)
+
+            def tick(text: str) -> None:
+                progress.update(task, advance=1, description=text)
+
+            fit = identify(runs, start, tick)
+        parameters = fit.parameters
+        _print(fit, screen)
+        if arguments.out is not None:
+            base = result.reached(arguments.start, arguments.out)
+            result.write(arguments.out, result.text(fit, runs, start, base, command_line()))
+            scenarios.get(str(arguments.out))
+            screen.say(f"scenario: {arguments.out}")
+    if judged:
+        _validate(arguments, judged, parameters, parameters_of(start), screen)
+    return 0
+
+
+def _print(fit: Fit, screen: Screen) -> None:
+    rows = [
+        (name, f"{value:.4g}", f"{low:.4g} - {high:.4g}", f"needs {fit.weak[name]}" if name in fit.weak else "")
+        for name, value, (low, high) in zip(PARAMETERS, fit.parameters, fit.interval(), strict=True)
+        if name in fit.free
+    ]
+    screen.print(
+        table("identified arm", ("number", "estimate", "90 % interval", "hardly told by these logs"), rows, "left")
+    )
+    trials = ", ".join(
+        f"{term} {100 * ratio - 100:+.0f} % ({'stays' if TERMS[term][0] in fit.free else 'left out'})"
+        for term, ratio in fit.trials.items()
+    )
+    screen.say(f"error on windows that were not fitted, with each term: {trials}")
+    screen.say(
+        "Not identifiable by any motion: the first rotor apart from p1; the common scale of masses, friction and gains, "
+        "which the gain of joint 2 fixes."
+    )
+
+
+def _validate(
+    arguments: argparse.Namespace, judged: list[logs.Log], parameters: Array, start: Array, screen: Screen
+) -> None:
+    """Print the errors of open-loop rollouts, and draw those of the first log."""
+    rows = []
+    for name, numbers, zeros in (
+        ("this model", parameters, True), ("this model, zeros as given", parameters, False), ("starting model", start, True),
+        ("standing still", None, False),
+    ):  # fmt: skip
+        cells = []
+        for length in HORIZONS:
+            parts = []
+            for log in judged:
+                errors, data, _ = rollout_errors(log, start if numbers is None else numbers, length, zeros)
+                parts.append(errors if numbers is not None else data.state[:, :2] - data.measured[:, -1])
+            error = 1e3 * np.concatenate(parts)
+            rms, median = np.sqrt((error**2).mean(axis=0)), np.median(np.abs(error), axis=0)
+            cells.append(f"{rms[0]:.0f} {rms[1]:.0f} ({median[0]:.0f} {median[1]:.0f})")
+        rows.append((name, *cells))
+    header = ("model", *(f"after {length:g} s" for length in HORIZONS))
+    screen.print(table("open-loop error, joints 1 and 2: RMS (median) [mrad]", header, rows))
+    screen.say(
+        "Windows start each 0.25 s in the measured state; a log's zeros are estimated from its windows that ended before."
+    )
+    if arguments.plot is not None:
+        log = judged[0]
+        _, data, simulated = rollout_errors(log, parameters, 0.5)
+        time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
+        ends = np.full((len(data.time[::2]), 1), np.nan)  # lines end with their window
+        x = np.hstack([data.time[::2, None] + data.keep * float(data.dt), ends]).ravel()
+        panels = []
+        for j in (0, 1):
+            y, z = (np.hstack([part[::2, :, j], ends]).ravel() for part in (simulated, data.measured))
+            lines = Line(time, log.position[:, j], "measured", "0.5", "-"), Line(x, y, "simulated", "#D55E00", "-")
+            panels.append(Panel(f"joint {j + 1}", "time [s]", "angle [rad]", lines))
+            panels.append(Panel("", "time [s]", "residual [mrad]", (Line(x, 1e3 * (y - z), "_", "#0072B2", "-"),)))
+        panels = [panels[i] for i in (0, 2, 1, 3)]
+        plot_lines(f"Rollouts of 0.5 s on {log.name}", panels, arguments.plot, arguments.columns)
+        screen.say(f"plot: {arguments.plot}")
+
+
+def _plan(arguments: argparse.Namespace, start: scenarios.Scenario, screen: Screen) -> None:
+    """Write an exciting motion as CSV and as a scenario."""
+    hanging = (-np.pi / 2, 0.0) if start.arm.gravity > 0 else (0.0, 0.0)
+    motion, condition = excitation.plan(start, hanging, arguments.amplitude, arguments.speed, dt=start.control_dt)
+    names = ("position", "velocity", "acceleration", "torque")
+    units = ("rad", "rad_s", "rad_s2", "Nm")
+    header = ["time_s", *(f"{name}_{j}_{unit}" for name, unit in zip(names, units, strict=True) for j in (1, 2))]
+    rows = np.column_stack([motion["time"], *(motion[name] for name in names)])
+    text = "\n".join([",".join(header), *(",".join(f"{x:.8g}" for x in row) for row in rows)]) + "\n"
+    result.write(arguments.plan, text)
+    path, every = arguments.plan.with_suffix(".toml"), max(1, round(0.02 / start.control_dt))
+    points = ", ".join(f"[{q1:.5f}, {q2:.5f}]" for q1, q2 in motion["position"][::every])
+    result.write(
+        path,
+        f'base = "{result.reached(arguments.start, path)}"\ndescription = "a motion that excites the arm"\n'
+        f"duration = {motion['time'][-1]:g}\n"
+        f'reference = {{ kind = "array", dt = {every * start.control_dt:g}, position = [{points}] }}\n',
+    )
+    scenarios.get(str(path))
+    peak = np.abs(motion["torque"]).max(axis=0)
+    screen.say(
+        f"plan: {arguments.plan} and {path}, condition number {condition:.0f}, torques up to {peak.round(3)} N m"
+    )

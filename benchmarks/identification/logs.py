@@ -1,0 +1,205 @@
+"""Logs of robots: CSV files, at a constant rate after reading."""
+
+import csv
+import gzip
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from fbl_gym.checks import unknown
+from fbl_gym.model.arm import Array
+
+COLUMNS = {
+    "time": ("time_s",),
+    "position": ("position_1_rad", "position_2_rad"),
+    "torque": ("torque_1_Nm", "torque_2_Nm"),
+    "velocity": ("velocity_1_rad_s", "velocity_2_rad_s"),
+    "measured": (),
+    "link": (),
+}
+"""The columns of each signal, as in the traces of `fbl-gym evaluate`; a mapping names others.
+
+`torque` is commanded, `measured` is the torque that the drives report, and `link` has the positions
+of the links if `position` has those of the motors.
+"""
+
+SMOOTHING = 0.06
+"""Time over which positions are smoothed by a cubic polynomial [s]."""
+
+STEP = 0.004
+"""Time between two samples after reading, of logs that are no slower [s]."""
+
+MAX_GAP = 10.0
+"""Longest interval between two samples, in median intervals."""
+
+_NEEDED = ("time", "position", "torque")
+
+
+@dataclass(frozen=True)
+class Log:
+    """One run of one robot, at a constant rate.
+
+    Attributes:
+        name: of the file.
+        dt: time between two samples [s].
+        position: as measured, with the zero of this package's angles [n x 2] rad.
+        smooth: smoothed position and velocity [n x 4] rad, rad/s.
+        torque: commanded [n x 2] N m.
+        counts: positions per turn of each joint; 0 if none were found.
+        difference: samples between the two positions whose difference is the logged velocity; 0: it
+            is none.
+        velocity_noise: standard deviation of the logged velocity [2] rad/s; None: not logged.
+        sample: median time between two samples of the file [s].
+        remarks: what was found, one line each.
+        link: positions of the links, or None [n x 2] rad.
+    """
+
+    name: str
+    dt: float
+    position: Array
+    smooth: Array
+    torque: Array
+    counts: Array
+    difference: int
+    velocity_noise: Array | None
+    sample: float
+    remarks: tuple[str, ...]
+    link: Array | None = None
+
+
+def columns(texts: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the columns of each signal, with those that texts such as "torque=u1,u2" name."""
+    mapping: dict[str, tuple[str, ...]] = dict(COLUMNS)
+    for text in texts:
+        signal, _, names = text.partition("=")
+        if signal not in COLUMNS:
+            raise unknown("signal", signal, COLUMNS)
+        mapping[signal] = tuple(filter(None, names.split(",")))
+        wanted = 1 if signal == "time" else 2
+        if len(mapping[signal]) not in ({wanted} if signal in _NEEDED else {0, wanted}):
+            raise ValueError(f"--signals must name {wanted} of {signal}, separated by commas, got {text!r}")
+    return mapping
+
+
+def _numbers(path: Path, mapping: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
+    """Return the signals of a file, [n x number of columns]."""
+    opened = gzip.open if path.suffix == ".gz" else open
+    with opened(path, "rt", encoding="utf-8", newline="") as file:
+        reader = csv.reader(file)
+        header = [name.strip() for name in next(reader, [])]
+        for signal in _NEEDED:
+            for name in mapping[signal]:
+                if name not in header:
+                    raise ValueError(f"{path}: {unknown(f'column of {signal}', name, header)}; --signals names others")
+        found = {signal: names for signal, names in mapping.items() if names and set(names) <= set(header)}
+        wanted = [header.index(name) for names in found.values() for name in names]
+        try:
+            table = np.array([[float(row[i] or "nan") for i in wanted] for row in reader if row])
+        except (ValueError, IndexError) as problem:
+            raise ValueError(
+                f"{path} must have a number in each column, but line {reader.line_num}: {problem}"
+            ) from None
+    table = table.reshape(-1, len(wanted))
+    bad = ~np.isfinite(table).all(axis=1)
+    if bad.any():
+        raise ValueError(
+            f"{path} must have finite numbers, but {bad.sum()} rows lack one, the first is row {bad.argmax() + 2}"
+        )
+    sizes = np.cumsum([len(names) for names in found.values()])[:-1]
+    return dict(zip(found, np.split(table, sizes, axis=1), strict=True))
+
+
+def read(
+    path: Path, mapping: Mapping[str, tuple[str, ...]] = COLUMNS, zero: Array | tuple[float, float] = (0.0, 0.0)
+) -> Log:
+    """Return the log of a CSV file, which may be packed with gzip.
+
+    Args:
+        path: of the file.
+        mapping: the columns of each signal.
+        zero: angles of this package at which the file's positions are zero [2] rad.
+
+    Raises:
+        ValueError: a column is missing, time runs back or has a gap, or an encoder is unplugged.
+    """
+    signals = _numbers(path, mapping)
+    time = signals["time"][:, 0]
+    if len(time) < 200:
+        raise ValueError(f"{path} must have 200 samples or more, got {len(time)}")
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        raise ValueError(
+            f"{path}: time must increase, but does not after {time[:-1][steps <= 0][0]:g} s; a file has one run of one robot"
+        )
+    sample, most = float(np.median(steps)), float(steps.max())
+    if most > MAX_GAP * sample:
+        raise ValueError(
+            f"{path} has a gap of {most:.3g} s after {time[steps.argmax()]:g} s, with samples each {sample:.3g} s: "
+            "cut the file there into two logs"
+        )
+    position = signals["position"]
+    still = np.ptp(position, axis=0) == 0
+    if still.any():
+        raise ValueError(
+            f"{path}: {mapping['position'][still.argmax()]} does not change: its encoder is "
+            "unplugged, or the column is another one"
+        )
+    jumps = np.abs(np.diff(position, axis=0))
+    if (jumps > 1.0).any():
+        raise ValueError(f"{path}: positions must not jump, but do by {jumps.max():.3g} rad; unwrap turns beforehand")
+    dt = max(STEP, round(sample, 4))
+    times = np.arange(time[0], time[-1] - dt, dt)
+    # The mean of the held command over each step.
+    impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(signals["torque"][:-1] * steps[:, None], axis=0)])
+    edges = np.append(times, times[-1] + dt)
+    held = np.column_stack([np.diff(np.interp(edges, time, column)) / dt for column in impulse.T])
+    even = np.column_stack([np.interp(times, time, column) for column in position.T]) + zero
+    link = signals.get("link")
+    if link is not None:
+        link = np.column_stack([np.interp(times, time, column) for column in link.T]) + zero
+    width = 2 * max(2, round(SMOOTHING / dt / 2)) + 1
+    smooth = np.hstack([savgol_filter(even, width, 3, deriv=d, delta=dt, axis=0) for d in (0, 1)])
+    counts = _counts(position)
+    difference, noise, how = 0, None, "not logged"
+    if "velocity" in signals:
+        difference, noise, how = _velocity(signals["velocity"], position, time)
+    torque = signals["torque"]
+    peak = np.abs(torque).max(axis=0)
+    full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
+    remarks = (
+        f"{len(time)} samples in {np.ptp(time):.4g} s, {1 / sample:.4g} Hz, intervals of {1e3 * sample:.3g} ms "
+        f"(99 %: {1e3 * np.quantile(steps, 0.99):.3g}, longest: {1e3 * most:.3g})",
+        "counts per turn: " + ", ".join(f"{n:.0f}" if n else "not found" for n in counts) + f"; velocity: {how}",
+        f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
+        f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else ""),
+    )
+    return Log(path.name, dt, even, smooth, held, counts, difference, noise, sample, remarks, link)
+
+
+def _counts(position: Array) -> Array:
+    """Return the readings per turn of each joint [2]; 0 where they are no multiples of a step."""
+    counts = np.zeros(2)
+    for joint, column in enumerate(position.T):
+        levels = np.unique(column)
+        steps = np.diff(levels)
+        steps = steps[steps > 1e-9]
+        step = steps.min()
+        whole = np.abs(steps / step - np.round(steps / step)) < 0.05
+        if whole.mean() > 0.95 and len(levels) < 0.9 * len(column):
+            counts[joint] = 2 * np.pi / np.median(steps[np.round(steps / step) == 1])
+    return counts
+
+
+def _velocity(velocity: Array, position: Array, time: Array) -> tuple[int, Array, str]:
+    """Return samples of the difference that the velocity is, its noise and words for both."""
+    sample = float(np.median(np.diff(time)))
+    width = 2 * max(2, round(SMOOTHING / sample / 2)) + 1
+    noise = np.std(velocity - savgol_filter(position, width, 3, deriv=1, delta=sample, axis=0), axis=0)
+    for n in range(1, 9):
+        difference = (position[n:] - position[:-n]) / (time[n:] - time[:-n])[:, None]
+        if np.median(np.abs(difference - velocity[n:])) < 0.05 * np.median(np.abs(velocity)):
+            return n, noise, f"difference of positions {n} sample{'s' * (n > 1)} apart"
+    return 0, noise, f"measured, noise {noise[0]:.3g} and {noise[1]:.3g} rad/s"

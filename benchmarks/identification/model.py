@@ -1,0 +1,204 @@
+"""The arm of an identification: its parameters, and its simulation over windows of a log.
+
+Each physics step is the kernel's, `fbl_gym.kernel.physics.move`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from benchmarks.identification.logs import Log
+from fbl_gym.kernel.fastmath import cached_njit
+from fbl_gym.kernel.memory import EXACT_FRICTION
+from fbl_gym.kernel.physics import move
+from fbl_gym.model.arm import Array, regressor
+from fbl_gym.records import middle
+from fbl_gym.scenarios import Scenario
+
+V_S = 0.04
+"""Scale of the squared velocity at which stiction fades [(rad/s)^2]."""
+
+SUBSTEPS = 4
+"""Physics steps between two samples."""
+
+PARAMETERS = (
+    "p1", "p2", "p3", "p4", "p5", "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2", "stiction 1", "stiction 2",
+    "gain 1", "gain 2", "delay", "lag",
+)  # fmt: skip
+"""The numbers of an arm. p1 includes the first rotor, from which no motion tells it apart.
+
+Torques are in N m, inertias in kg m^2, delay and lag in s; gains are real / nominal.
+"""
+
+INDEX = {name: i for i, name in enumerate(PARAMETERS)}
+
+
+def parameters_of(scenario: Scenario) -> Array:
+    """Return the parameters of a scenario's arm, [16]; of distributions their middles."""
+    friction, drive = scenario.friction, scenario.actuator
+    dry = [middle(getattr(friction, name)[j]) if friction else 0.0 for name in ("coulomb", "viscous") for j in (0, 1)]
+    lumped, rotor = scenario.arm.lumped, scenario.rotor
+    lumped[0] += rotor[0]
+    delay = middle(drive.delay) + middle(drive.delay_samples) * scenario.control_dt
+    gains = [middle(gain) for gain in drive.gain]  # type: ignore[union-attr]
+    return np.array([*lumped, rotor[1], *dry, 0.0, 0.0, *gains, delay, middle(drive.lag)])
+
+
+@cached_njit
+def _simulate(parameters, state, zero, command, start, h, keep):  # type: ignore[no-untyped-def]
+    """Return positions after `keep` steps; see `Windows.simulate`."""
+    variants, windows = state.shape[:2]
+    out = np.empty((variants, windows, len(keep), 2))
+    for k in range(variants):
+        p = parameters[k]
+        lumped, rotor = (p[0], p[1], p[2], p[3], p[4]), (0.0, p[5])
+        friction = (p[8], p[9], p[6], p[7], p[10], p[11], V_S, V_S)
+        late = p[14] / h
+        whole = math.floor(late)
+        part = late - whole
+        share = 1.0 - math.exp(-h / p[15]) if p[15] > 1e-5 else 1.0
+        before = int(min(8.0 * p[15] / h, 50.0)) + 1
+        for w in range(windows):
+            q = (state[k, w, 0] + zero[k, w, 0], state[k, w, 1] + zero[k, w, 1])
+            v = (state[k, w, 2], state[k, w, 3])
+            u1, u2 = 0.0, 0.0
+            saved = 0
+            for i in range(-before, keep[-1] + 1):
+                if i >= 0 and i == keep[saved]:
+                    out[k, w, saved, 0] = q[0] - zero[k, w, 0]
+                    out[k, w, saved, 1] = q[1] - zero[k, w, 1]
+                    saved += 1
+                    if i == keep[-1]:
+                        break
+                new = max(start[w] + i - whole, 0)
+                old = max(new - 1, 0)
+                u1 += share * (p[12] * ((1.0 - part) * command[new, 0] + part * command[old, 0]) - u1)
+                u2 += share * (p[13] * ((1.0 - part) * command[new, 1] + part * command[old, 1]) - u2)
+                if i >= 0:
+                    u = (u1, u2)
+                    for _ in range(SUBSTEPS):
+                        q, v = move(h / SUBSTEPS, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
+    return out
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of logs that begin in the measured state and end some time later.
+
+    Attributes:
+        dt: of the logs [s].
+        keep: samples after the start at which positions are compared [k].
+        state: measured positions and velocities at the starts [windows x 4].
+        spread: their standard deviation [4].
+        measured: positions [windows x k x 2] rad.
+        command: torques of all logs, one after the other [n x 2].
+        start: of each window in `command` [windows].
+        log: of each window [windows].
+        time: of each start in its log [windows] s.
+    """
+
+    dt: float
+    keep: Array
+    state: Array
+    spread: Array
+    measured: Array
+    command: Array
+    start: Array
+    log: Array
+    time: Array
+
+    def simulate(self, parameters: Array, zero: Array | None = None, state: Array | None = None) -> Array:
+        """Return simulated positions [m x windows x k x 2] of m sets of parameters [m x 16].
+
+        Args:
+            parameters: [m x 16].
+            zero: angles at which the readings are zero [m x windows x 2] rad; None: 0.
+            state: at the starts [m x windows x 4]; None: as measured.
+        """
+        shape = len(parameters), len(self.start)
+        zero = np.zeros((*shape, 2)) if zero is None else np.ascontiguousarray(zero)
+        state = np.broadcast_to(self.state if state is None else state, (*shape, 4))
+        out = _simulate(parameters, np.ascontiguousarray(state), zero, self.command, self.start, self.dt, self.keep)
+        return np.nan_to_num(out, nan=1e3, posinf=1e3, neginf=-1e3).clip(-1e3, 1e3)
+
+
+PAD = 60
+"""Samples before each log in which its first command acts."""
+
+
+def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, points: int = 10) -> Windows:
+    """Return the windows of logs of one rate.
+
+    Args:
+        logs: one or more.
+        length: of a window [s].
+        every: time from one start to the next [s].
+        points: number of comparisons in a window, at equal times.
+    """
+    dt = logs[0].dt
+    if any(log.dt != dt for log in logs):
+        raise ValueError(
+            f"logs must have one rate, got {', '.join(f'{1 / log.sample:.4g} Hz ({log.name})' for log in logs)}"
+        )
+    keep = np.unique(np.round(np.linspace(0, length / dt, points + 1)[1:]).astype(int))
+    command = np.concatenate([part for log in logs for part in (np.repeat(log.torque[:1], PAD, axis=0), log.torque)])
+    starts = [np.arange(0, len(log.position) - keep[-1], max(1, round(every / dt))) for log in logs]
+    if min(map(len, starts)) == 0:
+        raise ValueError(f"each log must be longer than a window of {length:g} s")
+    offsets = PAD + np.cumsum([0] + [len(log.position) + PAD for log in logs[:-1]])
+    width = 2 * (2 * max(2, round(0.06 / dt / 2))) + 1
+    rough = [np.hstack([savgol_filter(log.position, width, 3, d, dt, axis=0) for d in (0, 1)]) for log in logs]
+    spread = np.sqrt(
+        np.mean([np.mean((log.smooth - other) ** 2, axis=0) for log, other in zip(logs, rough, strict=True)], axis=0)
+    )
+    return Windows(
+        dt, keep, np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)]), spread + 1e-5,
+        np.concatenate([log.position[s[:, None] + keep] for log, s in zip(logs, starts, strict=True)]), command,
+        np.concatenate([s + offset for s, offset in zip(starts, offsets, strict=True)]),
+        np.concatenate([np.full(len(s), i) for i, s in enumerate(starts)]), np.concatenate([s * dt for s in starts]),
+    )  # fmt: skip
+
+
+def regress(logs: list[Log], start: Array, length1: float, gravity: float) -> Array:
+    """Return parameters by linear least squares from filtered logs, as a start for a fit.
+
+    The lumped parameters, the second rotor, Coulomb and viscous friction are linear in the torques,
+    whose delay is tried. Numbers that come out impossible keep their value of `start`.
+    """
+    best, error = start.copy(), np.inf
+    for delay in np.arange(0.0, 0.025, 0.004):
+        rows, torques = [], []
+        for log in logs:
+            late = round(delay / log.dt)
+            width = 2 * max(3, round(0.04 / log.dt)) + 1
+            q, v, a, u = (
+                savgol_filter(x, width, 3, deriv=d, delta=log.dt, axis=0)[late + width : -width]
+                for x, d in (
+                    (log.position, 0),
+                    (log.position, 1),
+                    (log.position, 2),
+                    (np.roll(log.torque, late, axis=0), 0),
+                )
+            )
+            y, none = regressor(q, v, a), np.zeros(len(q))
+            y[..., 4] += (y[..., 2] * length1 / gravity) if gravity > 0 else 0.0
+            sign = np.tanh(v / 0.1)
+            more = (
+                (none, a[:, 1]), (sign[:, 0], none), (none, sign[:, 1]), (v[:, 0], none), (none, v[:, 1]),
+            )  # fmt: skip
+            y = np.concatenate([y, *(np.stack(pair, axis=-1)[..., None] for pair in more)], axis=-1)
+            rows.append(y.reshape(-1, y.shape[-1]))
+            torques.append(u.ravel())
+        table, torque = np.concatenate(rows), np.concatenate(torques)
+        used = [0, 1, 3, 4, 5, 6, 7, 8, 9] if gravity > 0 else [0, 1, 2, 5, 6, 7, 8, 9]
+        scale = np.abs(table[:, used]).max(axis=0) + 1e-9
+        solution, *_ = np.linalg.lstsq(table[:, used] / scale, torque, rcond=1e-6)
+        left = np.std(torque - table[:, used] / scale @ solution)
+        if left < error:
+            error, values = left, solution / scale
+            best[used] = values
+            best[INDEX["delay"]] = delay
+    possible = (best > 0.2 * start) & (best < 5.0 * start + 0.1)
+    return np.where(possible | (np.arange(16) == INDEX["delay"]), best, start)

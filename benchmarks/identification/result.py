@@ -1,0 +1,115 @@
+"""The scenario of an identified arm, as a TOML file whose numbers are distributions."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.files import replacing
+from benchmarks.identification.fit import Fit
+from benchmarks.identification.logs import Log
+from benchmarks.identification.model import INDEX, PARAMETERS, V_S
+from fbl_gym.model.arm import ArmParameters, Array
+from fbl_gym.scenarios import Scenario
+
+MAX_RADIUS = 1.0
+"""Largest radius of masses; beyond it, a number is not identified."""
+
+
+def arm_of(parameters: Array, start: ArmParameters) -> ArmParameters:
+    """Return the arm of point masses with these parameters, and with the lengths of another."""
+    lumped = parameters[:5].copy()
+    lumped[0] -= start.rotor[0]  # type: ignore[index]
+    rotor = (start.rotor[0], parameters[INDEX["rotor 2"]])  # type: ignore[index]
+    return ArmParameters.from_lumped(lumped, (start.L1, start.L2), rotor, start.gravity)
+
+
+def text(fit: Fit, logs: Sequence[Log], start: Scenario, base: str, command: str) -> str:
+    """Return the TOML file of an identified arm.
+
+    Friction, gain, delay and lag are uniform over their 90 % intervals. A radius of both masses
+    stands for the lumped parameters: it is as wide as the widest of their intervals. The bias of
+    the positions stands for the zeros of the logs.
+
+    Args:
+        fit: of the arm.
+        logs: of the fit.
+        start: its start.
+        base: name or file of `start`, as the new file reaches it.
+        command: for the file's first line.
+    """
+    intervals = np.maximum(fit.interval(), 0.0)
+
+    def spread(name: str) -> str:
+        low, high = intervals[INDEX[name]]
+        return f"{{ uniform = [{low:.6g}, {high:.6g}] }}" if high > low else f"{fit.parameters[INDEX[name]]:.6g}"
+
+    def both(name: str) -> str:
+        return f"[{spread(f'{name} 1')}, {spread(f'{name} 2')}]"
+
+    lumped = [INDEX[name] for name in fit.free if name[0] == "p"]
+    ratios = [
+        (fit.parameters[i] / max(low, 1e-9), high / fit.parameters[i])
+        for i, (low, high) in zip(lumped, intervals[lumped], strict=True)
+    ]
+    radius = min(max(max(pair) for pair in ratios) - 1.0, MAX_RADIUS)
+    sample = logs[0].sample
+    control = round(sample, 4 if sample > 1e-3 else 5)
+    steps = int(np.ceil(control / start.physics_dt - 1e-9))
+    zero = np.sqrt(3.0) * np.sqrt((fit.zero**2).mean(axis=0))
+    arm = arm_of(fit.parameters, start.arm)
+    fields = "\n".join(
+        f"{name} = {list(value) if isinstance(value, tuple) else value}" for name, value in vars(arm).items()
+    )
+    counts = np.median([log.counts for log in logs], axis=0)
+    difference = max((log.difference for log in logs), key=[log.difference for log in logs].count)
+    encoder = [f"counts = [{counts[0]:.6g}, {counts[1]:.6g}]"] if (counts > 0).all() else []
+    encoder += [f"difference = {difference}"] if difference else []
+    estimates = "\n".join(
+        f"# {name:10} {fit.parameters[INDEX[name]]:.4g} [{intervals[INDEX[name]][0]:.4g}, {intervals[INDEX[name]][1]:.4g}]"
+        + (f", hardly told by these logs: needs {fit.weak[name]}" if name in fit.weak else "")
+        for name in PARAMETERS
+        if name in fit.free
+    )
+    return f"""# {command}
+# Estimates with 90 % intervals; inertias in kg m^2, torques in N m, times in s. p1 includes rotor 1, from
+# which no motion tells it apart. Masses, friction and gains share one scale, which gain 2 fixes.
+{estimates}
+base = "{base}"
+description = "identified from {len(logs)} log{"s" * (len(logs) > 1)}: {fit.parameters[0]:.3g} kg m^2 about joint 1"
+control_dt = {control:g}
+physics_dt = {control / steps!r}
+duration = {round(start.duration / control) * control:.10g}
+parameter_error = {{ radius = {radius:.4g}, parameters = ["m1", "m2"] }}
+noise.position.bias = [{", ".join(f"{{ uniform = [{-z:.4g}, {z:.4g}] }}" for z in zero)}]
+{"noise.position.quantization = 0.0" if encoder and "counts" in encoder[0] else ""}
+{"noise.velocity = false" if difference else ""}
+{f"encoder = {{ {', '.join(encoder)} }}" if encoder else ""}
+
+[friction]
+coulomb = {both("coulomb")}
+viscous = {both("viscous")}
+stiction = {both("stiction")}
+v_s = {V_S}
+
+[actuator]
+gain = {both("gain")}
+delay = {spread("delay")}
+lag = {spread("lag")}
+delay_samples = 0
+
+[arm]
+{fields}
+"""
+
+
+def write(path: Path, content: str) -> None:
+    """Write a text file."""
+    with replacing(path) as beside:
+        beside.write_text(content, encoding="utf-8")
+
+
+def reached(base: str, path: Path) -> str:
+    """Return the text by which a file names the base of another: files relative to it."""
+    return os.path.relpath(base, path.parent).replace(os.sep, "/") if base.endswith(".toml") else base

@@ -1,0 +1,212 @@
+"""Identification: logs that are read or refused, arms that are found again, held-out terms, plans."""
+
+import dataclasses
+import gzip
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from benchmarks import cli
+from benchmarks.identification import excitation
+from benchmarks.identification.fit import identify, rollout_errors
+from benchmarks.identification.logs import COLUMNS, columns, read
+from benchmarks.identification.model import INDEX, parameters_of, windows
+from benchmarks.identification.result import arm_of
+from fbl_gym import scenarios
+from fbl_gym.envs.env import TwoLinkArmEnv
+from fbl_gym.model.arm import inertia_matrix
+from fbl_gym.records import ends
+
+START = scenarios.get("dfki-c1")
+ROBOT = START.replace(
+    arm=dataclasses.replace(START.arm, m1=0.6, m2=0.5, rotor=(START.arm.rotor[0], 1.5 * START.arm.rotor[1])),
+    noise={"position": 1e-4}, encoder={"counts": 16384}, sensors=("position",),
+    friction={"viscous": (0.02, 0.01), "coulomb": (0.15, 0.1)}, limits={"velocity": 100.0, "position": 100.0},
+    actuator={"torque_limit": 10.0, "gain": (0.9, 1.0), "delay": 0.006},
+)  # fmt: skip
+ZERO = (0.05, -0.04)
+
+
+def run(seed, zero=(0.0, 0.0), robot=ROBOT, seconds=8.0):
+    """Return time, measured positions and commands of a robot under two sines a joint [n x 5]."""
+    generator = np.random.default_rng(seed)
+    rate, phase = generator.uniform(2.0, 12.0, (2, 2)), generator.uniform(0, 6.28, (2, 2))
+    env = TwoLinkArmEnv(robot, action="torque")
+    observation, _ = env.reset(seed=seed)
+    rows, jitter = [], generator.uniform(-2e-4, 2e-4, round(seconds / robot.control_dt))
+    for k, late in enumerate(jitter):
+        torque = ((0.4, 0.25) * np.sin(rate * k * robot.control_dt + phase)).sum(axis=0)
+        rows.append([k * robot.control_dt + late, *(observation[:2] - zero), *torque])
+        observation, *_ = env.step(torque.astype(np.float32))
+    return np.array(rows)
+
+
+def write(path, rows, names=(*COLUMNS["time"], *COLUMNS["position"], *COLUMNS["torque"])):
+    with (gzip.open if path.suffix == ".gz" else open)(path, "wt") as file:
+        np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return [run(0), run(1, ZERO), run(2)]
+
+
+@pytest.fixture(scope="module")
+def files(rows, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    return [write(folder / f"run-{i}.csv", each) for i, each in enumerate(rows)]
+
+
+@pytest.fixture(scope="module")
+def fit(files):
+    ticks = []
+    found = identify([read(path) for path in files[:2]], START, ticks.append)
+    assert len(ticks) == 7
+    return found
+
+
+# Reading.
+
+
+def test_a_log_says_what_was_found(files):
+    log = read(files[0])
+    assert log.counts == pytest.approx([16384, 16384], rel=1e-3)
+    assert "4000 samples" in log.remarks[0]
+    assert "not logged" in log.remarks[1]
+    assert log.dt == 0.004
+    assert log.sample == pytest.approx(0.002, rel=0.02)
+
+
+def test_columns_have_names_units_and_a_zero(rows, tmp_path):
+    names = ("t", "a", "b", "u", "w")
+    path = write(tmp_path / "other.csv.gz", rows[0], names)
+    mapping = columns(["time=t", "position=a,b", "torque=u,w"])
+    assert read(path, mapping, (0.5, 0.0)).position[5] == pytest.approx(rows[0][10, 1:3] + (0.5, 0.0), abs=0.01)
+    with pytest.raises(ValueError, match=r"column of time.*--signals"):
+        read(path)
+    with pytest.raises(ValueError, match="signal"):
+        columns(["torqe=u,w"])
+    with pytest.raises(ValueError, match="2 of torque"):
+        columns(["torque=u"])
+
+
+def test_a_velocity_that_is_a_difference_is_known(rows, tmp_path):
+    position, time = rows[0][:, 1:3], rows[0][:, 0]
+    velocity = np.zeros_like(position)
+    velocity[2:] = (position[2:] - position[:-2]) / (time[2:] - time[:-2])[:, None]
+    names = [name for signal in ("time", "position", "torque", "velocity") for name in COLUMNS[signal]]
+    log = read(write(tmp_path / "v.csv", np.hstack([rows[0], velocity]), names))
+    assert log.difference == 2
+    assert "2 samples apart" in log.remarks[1]
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda r: np.delete(r, slice(1000, 1100), axis=0), r"gap of 0\.2"),
+        (lambda r: r * [1, 1, 0, 1, 1], "position_2_rad does not change.*unplugged"),
+        (lambda r: np.concatenate([r, r]), "one robot"),
+        (lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r), "finite.*row 9"),
+        (lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]), "jump"),
+        (lambda r: r[:50], "200 samples"),
+    ],
+)
+def test_a_damaged_log_is_refused(rows, tmp_path, damage, message):
+    with pytest.raises(ValueError, match=message):
+        read(write(tmp_path / "bad.csv", damage(rows[0])))
+
+
+def test_logs_of_two_rates_do_not_mix(files):
+    log = read(files[0])
+    with pytest.raises(ValueError, match="one rate"):
+        windows([log, dataclasses.replace(log, dt=2 * log.dt)])
+
+
+# Fitting.
+
+
+def test_the_simulation_is_the_environments(files):
+    """With the true numbers, open-loop errors are those of the sensors."""
+    log = read(files[2])
+    errors, *_ = rollout_errors(log, parameters_of(ROBOT), 0.5, zeros=False)
+    assert np.median(np.abs(errors)) < 2e-3
+    assert np.median(np.abs(rollout_errors(log, parameters_of(START), 0.5)[0])) > 0.05
+
+
+def test_the_arm_is_found_again(fit):
+    true = parameters_of(ROBOT)
+    for name in fit.free:
+        assert fit.parameters[INDEX[name]] == pytest.approx(true[INDEX[name]], rel=0.15, abs=2e-3), name
+    assert {"rotor 2", "gain 1", "viscous 1"} <= set(fit.free)
+    widths = np.ptp(fit.interval(), axis=1)[[INDEX[name] for name in fit.free]]
+    assert (widths > 0).all()
+    assert fit.weak == {}
+
+
+def test_zeros_of_a_log_are_found(fit):
+    assert fit.zero == pytest.approx(np.array([(0, 0), ZERO]), abs=5e-3)
+
+
+def test_the_arm_is_the_same_motion(fit):
+    arm = arm_of(fit.parameters, START.arm)
+    q = np.array([[0.3, -0.8], [1.0, 2.0]])
+    assert inertia_matrix(arm, q) == pytest.approx(inertia_matrix(ROBOT.arm, q), rel=0.02)
+
+
+def test_what_a_log_cannot_tell_is_named(tmp_path):
+    """Joint 2 hangs still, so that nothing tells its rotor."""
+    robot = ROBOT.replace(friction={"viscous": (0.02, 0.01), "coulomb": (0.1, 5.0)})
+    still = [read(write(tmp_path / f"{seed}.csv", run(seed, robot=robot, seconds=6.0))) for seed in (3, 4)]
+    found = identify(still, START)
+    assert "slow moves" in found.weak.get("coulomb 2", "") or ends(tuple(found.interval()[INDEX["coulomb 2"]]))[1] > 0.5
+
+
+# Planning.
+
+
+def test_a_plan_starts_at_rest_and_keeps_limits():
+    motion, condition = excitation.plan(START, (-1.5, 0.2), (0.8, 1.2), 4.0)
+    assert motion["position"][0] == pytest.approx([-1.5, 0.2])
+    assert np.abs(motion["velocity"][0]).max() < 1e-9
+    assert (np.abs(motion["position"] - (-1.5, 0.2)).max(axis=0) <= np.array([0.8, 1.2]) * 1.01).all()
+    assert np.abs(motion["velocity"]).max() <= 4.04
+    assert np.abs(motion["torque"]).max() <= 0.71 * 10.0
+    slope = np.gradient(motion["position"], 0.01, axis=0)
+    assert slope[1:-1] == pytest.approx(motion["velocity"][1:-1], abs=0.02)
+    assert condition < 40
+
+
+# The command.
+
+
+def test_the_command_writes_a_scenario_with_distributions(files, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["identify", "--plan", "plan.csv", "--start", "dfki-c1"]) == 0
+    assert scenarios.get("plan.toml").reference.kind == "array"
+    command = ["identify", *map(str, files[:2]), "--start", "dfki-c1", "--out", "my_arm.toml"]
+    assert cli.main([*command, "--validate", str(files[2]), "--plot", "fit.png"]) == 0
+    text = capsys.readouterr().out
+    assert (tmp_path / "fit.png").stat().st_size > 1000
+    assert "starting model" in text
+    assert "common scale" in text
+    scenario = scenarios.get("my_arm.toml")
+    for value, true in ((scenario.friction.coulomb, (0.15, 0.1)), (scenario.actuator.gain[:1], (0.9,))):
+        for each, number in zip(value, true, strict=True):
+            assert ends(each)[0] < ends(each)[1]
+            assert ends(each) == pytest.approx((number, number), rel=0.1)
+    assert 0.0 < scenario.parameter_error.radius < 0.2
+    assert ends(scenario.noise.position.bias)[1] > 0.02
+    gym.make("fbl_gym/TwoLinkArm-v0", scenario="my_arm.toml").reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [([], "give the logs"), (["--validate", "none.csv"], "No such file"), (["--start", "hardware-elastic-1"], "rigid")],
+)
+def test_wrong_arguments_are_refused(arguments, message, capsys):
+    if "rigid" in message:
+        arguments = [*arguments, "--plan", "plan.csv"]
+    assert cli.main(["identify", *arguments]) == 2
+    assert message in capsys.readouterr().err
