@@ -29,7 +29,7 @@ try:
 except ImportError as problem:
     raise DependencyNotInstalled("oracle-planned needs casadi: pip install 'fbl-gym[mpc]'") from problem
 
-STEP = 0.04
+STEP = 0.02
 """Interval of the plan [s], to the nearest multiple of the control interval."""
 
 SLOW = 0.05
@@ -91,7 +91,7 @@ class OraclePlanned(OracleElastic):
                     torque = M(q) q'' + C v + G + friction
 
     The plan is made at the start of an episode for each lane's true arm, from the true state at
-    which the first command acts, with the whole reference. Acceleration is linear over 40 ms
+    which the first command acts, with the whole reference. Acceleration is linear over 20 ms
     (`STEP`), and torques are those of rigid joints. Where the reference needs less than the limits,
     it is the plan itself. Disturbances, and changes of the arm after the start, are left to
     feed-forward and feedback. CasADi must be installed. Source: Betts 2010; see the module.

@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -60,6 +60,8 @@ class Board:
         metrics: external ones, which `runs` has too.
         flags: of each scenario with more seeds, by index: 1 where a run diverged [m x seeds].
         version: hash of all that its numbers depend on: policies, scenarios, seeds and code.
+        partial: metrics [n] of policies that only have results in some scenarios, where they may be
+            the ceiling: by the scenario's index and the policy's name. They are no rows.
     """
 
     rows: dict[str, tuple[PolicySpec, ...]]
@@ -73,6 +75,7 @@ class Board:
     metrics: tuple[Metric, ...] = ()
     flags: dict[int, Array] = field(default_factory=dict)
     version: str = ""
+    partial: dict[int, dict[str, dict[str, Array]]] = field(default_factory=dict)
 
     @property
     def gaps(self) -> list[str]:
@@ -86,7 +89,7 @@ class Board:
         sentences = []
         if self.score is None:
             sentences.append(UNSCORED)
-        elif without := [self.scenarios[i] for i in np.flatnonzero(self.ceilings < 0)]:
+        elif without := [name for k, name in enumerate(self.scenarios) if k not in self.ceilings]:
             sentences.append(
                 f"No error score, since no law with privileged access is a ceiling there: {', '.join(without)}. Diverged "
                 "runs count there too."
@@ -184,21 +187,26 @@ class Board:
         return np.hstack([statistics.resample(size, seed) / size for size, seed in rows])
 
     @cached_property
-    def ceilings(self) -> NDArray[np.int64]:
-        """Index of the member that is the ceiling of each scenario, or -1 [s].
+    def ceilings(self) -> dict[int, tuple[str, dict[str, Array]]]:
+        """Name of the ceiling of each scenario that has one, by index, and its metrics [n].
 
         The ceiling has the least error of all classical policies with privileged access.
         """
-        specs = zip(self._starts, self.specs, strict=True)
-        laws = [i for i, spec in specs if spec.kind == "classical" and not spec.ranked]
-        errors, baseline = np.log(self.errors).mean(axis=-1), np.log(self.runs["baseline_error_pct"][0]).mean(axis=-1)
-        diverged = self.runs["diverged"].mean(axis=-1)
-        ceilings = np.full(len(self.scenarios), -1)
+        laws = {spec.name: i for i, spec in enumerate(self._members) if spec.kind == "classical" and not spec.ranked}
+        ceilings = {}
         for k in range(len(self.scenarios)):
-            best = min(laws, key=lambda i: errors[i, k], default=-1)
-            if best >= 0 and errors[best, k] <= baseline[k] + np.log(CLEAR) and diverged[best, k] <= MOST_DIVERGED:
-                ceilings[k] = best
+            runs = {law: {name: x[i, k] for name, x in self.runs.items()} for law, i in laws.items()}
+            runs |= self.partial.get(k, {})
+            errors = {law: _geometric_mean(counted_error(metrics)) for law, metrics in runs.items()}
+            best = min(errors, key=errors.__getitem__, default="")
+            clear = best and errors[best] <= CLEAR * _geometric_mean(self.runs["baseline_error_pct"][0, k])
+            if clear and runs[best]["diverged"].mean() <= MOST_DIVERGED:
+                ceilings[k] = best, runs[best]
         return ceilings
+
+    def _of_ceilings(self, scored: Sequence[int], value: Callable[[Mapping[str, Array]], Array]) -> Array:
+        """Return a function of the metrics of the ceilings of some scenarios [... x n]."""
+        return np.array([value(self.ceilings[k][1]) for k in scored])
 
     @cached_property
     def too_good(self) -> list[tuple[int, int, float, float]]:
@@ -207,11 +215,11 @@ class Board:
         The ratio of the errors is below 1 with its whole interval.
         """
         found = []
-        for k in np.flatnonzero(self.ceilings >= 0):
+        for k in self.ceilings:
             errors = self._mean_errors(self.errors[:, [k]])
-            ceiling = statistics.geometric_mean(self.errors[self.ceilings[k], [k]], self.counts)
+            ceiling = statistics.geometric_mean(self._of_ceilings([k], counted_error), self.counts)
             ratio = statistics.interval(errors / ceiling[:, None])
-            found += [(i, int(k), errors[0, i], ceiling[0]) for i in self.ranked if ratio.high[i] < 1.0]
+            found += [(i, k, errors[0, i], ceiling[0]) for i in self.ranked if ratio.high[i] < 1.0]
         return found
 
     @cached_property
@@ -223,11 +231,12 @@ class Board:
         )
         scores = {}
         for tier, indices in self.tiers.items():
-            scored = [k for k in indices if self.ceilings[k] >= 0]
+            scored = [k for k in indices if k in self.ceilings]
             if scored:
                 gains = baseline[scored] - errors[:, scored]
                 # A resample may lack the seeds on which the ceiling is clearly below the baseline.
-                spans = np.maximum(baseline[scored] - errors[self.ceilings[scored], scored], -np.log(CLEAR))
+                ceilings = np.log(self._of_ceilings(scored, counted_error)) @ weights / len(self.seeds)
+                spans = np.maximum(baseline[scored] - ceilings, -np.log(CLEAR))
                 shares, prior = self._diverged(indices)
                 # The prior alone would charge all policies for few runs.
                 diverged = np.maximum(shares.T - prior, 0.0)
@@ -290,10 +299,12 @@ class Board:
 
         None: the tier that ranks has no ceiling.
         """
-        scored = [k for k in self.main if self.ceilings[k] >= 0]
-        variation = np.median(self.runs["variation"], axis=-1)
-        ratio = variation[:, scored] / variation[self.ceilings[scored], scored]
-        return self.average(np.median(ratio, axis=-1)[None])[0] if scored else None
+        scored = [k for k in self.main if k in self.ceilings]
+        if not scored:
+            return None
+        ceilings = self._of_ceilings(scored, lambda runs: runs["variation"])
+        ratio = np.median(self.runs["variation"][:, scored], axis=-1) / np.median(ceilings, axis=-1)
+        return self.average(np.median(ratio, axis=-1)[None])[0]
 
     @cached_property
     def _levels(self) -> Array:
@@ -319,11 +330,10 @@ class Board:
     @cached_property
     def times_ceiling(self) -> Array | None:
         """Geometric mean of each policy's errors over the ceilings' [p]; None: there are none."""
-        scored = [k for k in self.main if self.ceilings[k] >= 0]
+        scored = [k for k in self.main if k in self.ceilings]
         if not scored:
             return None
-        logs = np.log(self.errors).mean(axis=-1)
-        ratio = np.mean(logs[:, scored] - logs[self.ceilings[scored], scored], axis=-1)
+        ratio = np.mean(np.log(self.errors[:, scored] / self._of_ceilings(scored, counted_error)), axis=(-1, -2))
         return np.asarray(np.exp(self.average(ratio[None])[0]))
 
     @cached_property
@@ -380,6 +390,10 @@ class Board:
         return curves
 
 
+def _geometric_mean(x: Array) -> float:
+    return float(np.exp(np.log(x).mean()))
+
+
 def tier_of(scenario: str) -> str:
     """Return the tier of a scenario's name; one that belongs to no tier counts as "ideal".
 
@@ -409,9 +423,10 @@ def meaning_of(scenario: str) -> str:
 def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     """Return the board of a suite's results.
 
-    Members of a row are the policies whose specifications name it in `rows`. A row with a member
-    that failed in a scenario counts there as the motionless baseline: an arm at its start. One
-    with a member that failed in all of them, or lacks a result, is left out and named.
+    Members of a row are the policies whose specifications name it in `rows`. A policy that the
+    expected cells have in some scenarios only is no row, and may be the ceiling there. A row with a
+    member that failed in a scenario counts there as the motionless baseline: an arm at its start.
+    One with a member that failed in all of them, or lacks a result, is left out and named.
 
     Args:
         results: of cells with the same seeds; a scenario may have more, which only tell how often a
@@ -424,7 +439,14 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     tasks = _by_name(result.cell.scenario for result in results if result.rows)
     specs = _by_name(cell.policy for cell in (*(result.cell for result in results), *expected))
     rows: dict[str, tuple[PolicySpec, ...]] = {}
+    names = dict.fromkeys(cell.scenario.name for cell in expected)
+    wanted: dict[str, set[str]] = {}
+    for one in expected:
+        wanted.setdefault(one.policy.name, set()).add(one.scenario.name)
+    partial = {policy: some for policy, some in wanted.items() if len(some) < len(names)}
     for spec in specs.values():
+        if spec.name in partial:
+            continue
         for row in spec.rows or (spec.name,):
             rows[row] = (*rows.get(row, ()), spec)
     stored: dict[str, dict[str, Result]] = {name: {} for name in specs}
@@ -435,7 +457,9 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         for spec in members:
             if reason := _lack(stored[spec.name], tasks):
                 incomplete.setdefault(row, reason if len(members) == 1 else f"{spec.name}: {reason}")
-    names = dict.fromkeys(cell.scenario.name for cell in expected)
+    for policy, some in partial.items():
+        if reason := _lack(stored[policy], some):
+            incomplete[policy] = f"{reason}, where it may be the ceiling"
     absent = [name for name in names if name not in tasks]
     gap = f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else ""
     complete = {row: members for row, members in rows.items() if row not in incomplete}
@@ -463,9 +487,8 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         k: np.array([[run["diverged"] for run in row[k]] for row in table])
         for k in range(len(tasks)) if len(table[0][k]) > count
     }  # fmt: skip
-    keys = sorted(
-        stored[spec.name][task].cell.key for members in complete.values() for spec in members for task in tasks
-    )
+    used = [*partial, *(spec.name for members in complete.values() for spec in members)]
+    keys = sorted(result.cell.key for policy in used for result in stored[policy].values())
     version = hashlib.sha256("".join(keys).encode()).hexdigest()[:12]
     return Board(
         complete,
@@ -479,7 +502,11 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         cell.metrics,
         flags,
         version,
-    )
+        {k: {
+            policy: {name: np.array([run[name] for run in of[:count]]) for name in cell.columns}
+            for policy in partial if task in stored[policy] and (of := stored[policy][task].rows)
+        } for k, task in enumerate(tasks)},
+    )  # fmt: skip
 
 
 def _lack(results: Mapping[str, Result], tasks: Iterable[str]) -> str:

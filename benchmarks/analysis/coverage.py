@@ -50,7 +50,11 @@ def coverage(board: Board, seeds: int) -> dict[str, Array]:
 def _of(board: Board, some: Array) -> Board:
     """Return the board of some of the seeds [n], which a mask chooses."""
     runs = {name: values[..., some] for name, values in board.runs.items()}
-    return dataclasses.replace(board, seeds=tuple(np.array(board.seeds)[some].tolist()), runs=runs)
+    partial = {
+        k: {law: {name: x[some] for name, x in metrics.items()} for law, metrics in laws.items()}
+        for k, laws in board.partial.items()
+    }
+    return dataclasses.replace(board, seeds=tuple(np.array(board.seeds)[some].tolist()), runs=runs, partial=partial)
 
 
 def _holds(interval: Estimate, truth: Estimate) -> Array:

@@ -112,6 +112,7 @@ class Suite:
         seeds: how many of the test seeds, from 0 on.
         metrics: external ones to measure, too.
         more_seeds: how many test seeds some scenarios have, by name, if more than `seeds`.
+        ceilings: names of the scenarios in which a further policy may be the ceiling, by its name.
     """
 
     name: str
@@ -120,6 +121,7 @@ class Suite:
     seeds: int
     metrics: tuple[Metric, ...] = ()
     more_seeds: Mapping[str, int] = field(default_factory=dict)
+    ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         set_fields(
@@ -131,11 +133,16 @@ class Suite:
 
     @cached_property
     def cells(self) -> list[Cell]:
-        """The cells, scenario by scenario, each with every policy."""
+        """The cells, scenario by scenario, each with every policy; last those of ceilings."""
         policies = [*map(resolve_isolated, self.policies)]
         seeds = [tuple(SPLITS["test"][: self.more_seeds.get(task.name, self.seeds)]) for task in self.scenarios]
         tasks = [*zip(self.scenarios, seeds, strict=True)]
-        return [Cell(policy, task, some, self.metrics) for task, some in tasks for policy in policies]
+        cells = [Cell(policy, task, some, self.metrics) for task, some in tasks for policy in policies]
+        return cells + [
+            Cell(resolve(law), task, tuple(SPLITS["test"][: self.seeds]), self.metrics)
+            for law, names in self.ceilings.items() if law not in (policy.name for policy in policies)
+            for task in self.scenarios if task.name in names
+        ]  # fmt: skip
 
 
 def training(folder: Path) -> tuple[str, int]:
@@ -229,6 +236,7 @@ class SuiteSpec:
         tasks: names, families, files and tables of further scenarios.
         seeds: how many of the test seeds.
         more_seeds: how many of some scenarios, by name, in which many policies lose runs.
+        ceilings: as for `Suite`; only beside the suite's own policies.
         file: that describes the suite; None: it is one of `SUITES`.
     """
 
@@ -240,6 +248,7 @@ class SuiteSpec:
     tasks: tuple[Any, ...] = ()
     seeds: int = 32
     more_seeds: Mapping[str, int] = field(default_factory=dict)
+    ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     file: Path | None = None
 
     @property
@@ -286,9 +295,10 @@ class SuiteSpec:
         """
         chosen = expand(tasks) or self.scenarios
         specs = members((*(policies or self.policy_names), *more), limits)
+        ceilings = {} if policies else self.ceilings
         if seeds is not None:
-            return Suite(self.name, specs, chosen, seeds, metrics)
-        return Suite(self.name, specs, chosen, self.seeds, metrics, self.more_seeds)
+            return Suite(self.name, specs, chosen, seeds, metrics, {}, ceilings)
+        return Suite(self.name, specs, chosen, self.seeds, metrics, self.more_seeds, ceilings)
 
 
 NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
@@ -296,6 +306,7 @@ NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac"
 
 _SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque
 _SLOW = ("nmpc",)  # it takes as long as all others together
+_PLANNED = "oracle-planned"  # it only differs from oracle-elastic where drives reach their limits
 
 SUITES: dict[str, SuiteSpec] = {
     spec.name: spec
@@ -304,16 +315,17 @@ SUITES: dict[str, SuiteSpec] = {
             "hardware",
             "the board: every policy, tuned where it can be, but nmpc, on hardware at severity 2 and surprise, 32 "
             "seeds, 512 in saturation",
-            {"hardware": (2,), "surprise": (2,)}, (*_SINGLE, *_SLOW, *NEEDS_ACCELERATION),
-            more_seeds={"hardware-saturation-2": 512},
+            {"hardware": (2,), "surprise": (2,)}, (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION),
+            more_seeds={"hardware-saturation-2": 512}, ceilings={_PLANNED: ("hardware-saturation-2",)},
         ),
         SuiteSpec(
             "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, Table 1's arm, 32 seeds",
-            {"ideal": (2,)}, _SINGLE,
+            {"ideal": (2,)}, (*_SINGLE, _PLANNED),
         ),
         SuiteSpec(
             "full", "the tiers hardware, surprise and ideal (Table 1's arm) at all severities, 64 seeds, without nmpc",
-            dict.fromkeys(("hardware", "surprise", "ideal"), scenarios.SEVERITIES[1:]), (*_SINGLE, *_SLOW), seeds=64,
+            dict.fromkeys(("hardware", "surprise", "ideal"), scenarios.SEVERITIES[1:]), (*_SINGLE, *_SLOW, _PLANNED),
+            seeds=64, ceilings={_PLANNED: tuple(f"hardware-saturation-{severity}" for severity in (1, 2, 3))},
         ),
     )
 }  # fmt: skip
