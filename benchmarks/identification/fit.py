@@ -22,6 +22,10 @@ TERMS = {
 }  # fmt: skip
 """Terms that stay if they lower the error of windows that were not fitted."""
 
+STEP = 0.03
+"""Change of a scaled number for a derivative: across many stops of the joints, which are no smooth
+functions of the numbers."""
+
 ZERO_SPREAD = 0.1
 """Standard deviation of a log's zero of the angles, before its motion is known [rad]."""
 
@@ -127,7 +131,7 @@ class _Problem:
         ]
         x[:n] = np.maximum(x[:n], 1e-3)
         prior = x.copy()
-        steps = np.r_[np.full(n, 1e-3), 1e-4, 1e-4, 0.1 * data.spread]
+        steps = np.r_[np.full(n, STEP), 0.1 * STEP, 0.1 * STEP, 0.5 * data.spread]
         size = np.full((k, 2), 0.05)
         for _ in range(rounds):
             e = self.error(x, steps)
@@ -149,8 +153,10 @@ class _Problem:
                 return np.r_[project(self.error(x)[0][..., None]).ravel(), x[:n] - prior[:n], x[n:]]
 
             def derivative(x: Array, project: Callable[..., Array] = without_state) -> Array:
-                e = self.error(x, steps[: n + 2])
-                moved = project(((e[1:] - e[0]) / steps[: n + 2, None, None, None]).transpose(1, 2, 3, 0))
+                up, down = steps[: n + 2], steps[: n + 2].copy()
+                down[:n] = np.minimum(down[:n], x[:n])  # no number is below 0
+                slope = (self.error(x, up)[1:] - self.error(x, -down)[1:]) / (up + down)[:, None, None, None]
+                moved = project(slope.transpose(1, 2, 3, 0))
                 table = np.zeros((*moved.shape[:2], n + 2 * logs))
                 table[..., :n] = moved[..., :n]
                 for j in (0, 1):
