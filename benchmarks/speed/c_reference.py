@@ -46,6 +46,8 @@ class Reference:
         lanes: number of arms, a multiple of eight.
         friction: viscous [N m s/rad], Coulomb [N m], and the velocity [rad/s] over which the
             Coulomb part changes sign.
+        joint: stiffness [N m/rad], damping [N m s/rad] and rotor inertia [kg m^2] of elastic
+            joints; None: rigid joints.
 
     Raises:
         RuntimeError: if no C compiler is found.
@@ -56,15 +58,17 @@ class Reference:
         arm: ArmParameters,
         lanes: int,
         friction: tuple[float, float, float] = (1.0, 1.0, 0.01),
+        joint: tuple[float, float, float] | None = None,
     ) -> None:
         library = load()
         if library is None:
             raise RuntimeError("the C reference needs a C compiler (cc, gcc or clang), and none was found")
         if lanes % LANES:
             raise ValueError(f"lanes must be a multiple of {LANES}, got {lanes}")
-        self._advance = library.advance
-        self._arm = (ctypes.c_double * 8)(*arm.lumped, *friction)
-        self.state = _aligned(4 * lanes).reshape(lanes // LANES, 4, LANES)
+        self._advance = library.advance_rigid if joint is None else library.advance_elastic
+        self._arm = (ctypes.c_double * 11)(*arm.lumped, *friction, *(joint or (0.0, 0.0, 1.0)))
+        rows = 4 if joint is None else 8
+        self.state = _aligned(rows * lanes).reshape(lanes // LANES, rows, LANES)
         self.torque = _aligned(2 * lanes).reshape(lanes // LANES, 2, LANES)
 
     def step(self, substeps: int = 10, physics_dt: float = 1e-3) -> None:
@@ -76,12 +80,18 @@ class Reference:
         )  # fmt: skip
 
 
-def contestant(arm: ArmParameters, lanes: int) -> Callable[[], int]:
-    """Return a function that advances a batch by one control step, and returns its lanes."""
-    reference = Reference(arm, lanes)
+def stepper(arm: ArmParameters, lanes: int, *, elastic: bool = False) -> Callable[[], int] | None:
+    """Return a function that advances a batch by one control step; None without a C compiler.
+
+    Elastic joints have 2,000 N m/rad, 5 N m s/rad and rotors of 0.5 kg m^2, and physics steps of
+    half the length, as in the tier `hardware`.
+    """
+    if load() is None:
+        return None
+    reference = Reference(arm, lanes, joint=(2000.0, 5.0, 0.5) if elastic else None)
 
     def step() -> int:
-        reference.step()
+        reference.step(*((20, 5e-4) if elastic else (10, 1e-3)))
         return lanes
 
     return step

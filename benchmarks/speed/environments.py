@@ -34,7 +34,7 @@ _HARDWARE = {"scenario": "hardware-elastic-2"}
 """Options of an arm with elastic joints, delay, lag, encoders and friction."""
 
 _ARM = "fbl_gym:fbl_gym/TwoLinkArm-v0"
-_C = "C, physics alone, 4096"
+_C, _C_ELASTIC = "C, physics alone, 4096", "C, physics of elastic joints alone, 4096"
 _ACROBOT, _ACROBOTS = "Acrobot-v1", "SyncVectorEnv(Acrobot-v1), 256"
 
 
@@ -43,17 +43,21 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
     acrobots = gym.make_vec(_ACROBOT, num_envs=256, vectorization_mode="sync")
     contestants: dict[str, tuple[Contestant, str]] = {
         _ACROBOT: (single(gym.make(_ACROBOT), 1), ""),
+        "Pendulum-v1": (single(gym.make("Pendulum-v1"), np.zeros(1)), _ACROBOT),
         "TwoLinkArm-v0": (single(gym.make(_ARM), np.zeros(2)), _ACROBOT),
         "TwoLinkArm-v0, busy": (single(gym.make(_ARM, **_BUSY), np.zeros(2)), _ACROBOT),
+        "TwoLinkArm-v0, unwrapped": (single(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
         _ACROBOTS: (batch(acrobots, np.ones(256, dtype=int)), ""),
     }
     if find_spec("mujoco"):
         contestants["Reacher-v5"] = (single(gym.make("Reacher-v5"), np.zeros(2)), _ACROBOT)
         contestants["MuJoCo, the same arm, RK4"] = (mujoco_arm(TABLE_1), _ACROBOT)
-    if c_reference.load() is not None:
-        contestants[_C] = (c_reference.contestant(TABLE_1, 4096), "")
+    for name, elastic in ((_C, False), (_C_ELASTIC, True)):
+        reference = c_reference.stepper(TABLE_1, 4096, elastic=elastic)
+        if reference is not None:
+            contestants[name] = (reference, "")
     for lanes in (16, 256, 4096):
-        for suffix, options, peer in (("", {}, _C), (", busy", _BUSY, _C), (", hardware", _HARDWARE, _ACROBOTS)):
+        for suffix, options, peer in (("", {}, _C), (", busy", _BUSY, _C), (", hardware", _HARDWARE, _C_ELASTIC)):
             env = gym.make_vec(_ARM, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
             peer = peer if lanes == 4096 and peer in contestants else _ACROBOTS
             contestants[f"TwoLinkArm-v0 batch, {lanes}{suffix}"] = (batch(env, np.zeros((lanes, 2))), peer)

@@ -1,7 +1,8 @@
 /* The arm in hand-written C, eight lanes wide: the physics alone, as a limit for the package's kernel.
 
    No reference, readings, reward or observation. Friction is a smooth curve that always acts, so no joint sticks.
-   A block of eight lanes holds one row per state: position and velocity of both joints. */
+   A block of eight lanes holds one row per state: position and velocity of both joints; with elastic joints also
+   position and velocity of both motors. */
 
 #define LANES 8
 typedef double lanes __attribute__((vector_size(8 * LANES)));
@@ -10,6 +11,7 @@ typedef long long whole __attribute__((vector_size(8 * LANES)));
 typedef struct {
     double p1, p2, p3, p4, p5;         /* lumped parameters, see fbl_gym/model/arm.py */
     double viscous, coulomb, width;    /* friction: viscous v + coulomb v / sqrt(v^2 + width^2) */
+    double stiffness, damping, rotor;  /* elastic joints: N m/rad, N m s/rad, kg m^2 */
 } arm;
 
 static inline lanes pick(whole mask, lanes yes, lanes no) { return (lanes)((mask & (whole)yes) | (~mask & (whole)no)); }
@@ -51,29 +53,44 @@ static inline void links(const arm *m, const lanes *q, const lanes *v, const lan
 }
 
 /* Derivative of a state under the torques u of the drives. */
-static inline void slope(const arm *m, const lanes *x, const lanes *u, lanes *dx) {
+static inline void slope(const arm *m, int elastic, const lanes *x, const lanes *u, lanes *dx) {
     lanes t[2];
     for (int i = 0; i < 2; i++) {
         dx[i] = x[2 + i];
-        t[i] = u[i] - friction(m, x[2 + i]);
+        if (elastic) {
+            t[i] = m->stiffness * (x[4 + i] - x[i]) + m->damping * (x[6 + i] - x[2 + i]);
+            dx[4 + i] = x[6 + i];
+            dx[6 + i] = (u[i] - t[i] - friction(m, x[6 + i])) / m->rotor;
+        } else {
+            t[i] = u[i] - friction(m, x[2 + i]);
+        }
     }
     links(m, x, x + 2, t, dx + 2);
 }
 
-void advance(const arm *m, double *state, const double *torque, long blocks, int substeps, double h) {
+static inline void advance(const arm *m, int elastic, double *state, const double *torque, long blocks, int substeps, double h) {
+    const int rows = elastic ? 8 : 4;
     for (long b = 0; b < blocks; b++) {
-        lanes *x = (lanes *)(state + b * 4 * LANES);
+        lanes *x = (lanes *)(state + b * rows * LANES);
         const lanes *u = (const lanes *)(torque + b * 2 * LANES);
         for (int step = 0; step < substeps; step++) {
-            lanes k1[4], k2[4], k3[4], k4[4], y[4];
-            slope(m, x, u, k1);
-            for (int i = 0; i < 4; i++) y[i] = x[i] + 0.5 * h * k1[i];
-            slope(m, y, u, k2);
-            for (int i = 0; i < 4; i++) y[i] = x[i] + 0.5 * h * k2[i];
-            slope(m, y, u, k3);
-            for (int i = 0; i < 4; i++) y[i] = x[i] + h * k3[i];
-            slope(m, y, u, k4);
-            for (int i = 0; i < 4; i++) x[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+            lanes k1[8], k2[8], k3[8], k4[8], y[8];
+            slope(m, elastic, x, u, k1);
+            for (int i = 0; i < rows; i++) y[i] = x[i] + 0.5 * h * k1[i];
+            slope(m, elastic, y, u, k2);
+            for (int i = 0; i < rows; i++) y[i] = x[i] + 0.5 * h * k2[i];
+            slope(m, elastic, y, u, k3);
+            for (int i = 0; i < rows; i++) y[i] = x[i] + h * k3[i];
+            slope(m, elastic, y, u, k4);
+            for (int i = 0; i < rows; i++) x[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
         }
     }
+}
+
+void advance_rigid(const arm *m, double *state, const double *torque, long blocks, int substeps, double h) {
+    advance(m, 0, state, torque, blocks, substeps, h);
+}
+
+void advance_elastic(const arm *m, double *state, const double *torque, long blocks, int substeps, double h) {
+    advance(m, 1, state, torque, blocks, substeps, h);
 }
