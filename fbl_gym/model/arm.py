@@ -24,6 +24,7 @@ and disturbance [N m]; all but the arm [... x 2].
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -36,6 +37,9 @@ from fbl_gym.records import Record, number, pair
 Array: TypeAlias = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.81
+
+LEAST_INERTIA = 1e-12
+"""Least determinant of M, as a share of M11 M22. Below it, rounding decides how the arm moves."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +74,14 @@ class ArmParameters(Record):
     rotor: Pair | float = pair(0.0, unit="kg m^2", low=0)
 
     def validate(self) -> None:
-        """Refuse an arm without inertia about a joint."""
-        p1, p2, p3, _, _ = self.lumped
-        if not (p1 + self.rotor[0]) * (p2 + self.rotor[1]) > p3 * p3:  # type: ignore[index]
+        """Refuse an arm without inertia about a joint, or with numbers that overflow."""
+        *inertias, p4, p5 = self.lumped.tolist()
+        matrices = [inertia_terms(*inertias, *self.rotor, c2) for c2 in (-1.0, 1.0)]  # type: ignore[call-arg, misc]
+        regular = all(m12 * m12 < (1.0 - LEAST_INERTIA) * m11 * m22 < math.inf for m11, m12, m22 in matrices)
+        if not (regular and abs(p4) + abs(p5) < math.inf):
             raise ValueError(
-                f"the arm must have inertia about both joints, got centre={self.centre}, inertia={self.inertia} and "
-                f"rotor={self.rotor}; a link whose mass is on its joint needs an inertia or a rotor"
+                f"the arm must have inertia about both joints, within the range of a float, got {self}; a link whose mass "
+                "is on its joint needs an inertia or a rotor"
             )
 
     @staticmethod
@@ -97,8 +103,11 @@ class ArmParameters(Record):
             rotor: rotor inertias, reflected to the joints [kg m^2].
             gravity: acceleration of gravity [m/s^2].
         """
-        fractions = [c / x for c, x in zip(centre, length, strict=True)]
-        shares = [i / (m * x * x) for i, m, x in zip(inertia, mass, length, strict=True)]
+        try:
+            fractions = [c / x for c, x in zip(centre, length, strict=True)]
+            shares = [i / (m * x * x) for i, m, x in zip(inertia, mass, length, strict=True)]
+        except ZeroDivisionError:
+            raise ValueError(f"mass and length must be greater than 0, got mass={mass} and length={length}") from None
         return ArmParameters(*mass, *length, gravity, fractions, shares, rotor)  # type: ignore[arg-type]
 
     @staticmethod

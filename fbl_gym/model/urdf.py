@@ -31,6 +31,7 @@ class _Joint(NamedTuple):
     origin: Array
 
 
+@np.errstate(over="ignore", invalid="ignore")  # the arm refuses numbers that are not finite
 def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
     """Return the arm of a URDF file.
 
@@ -135,7 +136,10 @@ def _child(element: Element, name: str) -> Element:
 def _read_joint(joint: Element) -> _Joint:
     name, kind = joint.attrib["name"], joint.attrib["type"]
     parent, child = (_child(joint, end).attrib["link"] for end in ("parent", "child"))
-    return _Joint(name, kind, parent, child, _read_vector(joint.find("axis"), "xyz", "1 0 0"), _read_pose(joint))
+    axis = _read_vector(joint.find("axis"), "xyz", "1 0 0")
+    if not np.linalg.norm(axis) > 0.0:
+        raise ValueError(f"axis of {name} must have a direction, got {axis}")
+    return _Joint(name, kind, parent, child, axis, _read_pose(joint))
 
 
 def _read_mass(link: Element) -> tuple[float, Array, Array]:

@@ -26,7 +26,7 @@ class Actuator(Record):
         rate_limit: largest change of the torque per time, before the lag; None: no limit.
     """
 
-    torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, optional=True)
+    torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, high=1e30, optional=True)
     delay: Number = number(0.0, unit="s", varies=True, low=0)
     lag: Number = number(0.0, unit="s", varies=True, low=0)
     gain: Numbers = pair(1.0, varies=True, low=0)

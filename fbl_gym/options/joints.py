@@ -51,7 +51,10 @@ class ElasticJoint(Record):
         if min(scenario.rotor) <= 0.0:
             raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {scenario.rotor}")
         # The lightest links are the fastest. Lengths may act either way.
-        rate = max(fastest_rate(arm, scenario.rotor, self, scenario.most_viscous) for arm in scenario.lightest)
+        try:
+            rate = max(fastest_rate(arm, scenario.rotor, self, scenario.most_viscous) for arm in scenario.lightest)
+        except np.linalg.LinAlgError:
+            raise ValueError(f"joint must have a finite rate on links with an inertia, got {self}") from None
         scenario.check_rate("these joints", rate, LARGEST_STEP)
 
     def pack(self, packer: Packer) -> None:
@@ -72,6 +75,7 @@ class ElasticJoint(Record):
         }
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: Pair) -> float:
     """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
 

@@ -28,7 +28,7 @@ class Limits(Record):
     position: float = number(4 * np.pi, unit="rad", above=0)
     velocity: float = number(100.0, unit="rad/s", above=0)
     acceleration: float = number(1e5, unit="rad/s^2", above=0)
-    command: float = number(100.0, unit="rad/s^2", above=0)
+    command: float = number(100.0, unit="rad/s^2", above=0, high=1e30)
     error: float | None = number(None, unit="rad", above=0)
     error_time: float = number(1.0, unit="s", above=0)
 

@@ -37,7 +37,7 @@ class SensorError(Record):
     density: Numbers = pair(0.0, varies=True, low=0)
     bias: Numbers = pair(0.0, varies=True)
     quantization: Pair | float = pair(0.0, low=0)
-    snr_db: float | None = number(None, unit="dB")
+    snr_db: float | None = number(None, unit="dB", low=-6000)
 
     def validate(self) -> None:
         """Refuse two sizes of the noise."""
@@ -123,7 +123,7 @@ class Encoder(Record):
         latency: age of the readings of position and velocity, in control samples.
     """
 
-    counts: Pair | float | None = pair(None, above=0)
+    counts: Pair | float | None = pair(None, low=1e-3)
     difference: int | None = whole(None, low=1)
     low_pass: float | None = number(None, unit="Hz", above=0)
     latency: int = whole(0)
