@@ -39,6 +39,10 @@ class Validation(NamedTuple):
     validation_mrad: float
 
 
+BETWEEN = 20.0
+"""Time between two checkpoints, over the time that writing one takes."""
+
+
 class Progress(BaseCallback):
     """A callback that validates the agent, saves the best one and writes checkpoints.
 
@@ -105,7 +109,7 @@ class Progress(BaseCallback):
         if (start := time.monotonic()) >= self._next_checkpoint:
             with replacing(self.folder / CHECKPOINT) as beside:
                 torch.save(self._checkpoint(), beside)
-            self._next_checkpoint = time.monotonic() + 20 * (time.monotonic() - start)
+            self._next_checkpoint = time.monotonic() + BETWEEN * (time.monotonic() - start)
         self.logger.record("validation/rms_mrad", error)
         left = f", {timedelta(seconds=int(wall * (1 - fraction) / fraction))} left" if fraction > 0 else ""
         print(

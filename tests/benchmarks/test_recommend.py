@@ -104,7 +104,8 @@ def test_the_check_on_drawn_arms(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(drawn_arms, "draw", lambda i: draw(i).replace(duration=1.0))
     few = ["1", "--seeds", "2", "--workers", "1", "--store", str(tmp_path), "--policies"]
     drawn_arms.main([*few, "pd-gravity", "computed-torque"])
-    line, share = capsys.readouterr().out.splitlines()
+    line, share, *always = capsys.readouterr().out.splitlines()
+    assert sorted(text.split()[5].rstrip(":") for text in always) == ["computed-torque", "pd-gravity"]
     assert line.startswith(f"{draw(0).name}: ")
     assert "of 1 first choices within 1.5 times the best" in share
     drawn_arms.main([*few, "zero"])
