@@ -7,6 +7,7 @@ zeros of the angles, as drives are often zeroed where the arm happens to rest.
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -120,8 +121,13 @@ class _Problem:
                 states[i + 1, :, i - n - 2] += steps[i]  # type: ignore[index]
         return self.data.simulate(parameters, zeros, states) - self.data.measured
 
-    def solve(self, rounds: int = 3, evaluations: int = 10) -> tuple[Array, Array, Array, Array]:
-        """Return the solution, its residuals, their derivative and the size of the errors."""
+    def solve(
+        self, rounds: int = 3, evaluations: int = 15, start_size: Array | float = 0.05
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return the solution, its residuals, their derivative and the size of the errors [k x 2].
+
+        Errors are relative to a size, first the given one, then that of the errors of each round.
+        """
         data, n, logs = self.data, len(self.free), self.logs
         k = len(data.keep)
         low = np.r_[np.zeros(n), np.full(2 * logs, -np.inf)]
@@ -132,7 +138,7 @@ class _Problem:
         x[:n] = np.maximum(x[:n], 1e-3)
         prior = x.copy()
         steps = np.r_[np.full(n, STEP), 0.1 * STEP, 0.1 * STEP, 0.5 * data.spread]
-        size = np.full((k, 2), 0.05)
+        size: Array = np.broadcast_to(start_size, (k, 2))
         for _ in range(rounds):
             e = self.error(x, steps)
             to_state = ((e[n + 3 :] - e[0]) / steps[n + 2 :, None, None, None] / size).transpose(1, 2, 3, 0) / np.sqrt(
@@ -205,10 +211,11 @@ def _scale(logs: Sequence[Log], first: Array) -> Array:
 
 
 def _fit(
-    logs: list[Log], free: Sequence[str], first: Array, tie: float, every: float
+    logs: list[Log], free: Sequence[str], first: Array, tie: float, every: float, *known: Any
 ) -> tuple[_Problem, tuple[Array, ...]]:
+    """Return a problem and its solution; see `_Problem.solve` for what is known."""
     problem = _Problem(windows(logs, every=every), tuple(free), first, tie, _scale(logs, first))
-    return problem, problem.solve(*((3, 15) if free else (2, 6)))
+    return problem, problem.solve(*known)
 
 
 def _held_out(folds: list[list[Log]], free: Sequence[str], first: Array, tie: float, size: Array) -> Array:
@@ -216,8 +223,8 @@ def _held_out(folds: list[list[Log]], free: Sequence[str], first: Array, tie: fl
     costs = []
     for fold in folds:
         others = [log for other in folds if other is not fold for log in other]
-        problem, (x, *_) = _fit(others, free, first, tie, 0.5)
-        judged, (zeros, *_) = _fit(fold, (), problem.unpack(x)[0], tie, 0.25)
+        problem, (x, *_) = _fit(others, free, first, tie, 0.5, 1, 8, size)
+        judged, (zeros, *_) = _fit(fold, (), problem.unpack(x)[0], tie, 0.5, 1, 6, size)
         costs.append(np.mean(np.sqrt(1.0 + (judged.error(zeros)[0] / size) ** 2) - 1.0))
     return np.array(costs)
 

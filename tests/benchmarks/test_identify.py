@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.identification import excitation
+from benchmarks.identification import fit as fitting
 from benchmarks.identification.fit import identify, rollout_errors
 from benchmarks.identification.logs import COLUMNS, columns, read
 from benchmarks.identification.model import INDEX, parameters_of, windows
@@ -28,7 +29,7 @@ ROBOT = START.replace(
 ZERO = (0.05, -0.04)
 
 
-def run(seed, zero=(0.0, 0.0), robot=ROBOT, seconds=8.0):
+def run(seed, zero=(0.0, 0.0), robot=ROBOT, seconds=6.0):
     """Return time, measured positions and commands of a robot under two sines a joint [n x 5]."""
     generator = np.random.default_rng(seed)
     rate, phase = generator.uniform(2.0, 12.0, (2, 2)), generator.uniform(0, 6.28, (2, 2))
@@ -73,7 +74,7 @@ def fit(files):
 def test_a_log_says_what_was_found(files):
     log = read(files[0])
     assert log.counts == pytest.approx([16384, 16384], rel=1e-3)
-    assert "4000 samples" in log.remarks[0]
+    assert "3000 samples" in log.remarks[0]
     assert "not logged" in log.remarks[1]
     assert log.dt == 0.004
     assert log.sample == pytest.approx(0.002, rel=0.02)
@@ -155,8 +156,9 @@ def test_the_arm_is_the_same_motion(fit):
     assert inertia_matrix(arm, q) == pytest.approx(inertia_matrix(ROBOT.arm, q), rel=0.02)
 
 
-def test_what_a_log_cannot_tell_is_named(tmp_path):
+def test_what_a_log_cannot_tell_is_named(tmp_path, monkeypatch):
     """Joint 2 hangs still, so that nothing tells its rotor."""
+    monkeypatch.setattr(fitting, "FOLDS", 2)
     robot = ROBOT.replace(friction={"viscous": (0.02, 0.01), "coulomb": (0.1, 5.0)})
     still = [read(write(tmp_path / f"{seed}.csv", run(seed, robot=robot, seconds=6.0))) for seed in (3, 4)]
     found = identify(still, START)
@@ -183,6 +185,7 @@ def test_a_plan_starts_at_rest_and_keeps_limits():
 
 def test_the_command_writes_a_scenario_with_distributions(files, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(fitting, "FOLDS", 2)
     assert cli.main(["identify", "--plan", "plan.csv", "--start", "dfki-c1"]) == 0
     assert scenarios.get("plan.toml").reference.kind == "array"
     command = ["identify", *map(str, files[:2]), "--start", "dfki-c1", "--out", "my_arm.toml"]
