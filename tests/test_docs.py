@@ -105,7 +105,7 @@ ELSEWHERE = ("reproduce", "train", "curves")
 """Commands that other tests run."""
 
 
-LONG_PAGES = ("docs/start/your-robot.md", "docs/results/mujoco.md")
+LONG_PAGES = ("docs/start/your-robot.md", "docs/how-to/identify.md", "docs/results/mujoco.md")
 
 
 def marked(page):

@@ -156,6 +156,7 @@ def test_the_arm_is_the_same_motion(fit):
     assert inertia_matrix(arm, q) == pytest.approx(inertia_matrix(ROBOT.arm, q), rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_a_log_cannot_tell_is_named(tmp_path, monkeypatch):
     """Joint 2 hangs still, so that nothing tells its rotor."""
     monkeypatch.setattr(fitting, "FOLDS", 2)
