@@ -33,8 +33,8 @@ TAIL = (1 - LEVEL) / 2
 RESAMPLES = 2000
 """Default number of bootstrap resamples."""
 
-BOUNDS = -100.0, 120.0
-"""Least and largest score."""
+BOUNDS = -100.0, 100.0
+"""Least and largest score. A row above its ceiling gains nothing by it; the board names it."""
 
 DIVERGENCE_PENALTY = 100 * np.log(2.0)
 """Price of a share of diverged runs in the logarithm of the error: each percent costs as much as
