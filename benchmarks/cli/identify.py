@@ -9,7 +9,7 @@ from rich.progress import Progress
 
 from benchmarks.cli.common import add_plot, command_line, csv_path, positive, toml_path
 from benchmarks.identification import excitation, logs, result
-from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors
+from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors, stiffness
 from benchmarks.identification.model import PARAMETERS, parameters_of
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
@@ -78,6 +78,11 @@ def run(arguments: argparse.Namespace) -> int:
             fit = identify(runs, start, tick)
         parameters = fit.parameters
         _print(fit, screen)
+        if runs[0].link is not None:
+            rows = [(f"joint {j + 1}", *(f"{x:.4g}" for x in row)) for j, row in enumerate(stiffness(runs, start))]
+            screen.print(
+                table("stiffness [N m/rad]; joint.stiffness takes it", ("joint", "estimate", "5 %", "95 %"), rows)
+            )
         if arguments.out is not None:
             base = result.reached(arguments.start, arguments.out)
             result.write(arguments.out, result.text(fit, runs, start, base, command_line()))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.signal import savgol_filter
 
 from benchmarks.identification.logs import Log
 from benchmarks.identification.model import INDEX, Windows, parameters_of, regress, windows
@@ -280,6 +281,43 @@ def _thirds(log: Log) -> list[Log]:
         dataclasses.replace(log, **{name: getattr(log, name)[cut] for name in ("position", "smooth", "torque")})
         for cut in cuts
     ]
+
+
+def stiffness(logs: Sequence[Log], start: Scenario) -> Array:
+    """Return the stiffness of both joints and its 90 % interval, from motors and links [2 x 3].
+
+    The commanded torque, delayed as in `start`, is linear in spring, rotor and friction of the
+    motor (equation of `fbl_gym.options.joints`).
+
+    Raises:
+        ValueError: a log has no positions of the links.
+    """
+    blocks: list[tuple[Array, Array]] = []
+    for log in logs:
+        if log.link is None:
+            raise ValueError(f"stiffness needs positions of motors and links, but {log.name} has one of them")
+        width = 2 * max(3, round(0.04 / log.dt)) + 1
+        late = round(float(parameters_of(start)[INDEX["delay"]]) / log.dt)
+        stretch, v, a, u = (
+            savgol_filter(x, width, 3, d, log.dt, axis=0)[width:-width]
+            for x, d in (
+                (log.position - log.link, 0),
+                (log.position, 1),
+                (log.position, 2),
+                (np.roll(log.torque, late, 0), 0),
+            )
+        )
+        table = np.stack([stretch, a, v, np.tanh(v / 0.05), np.ones_like(v)], axis=-1)
+        seconds = np.array_split(np.arange(len(v)), max(2, round(len(v) * log.dt)))
+        blocks += [(table[second], u[second]) for second in seconds]
+    bends = np.array([np.einsum("njx,njy->jxy", table, table) for table, _ in blocks])
+    slopes = np.array([np.einsum("njx,nj->jx", table, torque) for table, torque in blocks])
+    counts = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), size=400)
+    counts = np.concatenate([np.ones((1, len(blocks)), int), counts])
+    draws = np.linalg.solve(
+        np.einsum("db,bjxy->djxy", counts, bends), np.einsum("db,bjx->djx", counts, slopes)[..., None]
+    )
+    return np.column_stack([draws[0, :, 0, 0], *np.quantile(draws[1:, :, 0, 0], (0.05, 0.95), axis=0)])
 
 
 def rollout_errors(log: Log, parameters: Array, length: float, zeros: bool = True) -> tuple[Array, Windows, Array]:
