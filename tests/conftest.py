@@ -5,7 +5,6 @@ import os
 import pytest
 
 SLOW = (
-    "benchmarks/test_paper.py::test_a_claim_has_its_verdict_a_file_and_plots",
     "benchmarks/rl/test_train.py::test_every_algorithm",
     "benchmarks/rl/test_train.py::test_a_killed_run_resumes",
     "benchmarks/rl/test_train.py::test_a_finished_run_is_extended",
