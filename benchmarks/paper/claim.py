@@ -80,12 +80,12 @@ class Outcome(NamedTuple):
     Attributes:
         meets: whether each run meets the claim [n]; one flag for a measurement without chance.
         measured: value as text, the median over the seeds if not stated otherwise.
-        drawn: a trace, which is drawn for the first case, or lines of the claim's panel.
+        lines: of the claim's picture.
     """
 
     meets: Any
     measured: str
-    drawn: Trace | Sequence[Line] = ()
+    lines: Sequence[Line] = ()
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Declared:
         stated: the values that the paper states, each with all its readings.
         chosen: the values that it leaves open, with the project's first choice.
         changes: of each case, to the first values of all; most favourable ones first.
-        panel: fields of the picture's `Panel`, for outcomes with lines.
+        panel: fields of the picture's `Panel`, if its outcomes have lines.
         measure: returns the outcome at some values.
     """
 

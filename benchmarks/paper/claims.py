@@ -9,8 +9,7 @@ from benchmarks.files import write_text
 from benchmarks.paper import section_2, section_3, section_4
 from benchmarks.paper.claim import Case, Claim, Declared, judge, show
 from benchmarks.report.markdown import table
-from benchmarks.report.plot import Line, Panel, plot_lines, plot_trace
-from benchmarks.run.rollout import Trace
+from benchmarks.report.plot import Line, Panel, plot_lines
 from fbl_gym.checks import unknown
 
 CLAIMS: dict[str, Declared] = {
@@ -45,23 +44,17 @@ def measure_claim(name: str, cases: int | None = None) -> tuple[Claim, Callable[
     """
     declared = CLAIMS[name]
     measured: list[Case] = []
-    trace: Trace | None = None
     lines: list[Line] = []
     for kind, title, values in declared.cases()[:cases]:
-        meets, text, drawn = declared.measure(values)
-        measured.append(Case(kind, title, meets, text))
-        if not isinstance(drawn, Trace):
-            lines += drawn
-        elif trace is None:
-            trace = drawn
+        outcome = declared.measure(values)
+        measured.append(Case(kind, title, outcome.meets, outcome.measured))
+        lines += outcome.lines
     at_stated, at_best = judge(measured)
     readings = {value: " | ".join(map(str, each)) for value, each in declared.stated.items()}
     claim = Claim(
         stated=show(readings), chosen=show(declared.chosen), at_stated=at_stated, at_best=at_best,
         cases=tuple(case.row for case in measured), command=f"fbl-gym reproduce --only {name}", **declared.texts,
     )  # fmt: skip
-    if trace is not None:
-        return claim, lambda path: plot_trace(trace, claim.claim, path)
     if not lines:
         return claim, None
     panel = Panel("", lines=tuple(lines), **declared.panel)

@@ -41,7 +41,7 @@ def _curve(law: str, arm: str, direction: str, disturbed: str, reading: str, rat
     95 %.
     """
     adaptive = law == "adaptive"
-    largest, claimed, seeds, seconds = (10.0, [9.0], 80, 1.0) if adaptive else (3.5, [0.1, 1.0], 512, 4.0)
+    largest, claimed, seeds, seconds = (10.0, [9.0], 80, 1.0) if adaptive else (3.5, [0.1, 1.0], 256, 4.0)
     radii = np.unique([*np.expm1(np.linspace(0.0, np.log1p(largest), 8)), *claimed])
     scenario = at_rate(
         scenarios.get("nominal"), rate, arm=ARMS[arm], actuator=None, duration=seconds, disturbance=_LOADS[disturbed],

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.paper.claim import Outcome, Rows, Values, at_rate, claim, percents, run, with_estimates
-from benchmarks.run.rollout import Trace
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import (
     Array,
@@ -16,7 +15,7 @@ from fbl_gym.model.arm import (
     inverse_dynamics,
 )
 
-HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.3),)}
+HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.0),)}
 """A reference that stays at the hanging position."""
 
 
@@ -118,11 +117,11 @@ _OTHERS = [{"reference": name} for name in ("moves of 1.5 s", "steps behind 8 ra
 _GAINS: dict[str, Any] = {"P 10, D 3": {}, "P 10, I 3, D 0 (as printed)": {"kp": 10.0, "ki": 3.0, "kd": 0.0}}
 
 
-def _pid(v: Values) -> tuple[Trace, Rows]:
-    """Return the trace and the metrics of PID on figure 3's motion."""
+def _pid(v: Values) -> Rows:
+    """Return the metrics of PID on figure 3's motion."""
     scenario = with_estimates(scenarios.get("paper-3a"), v["arm"], v["estimates"])
     reference = {"points": vars(scenario.reference)["points"], **_REFERENCES[v["reference"]]}
-    return run("pid-flm", scenario.replace(reference=reference), **_GAINS[v["gains"]])
+    return run("pid-flm", scenario.replace(reference=reference), **_GAINS[v["gains"]])[1]
 
 
 @claim(
@@ -133,9 +132,9 @@ def _pid(v: Values) -> tuple[Trace, Rows]:
     cases=[*_OTHERS, {"arm": "Table 1"}, {"gains": "P 10, I 3, D 0 (as printed)"}],
 )  # fmt: skip
 def figure_3a(v: Values) -> Outcome:
-    trace, rows = _pid(v)
+    rows = _pid(v)
     steady = max(float(rows["steady_1_pct"][0]), float(rows["steady_2_pct"][0]))
-    return Outcome(steady < 1.0, f"{percents(steady)} at rest, mean error {percents(rows['error_pct'])}", trace)
+    return Outcome(steady < 1.0, f"{percents(steady)} at rest, mean error {percents(rows['error_pct'])}")
 
 
 @claim(
@@ -146,6 +145,6 @@ def figure_3a(v: Values) -> Outcome:
     cases=[*_OTHERS, {"arm": "Table 1"}, {"estimates": "double"}, {"estimates": "double", **_OTHERS[1]}],
 )  # fmt: skip
 def figure_3b(v: Values) -> Outcome:
-    (trace, rows), (_, perfect) = _pid(v), _pid({**v, "estimates": "exact"})
+    rows, perfect = _pid(v), _pid({**v, "estimates": "exact"})
     text = f"mean error {percents(rows['error_pct'])}, {percents(perfect['error_pct'])} with a perfect model"
-    return Outcome(bool(rows["error_pct"][0] > 2.0 * perfect["error_pct"][0]), text, trace)
+    return Outcome(bool(rows["error_pct"][0] > 2.0 * perfect["error_pct"][0]), text)

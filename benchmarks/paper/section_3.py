@@ -88,19 +88,19 @@ _FIGURE_4: dict[str, Any] = {
     "scenario": "paper-4b with steps of a power of 1, each joint from -1 to 1 rad and back",
 }  # fmt: skip
 _UNFILTERED = _FIGURE_4 | {"stated": _FIGURE_4["stated"] | {"filter": ("none",)}}
-_POINTS: dict[str, Any] = {"1": 2 * ((-1.0, -1.0), (1.0, 1.0)), "0.5, one joint": ((0.0, 0.0), (1.0, 0.0))}
+_POINTS: dict[str, Any] = {"1": ((-1.0, -1.0), (1.0, 1.0), (-1.0, -1.0)), "0.5, one joint": ((0.0, 0.0), (1.0, 0.0))}
 _BEST = {"Kp": "150", "reference": "2 rad/s"}
-_FASTEST = {**_BEST, "rate": "20 kHz"}
+_FASTEST = {**_BEST, "rate": "50 kHz"}
 READINGS = [{"noise": "1 dB"}, {"noise": "density 0.1"}]
 _SMALL = {"noise": "σ 0.01"}
 TABLE_1, _DOUBLE = {"arm": "Table 1"}, {"estimates": "double"}
 
 
 def _figure_4(v: Values, seeds: int = SEEDS, watch: Any = None, **gains: Any) -> tuple[Trace, Rows]:
-    """Return the trace and the metrics of the cascade on figure 4's motion of 6 s."""
+    """Return the trace and the metrics of the cascade on figure 4's motion of 4 s."""
     steps = {"kind": "filtered-steps", "points": _POINTS[v["power"]], "bandwidth": number(v["reference"])}
     scenario = at_rate(
-        with_estimates(scenarios.get("paper-4b"), v["arm"], v["estimates"]), v["rate"], duration=6.0, reference=steps,
+        with_estimates(scenarios.get("paper-4b"), v["arm"], v["estimates"]), v["rate"], duration=4.0, reference=steps,
         noise=noise(v["noise"], v["rate"]),
         limits={"acceleration": 1e9, "position": 1e3, "velocity": 1e4},
     )  # fmt: skip
@@ -129,7 +129,7 @@ def figure_4a(v: Values) -> Outcome:
     times = np.median(noisy["variation"] / clean["variation"])
     text = f"mean error {percents(noisy['error_pct'])}{diverged(noisy)}, {percents(clean['error_pct'])} without noise; "
     text += f"{times:.3g} times the torque's variation"
-    return Outcome(noisy["error_pct"] > 1.5 * clean["error_pct"], text, _figure_4(v, 1)[0])
+    return Outcome(noisy["error_pct"] > 1.5 * clean["error_pct"], text)
 
 
 @claim(
@@ -157,14 +157,14 @@ def _numbers(rows: Rows) -> str:
     bound="mean error at most 0.5 %, overshoot below 0.5 %",
     cases=[
         _FASTEST, *READINGS, TABLE_1, _BEST, {**_BEST, **TABLE_1}, {**_BEST, "rate": "10 kHz"},
-        *({**_FASTEST, **change} for change in (TABLE_1, *READINGS)), _DOUBLE, {**_BEST, **_DOUBLE}, _SMALL,
+        {**_BEST, "rate": "20 kHz"}, *({**_BEST, **reading} for reading in READINGS), _DOUBLE, {**_BEST, **_DOUBLE}, _SMALL,
         *({**_SMALL, **change} for change in (_BEST, *({"estimates": x} for x in ("exact", "1.5 times", "double", "mixed")))),
     ],
 )  # fmt: skip
 def figure_4b_error(v: Values) -> Outcome:
     rows = _rows(v)
     good = (rows["error_pct"] <= 0.5) & (rows["overshoot_pct"] < 0.5)
-    return Outcome(good, _numbers(rows), _figure_4(v, 1)[0])
+    return Outcome(good, _numbers(rows))
 
 
 _STEP = {"reference": "400 rad/s"}
@@ -174,7 +174,7 @@ _ONE_JOINT = {**_STEP, "Kp": "1", "power": "0.5, one joint"}
 @claim(
     "4b", "settling time of 0.01 s", paper="0.01 s", bound="at most 0.016 s until within 2 % of a step for good", **_FIGURE_4,
     cases=[
-        _STEP, *READINGS, {**_STEP, "Kp": "1"}, {**_STEP, "Kp": "150"}, {**_STEP, "Kp": "150", "rate": "20 kHz"}, _BEST,
+        _STEP, *READINGS, {**_STEP, "Kp": "1"}, {**_STEP, "Kp": "150"}, {**_STEP, "Kp": "150", "rate": "10 kHz"}, _BEST,
         {**_ONE_JOINT, "noise": "none", "filter": "none"}, {**_ONE_JOINT, **_DOUBLE, "noise": "none", "filter": "none"},
         {**_ONE_JOINT, **_DOUBLE, **_SMALL},
     ],

@@ -249,10 +249,10 @@ _FRICTIONS = {"stiction": _friction(coulomb=0.0), "stiction and Coulomb": STICTI
 )  # fmt: skip
 def figure_8(v: Values) -> Outcome:
     scenario = scenarios.get("paper-8").replace(arm=ARMS[v["arm"]], friction=_FRICTIONS[v["friction"]])
-    (trace, rows), (_, smooth) = (run("cascade-flm", task) for task in (scenario, scenario.replace(friction=None)))
+    rows, smooth = (run("cascade-flm", task)[1] for task in (scenario, scenario.replace(friction=None)))
     text = f"mean error {percents(rows['error_pct'])}, at rest {_steady(rows)}; without friction "
     text += f"{percents(smooth['error_pct'])}, {_steady(smooth)}"
-    return Outcome(bool(rows["error_pct"][0] > 1.2 * smooth["error_pct"][0]), text, trace)
+    return Outcome(bool(rows["error_pct"][0] > 1.2 * smooth["error_pct"][0]), text)
 
 
 def _steady(rows: Rows) -> str:
@@ -355,6 +355,6 @@ def figure_10(v: Values) -> Outcome:
         **loads,
     )
     policy, gains = _LAWS_10[v["law"]]
-    trace, rows = run(policy, scenario, SEEDS, **gains)
+    _, rows = run(policy, scenario, SEEDS, **gains)
     good = (rows["steady_1_pct"] < 0.01) & (rows["steady_2_pct"] < 0.03)
-    return Outcome(good, _steady(rows), trace)
+    return Outcome(good, _steady(rows))
