@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from controllers.policy import Law, State, reference_at
-from controllers.true_arm import TrueArm
+from controllers.true_arm import TrueArm, diagonal
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
@@ -189,7 +189,7 @@ class OracleElastic(_Oracle):
             stretch = stretch - truth.damping[:, None] * _rate(stretch, h) / stiffness
             stretch = stretch + 0.5 * truth.backlash[:, None] * np.clip(load / (0.01 * stiffness), -1.0, 1.0)
             motion += [r + stretch, r_dot + _rate(load, h) / stiffness]
-            load = load + np.array(arm.rotor) * (r_ddot + _rate(_rate(load, h), h) / stiffness)
+            load = load + truth.rotor[:, None] * (r_ddot + _rate(_rate(load, h), h) / stiffness)
         toward = r_dot[:, 2] + 10.0 * (r[:, 2] - x[0])
         speed = motion[-1]
         load = load + truth.viscous[:, None] * speed
@@ -207,7 +207,7 @@ class OracleElastic(_Oracle):
         m = inertia_matrix(np.broadcast_to(links, (*links.shape[:1], len(COSINES), 7)), angle[None])
         n, k = m.shape[:2]
         inverse = np.linalg.inv(m)
-        viscous = _diagonal(truth.viscous[lanes])
+        viscous = diagonal(truth.viscous[lanes])[:, None]
         lag = np.maximum(truth.lag[lanes], 1e-3)[:, None, None, None]
         size = 10 if arm.elastic else 6
         a = np.zeros((n, k, size + 2, size + 2))
@@ -215,8 +215,8 @@ class OracleElastic(_Oracle):
         a[..., 0:2, 2:4] = eye
         motor = inverse
         if arm.elastic:
-            motor = np.broadcast_to(np.diag(1.0 / np.array(arm.rotor)), inverse.shape)
-            stiffness, damping = _diagonal(truth.stiffness[lanes]), _diagonal(truth.damping[lanes])
+            motor = diagonal(1.0 / truth.rotor[lanes])[:, None]
+            stiffness, damping = (diagonal(x[lanes])[:, None] for x in (truth.stiffness, truth.damping))
             a[..., 4:6, 6:8] = eye
             for sign, first in ((-1.0, 0), (1.0, 4)):
                 a[..., 2:4, first : first + 2] = sign * inverse @ stiffness
@@ -232,7 +232,7 @@ class OracleElastic(_Oracle):
         q = np.zeros(size)
         q[0:2], q[2:4] = self.bandwidth**4, (2.0 * self.damping * self.bandwidth) ** 2
         # The command's weight is that of the acceleration it gives a joint alone.
-        scale = m[..., [0, 1], [0, 1]] + (np.array(arm.rotor) if arm.elastic else 0.0)
+        scale = m[..., [0, 1], [0, 1]] + (truth.rotor[lanes][:, None] if arm.elastic else 0.0)
         return regulator(f, g, np.diag(q), scale)
 
 
@@ -258,8 +258,3 @@ def regulator(f: Array, g: Array, q: Array, scale: Array) -> Array:
 def _rate(x: Array, h: float) -> Array:
     """Return the derivative over time of samples [n x k x 2] that lie h [s] apart."""
     return np.gradient(x, h, axis=1, edge_order=2)
-
-
-def _diagonal(x: Array) -> Array:
-    """Return diagonal matrices [n x 1 x 2 x 2] of [n x 2]."""
-    return (x[..., None] * np.eye(2))[:, None]

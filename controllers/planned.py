@@ -140,7 +140,7 @@ class OraclePlanned(OracleElastic):
             return
         truth, stride = arm.truth, max(1, round(STEP / arm.dt))
         step, (q, v, *_) = stride * arm.dt, arm.predicted()
-        links = with_rotors(truth.lumped, arm.rotor)
+        links = with_rotors(truth.lumped, truth.rotor)
         limits = (1 - self.reserve) * truth.gain * self.interface.torque_limit
         for i in lanes:
             first = now[i] + math.ceil(truth.delay[i] / arm.dt - 1e-9)

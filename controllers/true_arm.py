@@ -9,12 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.parts import runge_kutta
-from fbl_gym.checks import Pair
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 
 TURN = 0.02
 """Speed over which the friction of a wanted motion changes its sign [rad/s]."""
+
+
+def diagonal(x: Array) -> Array:
+    """Return matrices with x [... x 2] on their diagonals, [... x 2 x 2]."""
+    return x[..., None] * np.eye(2)
 
 
 @dataclass(frozen=True)
@@ -26,13 +30,11 @@ class TrueArm:
 
     Args:
         truth: with a batch axis.
-        rotor: rotor inertias [kg m^2].
         elastic: True if springs lie between motors and links.
         dt: control interval [s].
     """
 
     truth: Truth
-    rotor: Pair
     elastic: bool
     dt: float
 
@@ -43,12 +45,12 @@ class TrueArm:
         if truth.position.ndim == 1:
             truth = Truth(**{name: np.asarray(value)[None] for name, value in vars(truth).items()})
         scenario = env.scenario  # type: ignore[attr-defined]
-        return cls(truth, scenario.rotor, scenario.joint is not None, scenario.control_dt)
+        return cls(truth, scenario.joint is not None, scenario.control_dt)
 
     @property
     def links(self) -> Array:
         """Lumped parameters of the links, with those rotors that turn with them [n x 7]."""
-        return with_rotors(self.truth.lumped, (0.0, 0.0) if self.elastic else self.rotor)
+        return with_rotors(self.truth.lumped, (0.0, 0.0) if self.elastic else self.truth.rotor)
 
     @property
     def state(self) -> tuple[Array, ...]:
@@ -60,7 +62,8 @@ class TrueArm:
     def dry(self, v: Array) -> Array:
         """Return the bound of the dry friction at a velocity [n x 2] N m."""
         truth = self.truth
-        return truth.coulomb + truth.stiction * np.exp(-(v**2) / truth.v_s)
+        gear = truth.load_friction * np.abs(truth.applied_torque)
+        return truth.coulomb + gear + truth.stiction * np.exp(-(v**2) / truth.v_s)
 
     def friction(self, v: Array, wanted: Array) -> Array:
         """Return the friction at a velocity, its dry part along a wanted velocity [n x 2] N m."""
@@ -107,7 +110,7 @@ class TrueArm:
             return none
         # The velocity at the end without friction, and how much friction takes away.
         free = v + h * self._rates(x, torque, none)[-1]
-        inertia = np.diag(self.rotor) if self.elastic else inertia_matrix(self.links, x[0])
+        inertia = diagonal(self.truth.rotor) if self.elastic else inertia_matrix(self.links, x[0])
         per_torque = h[..., None] * np.linalg.inv(inertia)
         dry = none
         for joint in (0, 1, 0, 1, 0, 1):  # Gauss and Seidel
@@ -124,4 +127,4 @@ class TrueArm:
         q, v, motor, w = x
         spring = self.spring(motor - q, w - v)
         a = forward_dynamics(self.links, q, v, spring - self.truth.disturbance)
-        return v, a, w, (left - spring) / np.array(self.rotor)
+        return v, a, w, (left - spring) / self.truth.rotor

@@ -23,7 +23,7 @@ from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 from fbl_gym.options import ArrayReference, Friction, Payload
-from fbl_gym.records import middle
+from fbl_gym.records import ends, middle
 from fbl_gym.scenarios import Scenario, as_scenario
 
 POINT: Pair = (-1.0, 0.5)
@@ -279,7 +279,9 @@ def _calm(scenario: Scenario) -> Scenario:
     """Return the scenario without noise, rounding, disturbance, dry friction, changing payload."""
     if scenario.joint is not None:
         raise NotLinear("the joints are elastic, which the loop does not describe")
-    encoder = scenario.encoder
+    encoder, drive = scenario.encoder, scenario.actuator
+    if ends(drive.jitter)[1] > 0.0 or ends(drive.ripple)[1] > 0.0:
+        raise NotLinear("the drive has jitter or ripple, which the loop does not describe")
     if encoder is not None and (encoder.latency or encoder.difference is not None):
         raise NotLinear("the encoder has a latency or computes the velocity, which the loop does not describe")
     error = scenario.parameter_error
@@ -294,7 +296,7 @@ def _loop(
     scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any
 ) -> LinearLoop:
     """Linearise at a true state, and at an observation [size] with the policy's state."""
-    viscous, arm = truth.viscous, with_rotors(truth.lumped, scenario.rotor)
+    viscous, arm = truth.viscous, with_rotors(truth.lumped, truth.rotor)
 
     def acceleration(x: Array) -> Array:
         return forward_dynamics(arm, x[:, :2], x[:, 2:], truth.applied_torque - viscous * x[:, 2:])

@@ -33,7 +33,22 @@ _POINT_INERTIA = 1e-12
 _MODEL = np.dtype(
     [
         (name, np.float64, BLOCK[name].shape[:-1])
-        for name in ("parameters", "payload", "viscous", "coulomb", "stiction", "stiffness", "damping", "backlash")
+        for name in (
+            "parameters",
+            "centre_ratio",
+            "inertia_ratio",
+            "rotor_ratio",
+            "payload",
+            "payload_offset",
+            "payload_radius",
+            "viscous",
+            "coulomb",
+            "stiction",
+            "load_friction",
+            "stiffness",
+            "damping",
+            "backlash",
+        )
     ]
 )
 """The fields of a block from which a lane's model is made; it is made again when one changes."""
@@ -168,7 +183,7 @@ class _Arm:
         hinges, elastic = self._model.nv // 2, scenario.joint is not None
         self._joints, self._springs = slice(0, None, hinges), slice(1, None, hinges) if elastic else slice(0)
         self._bends = slice(hinges - 1, None, hinges) if _plant(scenario).bend is not None else slice(0)
-        self._gap = 0.5 * real["backlash"]
+        self._gap, self._loss = 0.5 * real["backlash"], self._model.dof_frictionloss[self._joints].copy()
 
     def start(self, position: Array, velocity: Array, motor_position: Array, motor_velocity: Array) -> None:
         """Set the state of the joints, [2] each; links start where their springs carry the load."""
@@ -209,6 +224,7 @@ class _Arm:
         """
         data, springs = self._data, self._springs
         data.qfrc_applied[self._joints] = torque + load
+        self._model.dof_frictionloss[self._joints] = self._loss + self.real["load_friction"] * np.abs(torque)
         if self._scenario.joint is None:
             return
         rate = data.qvel[springs]
@@ -250,7 +266,9 @@ def _plant(scenario: Scenario) -> MuJoCo:
 def _describe(scenario: Scenario, real: np.void) -> str:
     """Return the arm in MuJoCo's language: x to the right, y up, hinges about z."""
     plant, (_, _, L1, L2) = _plant(scenario), real["parameters"]
-    load = f'<body pos="{L2} 0 0">{_mass(real["payload"], 0.0, 0.0)}</body>' if real["payload"] > 0 else ""
+    payload, radius = real["payload"], real["payload_radius"]
+    load = f'<body pos="{L2} 0 0">{_mass(payload, real["payload_offset"], payload * radius**2)}</body>'
+    load = load if payload > 0 else ""
     second = f'<body pos="{L1} 0 0">{_link(scenario, real, 1, load)}</body>'
     return f"""
     <mujoco>
@@ -268,12 +286,14 @@ def _link(scenario: Scenario, real: np.void, joint: int, end: str) -> str:
     arm, plant = scenario.arm, _plant(scenario)
     mass, length = real["parameters"][joint], real["parameters"][2 + joint]
     loss = real["coulomb"][joint] + (real["stiction"][joint] if plant.friction == "breakaway" else 0.0)
-    drive = f'damping="{real["viscous"][joint]}" frictionloss="{loss}" armature="{scenario.rotor[joint]}"'
+    rotor = scenario.rotor[joint] * real["rotor_ratio"][joint]
+    drive = f'damping="{real["viscous"][joint]}" frictionloss="{loss}" armature="{rotor}"'
     hinge = f'<joint axis="0 0 1" {drive}/>'
     if scenario.joint is not None:
         hinge = f'<joint axis="0 0 1" {drive} solimpfriction="{_HARD}"/>'
         hinge += f'<joint axis="0 0 1" stiffness="{real["stiffness"][joint]}" damping="{real["damping"][joint]}"/>'
-    centre, inertia = _of(arm.centre, joint) * length, _of(arm.inertia, joint) * mass * length**2
+    centre = _of(arm.centre, joint) * real["centre_ratio"][joint] * length
+    inertia = _of(arm.inertia, joint) * real["inertia_ratio"][joint] * mass * length**2
     if plant.bend is None:
         return hinge + _mass(mass, centre, inertia) + end
     # Both halves have the whole link's centre: a link that does not bend is the rigid one.

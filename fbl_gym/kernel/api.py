@@ -29,7 +29,7 @@ from fbl_gym.kernel.memory import (
 from fbl_gym.kernel.motion import update_reference
 from fbl_gym.kernel.physics import acceleration_and_friction, advance
 from fbl_gym.kernel.readings import observe, sense
-from fbl_gym.kernel.torque import apply_torque, command, disturb, nominal_acceleration, start_disturbance
+from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, nominal_acceleration, start_disturbance
 from fbl_gym.kernel.views import array_at, pair, record_at
 
 _SOURCES = ("model/arm.py", "kernel/*.py")
@@ -108,6 +108,8 @@ def _load(block, rows, queue, settings, tables, width, substep, real, rare):
         apply_events(block, rows, settings, tables, width, substep)
     if substep == 0 or settings.torque_varies:
         apply_torque(block, queue, settings, width, substep)
+        if real and settings.rippled:
+            add_ripple(block, settings, width)
         if real:
             disturb(block, settings, tables, width, substep)
     if real and settings.has_payload:
@@ -307,8 +309,8 @@ STEPS = (
 )
 """The steps of plain scenarios, of real ones, of those with rare options, and of elastic joints."""
 
-_REAL = ("has_payload", "disturbance_kind", "friction_law", "noisy")
-_RARE = ("events", "history")
+_REAL = ("has_payload", "disturbance_kind", "friction_law", "noisy", "rippled")
+_RARE = ("events", "history", "dropout_length")
 
 
 def class_of(settings):

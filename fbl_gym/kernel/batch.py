@@ -58,7 +58,7 @@ class Truth:
         reference_acceleration: [rad/s^2].
         commands: torque commands [N m], the last first, [n x 2] or [lanes x n x 2]: as many as the
             longest delay holds back, and one more.
-        applied_torque: torque of the drives [N m], after limit, delay, lag and gain.
+        applied_torque: torque of the drives [N m], after limit, delay, lag, gain and ripple.
         friction_torque: F of equation (1) [N m]; of a joint that sticks, the torque that holds it.
         disturbance: tau_d of equation (1) [N m].
         leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of
@@ -67,13 +67,16 @@ class Truth:
         lengths: of the links [m].
         lumped: the five lumped parameters with the payload carried now, [5] or [lanes x 5];
             see `arm.py`.
+        rotor: inertia of the rotors, reflected to the joints [kg m^2].
         payload: mass carried at the tip [kg]; a number, or [lanes].
         viscous: coefficient of viscous friction [N m s/rad].
         coulomb: Coulomb friction [N m].
         stiction: friction that fades as the joint moves [N m].
+        load_friction: Coulomb friction for each N m of the drive's torque.
         v_s: scale of the squared velocity at which it fades [(rad/s)^2].
         gain: real / nominal torque of the drives.
-        delay: from command to torque, with the computation's [s]; a number, or [lanes].
+        delay: from command to torque, with the computation's, without jitter [s]; a number, or
+            [lanes].
         lag: time constant of the drives [s]; a number, or [lanes].
         rate_limit: of the torque [N m/s], infinite without one.
         event_times: times of this episode's events [s], [events] or [lanes x events].
@@ -99,10 +102,12 @@ class Truth:
     masses: Array
     lengths: Array
     lumped: Array
+    rotor: Array
     payload: Array
     viscous: Array
     coulomb: Array
     stiction: Array
+    load_friction: Array
     v_s: Array
     gain: Array
     delay: Array
@@ -263,6 +268,7 @@ class ArmBatch:
         settings, parameters = self._settings, self.field("parameters")
         fields = {name: instants[name].copy() for name in INSTANT.names or ()}
         fields |= {"masses": parameters[:, :2], "lengths": parameters[:, 2:]}
+        fields["rotor"] = settings["real_rotor"] * self.field("rotor_ratio")
         fields |= {name: self.field(_RENAMED.get(name, name)) for name in _STORED}
         for name, unit in (("delay", settings["physics_dt"]), ("lag", settings["physics_dt"])):
             fields[name] *= unit  # a block counts physics steps
@@ -284,7 +290,7 @@ _RENAMED = {"applied_torque": "torque", "reference": "reference_position"}
 _STORED = [
     field.name
     for field in dataclasses.fields(Truth)
-    if field.name not in (*(INSTANT.names or ()), "masses", "lengths", "commands", "event_times")
+    if field.name not in (*(INSTANT.names or ()), "masses", "lengths", "rotor", "commands", "event_times")
 ]
 """Fields of `Truth` that a block has."""
 

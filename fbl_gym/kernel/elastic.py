@@ -2,7 +2,15 @@
 
 from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit
 from fbl_gym.kernel.friction import dry_friction, shrink, sign
-from fbl_gym.kernel.physics import FREE, friction_of, load_on_joints, lumped_of, make_runge_kutta, solve_terms
+from fbl_gym.kernel.physics import (
+    FREE,
+    friction_of,
+    load_on_joints,
+    lumped_of,
+    make_runge_kutta,
+    rotor_of,
+    solve_terms,
+)
 from fbl_gym.kernel.views import pair, put
 
 
@@ -60,8 +68,9 @@ _runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
 
 
 @inline_njit
-def _joint(block, inertia, lane):
+def _joint(block, settings, lane):
     """Return the joints' constants, as `_stage` takes them."""
+    inertia = rotor_of(block, settings, lane)
     (k1, k2), (d1, d2), (b1, b2) = pair(block.stiffness, lane), pair(block.damping, lane), pair(block.backlash, lane)
     return k1, k2, d1, d2, 0.5 * b1, 0.5 * b2, inertia[0], inertia[1]
 
@@ -98,9 +107,9 @@ def _hold(x, v, tau, joint, friction, h):
 
 
 @inline_njit
-def _advance(block, inertia, lane, h):
+def _advance(block, settings, lane, h):
     """Advance one lane by one physics step h."""
-    joint, friction = _joint(block, inertia, lane), friction_of(block, lane)
+    joint, friction = _joint(block, settings, lane), friction_of(block, lane)
     x = _both(block.position, block.motor_position, lane)
     v = _both(block.velocity, block.motor_velocity, lane)
     held = _hold(x, v, pair(block.tau_start, lane), joint, friction, h)
@@ -117,20 +126,19 @@ def _advance(block, inertia, lane, h):
 @kernel_njit
 def advance_elastic(block, settings, width):
     """Advance the first `width` lanes of a block with elastic joints by one physics step."""
-    h, inertia = settings.physics_dt, (settings.motor_inertia[0], settings.motor_inertia[1])
+    h = settings.physics_dt
     for lane in range(width):
-        _advance(block, inertia, lane, h)
+        _advance(block, settings, lane, h)
 
 
 @kernel_njit
 def measure_elastic_joints(block, settings, width):
     """Compute the links' acceleration and the motors' friction torque at this instant."""
-    inertia = (settings.motor_inertia[0], settings.motor_inertia[1])
     for lane in range(width):
         (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
         x = _both(block.position, block.motor_position, lane)
         v = _both(block.velocity, block.motor_velocity, lane)
-        constants = lumped_of(block, lane), _joint(block, inertia, lane), friction_of(block, lane), FREE
+        constants = lumped_of(block, lane), _joint(block, settings, lane), friction_of(block, lane), FREE
         a1, a2, _, _ = _stage(x, v, (-push1, -push2, tau1, tau2), constants)
         put(block.acceleration, lane, (a1, a2))
     for i in range(2):
@@ -139,7 +147,8 @@ def measure_elastic_joints(block, settings, width):
             w = block.motor_velocity[i, lane]
             stretch = block.motor_position[i, lane] - block.position[i, lane]
             spring = _spring(stiffness, damping, gap, stretch, w - block.velocity[i, lane])
-            bound = dry_friction(w, block.coulomb[i, lane], block.stiction[i, lane], block.v_s[i, lane])
+            coulomb = block.coulomb[i, lane] + block.load_friction[i, lane] * abs(block.torque[i, lane])
+            bound = dry_friction(w, coulomb, block.stiction[i, lane], block.v_s[i, lane])
             hold = clip(block.torque[i, lane] - spring, bound)
             block.motor_friction[i, lane] = block.viscous[i, lane] * w + (bound * sign(w) if w != 0.0 else hold)
 

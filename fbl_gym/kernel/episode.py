@@ -17,7 +17,7 @@ from fbl_gym.kernel.memory import (
 from fbl_gym.kernel.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.physics import lump
 from fbl_gym.kernel.streams import stream_key, uniforms
-from fbl_gym.kernel.torque import nominal_torque
+from fbl_gym.kernel.torque import nominal_torque, ripple_of
 from fbl_gym.kernel.views import pair, put
 
 _PARAMETERS = stream_key("parameter error")
@@ -101,8 +101,12 @@ def _hold_still(block, rows, queue, settings, lane):
     put(block.command, lane, (tau1, tau2))
     put(block.target, lane, (tau1, tau2))
     put(block.lagged, lane, (tau1, tau2))
+    block.late[lane], block.age[lane] = 0.0, float(settings.delay_steps)
     gain1, gain2 = pair(block.gain, lane)
     put(block.torque, lane, (gain1 * tau1, gain2 * tau2))
+    if settings.rippled:
+        for joint in range(2):
+            block.torque[joint, lane] += ripple_of(block, settings, lane, joint)
     for age in range(settings.delay_steps + 1):
         put(queue[age], lane, (tau1, tau2))
     action1, action2 = 0.0, 0.0  # no acceleration

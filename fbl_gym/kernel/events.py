@@ -4,14 +4,14 @@ import numpy as np
 
 from fbl_gym.kernel.fastmath import inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.memory import DRIVE_CHANGE, DROP, EVENT_ROWS, FRICTION_CHANGE, KNOCK, PICK_UP
-from fbl_gym.kernel.physics import inertia_terms, lump, solve_terms
+from fbl_gym.kernel.physics import inertia_terms, lump, rotor_of, solve_terms
 from fbl_gym.kernel.views import pair, put
 
 
 @inline_njit
 def _inertia(block, settings, lane):
     """Return the inertia that meets an impulse; an elastic joint passes none to its motor."""
-    r1, r2 = settings.rotor[0], settings.rotor[1]
+    r1, r2 = rotor_of(block, settings, lane)
     if settings.elastic:
         r1, r2 = 0.0, 0.0
     _, cos2 = sincos(block.position[1, lane])
@@ -65,7 +65,7 @@ def _apply(block, settings, lane, kind, size1, size2):
         change_payload(block, settings, lane, 0.0)
         block.held_payload[lane] = 0.0  # `payload_drop` has nothing left to release
     elif kind == FRICTION_CHANGE:
-        for friction in (block.viscous, block.coulomb, block.stiction):
+        for friction in (block.viscous, block.coulomb, block.stiction, block.load_friction):
             friction[0, lane] *= size1
             friction[1, lane] *= size2
     elif kind == DRIVE_CHANGE:

@@ -56,14 +56,22 @@ VARIED = np.dtype(
         ("payload_mass", np.float64),  # [kg]
         ("payload_pick_up", np.float64),  # [physics steps]
         ("payload_drop", np.float64),  # [physics steps], may be infinite
+        ("payload_offset", np.float64),  # from the tip to its centre, along the link [m]
+        ("payload_radius", np.float64),  # of gyration about its centre [m]
+        # Real / nominal, of each link's centre and inertia and of each rotor's inertia
+        ("centre_ratio", np.float64, 2),
+        ("inertia_ratio", np.float64, 2),
+        ("rotor_ratio", np.float64, 2),
         # Sensors of position [rad], velocity [rad/s] and acceleration [rad/s^2], for each joint
         ("noise_std", np.float64, (3, 2)),
         ("noise_bias", np.float64, (3, 2)),
+        ("dropout", np.float64),  # chance that readings begin to be lost at a sample
         # Friction of each joint
         ("viscous", np.float64, 2),  # [N m s]
         ("coulomb", np.float64, 2),  # [N m]
         ("stiction", np.float64, 2),  # [N m]
         ("v_s", np.float64, 2),  # width of the stiction peak [(rad/s)^2]
+        ("load_friction", np.float64, 2),  # Coulomb friction for each N m of the drive
         # Elastic joints
         ("stiffness", np.float64, 2),  # [N m/rad]
         ("damping", np.float64, 2),  # [N m s/rad]
@@ -75,8 +83,11 @@ VARIED = np.dtype(
         ("gain", np.float64, 2),  # real / nominal torque
         ("delay", np.float64),  # [physics steps]
         ("delay_samples", np.float64),  # of computation, which a block's delay includes [control steps]
+        ("jitter", np.float64),  # longest further delay of a command [physics steps]
         ("lag", np.float64),  # time constant [physics steps]
         ("rate_limit", np.float64, 2),  # [N m / physics step], may be infinite
+        ("ripple", np.float64, 2),  # amplitude [N m]
+        ("ripple_phase", np.float64, 2),  # [rad]
     ]
 )
 """The numbers that may differ between episodes. The settings have their fixed values under the name
@@ -95,7 +106,8 @@ SETTINGS = np.dtype(
         ("gravity", np.float64),  # [m/s^2]
         ("centre", np.float64, 2),  # of each link's mass, as a fraction of its length
         ("inertia", np.float64, 2),  # of each link about its centre, as a fraction of m L^2
-        ("rotor", np.float64, 2),  # inertia of each joint's rotor [kg m^2]
+        ("rotor", np.float64, 2),  # inertia of each joint's rotor, of the nominal model [kg m^2]
+        ("real_rotor", np.float64, 2),  # the same of the drives, which a ratio multiplies
         ("ratio", np.float64, 4),  # real / nominal
         ("log_radius", np.float64, 4),  # log(1 + radius) of the ratio that each episode draws
         ("drawn_together", np.bool_),  # one draw for all parameters
@@ -115,9 +127,9 @@ SETTINGS = np.dtype(
         ("difference", np.int64),  # control steps over which the velocity is computed; 0: it is measured
         ("low_pass", np.float64),  # share of a new velocity in the low-pass filter's output
         ("latency", np.int64),  # of position and velocity [control steps]
+        ("dropout_length", np.int64),  # control steps whose readings are lost together; 0: none is lost
         ("friction_law", np.int64),
         ("elastic", np.bool_),
-        ("motor_inertia", np.float64, 2),  # [kg m^2]
         ("encoder_on_motor", np.bool_),
         # Events
         ("events", np.int64),  # number of them
@@ -136,6 +148,9 @@ SETTINGS = np.dtype(
         ("torque_limit", np.float64, 2),  # [N m], may be infinite
         ("delay_steps", np.int64),  # the longest delay in control steps, rounded up
         ("torque_varies", np.bool_),  # torque or disturbance may change within a control step
+        ("jittered", np.bool_),
+        ("rippled", np.bool_),
+        ("ripple_order", np.float64, 2),  # periods of the ripple in a turn of the joint
         # Reference
         ("reference_kind", np.int64),
         ("reference_points", np.int64),  # number of way-points, levels, samples or harmonics
@@ -215,10 +230,12 @@ BLOCK = np.dtype(
         ("lag_end", np.float64, _ONE),  # and end
         ("action", np.float64, _PAIR),  # the last one, within its limits
         ("command", np.float64, _PAIR),  # torque command [N m]
+        ("late", np.float64, _ONE),  # further delay of the last command [physics steps]
+        ("age", np.float64, _ONE),  # of the command that the drives follow [control steps]
         ("chatter", np.float64, _ONE),  # change of the command / torque limit, sum of both joints
         ("target", np.float64, _PAIR),  # command after delay and rate limit [N m]
         ("lagged", np.float64, _PAIR),  # command after delay, rate limit and lag [N m]
-        ("torque", np.float64, _PAIR),  # applied torque: the same times the gain [N m]
+        ("torque", np.float64, _PAIR),  # applied torque: the same times the gain, and the ripple [N m]
         ("disturbance", np.float64, _PAIR),  # [N m]
         ("disturbance_phase", np.float64, _PAIR),  # of a sine [rad]
         ("tau_start", np.float64, _PAIR),  # applied torque less disturbance at the start,
@@ -235,6 +252,8 @@ BLOCK = np.dtype(
         ("measured_position", np.float64, _PAIR),  # [rad]
         ("measured_velocity", np.float64, _PAIR),  # [rad/s]
         ("measured_acceleration", np.float64, _PAIR),  # [rad/s^2]
+        ("kept_position", np.float64, _PAIR),  # the last readings that were not lost
+        ("kept_velocity", np.float64, _PAIR),
         ("reference_position", np.float64, _PAIR),  # [rad]
         ("reference_velocity", np.float64, _PAIR),  # [rad/s]
         ("reference_acceleration", np.float64, _PAIR),  # [rad/s^2]

@@ -89,10 +89,18 @@ def lumped_of(block, lane):
 
 
 @inline_njit
+def rotor_of(block, settings, lane):
+    """Return the real inertia of both rotors."""
+    return settings.real_rotor[0] * block.rotor_ratio[0, lane], settings.real_rotor[1] * block.rotor_ratio[1, lane]
+
+
+@inline_njit
 def friction_of(block, lane):
     """Return viscous friction, Coulomb friction, stiction and v_s, both joints of each."""
+    coulomb1 = block.coulomb[0, lane] + block.load_friction[0, lane] * abs(block.torque[0, lane])
+    coulomb2 = block.coulomb[1, lane] + block.load_friction[1, lane] * abs(block.torque[1, lane])
     return (
-        block.viscous[0, lane], block.viscous[1, lane], block.coulomb[0, lane], block.coulomb[1, lane],
+        block.viscous[0, lane], block.viscous[1, lane], coulomb1, coulomb2,
         block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
     )  # fmt: skip
 
@@ -144,8 +152,9 @@ def move(h, q, v, torques, lumped, rotor, friction, law):
 
 
 @inline_njit
-def _advance(block, lane, h, rotor, law):
+def _advance(block, settings, lane, h, law):
     """Advance one lane by one physics step h."""
+    rotor = rotor_of(block, settings, lane)
     torques = pair(block.tau_start, lane), pair(block.tau_half, lane), pair(block.tau_end, lane)
     q, v = pair(block.position, lane), pair(block.velocity, lane)
     q, v = move(h, q, v, torques, lumped_of(block, lane), rotor, friction_of(block, lane), law)
@@ -155,24 +164,23 @@ def _advance(block, lane, h, rotor, law):
 
 @kernel_njit
 def _advance_smoothly(block, settings, width):
-    h, rotor = settings.physics_dt, (settings.rotor[0], settings.rotor[1])
+    h = settings.physics_dt
     for lane in range(width):
-        _advance(block, lane, h, rotor, NO_FRICTION)
+        _advance(block, settings, lane, h, NO_FRICTION)
 
 
 @kernel_njit
 def _advance_by_law(block, settings, width):
     h, law = settings.physics_dt, settings.friction_law
-    rotor = (settings.rotor[0], settings.rotor[1])
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
         _advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
-            _advance(block, lane, h, rotor, EXACT_FRICTION)
+            _advance(block, settings, lane, h, EXACT_FRICTION)
     else:
         for lane in range(width):
-            _advance(block, lane, h, rotor, LITERAL_FRICTION)
+            _advance(block, settings, lane, h, LITERAL_FRICTION)
 
 
 @merged_njit
@@ -190,7 +198,7 @@ def _load_now(block, settings, lane):
     p1, p2, p3, p4, p5 = lumped_of(block, lane)
     (q1, q2), (v1, v2), (tau1, tau2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
     push1, push2 = pair(block.disturbance, lane)
-    r1, r2 = settings.rotor[0], settings.rotor[1]
+    r1, r2 = rotor_of(block, settings, lane)
     return load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - push1, tau2 - push2)
 
 
@@ -209,12 +217,13 @@ def acceleration_and_friction(block, settings, lane, law):
     v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
     m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
     bound1, bound2 = 0.0, 0.0
+    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction_of(block, lane)
     if law != NO_FRICTION:
-        bound1 = dry_friction(v1, block.coulomb[0, lane], block.stiction[0, lane], block.v_s[0, lane])
-        bound2 = dry_friction(v2, block.coulomb[1, lane], block.stiction[1, lane], block.v_s[1, lane])
+        bound1 = dry_friction(v1, coulomb1, stiction1, v_s1)
+        bound2 = dry_friction(v2, coulomb2, stiction2, v_s2)
     # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
-    friction1 = block.viscous[0, lane] * v1 + bound1 * sign(v1)
-    friction2 = block.viscous[1, lane] * v2 + bound2 * sign(v2)
+    friction1 = viscous1 * v1 + bound1 * sign(v1)
+    friction2 = viscous2 * v2 + bound2 * sign(v2)
     load1, load2 = load1 - friction1, load2 - friction2
     if law != EXACT_FRICTION:
         a1, a2 = solve_terms(m11, m12, m22, load1, load2)
@@ -229,9 +238,12 @@ def lump(block, settings, lane):
     """Compute the real lumped parameters of a lane, with the payload that it carries."""
     (m1, m2), length1, length2 = pair(block.parameters, lane), block.parameters[2, lane], block.parameters[3, lane]
     payload, gravity = block.payload[lane], settings.gravity
-    p1, p2, p3, p4, p5 = lumped_terms(m1, m2, length1, length2, gravity, settings.centre, settings.inertia)
+    centre = settings.centre[0] * block.centre_ratio[0, lane], settings.centre[1] * block.centre_ratio[1, lane]
+    inertia = settings.inertia[0] * block.inertia_ratio[0, lane], settings.inertia[1] * block.inertia_ratio[1, lane]
+    p1, p2, p3, p4, p5 = lumped_terms(m1, m2, length1, length2, gravity, centre, inertia)
+    reach, radius = length2 + block.payload_offset[lane], block.payload_radius[lane]
     block.lumped[0, lane] = p1 + payload * length1 * length1
-    block.lumped[1, lane] = p2 + payload * length2 * length2
-    block.lumped[2, lane] = p3 + payload * length1 * length2
+    block.lumped[1, lane] = p2 + payload * (reach * reach + radius * radius)
+    block.lumped[2, lane] = p3 + payload * length1 * reach
     block.lumped[3, lane] = p4 + payload * length1 * gravity
-    block.lumped[4, lane] = p5 + payload * length2 * gravity
+    block.lumped[4, lane] = p5 + payload * reach * gravity

@@ -77,10 +77,13 @@ def make_program(
     settings["parameters"], settings["ratio"] = (arm.m1, arm.m2, arm.L1, arm.L2), 1.0
     for name in ("gravity", "centre", "inertia", "rotor"):
         settings[name] = getattr(arm, name)
+    settings["real_rotor"] = scenario.rotor
     settings["senses_acceleration"] = "acceleration" in scenario.sensors
     # Numbers that are not zero without their option.
-    for name, number in (("payload_pick_up", np.inf), ("payload_drop", np.inf), ("v_s", (1.0, 1.0))):
-        packer.vary(name, number, "")
+    for name in ("payload_pick_up", "payload_drop"):
+        packer.vary(name, np.inf, "")
+    for name in ("v_s", "centre_ratio", "inertia_ratio", "rotor_ratio"):
+        packer.vary(name, (1.0, 1.0), "")
     friction, disturbance, reference = scenario.friction, scenario.disturbance, scenario.reference
     if friction is not None and friction.is_dry:
         settings["friction_law"] = memory.FRICTION_LAWS[friction.law]

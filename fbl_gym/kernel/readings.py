@@ -7,12 +7,13 @@ from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit, merged_njit
 from fbl_gym.kernel.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.motion import reference
 from fbl_gym.kernel.physics import acceleration_and_friction, smooth_acceleration
-from fbl_gym.kernel.streams import normals, stream_key
-from fbl_gym.kernel.views import put
+from fbl_gym.kernel.streams import normals, stream_key, uniforms
+from fbl_gym.kernel.views import pair, put
 
 _POSITION_NOISE = stream_key("position noise")
 _VELOCITY_NOISE = stream_key("velocity noise")
 _ACCELERATION_NOISE = stream_key("acceleration noise")
+_DROPOUT = stream_key("lost readings")
 _POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # rows of the settings' `noise_std`
 _ZERO = np.uint64(0)
 
@@ -34,6 +35,8 @@ def sense(block, rows, settings, width, real, rare, elastic):
             _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
     if rare and settings.history > 0:
         _encode(block, rows, settings, width)
+    if rare and settings.dropout_length > 0:
+        _lose(block, settings, width)
     _limit(block, settings, width)
 
 
@@ -137,6 +140,22 @@ def _encode(block, rows, settings, width):
             row = first + 4 * ((step + depth - settings.latency) % depth)
             block.measured_position[joint, lane] = rows[row, lane]
             block.measured_velocity[joint, lane] = rows[row + 2, lane]
+
+
+@kernel_njit
+def _lose(block, settings, width):
+    """Show the last readings again where those of this control step are lost."""
+    for lane in range(width):
+        step, lost = np.int64(block.step[lane]), False
+        for ago in range(min(settings.dropout_length, step)):
+            draw, _, _, _ = uniforms(block.seed[lane], _DROPOUT, block.episode[lane], np.uint64(step - ago), _ZERO)
+            lost |= draw < block.dropout[lane]
+        if lost:
+            put(block.measured_position, lane, pair(block.kept_position, lane))
+            put(block.measured_velocity, lane, pair(block.kept_velocity, lane))
+        else:
+            put(block.kept_position, lane, pair(block.measured_position, lane))
+            put(block.kept_velocity, lane, pair(block.measured_velocity, lane))
 
 
 @kernel_njit

@@ -9,6 +9,7 @@ from fbl_gym.kernel.streams import TWO_PI, stream_key, uniforms
 from fbl_gym.kernel.views import pair, put
 
 _STREAM = stream_key("disturbance")
+_JITTER = stream_key("jitter")
 _ZERO = np.uint64(0)
 
 
@@ -42,6 +43,11 @@ def command(block, rows, queue, settings, actions, count):
         block.chatter[lane] = abs(tau1 - before1) / limit1 + abs(tau2 - before2) / limit2
         put(block.command, lane, (tau1, tau2))
         put(queue[0], lane, (tau1, tau2))
+    if settings.jittered:
+        for lane in range(count):
+            draw, _, _, _ = uniforms(block.seed[lane], _JITTER, block.episode[lane], block.step[lane], _ZERO)
+            block.late[lane] = np.rint(block.jitter[lane] * draw)
+            block.age[lane] = min(block.age[lane] + 1.0, float(settings.delay_steps))
 
 
 @inline_njit
@@ -81,7 +87,10 @@ def apply_torque(block, queue, settings, width, substep):
             block.tau_start[joint, lane] = queue[0, joint, lane]
     if settings.delay_steps > 0:
         for lane in range(width):
-            age = np.int64(np.ceil((block.delay[lane] - substep) / settings.substeps))
+            age = np.int64(np.ceil((block.delay[lane] + block.late[lane] - substep) / settings.substeps))
+            if settings.jittered:  # a late command does not bring back an older one
+                block.age[lane] = min(block.age[lane], age)
+                age = np.int64(block.age[lane])
             block.tau_start[0, lane], block.tau_start[1, lane] = queue[age, 0, lane], queue[age, 1, lane]
     for joint in range(2):
         for lane in range(width):
@@ -102,6 +111,29 @@ def apply_torque(block, queue, settings, width, substep):
             block.tau_end[joint, lane] = gain * lagged
             block.lagged[joint, lane] = lagged
             block.torque[joint, lane] = gain * lagged
+
+
+@inline_njit
+def ripple_of(block, settings, lane, joint):
+    """Return the torque ripple of a drive in the middle of a physics step."""
+    angle, rate = block.position[joint, lane], block.velocity[joint, lane]
+    if settings.elastic:
+        angle, rate = block.motor_position[joint, lane], block.motor_velocity[joint, lane]
+    angle += 0.5 * settings.physics_dt * rate
+    sine, _ = sincos(settings.ripple_order[joint] * angle + block.ripple_phase[joint, lane])
+    return block.ripple[joint, lane] * sine
+
+
+@kernel_njit
+def add_ripple(block, settings, width):
+    """Add the torque ripple, which is held over a physics step."""
+    for joint in range(2):
+        for lane in range(width):
+            ripple = ripple_of(block, settings, lane, joint)
+            block.tau_start[joint, lane] += ripple
+            block.tau_half[joint, lane] += ripple
+            block.tau_end[joint, lane] += ripple
+            block.torque[joint, lane] += ripple
 
 
 @kernel_njit

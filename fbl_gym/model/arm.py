@@ -206,8 +206,8 @@ ARMS = {"table-1": TABLE_1, "section-2-2": SECTION_2_2}
 """The arms of the paper, by name."""
 
 
-def with_rotors(lumped: Array, rotor: Pair | float) -> Array:
-    """Return lumped parameters [... x 5] and rotor inertias [kg m^2] together, [... x 7]."""
+def with_rotors(lumped: Array, rotor: ArrayLike) -> Array:
+    """Return lumped parameters [... x 5] and rotors' inertias [... x 2] together, [... x 7]."""
     return np.concatenate([lumped, np.broadcast_to(rotor, (*lumped.shape[:-1], 2))], axis=-1)
 
 

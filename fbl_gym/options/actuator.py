@@ -9,7 +9,7 @@ import numpy as np
 from fbl_gym.checks import Pair, check_number
 from fbl_gym.exact import MAX_STEPS
 from fbl_gym.options.packer import Packer
-from fbl_gym.records import Number, Numbers, Record, ends, number, pair, whole
+from fbl_gym.records import Distribution, Number, Numbers, Record, ends, number, pair, whole
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,11 @@ class Actuator(Record):
         delay_samples: control samples from reading to command, which adds to `delay`; a draw is
             rounded to a whole number.
         rate_limit: largest change of the torque per time, before the lag; None: no limit.
+        jitter: longest further delay of a command, a multiple of physics_dt; each control sample
+            draws its own between 0 and this. A late command does not bring back an older one.
+        ripple: amplitude of a torque that is a sine of the drive's angle, with a phase that each
+            episode draws: cogging, and the errors of current sensors and gears.
+        ripple_order: periods of the ripple in a turn of the joint.
     """
 
     torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, high=1e30, optional=True)
@@ -32,11 +37,15 @@ class Actuator(Record):
     gain: Numbers = pair(1.0, varies=True, low=0)
     delay_samples: Number = whole(0, varies=True)
     rate_limit: Numbers | None = pair(None, unit="N m/s", varies=True, above=0)
+    jitter: Number = number(0.0, unit="s", varies=True, low=0)
+    ripple: Numbers = pair(0.0, unit="N m", varies=True, low=0)
+    ripple_order: Pair | float = pair(36.0, above=0, high=1e6)
 
     def check(self, scenario: Any) -> None:
-        """Refuse a delay that is no multiple of a physics step."""
-        if isinstance(self.delay, float):
-            scenario.check_multiple("actuator.delay", self.delay, "physics_dt")
+        """Refuse times that are no multiple of a physics step."""
+        for name in ("delay", "jitter"):
+            if isinstance(getattr(self, name), float):
+                scenario.check_multiple(f"actuator.{name}", getattr(self, name), "physics_dt")
 
     def pack(self, packer: Packer) -> None:
         """Write limits, gain, delay and lag."""
@@ -44,29 +53,36 @@ class Actuator(Record):
         settings["torque_limit"] = np.inf if self.torque_limit is None else self.torque_limit
         h, samples = scenario.physics_dt, round(ends(self.delay_samples)[1])
         longest = check_number("actuator.delay", ends(self.delay)[1], high=MAX_STEPS * h)
-        delay = samples * scenario.substeps + round(longest * (1 / h))
+        latest = check_number("actuator.jitter", ends(self.jitter)[1], high=MAX_STEPS * h)
+        delay = samples * scenario.substeps + round(longest * (1 / h)) + round(latest * (1 / h))
         steps = -(-delay // scenario.substeps)
-        packer.check_size("actuator.delay", longest, " s", 4 * (steps - samples))
+        packer.check_size("actuator.delay", longest + latest, " s", 4 * (steps - samples))
         packer.check_size("actuator.delay_samples", samples, "", 4 * samples)
         settings["delay_steps"] = steps
         # The state has the actions on their way, and the one that a slow drive still follows.
         slow = ends(self.lag)[1] > 0 or self.rate_limit is not None
         settings["past_actions"] = delay // scenario.substeps + 1 if slow else steps
-        settings["torque_varies"] = steps > 0 or slow
+        settings["jittered"], settings["rippled"] = latest > 0.0, ends(self.ripple)[1] > 0.0
+        settings["torque_varies"] = steps > 0 or slow or settings["rippled"]
         rate = (math.inf, math.inf) if self.rate_limit is None else self.rate_limit
         packer.vary("rate_limit", rate, "actuator.rate_limit", scale=h)
         packer.vary("gain", self.gain, "actuator.gain")
         packer.vary("delay", self.delay, "actuator.delay", scale=1 / h)
         packer.vary("delay_samples", self.delay_samples, "actuator.delay_samples")
+        packer.vary("jitter", self.jitter, "actuator.jitter", scale=1 / h)
         packer.vary("lag", self.lag, "actuator.lag", scale=1 / h)
+        packer.vary("ripple", self.ripple, "actuator.ripple")
+        settings["ripple_order"] = self.ripple_order
+        if settings["rippled"]:
+            packer.vary("ripple_phase", (Distribution(uniform=(0.0, 2 * math.pi)),) * 2, "actuator.ripple phase")
 
     def datasheet(self, scenario: Any) -> dict[str, Any]:
         """Return what policies are told, as fields of `Interface`."""
-        both = zip(ends(self.delay), ends(self.delay_samples), strict=True)
+        both = zip(ends(self.delay), ends(self.delay_samples), (0.0, ends(self.jitter)[1]), strict=True)
         rate = self.rate_limit
         return {
             "torque_limit": self.torque_limit,
-            "delay": tuple(delay + round(samples) * scenario.control_dt for delay, samples in both),
+            "delay": tuple(delay + round(samples) * scenario.control_dt + late for delay, samples, late in both),
             "lag": ends(self.lag),
             "rate_limit": None if rate is None else tuple(ends(limit)[0] for limit in rate),  # type: ignore[union-attr]
         }

@@ -16,7 +16,7 @@ to 2.78."""
 
 @dataclass(frozen=True)
 class Friction(Record):
-    """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v).
+    """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s) + mu |tau|) sign(v).
 
     Args:
         viscous: coefficient of viscous friction, f_i1.
@@ -24,6 +24,9 @@ class Friction(Record):
         stiction: friction f_s that fades as the joint moves.
         v_s: scale of the squared velocity at which stiction fades, the square of the Stribeck
             velocity.
+        load: mu, the Coulomb friction of a gear for each N m of its drive's torque tau (Hamon,
+            Gautier and Garrec, "Dynamic identification of robots with a dry friction model
+            depending on load and velocity", IROS 2010, with the drive's torque as the load).
         law: "exact" holds a joint at rest under any load up to f_i2 + f_s. "literal" is the formula
             as printed, with sign(0) = 0: no joint ever sticks, and one at rest creeps under a load,
             the slower the shorter the physics step.
@@ -33,6 +36,7 @@ class Friction(Record):
     coulomb: Numbers = pair(0.0, unit="N m", varies=True, low=0)
     stiction: Numbers = pair(0.0, unit="N m", varies=True, low=0)
     v_s: Numbers = pair(1e-3, unit="(rad/s)^2", varies=True, above=0)
+    load: Numbers = pair(0.0, varies=True, low=0, high=1)
     law: Literal["exact", "literal"] = choice("exact", ("exact", "literal"))
 
     def check(self, scenario: Any) -> None:
@@ -50,12 +54,13 @@ class Friction(Record):
     @property
     def is_dry(self) -> bool:
         """Return True unless there is viscous friction alone, which is smooth."""
-        return self.coulomb != (0.0, 0.0) or self.stiction != (0.0, 0.0)
+        return any(getattr(self, name) != (0.0, 0.0) for name in ("coulomb", "stiction", "load"))
 
     def pack(self, packer: Packer) -> None:
         """Write the numbers of the curve."""
         for name in ("viscous", "coulomb", "stiction", "v_s"):
             packer.vary(name, getattr(self, name), f"friction.{name}")
+        packer.vary("load_friction", self.load, "friction.load")
 
 
 def _fastest_decay(scenario: Any) -> float:

@@ -52,7 +52,9 @@ class ElasticJoint(Record):
             raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {scenario.rotor}")
         # The lightest links are the fastest. Lengths may act either way.
         try:
-            rate = max(fastest_rate(arm, scenario.rotor, self, scenario.most_viscous) for arm in scenario.lightest)
+            rate = max(
+                fastest_rate(arm, scenario.least_rotor, self, scenario.most_viscous) for arm in scenario.lightest
+            )
         except np.linalg.LinAlgError:
             raise ValueError(f"joint must have a finite rate on links with an inertia, got {self}") from None
         scenario.check_rate("these joints", rate, LARGEST_STEP)
@@ -60,7 +62,6 @@ class ElasticJoint(Record):
     def pack(self, packer: Packer) -> None:
         """Write springs, rotors and the encoders' side."""
         packer.settings["elastic"], packer.settings["encoder_on_motor"] = True, self.encoder == "motor"
-        packer.settings["motor_inertia"] = packer.scenario.rotor
         for name in ("stiffness", "damping", "backlash"):
             packer.vary(name, getattr(self, name), f"joint.{name}")
 

@@ -11,11 +11,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fbl_gym.checks import check_choice, check_number
+from fbl_gym.checks import Pair, check_choice, check_number
 from fbl_gym.exact import log1p
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.options.packer import Packer
-from fbl_gym.records import Number, Record, choice, choices, declared, ends, number, record
+from fbl_gym.records import Number, Numbers, Record, choice, choices, declared, ends, number, pair, record
 
 PARAMETERS = ("m1", "m2", "L1", "L2")
 
@@ -24,18 +24,22 @@ Ratios = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Payload(Record):
-    """A point mass at the tip that the nominal model does not include.
+    """A mass at the tip that the nominal model does not include.
 
     Args:
         mass: mass of the payload.
         pick_up: time at which the arm grasps it, to the nearest physics step. The grasp is
             inelastic, as that of `events.PickUp`.
         drop: time at which the arm releases it, later than `pick_up`; None: never.
+        offset: from the tip to its centre, along the second link.
+        radius: its radius of gyration about its centre; 0: a point.
     """
 
     mass: Number = number(unit="kg", varies=True, low=0)
     pick_up: Number = number(0.0, unit="s", varies=True, low=0)
     drop: Number | None = number(None, unit="s", varies=True)
+    offset: Number = number(0.0, unit="m", varies=True)
+    radius: Number = number(0.0, unit="m", varies=True, low=0)
 
     def validate(self) -> None:
         """Refuse a drop that does not come after the pick-up."""
@@ -46,7 +50,8 @@ class Payload(Record):
         """Write mass and times."""
         path, scale = "parameter_error.payload.", 1 / packer.scenario.physics_dt
         packer.settings["has_payload"] = ends(self.mass)[1] > 0
-        packer.vary("payload_mass", self.mass, path + "mass")
+        for name in ("mass", "offset", "radius"):
+            packer.vary(f"payload_{name}", getattr(self, name), path + name)
         packer.vary("payload_pick_up", self.pick_up, path + "pick_up", scale=scale)
         if self.drop is not None:
             packer.vary("payload_drop", self.drop, path + "drop", scale=scale)
@@ -68,6 +73,12 @@ def _ratios(name: str, value: object) -> Ratios:
     return m1, m2, L1, L2
 
 
+def _times(nominal: Any, ratio: Any, end: int) -> Pair:
+    """Return both joints' least (end 0) or largest (end 1) real numbers."""
+    first, second = (number * ends(x)[end] for number, x in zip(nominal, ratio, strict=True))
+    return first, second
+
+
 @dataclass(frozen=True)
 class ParameterError(Record):
     """Real parameters that differ from the nominal ones.
@@ -80,6 +91,9 @@ class ParameterError(Record):
         parameters: the parameters that the radius varies.
         sampling: "each" draws one factor per parameter, "together" one for all.
         payload: a mass carried at the tip.
+        centre: real / nominal, of the distance from each joint to its link's centre of mass.
+        inertia: of each link's moment of inertia about its centre.
+        rotor: of each rotor's inertia.
     """
 
     ratio: float | Ratios | Mapping[str, float] = declared(
@@ -89,6 +103,9 @@ class ParameterError(Record):
     parameters: tuple[str, ...] = choices(PARAMETERS, PARAMETERS)
     sampling: Literal["each", "together"] = choice("each", ("each", "together"))
     payload: Payload | Mapping[str, Any] | float | None = record(Payload, None, scalar="mass")
+    centre: Numbers = pair(1.0, varies=True, above=0)
+    inertia: Numbers = pair(1.0, varies=True, low=0)
+    rotor: Numbers = pair(1.0, varies=True, above=0)
 
     @property
     def ratios(self) -> Ratios:
@@ -100,11 +117,20 @@ class ParameterError(Record):
         self.lightest(scenario.arm)
 
     def lightest(self, arm: ArmParameters) -> list[ArmParameters]:
-        """Return the lightest real arms of a nominal one, with their least and largest lengths."""
+        """Return the lightest real arms of a nominal one, with their least and largest lengths.
+
+        Their links' centres are the nearest and the farthest ones.
+        """
         m1, m2, L1, L2 = (getattr(arm, name) * ratio for name, ratio in zip(PARAMETERS, self.ratios, strict=True))
         s1, s2, s3, s4 = (1.0 + self.radius if name in self.parameters else 1.0 for name in PARAMETERS)
         lengths = [(L1 * x1, L2 * x2) for x1 in {1.0 / s3, s3} for x2 in {1.0 / s4, s4}]
-        return [dataclasses.replace(arm, m1=m1 / s1, m2=m2 / s2, L1=x1, L2=x2) for x1, x2 in lengths]
+        inertia, rotor = _times(arm.inertia, self.inertia, 0), _times(arm.rotor, self.rotor, 0)
+        links = {"m1": m1 / s1, "m2": m2 / s2, "inertia": inertia, "rotor": rotor}
+        return [
+            dataclasses.replace(arm, L1=x1, L2=x2, centre=centre, **links)
+            for x1, x2 in lengths
+            for centre in {_times(arm.centre, self.centre, end) for end in (0, 1)}
+        ]
 
     def pack(self, packer: Packer) -> None:
         """Write ratio, radius and payload."""
@@ -112,5 +138,7 @@ class ParameterError(Record):
         settings["ratio"] = self.ratios
         settings["log_radius"] = [radius if name in self.parameters else 0.0 for name in PARAMETERS]
         settings["drawn_together"] = self.sampling == "together"
+        for name in ("centre", "inertia", "rotor"):
+            packer.vary(f"{name}_ratio", getattr(self, name), f"parameter_error.{name}")
         if isinstance(self.payload, Payload):
             self.payload.pack(packer)

@@ -10,7 +10,7 @@ import numpy as np
 from fbl_gym.checks import Pair
 from fbl_gym.exact import exp
 from fbl_gym.options.packer import Packer
-from fbl_gym.records import Numbers, Record, ends, number, pair, record, scaled, whole
+from fbl_gym.records import Number, Numbers, Record, ends, number, pair, record, scaled, whole
 
 SENSORS = ("position", "velocity", "acceleration")
 
@@ -121,18 +121,23 @@ class Encoder(Record):
         difference: control samples between the two readings; None: the velocity is measured.
         low_pass: cut-off frequency of the filter; None: no filter.
         latency: age of the readings of position and velocity, in control samples.
+        dropout: chance, at each control sample, that readings begin to be lost; the last one is
+            shown in their place.
+        dropout_length: control samples whose readings are lost together.
     """
 
     counts: Pair | float | None = pair(None, low=1e-3)
     difference: int | None = whole(None, low=1)
     low_pass: float | None = number(None, unit="Hz", above=0)
     latency: int = whole(0)
+    dropout: Number = number(0.0, varies=True, low=0, high=1)
+    dropout_length: int = whole(1, low=1)
 
     def validate(self) -> None:
         """Refuse a filter of a measured velocity, and readings too old to be stored."""
         if self.low_pass is not None and self.difference is None:
             raise ValueError(f"low_pass filters a computed velocity: give difference too, got low_pass={self.low_pass}")
-        for name in ("difference", "latency"):
+        for name in ("difference", "latency", "dropout_length"):
             value = getattr(self, name)
             if value is not None and value > MAX_SAMPLES:
                 raise ValueError(f"{name} must be a whole number not above {MAX_SAMPLES}, got {value}")
@@ -162,6 +167,9 @@ class Encoder(Record):
         settings["latency"], settings["difference"] = self.latency, self.difference or 0
         if self.latency or self.difference:
             settings["history"] = 1 + max(self.latency, self.difference or 1)
+        if ends(self.dropout)[1] > 0.0:
+            settings["dropout_length"] = self.dropout_length
+        packer.vary("dropout", self.dropout, "encoder.dropout")
         settings["low_pass"] = 1.0
         if self.low_pass is not None:
             settings["low_pass"] = 1.0 - exp(-2 * math.pi * self.low_pass * packer.scenario.control_dt)

@@ -165,9 +165,20 @@ class Scenario(Record):
 
     @property
     def rotor(self) -> Pair:
-        """Return the real rotor inertias, reflected to the joints [kg m^2]."""
+        """Return the rotor inertias of the drives, reflected to the joints [kg m^2].
+
+        `parameter_error.rotor` multiplies them.
+        """
         given = self.joint.rotor_inertia if self.joint is not None else None
         return self.arm.rotor if given is None else given  # type: ignore[return-value]
+
+    @property
+    def least_rotor(self) -> Pair:
+        """Return the least real rotor inertias [kg m^2]."""
+        if self.parameter_error is None:
+            return self.rotor
+        first, second = (r * ends(x)[0] for r, x in zip(self.rotor, self.parameter_error.rotor, strict=True))  # type: ignore[arg-type]
+        return first, second
 
     @property
     def lightest(self) -> list[ArmParameters]:

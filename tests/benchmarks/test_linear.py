@@ -138,6 +138,7 @@ def test_a_pause_of_the_motion_is_a_point_of_rest():
         ("oracle-flm", {}, "reads the true state"),
         ("pid-flm", {"encoder": {"latency": 1}}, "latency"),
         ("pid-flm", {"joint": {"stiffness": 1e4, "rotor_inertia": 100.0}}, "elastic"),
+        ("pid-flm", {"actuator": {"jitter": 0.002}}, "jitter or ripple"),
         ("pid-flm", {"encoder": {"difference": 1}}, "computes the velocity"),
         ("zero", {}, "does not come to rest"),
         ("computed-torque-tde", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),

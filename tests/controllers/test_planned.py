@@ -39,7 +39,7 @@ def test_the_plan_keeps_the_limits_and_errs_least():
     env, motion, arm = planned("hardware-saturation-2", [1, 7], duration=2.6)
     q, v, a = np.split(motion[:, 1:260], 3, axis=-1)
     truth = arm.truth
-    torque = inverse_dynamics(with_rotors(truth.lumped, arm.rotor)[:, None], q, v, a)
+    torque = inverse_dynamics(with_rotors(truth.lumped, truth.rotor)[:, None], q, v, a)
     torque += truth.viscous[:, None] * v + truth.coulomb[:, None] * np.tanh(v / 0.05)
     command = torque + truth.lag[:, None, None] * np.gradient(torque, 0.01, axis=1)
     use = np.abs(command) / (truth.gain[:, None] * env.interface.torque_limit)

@@ -17,6 +17,8 @@ TABLE, OTHER_TABLE = ((-1.0, 0.5), (-1.5, 0.75)), ((-1.0, 0.5), (-1.25, 0.0))
 BASES = {
     ElasticJoint: {"stiffness": 1e3, "rotor_inertia": 0.5},
     "encoder.low_pass": {"difference": 2},
+    "encoder.dropout_length": {"dropout": 0.5},
+    "actuator.ripple_order": {"ripple": 1.0},
     "friction.law": {"stiction": 1.0},
     "parameter_error.parameters": {"radius": 0.5},
 }

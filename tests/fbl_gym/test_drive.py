@@ -188,3 +188,75 @@ def test_a_drive_that_fails_gives_no_torque_at_once_whatever_its_lag():
     np.testing.assert_array_equal(applied[:21], healthy[:21])
     np.testing.assert_array_equal(applied[21:, 0], 0.0)
     np.testing.assert_array_equal(applied[:, 1], healthy[:, 1])
+
+
+def test_jitter_delays_each_command_by_a_time_of_its_own():
+    """Of commands that rise by 1 N m a sample, each begins within the jitter, none after a newer one."""
+    options = {"actuator": {"jitter": 0.004}, "control_dt": 0.005, "physics_dt": 0.001}
+    env = TwoLinkArmVectorEnv(64, action="torque", **options)
+    env.reset(seed=0)
+    late = []
+    for k in range(200):
+        env.step(np.full((64, 2), 0.1 * k))
+        late.append(env._batch.field("late"))
+    late = np.array(late)
+    assert set(np.unique(late)) == {0.0, 1.0, 2.0, 3.0, 4.0}
+    assert abs(late.mean() - 2.0) < 0.05
+    assert abs(np.corrcoef(late[1:].ravel(), late[:-1].ravel())[0, 1]) < 0.03
+    assert env.interface.delay == (0.0, 0.004)
+
+
+@pytest.mark.parametrize("jitter", [0.004, 0.023])
+def test_the_torque_under_jitter_is_that_of_the_newest_command_that_arrived(jitter):
+    """At each physics step, that of a delay of its sample's length; it never brings back an older one."""
+    substeps = 5
+    scenario = {"control_dt": 0.005, "physics_dt": 0.001, "actuator": {"jitter": jitter, "delay": 0.002}}
+    env = TwoLinkArmEnv(action="torque", **scenario)
+    env.reset(seed=1)
+    held, newest = env.truth.applied_torque[0], -1
+    for k in range(120):
+        env.step((1.0 + k, 0.0))
+        delay = 2 + env._batch.field("late")[0]
+        for step in range(substeps):
+            newest = max(newest, k - max(int(np.ceil((delay - step) / substeps)), 0))
+        assert env.truth.applied_torque[0] == (1.0 + newest if newest >= 0 else held)
+
+
+def test_jitter_reaches_the_torque_and_nothing_before_it():
+    _, seen, truths = play(actuator={"jitter": 0.006})
+    assert same(truths, plain()[2], "reference", "disturbance", "lumped")
+    assert not same(truths, plain()[2], "position")
+    np.testing.assert_array_equal(seen[0][..., :2], plain()[1][0][..., :2])
+
+
+@pytest.mark.parametrize("joint", [None, {"stiffness": 1e5, "damping": 50.0, "rotor_inertia": 2.0}])
+def test_ripple_is_a_sine_of_the_drives_angle(joint):
+    amplitude, order, h = np.array([8.0, 3.0]), np.array([10.0, 24.0]), 2.5e-4
+    actuator = {"ripple": amplitude, "ripple_order": order}
+    env = TwoLinkArmEnv(action="torque", actuator=actuator, joint=joint, control_dt=1e-3, physics_dt=h)
+    env.reset(seed=3)
+    phase = env._batch.field("ripple_phase")[0]
+    assert np.all((phase >= 0) & (phase <= 2 * np.pi))
+    for _ in range(200):
+        env.step(JUMP)
+        truth = env.truth
+        middle = truth.motor_position - 0.5 * h * truth.motor_velocity
+        ripple = amplitude * np.sin(order * middle + phase)
+        np.testing.assert_allclose(truth.applied_torque - JUMP, ripple, atol=2e-3)
+
+
+def test_an_arm_under_ripple_moves_as_by_a_solver():
+    amplitude, order = np.array([8.0, 3.0]), np.array([10.0, 24.0])
+    env = TwoLinkArmEnv(action="torque", control_dt=1e-3, actuator={"ripple": amplitude, "ripple_order": order})
+    env.reset(seed=0)
+    phase, first = env._batch.field("ripple_phase")[0], env.truth
+
+    def slope(_, x):
+        torque = JUMP + amplitude * np.sin(order * x[:2] + phase)
+        return np.concatenate([x[2:], forward_dynamics(TABLE_1, x[:2], x[2:], torque)])
+
+    start, times = np.concatenate([first.position, first.velocity]), np.arange(101) * 1e-3
+    expected = solve_ivp(slope, (0, 0.1), start, "DOP853", times, rtol=1e-11, atol=1e-12).y[:2].T
+    for k in range(1, 101):
+        env.step(JUMP)
+        np.testing.assert_allclose(env.truth.position, expected[k], atol=3e-6)

@@ -16,7 +16,14 @@ def readings(**options):
 
 @pytest.mark.parametrize(
     "encoder",
-    [4096, {"counts": (500, 1000)}, {"difference": 2}, {"difference": 1, "low_pass": 20.0}, {"latency": 3}],
+    [
+        4096,
+        {"counts": (500, 1000)},
+        {"difference": 2},
+        {"difference": 1, "low_pass": 20.0},
+        {"latency": 3},
+        {"dropout": 0.1, "dropout_length": 2},
+    ],
     ids=str,
 )
 def test_an_encoder_reaches_the_readings_and_nothing_else(encoder):
@@ -75,6 +82,19 @@ def test_latency_shows_old_readings(latency):
         np.testing.assert_array_equal(late[name][latency:], prompt[name][:-latency])
     # Before its start, the arm moved uniformly.
     np.testing.assert_allclose(late[0][0], prompt[0][0] - latency * 0.01 * prompt[2][0].velocity, atol=0.07)
+
+
+def test_lost_readings_are_the_last_ones():
+    """At a chance of 5 %, gaps of 3 samples begin; a gap may begin within another. The velocity is lost with them."""
+    position, velocity, truths = readings(encoder={"dropout": 0.05, "dropout_length": 3}, steps=400)
+    true = np.array([truth.position for truth in truths])
+    lost = np.any(position != true, axis=-1)
+    assert not lost[0].any()
+    assert abs(lost[3:].mean() - (1 - 0.95**3)) < 0.01
+    both = np.concatenate([position, velocity], axis=-1)
+    np.testing.assert_array_equal(both[1:][lost[1:]], both[:-1][lost[1:]])
+    begins = lost[1:-2] & ~lost[:-3]
+    assert np.all(lost[2:-1][begins] & lost[3:][begins])
 
 
 @pytest.mark.parametrize("encoder", [{"latency": 3}, {"latency": 3, "difference": 2}, {"difference": 1}], ids=str)

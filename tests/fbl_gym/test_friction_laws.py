@@ -12,7 +12,7 @@ from fbl_gym.model.arm import forward_dynamics
 from fbl_gym.options import Friction
 from fbl_gym.records import declarations
 from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL
-from tests.fbl_gym.paired_runs import plain, play, same
+from tests.fbl_gym.paired_runs import plain, play, same, watch
 
 
 def test_every_friction_law_has_a_number_in_the_kernel():
@@ -135,3 +135,33 @@ def test_under_the_literal_law_nothing_sticks():
         moved[law] = np.abs(env.truth.position - start).max()
     assert moved["exact"] == 0.0
     assert moved["literal"] > 1e-4
+
+
+@pytest.mark.parametrize("law", ["exact", "literal"])
+def test_a_loaded_gear_has_friction_by_its_drives_torque(law):
+    torque, applied, velocity = watch(
+        "friction_torque", "applied_torque", "velocity",
+        torque=(120.0, 60.0), friction={"coulomb": 3.0, "load": (0.1, 0.2), "law": law},
+    )  # fmt: skip
+    moving = np.abs(velocity) > 1e-9
+    expected = np.sign(velocity) * (3.0 + np.array([0.1, 0.2]) * np.abs(applied))
+    assert moving.mean() > 0.7
+    np.testing.assert_allclose(torque[moving], expected[moving], rtol=1e-9)
+
+
+def test_a_loaded_elastic_joint_moves_as_one_with_that_coulomb_friction():
+    """Under a held torque, 10 % of it are 12 and 6 N m more of Coulomb friction."""
+    joint = {"stiffness": 5000.0, "damping": 5.0, "rotor_inertia": 0.5}
+    given = [{"coulomb": 3.0, "load": 0.1}, {"coulomb": (15.0, 9.0)}]
+    ours, theirs = (watch("position", "motor_position", torque=(120.0, 60.0), joint=joint, friction=f) for f in given)
+    for a, b in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
+
+
+def test_a_loaded_gear_agrees_with_mujoco():
+    """MuJoCo's dry friction is another model of sticking; sliding is the same."""
+    pytest.importorskip("mujoco")
+    friction = {"coulomb": 3.0, "load": (0.1, 0.2)}
+    ours, theirs = (watch("position", torque=(160.0, 90.0), friction=friction, plant=x)[0] for x in (None, "mujoco"))
+    (without,) = watch("position", torque=(160.0, 90.0), friction={"coulomb": 3.0})
+    assert np.abs(ours - theirs).max() < 0.01 * np.abs(ours - without).max()

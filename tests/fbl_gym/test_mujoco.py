@@ -35,6 +35,15 @@ EXACT = {
     "jumping torque": {"disturbance": {"kind": "piecewise-constant", "amplitude": (50, 20), "period": 0.105}},
     "pulses": {"disturbance": {"kind": "pulses", "amplitude": (80, 30)}},
     "delay": {"actuator": {"delay": 0.003}},
+    "jitter, lost readings": {"actuator": {"jitter": 0.02}, "encoder": {"dropout": 0.02, "dropout_length": 3}},
+    "ripple": {"actuator": {"ripple": (5, 2), "ripple_order": (12, 20)}},
+    "centre, inertia, rotors": {
+        "arm": {"centre": (0.5, 0.4), "inertia": (0.1, 0.05), "rotor": (0.5, 0.2)},
+        "parameter_error": {"centre": (1.2, 0.9), "inertia": 1.3, "rotor": {"uniform": [0.5, 2]}},
+    },
+    "a payload with a size": {
+        "parameter_error": {"payload": {"mass": 4, "offset": 0.1, "radius": 0.2, "pick_up": 1.0}}
+    },
     "steps": {"reference": "steps", "initial_error": 0.02},
     "draws": {
         "friction": {"viscous": {"uniform": [1, 20]}},
@@ -119,7 +128,7 @@ def test_elastic_joints_agree(side):
     options = {
         **ELASTIC,
         "joint": {**ELASTIC["joint"], "stiffness": {"log_uniform": [1500, 4000]}, "encoder": side},
-        "parameter_error": {"radius": 0.2, "payload": {"mass": 3, "pick_up": 0.5}},
+        "parameter_error": {"radius": 0.2, "payload": {"mass": 3, "pick_up": 0.5}, "rotor": (1.3, 0.8)},
         "disturbance": {"kind": "piecewise-constant", "amplitude": (20, 8), "period": 0.105},
         "encoder": {"counts": 65536, "difference": 1},
         "events": [{"kind": "knock", "time": 1.0, "impulse": (5, 2)}, {"kind": "drop", "time": 1.5}],

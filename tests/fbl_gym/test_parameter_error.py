@@ -1,5 +1,7 @@
 """The options `arm` and `parameter_error` change the real arm's parameters, and nothing else."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -105,3 +107,31 @@ def test_the_arm_reaches_the_plant_and_the_nominal_model(arm):
         q, v, torque = env.truth.position, env.truth.velocity, env.truth.applied_torque
         np.testing.assert_allclose(env.truth.acceleration, forward_dynamics(arm, q, v, torque), rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(env.truth.leakage, 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["centre", "inertia", "rotor"])
+def test_centres_inertias_and_rotors_reach_the_real_arm_alone(name):
+    """Each changes the equations of motion as it does in an arm of its own, and nothing else."""
+    nominal = ArmParameters(centre=(0.5, 0.4), inertia=(0.1, 0.05), rotor=(2.0, 0.5))
+    ratio = np.array([1.25, 0.75])
+    real = dataclasses.replace(nominal, **{name: tuple(ratio * getattr(nominal, name))})
+    _, seen, truths = play(arm=nominal, parameter_error={name: tuple(ratio)}, sensors="position")
+    _, other, others = play(arm=real, sensors="position")
+    np.testing.assert_allclose(seen, other, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(truths[0].lumped[0], real.lumped, rtol=1e-14)
+    np.testing.assert_allclose(truths[0].rotor[0], real.rotor, rtol=1e-14)
+    for ours, theirs in zip(truths, others, strict=True):
+        np.testing.assert_allclose(ours.position, theirs.position, rtol=0, atol=1e-11)
+    assert not same(truths, play(arm=nominal)[2], "position")
+    assert TwoLinkArmEnv(arm=nominal, parameter_error={name: tuple(ratio)}).interface.nominal == nominal
+
+
+def test_every_episode_draws_centre_inertia_and_rotor():
+    options = {"arm": {"inertia": 0.1, "rotor": 1.0}, "parameter_error": {"rotor": {"uniform": [0.5, 2.0]}}}
+    env = TwoLinkArmVectorEnv(64, **options)
+    env.reset(seed=0)
+    rotor = env.truth.rotor
+    assert rotor.min() >= 0.5
+    assert rotor.max() <= 2.0
+    assert np.std(rotor, axis=0).min() > 0.3
+    assert np.abs(np.corrcoef(rotor.T)[0, 1]) < 0.5
