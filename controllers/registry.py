@@ -3,7 +3,8 @@
 It has the built-in laws of `catalogue.py`, the policies of installed packages (entry points of the
 group `fbl_gym.policies`), and those that a program registers itself. LAW+PART, such as
 "computed-torque+kalman+predictor", is a law composed with parts (`composition.py`). POLICY@tuned
-is a built-in law, composed or not, with the gains of `tuned/POLICY.json`.
+is a built-in law, composed or not, with the gains of `tuned/POLICY.json`; POLICY@servo has those of
+`tuned/servo/POLICY.json`, for a class of robots.
 """
 
 import importlib
@@ -21,6 +22,7 @@ from controllers.composition import PARTS, completed, compose
 from controllers.policy import ACCESS, Policy
 from fbl_gym.checks import check_choice, check_choices, unknown
 from fbl_gym.interface import Interface
+from fbl_gym.scenarios.classes import CLASSES
 
 KINDS = ("classical", "learned")
 
@@ -28,6 +30,9 @@ ENTRY_POINTS = "fbl_gym.policies"
 
 TUNED = Path(__file__).with_name("tuned")
 """Folder of the tuned gains: `fbl-gym tune POLICY --ship` writes POLICY.json."""
+
+TUNINGS = ("tuned", *CLASSES)
+"""The sets of tuned gains; those of a class of robots are in its folder."""
 
 
 @dataclass(frozen=True)
@@ -43,25 +48,32 @@ _REGISTRY: dict[str, _Entry] = {}
 
 @dataclass(frozen=True)
 class LawName:
-    """The name of a policy in the registry: LAW, LAW+PART, either with @tuned."""
+    """The name of a policy in the registry: LAW, LAW+PART, either with @ and one of `TUNINGS`."""
 
     law: str
     parts: tuple[str, ...] = ()
-    tuned: bool = False
+    tuned: str = ""
 
     @classmethod
     def parse(cls, text: str) -> "LawName":
         """Return the name that a text gives."""
-        law, *parts = text.removesuffix("@tuned").split("+")
-        return cls(law, tuple(parts), text.endswith("@tuned"))
+        code, _, tuning = text.rpartition("@")
+        code, tuning = (code, tuning) if tuning in TUNINGS else (text, "")
+        law, *parts = code.split("+")
+        return cls(law, tuple(parts), tuning)
 
     @property
     def file(self) -> Path:
         """The file of the tuned gains."""
-        return TUNED / f"{'+'.join((self.law, *self.parts))}.json"
+        return tuned_folder(self.tuned) / f"{'+'.join((self.law, *self.parts))}.json"
 
     def __str__(self) -> str:
-        return "+".join((self.law, *self.parts)) + "@tuned" * self.tuned
+        return "+".join((self.law, *self.parts)) + f"@{self.tuned}" * bool(self.tuned)
+
+
+def tuned_folder(tuning: str) -> Path:
+    """Return the folder of one of `TUNINGS`."""
+    return TUNED / tuning if tuning in CLASSES else TUNED
 
 
 def register(
@@ -173,18 +185,21 @@ def factory(name: str) -> Callable[..., Any]:
     return _load(_entry(name))
 
 
-def tuned() -> tuple[str, ...]:
-    """Return the policies with tuned gains, such as "pid-flm@tuned"; composed ones come last."""
-    files = {path.stem for path in TUNED.glob("*.json")}
-    return tuple(
-        f"{name}@tuned" for name in (*(name for name in _REGISTRY if name in files), *sorted(files - {*_REGISTRY}))
-    )
+def tuned(tuning: str = "tuned") -> tuple[str, ...]:
+    """Return the policies with gains of one of `TUNINGS`, such as "pid-flm@tuned".
+
+    Composed ones come last.
+    """
+    files = {path.stem for path in tuned_folder(tuning).glob("*.json")}
+    known = (*(name for name in _REGISTRY if name in files), *sorted(files - {*_REGISTRY}))
+    return tuple(f"{name}@{tuning}" for name in known)
 
 
 def tuned_gains(name: str) -> dict[str, float]:
     """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@tuned"."""
-    if name not in tuned():
-        raise unknown("tuned policy", name, tuned())
+    known = tuned(LawName.parse(name).tuned or "tuned")
+    if name not in known:
+        raise unknown("tuned policy", name, known)
     gains: dict[str, float] = json.loads(LawName.parse(name).file.read_text())["gains"]
     return gains
 

@@ -20,8 +20,14 @@ from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
 from fbl_gym.model.arm import Array
+from fbl_gym.scenarios.classes import CLASSES
 
-RANKED_FIRST = ("hardware", "ideal", "surprise", "practice")
+RANKED_FIRST = (
+    "hardware",
+    *CLASSES,
+    "ideal",
+    *(tier for tier in scenarios.TIERS if tier.endswith(("surprise", "practice"))),
+)
 """A board is ranked in the first of these tiers that it has."""
 
 UNSCORED = "No scores: no classical law with privileged access is a ceiling on this board. Ranked by the error."

@@ -11,19 +11,19 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import distinguish, expand
 from benchmarks.text import say
 from benchmarks.tuning.search import (
-    JUDGED,
-    SCENARIOS,
     STORAGE,
     Task,
     judge,
     open_study,
+    scenarios_of,
     seeds,
     summary,
     tune,
     write_gains,
 )
-from controllers.registry import TUNED
+from controllers.registry import tuned_folder
 from fbl_gym import Scenario
+from fbl_gym.scenarios.classes import CLASSES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,9 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--scenarios", nargs="+", action="extend", metavar="S",
-        help="scenarios of trials and judging: names, families, .toml files "
-        f"({len(SCENARIOS)} of the tier practice for trials, {len(JUDGED)} for judging)",
+        help="scenarios of trials and judging: names, families, .toml files (some of the tier practice, or of the class's)",
     )  # fmt: skip
+    parser.add_argument(
+        "--class", dest="robot", choices=tuple(CLASSES), default="", help="tune for a class of robots, on its practice"
+    )
     parser.add_argument(
         "--storage", default=STORAGE, metavar="URL",
         help=f"database of the studies, as for Optuna, which processes and machines may share ({STORAGE})",
@@ -56,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     target.add_argument(
         "--ship",
         action="store_true",
-        help=f"write the gains of built-in policies to {TUNED.parent.name}/{TUNED.name}, for POLICY@tuned",
+        help="write the gains of built-in policies into controllers/tuned, for POLICY@tuned or POLICY@CLASS",
     )
 
 
@@ -68,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise ValueError(f"--ship is for the laws that fbl-gym comes with, got {policy.name!r}: give --out instead")
         task, judging = (
             Task(policy, _scenarios(arguments, usual), numbers)
-            for usual, numbers in ((SCENARIOS, tried), (JUDGED, fresh))
+            for usual, numbers in zip(scenarios_of(arguments.robot), (tried, fresh), strict=True)
         )
         open_study(task, arguments.storage)  # here, since no two processes may create a database at once
         pairs.append((task, judging))
@@ -94,12 +96,12 @@ def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Tas
     name = task.policy.name
     study = tune(task, arguments.trials, arguments.storage)
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)
-    path = write_gains(best, TUNED if arguments.ship else arguments.out)
+    path = write_gains(best, tuned_folder(arguments.robot) if arguments.ship else arguments.out)
     verdict, defaults = best["judged"]["best"], best["judged"]["defaults"]
     gains = " ".join(f"{gain}={value:g}" for gain, value in best["gains"].items()) or "the default gains are best"
     return (
         f"{name}: {gains}\n"
         f"  objective {verdict['objective']:.3f}, diverged {verdict['diverged_pct']:.2g} %; "
         f"of the default gains {defaults['objective']:.3f}, {defaults['diverged_pct']:.2g} %\n"
-        f"  {path}: use them as {name}@{'tuned' if arguments.ship else arguments.out}"
+        f"  {path}: use them as {name}@{(arguments.robot or 'tuned') if arguments.ship else arguments.out}"
     )

@@ -4,7 +4,8 @@ The text is one of:
 
 - a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed
   package;
-- "cascade-flm@tuned", with its tuned gains;
+- "cascade-flm@tuned", with its tuned gains, or "cascade-flm@servo", with those for a class of
+  robots;
 - "cascade-flm+kalman+predictor", a law composed with parts, also with "@tuned";
 - a law with gains at the end, "cascade-flm@K=30" or "my_law.py@K=30,20@F=10", or with those of a
   file: "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
@@ -29,7 +30,7 @@ from benchmarks.policies.configuration import gains_file, read_gains
 from benchmarks.rl.agent import DESCRIPTION
 from benchmarks.rl.policy import shipped
 from controllers import registry
-from controllers.registry import LawName
+from controllers.registry import TUNINGS, LawName
 from fbl_gym.checks import check_choice
 
 FORMS = ("name", "file", "module", "agent", "archive")
@@ -45,7 +46,7 @@ class PolicyName:
         source: the registered law or agent, the path, or the module.
         attribute: the factory in a file or module; empty: none is named.
         parts: with which a law is composed.
-        tuned: True if a law has its tuned gains.
+        tuned: one of `TUNINGS`, if a law has tuned gains.
         seed: training seed of a shipped agent; None: the best one.
         gains: at the end of the text: NAME=VALUE, a file, or a folder each.
     """
@@ -55,7 +56,7 @@ class PolicyName:
     source: str
     attribute: str = ""
     parts: tuple[str, ...] = ()
-    tuned: bool = False
+    tuned: str = ""
     seed: int | None = None
     gains: tuple[str, ...] = ()
 
@@ -63,7 +64,7 @@ class PolicyName:
     def parse(cls, text: str) -> "PolicyName":
         """Return the name that a text gives. Files tell an agent's folder from an archive's."""
         code, _, last = text.rpartition("@")
-        if code and last != "tuned" and not last.isdigit() and not last.endswith((".py", ".zip")):
+        if code and last not in TUNINGS and not last.isdigit() and not last.endswith((".py", ".zip")):
             inner = cls.parse(code)
             if inner.form in ("file", "module") or inner.source in registry.names():
                 return dataclasses.replace(inner, text=text, gains=(*inner.gains, last))

@@ -27,7 +27,7 @@ from benchmarks.policies.name import PolicyName
 from benchmarks.rl.agent import files, saved_agent, settings_of
 from benchmarks.rl.sb3 import MOTION, load_zip
 from controllers.policy import ACCESS
-from controllers.registry import KINDS, is_composed
+from controllers.registry import KINDS, TUNINGS, is_composed
 from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
@@ -183,7 +183,7 @@ class PolicySpec:
 
 def names() -> tuple[str, ...]:
     """Return the name of every registered policy, then those with tuned gains."""
-    return (*controllers.names(), *controllers.tuned())
+    return (*controllers.names(), *(name for tuning in TUNINGS for name in controllers.tuned(tuning)))
 
 
 _RESOLVED: dict[PolicyName, PolicySpec] = {}

@@ -22,6 +22,7 @@ from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_whole, unknown
 from fbl_gym.records import set_fields
 from fbl_gym.scenarios import as_scenario
+from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.files import from_table, merged, read_toml
 from fbl_gym.scenarios.files import split as split_file
 
@@ -235,6 +236,7 @@ class SuiteSpec:
         policies: texts that name the policies; empty: all, tuned where they can be.
         tasks: names, families, files and tables of further scenarios.
         seeds: how many of the test seeds.
+        tuning: the set of tuned gains, one of `controllers.registry.TUNINGS`.
         more_seeds: how many of some scenarios, by name, in which many policies lose runs.
         ceilings: as for `Suite`; only beside the suite's own policies.
         file: that describes the suite; None: it is one of `SUITES`.
@@ -247,6 +249,7 @@ class SuiteSpec:
     policies: tuple[str, ...] = ()
     tasks: tuple[Any, ...] = ()
     seeds: int = 32
+    tuning: str = "tuned"
     more_seeds: Mapping[str, int] = field(default_factory=dict)
     ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     file: Path | None = None
@@ -254,10 +257,11 @@ class SuiteSpec:
     @property
     def policy_names(self) -> tuple[str, ...]:
         """The texts that name its policies."""
+        tuned = controllers.tuned(self.tuning)
         return self.policies or tuple(
             name for name in names()
             if (law := LawName.parse(name)).law not in self.without
-            and (law.tuned or name in PAPER or f"{name}@tuned" not in controllers.tuned())
+            and (law.tuned == self.tuning or (not law.tuned and (name in PAPER or f"{name}@{self.tuning}" not in tuned)))
         )  # fmt: skip
 
     @property
@@ -304,6 +308,7 @@ class SuiteSpec:
 NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
 """Agents that were trained with an accelerometer, which the tier hardware lacks."""
 
+_AGENTS = ("ppo-residual", "ppo-residual-predictor")  # they were trained for hardware
 _SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque
 _SLOW = ("nmpc",)  # it takes as long as all others together
 _PLANNED = "oracle-planned"  # it only differs from oracle-elastic where drives reach their limits
@@ -326,6 +331,14 @@ SUITES: dict[str, SuiteSpec] = {
             "full", "the tiers hardware, surprise and ideal (Table 1's arm) at all severities, 64 seeds, without nmpc",
             dict.fromkeys(("hardware", "surprise", "ideal"), scenarios.SEVERITIES[1:]), (*_SINGLE, *_SLOW, _PLANNED),
             seeds=64, ceilings={_PLANNED: tuple(f"hardware-saturation-{severity}" for severity in (1, 2, 3))},
+        ),
+        *(
+            SuiteSpec(
+                robot, f"a class of robots, {kind.text}; every policy tuned for it, at severity 2, and its surprise, 32 seeds",
+                {robot: (2,), f"{robot}-surprise": (2,)}, (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION, *_AGENTS),
+                tuning=robot, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
+            )
+            for robot, kind in CLASSES.items()
         ),
     )
 }  # fmt: skip

@@ -48,10 +48,28 @@ SCENARIOS = (
     "practice-friction-3", "practice-disturbance-3", "practice-elastic-1", "practice-elastic-3", "practice-saturation-1",
     "practice-everything-1", "practice-everything-3",
 )  # fmt: skip
-"""The scenarios of the trials."""
+"""The scenarios of trials for the tier `hardware`."""
 
-JUDGED = scenarios.in_tier("practice")
-"""The scenarios that the best trials and the defaults are judged on."""
+
+def scenarios_of(robot: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the scenarios of trials, and of those that the best ones are judged on.
+
+    Args:
+        robot: a class of robots; empty: the tier `practice`.
+    """
+    if not robot:
+        return SCENARIOS, scenarios.in_tier("practice")
+    known = scenarios.in_tier(f"{robot}-practice")
+    pushed = (
+        "friction-3",
+        "disturbance-3",
+        "elastic-3",
+        "delay-3",
+        "saturation-1",
+        "everything-1",
+        "everything-3",
+    )
+    return tuple(name for name in known if name.endswith(("nominal", *pushed))), known
 
 
 @dataclass(frozen=True)

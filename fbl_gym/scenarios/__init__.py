@@ -13,7 +13,7 @@ from typing import Any
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.options import WORLDS
 from fbl_gym.records import build
-from fbl_gym.scenarios import files, hardware, ideal
+from fbl_gym.scenarios import classes, files, hardware, ideal
 from fbl_gym.scenarios.families import Member
 from fbl_gym.scenarios.hardware import conditions, held_out_reason
 from fbl_gym.scenarios.ideal import SEVERITIES, arms, families, family
@@ -46,10 +46,16 @@ TIERS = {
     "surprise": "the same arm changes during the episode, or is another one",
     "practice": "for tuning and training: the families of hardware with another motion",
     "ideal": "the paper's assumptions: no delay, no lag, exact sensors; one kind of uncertainty in each family",
+    **{robot: kind.text for robot, kind in classes.CLASSES.items()},
+    **{
+        f"{robot}-surprise": f"{robot}: the arm changes during the episode, or is another one"
+        for robot in classes.CLASSES
+    },
+    **{f"{robot}-practice": f"{robot}: for tuning and training, with another motion" for robot in classes.CLASSES},
 }
 """The tiers of the leaderboard's scenarios, each with one line."""
 
-_MEMBERS = ideal.MEMBERS | hardware.MEMBERS
+_MEMBERS = ideal.MEMBERS | hardware.MEMBERS | classes.MEMBERS
 
 
 def names() -> tuple[str, ...]:
@@ -96,6 +102,8 @@ def get(name: str) -> Scenario:
         return (FIGURES | REAL)[name]
     if name in hardware.MEMBERS:
         return hardware.get(name)
+    if name in classes.MEMBERS:
+        return classes.get(name)
     if name in ideal.MEMBERS:
         return family(*ideal.MEMBERS[name][:3])
     severities = [other for other in _MEMBERS if other.startswith(f"{name}-") and other[-1].isdigit()]

@@ -1,8 +1,9 @@
 """Scenarios from TOML files and tables, which may change a base.
 
 A table has the fields of `Scenario`. Its entry `base` names another scenario or file, with which
-the table is merged, record by record. `false` switches an option off. Where the base is of the
-tiers hardware, practice or surprise and the arm is another one, torques and payloads follow it.
+the table is merged, record by record. `false` switches an option off. Where the base is of a class
+of robots, or of the tiers hardware, practice or surprise, and the arm is another one, torques and
+payloads follow it.
 
     base = "hardware-everything-2"
     noise.position = 1e-4
@@ -20,7 +21,7 @@ from typing import Any
 
 from fbl_gym.checks import unknown
 from fbl_gym.records import build, merged
-from fbl_gym.scenarios import hardware
+from fbl_gym.scenarios import classes, hardware
 from fbl_gym.scenarios.scenario import Scenario
 
 Named = Callable[[str], Scenario]
@@ -89,9 +90,10 @@ def from_table(
             raise ValueError(f"base must be a name, or a .toml file without a world, got {base!r}")
         if base and not file:
             parent = named(base)
-        if base in hardware.MEMBERS and "arm" in fields:
+        maker = next((module.get for module in (hardware, classes) if base in module.MEMBERS), None)
+        if maker and "arm" in fields:
             arm = merged(parent.to_dict()["arm"], fields["arm"])
-            parent = hardware.get(base, build("scenario", {"arm": arm}, Scenario).arm)
+            parent = maker(str(base), build("scenario", {"arm": arm}, Scenario).arm)
         fields.setdefault("description", f"{parent.name} with other options")
         return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:

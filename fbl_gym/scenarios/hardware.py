@@ -24,6 +24,7 @@ from fbl_gym.model.arm import TABLE_1, ArmParameters
 from fbl_gym.model.real_arms import CICESE, DFKI_C1, PELICAN
 from fbl_gym.options import DriveChange, Event, FourierReference, FrictionChange, Knock, MinimumJerk, PickUp
 from fbl_gym.records import Distribution, merged
+from fbl_gym.scenarios import classes
 from fbl_gym.scenarios.families import Family, Member, combined
 from fbl_gym.scenarios.scenario import Scenario
 
@@ -285,7 +286,7 @@ def held_out_reason(scenario: Scenario) -> str:
     reference = scenario.reference
     if isinstance(reference, MinimumJerk) and reference.points is None and (reference.low, reference.high) == _BOX:
         return f"its motion is the board's: minimum-jerk moves between {reference.low} and {reference.high} rad"
-    if scenario.arm not in (ARM, *_ARMS.values()):
+    if scenario.arm not in (ARM, *_ARMS.values(), *classes.OWN_ARMS):
         return ""
     if scenario.events:
         return "it has events, as the tier `surprise`"

@@ -78,7 +78,7 @@ def studies(folder):
 
 
 def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmarks.cli.tune.TUNED", tmp_path)
+    monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
     few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
     arguments = ["tune", "pid-flm", *few, "--storage", f"sqlite:///{tmp_path}/studies.db", "--ship"]
     assert cli.main([*arguments, "--trials", "2"]) == 0

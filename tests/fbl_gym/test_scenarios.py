@@ -99,7 +99,7 @@ def test_the_names_are_figures_real_arms_and_the_families_for_both_arms():
     members = {"nominal"} | {f"{family}-{severity}" for family in families for severity in range(4)}
     arms = {"dfki-c1", "dfki-a0", "cicese"}
     ideal = members | {f"section-2-2/{name}" for name in members}
-    tiers = {name for tier in ("hardware", "surprise", "practice") for name in scenarios.in_tier(tier)}
+    tiers = {name for tier in scenarios.TIERS if tier != "ideal" for name in scenarios.in_tier(tier)}
     assert set(scenarios.in_tier("ideal", scenarios.SEVERITIES)) | {n for n in ideal if n[-2:] == "-0"} == ideal
     assert set(scenarios.names()) == figures | arms | ideal | tiers
     assert len(scenarios.names()) == len(set(scenarios.names()))
