@@ -119,8 +119,8 @@ CLASSES = {
         "bus servos: 100 Hz, a sample of computation, a slow drive, 12 bits at the joint, friction under load",
         ArmParameters.from_links((0.6, 0.4), (0.22, 0.2), (0.12, 0.1), (3e-3, 1.5e-3), (0.0246, 0.011)),
         times=(0.01, 0.0005, 10.0), move_time=1.2, delay=(0.0, 0.0), lag=(0.005, 0.015), encoder="link", counts=4096.0,
-        friction={"viscous": ((0.01, 0.04),) * 2, "coulomb": ((0.01, 0.05),) * 2, "stiction": ((0.01, 0.05),) * 2,
-                  "load": (0.05, 0.23)},
+        friction={"viscous": ((0.01, 0.04),) * 2, "coulomb": ((0.01, 0.05), (0.03, 0.1)),
+                  "stiction": ((0.01, 0.05), (0.03, 0.1)), "load": (0.05, 0.23)},
         gain=(0.9, 1.1), strength=1.5,
     ),
     "direct": RobotClass(
