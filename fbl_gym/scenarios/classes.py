@@ -134,14 +134,14 @@ CLASSES = {
         options=lambda _: {"actuator": {"jitter": 0.0015}},
     ),
     "geared": RobotClass(
-        "harmonic drives: 1 kHz, a fast drive, encoders on the motors, springs of 8 to 20 Hz, ripple, much friction",
+        "harmonic drives: 1 kHz, a fast drive, encoders on the motors, springs of 10 to 15 Hz, ripple, much friction",
         ArmParameters.from_links((4.0, 3.0), (0.35, 0.3), (0.16, 0.135), (0.04, 0.025), (0.947, 0.334)),
         times=(0.001, 0.0005, 5.0), move_time=1.5, delay=(0.0, 0.0), lag=(0.001, 0.002), encoder="motor", counts=409600.0,
         friction={"viscous": ((0.05, 0.2),) * 2, "coulomb": ((0.05, 0.15),) * 2, "stiction": ((0.05, 0.15),) * 2,
                   "load": (0.06, 0.17)},
         gain=(0.9, 1.1), strength=1.5,
         options=lambda scale: {
-            **scale.springs(8.0, 20.0, 0.2),
+            **scale.springs(10.0, 15.0, 0.2),
             "actuator": {"ripple": tuple(0.01 * scale.weight), "ripple_order": (200.0, 100.0)},
         },
     ),
@@ -228,12 +228,12 @@ _FAMILIES = {
     "elastic": _Family(
         "springs in the joints, each alone with a natural frequency of {} Hz",
         lambda scale, rates: scale.springs(*(rate / scale.size for rate in rates)),
-        {"servo": (((10, 14), (6, 8), (3.5, 4.5)),), "geared": (((6, 9), (4, 6), (3, 4)),)},
+        {"servo": (((10, 14), (6, 8), (3.5, 4.5)),), "geared": (((7, 10), (5, 7), (3.5, 5)),)},
     ),
     "backlash": _Family(
         "a gap of {} mrad in joints with springs of {} Hz",
         lambda scale, gap, rates: scale.springs(*rates, gap),
-        {"servo": ((1, 5, 20), ((10, 14),) * 3), "geared": ((0.5, 1, 3), ((8, 20),) * 3)},
+        {"servo": ((1, 5, 20), ((10, 14),) * 3), "geared": ((0.5, 1, 3), ((10, 15),) * 3)},
     ),
     "ripple": _Family(
         "torque ripple of {} % of the weight",
