@@ -1,7 +1,7 @@
 """The paper's Kalman filter for each joint (§3.2), and the robust controller on its estimates."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -152,7 +152,7 @@ class RobustFlm(CascadeFlm):
 
     needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
 
-    @property
+    @cached_property
     def filter(self) -> JointKalman:
         """The Kalman filter of both joints."""
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma, self.filtering)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from fbl_gym.checks import Pair
-from fbl_gym.interface import Interface
+from fbl_gym.interface import Interface, clip
 from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.records import Record, number, pair
 
@@ -90,12 +90,12 @@ class Eso(Observer):
     def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
         """Return the estimate at a sample."""
         # x = x + L (y - H x)
-        q, v, f = np.moveaxis(memory[..., :3] + self.gain * (position - memory[..., 0])[..., None], -1, 0)
+        q, v, f = (memory[..., :3] + self.gain * (position - memory[..., 0])[..., None]).transpose(2, 0, 1)
         return np.stack([q, v, memory[..., 3] + f, f], axis=-1)
 
     def predict(self, estimate: Array, u: Array) -> Array:
         """Return the prediction of position, velocity and f, and u."""
-        q, v, _, f = np.moveaxis(estimate, -1, 0)
+        q, v, _, f = estimate.transpose(2, 0, 1)
         dt, a = self.dt, u + f
         # x = F x + G u
         return np.stack([q + dt * v + 0.5 * dt**2 * a, v + dt * a, f, u], axis=-1)
@@ -124,14 +124,14 @@ class Kalman(Observer):
 
     def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
         """Return the estimate at a sample; the acceleration is that of the estimated velocity."""
-        q, v, u, f = np.moveaxis(memory, -1, 0)
+        q, v, u, f = memory.transpose(2, 0, 1)
         innovation = position - q
         change = self.gain[1] * innovation
         return np.stack([q + self.gain[0] * innovation, v + change, u + change / self.dt, f], axis=-1)
 
     def predict(self, estimate: Array, u: Array) -> Array:
         """Return the prediction of position and velocity, and u."""
-        q, v, _, f = np.moveaxis(estimate, -1, 0)
+        q, v, _, f = estimate.transpose(2, 0, 1)
         return np.stack([q + self.dt * v + 0.5 * self.dt**2 * u, v + self.dt * u, u, f], axis=-1)
 
 
@@ -238,7 +238,7 @@ class Drive:
         for h, command in steps:
             torques = [command + self._fade(t)[0] * (torque - command) for t in (0.0, 0.5 * h, h)]
             q, v = runge_kutta(lambda x, u: (x[1], forward_dynamics(arm, x[0], x[1], u) + f), (q, v), h, torques)
-            v, torque = np.clip(v, -FASTEST, FASTEST), torques[-1]
+            v, torque = clip(v, -FASTEST, FASTEST), torques[-1]
         return q, v, torque
 
     def _fade(self, t: float) -> tuple[float, float]:

@@ -67,9 +67,11 @@ def reference_at(interface: Interface, observation: Array, times: Array) -> Arra
     times = np.broadcast_to(times, (len(known), np.shape(times)[-1]))
     last = np.clip((times / dt + 1e-9).astype(int), 0, known.shape[1] - 1)
     following = np.minimum(last + 1, known.shape[1] - 1)
-    r, r_dot, r_ddot = np.split(np.take_along_axis(known, last[..., None], axis=1), 3, axis=-1)
+    lanes = np.arange(len(known))[:, None]
+    sample = known[lanes, last]
+    r, r_dot, r_ddot = sample[..., :2], sample[..., 2:4], sample[..., 4:]
     t = (times - last * dt)[..., None]
-    jerk = (np.take_along_axis(known[..., 4:], following[..., None], axis=1) - r_ddot) / dt
+    jerk = (known[lanes, following, 4:] - r_ddot) / dt
     jerk = np.where(t > 0.0, jerk, 0.0)
     position = r + t * r_dot + t**2 * (r_ddot / 2.0 + t * jerk / 6.0)
     return np.concatenate([position, r_dot + t * r_ddot + 0.5 * t**2 * jerk, r_ddot + t * jerk], axis=-1)
