@@ -10,6 +10,7 @@ from filterpy.kalman import KalmanFilter
 
 from controllers.cascade import CascadeFlm
 from controllers.policy import State
+from fbl_gym.interface import clip
 from fbl_gym.model.arm import Array
 from fbl_gym.records import choice, number
 
@@ -118,7 +119,7 @@ class JointKalman:
         table = (continuous_gains if self.form == "continuous" else gains)(
             self.dt, self.acceleration_sigma, self.position_sigma
         )
-        gain, before = table[np.clip(state.samples, 0, len(table) - 1)], state.samples[:, None] < 0
+        gain, before = table[clip(state.samples, 0, len(table) - 1)], state.samples[:, None] < 0
         # x = F x + B u
         q = state.position + self.dt * state.velocity + 0.5 * self.dt**2 * acceleration
         v = state.velocity + self.dt * acceleration

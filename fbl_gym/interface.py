@@ -76,9 +76,9 @@ class Layout:
     def _slices(self) -> dict[str, slice]:
         return {slot.name: slot.slice for slot in self.slots}
 
-    @property
+    @cached_property
     def size(self) -> int:
-        """Return the length of the observation."""
+        """The length of the observation."""
         return sum(slot.size for slot in self.slots)
 
     @property

@@ -27,6 +27,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -317,12 +318,17 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
 
 def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, torque: ArrayLike) -> Array:
     """Return the acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2]."""
+    shape, *parts = _parts(arm, q, v, torque)
+    return _stack(shape, *accelerations(arm, *chain(*parts)))
+
+
+def accelerations(arm: ArmParameters | ArrayLike, q1: Any, q2: Any, v1: Any, v2: Any, t1: Any, t2: Any) -> Any:
+    """Return the accelerations of `forward_dynamics` from both joints' parts, arrays or floats."""
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
-    shape, (q1, q2), (v1, v2), (t1, t2) = _parts(arm, q, v, torque)
     b1, b2 = coriolis_terms(p3, _sin(q2), v1, v2)
     g1, g2 = gravity_terms(p4, p5, _cos(q1), _cos(q1 + q2))
     m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, _cos(q2))
-    return _stack(shape, *solve_terms(m11, m12, m22, t1 - b1 - g1, t2 - b2 - g2))
+    return solve_terms(m11, m12, m22, t1 - b1 - g1, t2 - b2 - g2)
 
 
 def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
