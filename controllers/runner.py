@@ -78,6 +78,11 @@ class Runner:
         self._max_interval = check_number("max_interval", longest, above=self.control_dt)
         self._observed = slice(0, 2 * len(self._scenario.sensors))
         self._file: TextIO | None = None
+        self._state: Any = None
+        at_rest = np.zeros(2 * len(self._robot.needs))
+        self._robot.start(at_rest)
+        for k in range(3):  # compile all code now: a robot does not wait
+            self._act(self._robot.observe(at_rest, np.zeros(6 * self.rows)), k == 0)
         self.reset(log)
 
     def reset(self, log: str | Path | None = None) -> None:
@@ -88,7 +93,6 @@ class Runner:
         """
         self.close()
         self.stopped = ""
-        self._state: Any = None
         self._last = math.nan
         self._torque, self._left = np.zeros(2), self._ramp_steps
         if log is not None:
@@ -162,14 +166,19 @@ class Runner:
             self._robot.start(motion)
         observation = self._robot.observe(motion, ahead)
         self._check(motion.tolist(), ahead.tolist(), observation)
-        action, state = self.policy.predict(observation, self._state, np.array([begins]), deterministic=True)
-        torque = self._robot.command(_numbers("action", action, 2))
+        torque = self._act(observation, begins)
         if self._file is not None:
             signals = (observation[0, self._observed], ahead[:2], torque)
             values = [now - self._begin, *np.concatenate(signals).tolist()]
             self._file.write(",".join(map(repr, values)) + "\n")
-        self._last, self._before, self._state, self._torque = now, motion.tolist(), state, torque
+        self._last, self._before, self._torque = now, motion.tolist(), torque
         return torque.copy()
+
+    def _act(self, observation: Array, begins: bool) -> Array:
+        """Return the torque of the policy, and let the control step pass."""
+        state = None if begins else self._state
+        action, self._state = self.policy.predict(observation, state, np.array([begins]), deterministic=True)
+        return self._robot.command(_numbers("action", action, 2))
 
     def _check(self, position: list[float], reference: list[float], observation: Array) -> None:
         """Raise a ValueError where a reading is beyond a limit."""

@@ -242,13 +242,14 @@ def test_a_bound_of_the_scenario_stops_the_run():
 def test_a_policy_that_fails_stops_the_run(failure):
     class Fails(TorqueLaw):
         def predict(self, observation, state=None, episode_start=None, deterministic=False):
-            if state is not None and isinstance(failure, Exception):
+            fails = deterministic and not np.any(episode_start) and observation[0, 0] > 0
+            if fails and isinstance(failure, Exception):
                 raise failure
-            return (np.ones((1, 2)) if np.any(episode_start) else failure), len(observation) * deterministic
+            return (failure if fails else np.ones((1, 2))), state
 
     runner = Runner(Fails, SCENARIO, ramp=0.02)
     limit = np.array(SCENARIO.actuator.torque_limit)
-    torques = [runner.step([0.0, 0.0], np.zeros(6), time=0.01 * k) for k in range(4)]
+    torques = [runner.step([0.1, 0.0], np.zeros(6), time=0.01 * k) for k in range(4)]
     assert np.array_equal(torques, np.array([1.0, 0.5, 0.0, 0.0])[:, None] * limit)
     assert runner.stopped.startswith("no solution" if isinstance(failure, Exception) else "action must be")
 
