@@ -231,12 +231,12 @@ class Drive:
             The next queue, the torque at the interval's end, and the mean torque within.
         """
         commands = np.concatenate([command[:, None], queue], axis=1)
-        total = np.zeros_like(torque)
+        total: Any = 0.0
         older, newer = commands[:, self.whole + 1], commands[:, self.whole]
         for duration, acting in ((self.rest, older), (self.dt - self.rest, newer)):
-            keep, area = self._fade(duration)
-            total = total + duration * acting + area * (torque - acting)
-            torque = acting + keep * (torque - acting)
+            (keep, area), gap = self._fade(duration), torque - acting
+            total = total + duration * acting + area * gap
+            torque = acting + keep * gap
         return commands[:, : self.whole + 1], torque, total / self.dt
 
     def predict(

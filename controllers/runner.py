@@ -200,6 +200,6 @@ class Runner:
 def _numbers(name: str, value: Any, size: int) -> Array:
     """Return finite numbers as a flat array [size]; refuse others."""
     array = np.asarray(value, dtype=float).ravel()
-    if array.size != size or not np.isfinite(array).all():
+    if array.size != size or not all(map(math.isfinite, array.tolist())):
         raise ValueError(f"{name} must be {size} finite numbers, got {value!r}")
     return array
