@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from fbl_gym.interface import Interface
+from fbl_gym.interface import Interface, clip
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records import Record
 
@@ -64,10 +64,9 @@ def reference_at(interface: Interface, observation: Array, times: Array) -> Arra
     if "preview" in layout:
         ahead = observation[..., layout["preview"]]
         known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
-    times = np.broadcast_to(times, (len(known), np.shape(times)[-1]))
-    last = np.clip((times / dt + 1e-9).astype(int), 0, known.shape[1] - 1)
+    last = clip((times / dt + 1e-9).astype(int), 0, known.shape[1] - 1)
     following = np.minimum(last + 1, known.shape[1] - 1)
-    lanes = np.arange(len(known))[:, None]
+    lanes = slice(None) if times.ndim == 1 else np.arange(len(known))[:, None]
     sample = known[lanes, last]
     r, r_dot, r_ddot = sample[..., :2], sample[..., 2:4], sample[..., 4:]
     t = (times - last * dt)[..., None]
