@@ -1,9 +1,23 @@
 """Policies by name: laws on the nominal model, the oracles, and shipped agents.
 
-`make("pid-flm", env)` builds one, and `names()` lists them. `TorqueLaw` is the base for a new law.
+`make("pid-flm", env)` builds one, and `names()` lists them. `TorqueLaw` is the base for a new
+law. `Runner` runs a policy on a robot.
 """
 
 from controllers.policy import Policy, TorqueLaw
 from controllers.registry import access, factory, kind, make, names, register, summary, tuned
+from controllers.runner import Runner
 
-__all__ = ["Policy", "TorqueLaw", "access", "factory", "kind", "make", "names", "register", "summary", "tuned"]
+__all__ = [
+    "Policy",
+    "Runner",
+    "TorqueLaw",
+    "access",
+    "factory",
+    "kind",
+    "make",
+    "names",
+    "register",
+    "summary",
+    "tuned",
+]

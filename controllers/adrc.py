@@ -58,7 +58,7 @@ class Adrc(TorqueLaw):
         (position,) = self.read(observation, "position")
         r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         estimate = self.observer.correct(state.memory, position)
-        q, v, _, f = np.moveaxis(estimate, -1, 0)
+        q, v, _, f = estimate.transpose(2, 0, 1)
         w = np.array(self.controller_bandwidth)
         torque = inverse_dynamics(self.interface.nominal, q, v, r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v) - f)
         # u: the nominal acceleration under the applied torque.

@@ -17,7 +17,7 @@ import numpy as np
 from controllers.parts import OBSERVERS, Barrier, Drive, Observer, Predictor
 from controllers.policy import Policy, State, TorqueLaw, reference_at
 from fbl_gym.checks import check_choices
-from fbl_gym.interface import Interface, make_layout
+from fbl_gym.interface import Interface, clip, make_layout
 from fbl_gym.model.arm import Array, forward_dynamics, gravity_torque
 from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records import declarations, declared
@@ -84,7 +84,13 @@ class Composed(TorqueLaw):
         position, velocity, acceleration = (high[f"reference_{name}"] for name in SENSORS)
         return np.array([position, velocity, acceleration, acceleration])
 
-    @property
+    @cached_property
+    def _reference(self) -> list[str]:
+        """The slots of the reference, and its preview."""
+        slots = (*(f"reference_{name}" for name in SENSORS), "preview")
+        return [name for name in slots if name in self.interface.layout]
+
+    @cached_property
     def _preview_samples(self) -> int:
         """Coming samples of the reference in the observation."""
         return sum(slot.size for slot in self.interface.layout.slots if slot.name == "preview") // 6
@@ -162,8 +168,8 @@ class Composed(TorqueLaw):
         motion = {name: self.read(observation, name)[0] for name in SENSORS if name in layout}
         estimate = self._observer.correct(state.memory, motion["position"], motion.get("velocity"))
         # An arm that diverges may carry an estimate away; its numbers stay finite.
-        estimate = np.clip(estimate, -self._bounds, self._bounds)
-        estimated = dict(zip(SENSORS, np.moveaxis(estimate, -1, 0), strict=False))
+        estimate = clip(estimate, -self._bounds, self._bounds)
+        estimated = dict(zip(SENSORS, estimate.transpose(2, 0, 1), strict=False))
         if any(part in OBSERVERS for part in self._parts):
             motion.pop("velocity", None)
             del motion["position"]
@@ -177,10 +183,13 @@ class Composed(TorqueLaw):
             a = forward_dynamics(arm, q, v, torque) + missed
             ahead = self._drive.delay - self.interface.latency + self._predictor.lateness
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
-        times = ahead + inside.control_dt * np.arange(1 + self._preview_samples, dtype=float)
-        reference = reference_at(self.interface, observation, times)
-        seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
-        return np.clip(seen, *inside.layout.bounds), estimate, due
+        if self._predictor is None:
+            reference = [observation[:, layout[name]] for name in self._reference]
+        else:
+            times = ahead + inside.control_dt * np.arange(1 + self._preview_samples, dtype=float)
+            reference = [reference_at(self.interface, observation, times).reshape(len(observation), -1)]
+        seen = np.concatenate([*signals, *reference], axis=-1)
+        return clip(seen, *inside.layout.bounds), estimate, due
 
 
 class Filtered:

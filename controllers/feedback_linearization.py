@@ -29,6 +29,8 @@ def winds_up(
     coupling.
     """
     saturated = interface.saturate(torque)
+    cut = (saturated != torque).any(axis=-1, keepdims=True)
+    if not cut.any():
+        return np.zeros_like(torque, dtype=bool)
     remaining = forward_dynamics(model, q, v, saturated - loads)
-    cut = np.any(saturated != torque, axis=-1, keepdims=True)
     return cut & ((a - remaining) * error > 0)

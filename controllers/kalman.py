@@ -1,7 +1,7 @@
 """The paper's Kalman filter for each joint (§3.2), and the robust controller on its estimates."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from filterpy.kalman import KalmanFilter
 
 from controllers.cascade import CascadeFlm
 from controllers.policy import State
+from fbl_gym.interface import clip
 from fbl_gym.model.arm import Array
 from fbl_gym.records import choice, number
 
@@ -118,7 +119,7 @@ class JointKalman:
         table = (continuous_gains if self.form == "continuous" else gains)(
             self.dt, self.acceleration_sigma, self.position_sigma
         )
-        gain, before = table[np.clip(state.samples, 0, len(table) - 1)], state.samples[:, None] < 0
+        gain, before = table[clip(state.samples, 0, len(table) - 1)], state.samples[:, None] < 0
         # x = F x + B u
         q = state.position + self.dt * state.velocity + 0.5 * self.dt**2 * acceleration
         v = state.velocity + self.dt * acceleration
@@ -152,7 +153,7 @@ class RobustFlm(CascadeFlm):
 
     needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
 
-    @property
+    @cached_property
     def filter(self) -> JointKalman:
         """The Kalman filter of both joints."""
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma, self.filtering)

@@ -1,7 +1,7 @@
 """LQG with integral action, on the nominally linearised arm."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -66,13 +66,13 @@ class Lqg(TorqueLaw):
 
     needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
 
-    @property
+    @cached_property
     def gain(self) -> Array:
         """K [2 x 3], per joint."""
         weights = zip(*(check_pair("", x) for x in (self.integral, self.position, self.velocity)), strict=True)
         return np.array([regulator(self.interface.control_dt, *joint) for joint in weights])
 
-    @property
+    @cached_property
     def filter(self) -> JointKalman:
         """The Kalman filter of both joints."""
         return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from fbl_gym.checks import Pair
-from fbl_gym.interface import Interface
-from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
+from fbl_gym.interface import Interface, clip
+from fbl_gym.model.arm import ArmParameters, Array, accelerations, forward_dynamics, inverse_dynamics
 from fbl_gym.records import Record, number, pair
 
 TUNE = (15.0, 300.0)
@@ -90,12 +90,12 @@ class Eso(Observer):
     def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
         """Return the estimate at a sample."""
         # x = x + L (y - H x)
-        q, v, f = np.moveaxis(memory[..., :3] + self.gain * (position - memory[..., 0])[..., None], -1, 0)
+        q, v, f = (memory[..., :3] + self.gain * (position - memory[..., 0])[..., None]).transpose(2, 0, 1)
         return np.stack([q, v, memory[..., 3] + f, f], axis=-1)
 
     def predict(self, estimate: Array, u: Array) -> Array:
         """Return the prediction of position, velocity and f, and u."""
-        q, v, _, f = np.moveaxis(estimate, -1, 0)
+        q, v, _, f = estimate.transpose(2, 0, 1)
         dt, a = self.dt, u + f
         # x = F x + G u
         return np.stack([q + dt * v + 0.5 * dt**2 * a, v + dt * a, f, u], axis=-1)
@@ -124,19 +124,40 @@ class Kalman(Observer):
 
     def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
         """Return the estimate at a sample; the acceleration is that of the estimated velocity."""
-        q, v, u, f = np.moveaxis(memory, -1, 0)
+        q, v, u, f = memory.transpose(2, 0, 1)
         innovation = position - q
         change = self.gain[1] * innovation
         return np.stack([q + self.gain[0] * innovation, v + change, u + change / self.dt, f], axis=-1)
 
     def predict(self, estimate: Array, u: Array) -> Array:
         """Return the prediction of position and velocity, and u."""
-        q, v, _, f = np.moveaxis(estimate, -1, 0)
+        q, v, _, f = estimate.transpose(2, 0, 1)
         return np.stack([q + self.dt * v + 0.5 * self.dt**2 * u, v + self.dt * u, u, f], axis=-1)
 
 
 OBSERVERS: dict[str, type[Observer]] = {"kalman": Kalman, "eso": Eso}
 """The observers, by name."""
+
+
+def _floats(x: Array) -> list[float]:
+    """Return the numbers of an array [1 x 2]; with floats, one arm takes a third of the time."""
+    numbers: list[float] = x[0].tolist()
+    return numbers
+
+
+def _columns(x: Array) -> list[Array]:
+    """Return the columns of an array [n x 2]."""
+    return [x[:, 0], x[:, 1]]
+
+
+def _joined(parts: list[Any]) -> Array:
+    """Return the array [n x 2] of its columns or numbers."""
+    return np.array(parts).T.reshape(-1, 2)
+
+
+def _slowed(v: Any) -> Any:
+    """Return a velocity within `FASTEST`."""
+    return min(max(v, -FASTEST), FASTEST) if type(v) is float else clip(v, -FASTEST, FASTEST)
 
 
 def runge_kutta(
@@ -210,12 +231,12 @@ class Drive:
             The next queue, the torque at the interval's end, and the mean torque within.
         """
         commands = np.concatenate([command[:, None], queue], axis=1)
-        total = np.zeros_like(torque)
+        total: Any = 0.0
         older, newer = commands[:, self.whole + 1], commands[:, self.whole]
         for duration, acting in ((self.rest, older), (self.dt - self.rest, newer)):
-            keep, area = self._fade(duration)
-            total = total + duration * acting + area * (torque - acting)
-            torque = acting + keep * (torque - acting)
+            (keep, area), gap = self._fade(duration), torque - acting
+            total = total + duration * acting + area * gap
+            torque = acting + keep * gap
         return commands[:, : self.whole + 1], torque, total / self.dt
 
     def predict(
@@ -235,11 +256,19 @@ class Drive:
             Position, velocity and torque at the end, [n x 2] each.
         """
         steps = [(h / n, x) for h, x in commands for n in [math.ceil(h / self.dt - 1e-9)] for _ in range(n)]
+        parts: Callable[[Array], list[Any]] = _floats if len(q) == 1 else _columns
+        x, push, u = [*parts(q), *parts(v)], parts(f), parts(torque)
+
+        def rates(x: Sequence[Any], u: Sequence[Any]) -> Sequence[Any]:
+            a1, a2 = accelerations(arm, *x, *u)
+            return x[2], x[3], a1 + push[0], a2 + push[1]
+
         for h, command in steps:
-            torques = [command + self._fade(t)[0] * (torque - command) for t in (0.0, 0.5 * h, h)]
-            q, v = runge_kutta(lambda x, u: (x[1], forward_dynamics(arm, x[0], x[1], u) + f), (q, v), h, torques)
-            v, torque = np.clip(v, -FASTEST, FASTEST), torques[-1]
-        return q, v, torque
+            acting, keeps = parts(command), [self._fade(t)[0] for t in (0.0, 0.5 * h, h)]
+            torques = [[y + keep * (now - y) for y, now in zip(acting, u, strict=True)] for keep in keeps]
+            q1, q2, v1, v2 = runge_kutta(rates, x, h, torques)
+            x, u = [q1, q2, _slowed(v1), _slowed(v2)], torques[-1]
+        return _joined(x[:2]), _joined(x[2:]), _joined(u)
 
     def _fade(self, t: float) -> tuple[float, float]:
         """Return exp(-t / lag), and its integral from 0 to t."""

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from fbl_gym.interface import Interface
+from fbl_gym.interface import Interface, clip
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records import Record
 
@@ -64,12 +64,13 @@ def reference_at(interface: Interface, observation: Array, times: Array) -> Arra
     if "preview" in layout:
         ahead = observation[..., layout["preview"]]
         known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
-    times = np.broadcast_to(times, (len(known), np.shape(times)[-1]))
-    last = np.clip((times / dt + 1e-9).astype(int), 0, known.shape[1] - 1)
+    last = clip((times / dt + 1e-9).astype(int), 0, known.shape[1] - 1)
     following = np.minimum(last + 1, known.shape[1] - 1)
-    r, r_dot, r_ddot = np.split(np.take_along_axis(known, last[..., None], axis=1), 3, axis=-1)
+    lanes = slice(None) if times.ndim == 1 else np.arange(len(known))[:, None]
+    sample = known[lanes, last]
+    r, r_dot, r_ddot = sample[..., :2], sample[..., 2:4], sample[..., 4:]
     t = (times - last * dt)[..., None]
-    jerk = (np.take_along_axis(known[..., 4:], following[..., None], axis=1) - r_ddot) / dt
+    jerk = (known[lanes, following, 4:] - r_ddot) / dt
     jerk = np.where(t > 0.0, jerk, 0.0)
     position = r + t * r_dot + t**2 * (r_ddot / 2.0 + t * jerk / 6.0)
     return np.concatenate([position, r_dot + t * r_ddot + 0.5 * t**2 * jerk, r_ddot + t * jerk], axis=-1)
@@ -125,7 +126,8 @@ class Law(Record):
 
     def read(self, observation: Array, *slots: str) -> tuple[Array, ...]:
         """Return slots of `interface.layout` of an observation [... x size], each [... x 2]."""
-        return tuple(observation[..., self.interface.layout[slot]] for slot in slots)
+        layout = self.interface.layout
+        return tuple([observation[..., layout[slot]] for slot in slots])
 
     def measured_motion(self, observation: Array) -> tuple[Array, Array]:
         """Return the measured position and velocity [... x 2]; zeros for an absent velocity."""

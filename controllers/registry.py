@@ -19,6 +19,7 @@ from typing import Any
 
 from controllers import catalogue
 from controllers.composition import PARTS, completed, compose
+from controllers.gains import TUNINGS, read_gains, split_gains
 from controllers.policy import ACCESS, Policy
 from fbl_gym.checks import check_choice, check_choices, unknown
 from fbl_gym.interface import Interface
@@ -30,9 +31,6 @@ ENTRY_POINTS = "fbl_gym.policies"
 
 TUNED = Path(__file__).with_name("tuned")
 """Folder of the tuned gains: `fbl-gym tune POLICY --ship` writes POLICY.json."""
-
-TUNINGS = ("tuned", *CLASSES)
-"""The sets of tuned gains; those of a class of robots are in its folder."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +210,9 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     `composition.completed`).
 
     Args:
-        name: one of `names()`, LAW+PART, either with @tuned, or a factory as `register` takes it.
+        name: one of `names()`, LAW+PART, either with @tuned, or a factory as `register` takes it. A
+            name may end in gains: "pid-flm@K=30", "pid-flm@my_gains.json", or "pid-flm@my_gains",
+            which is my_gains/pid-flm.json. The end of "ppo-memory@2" is an agent's training seed.
         env: the environment, single or batched, wrapped or not; or its `interface`.
         **gains: arguments of the policy; those left out take their defaults.
 
@@ -220,9 +220,13 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
         ValueError: the name or a gain is unknown, a gain is out of bounds, or an interface is given
             where privileged access needs the environment.
     """
-    build = factory(name) if isinstance(name, str) else name
-    if isinstance(name, str) and LawName.parse(name).tuned:
-        gains = tuned_gains(name) | gains
+    build: Callable[..., Any]
+    if isinstance(name, str):
+        name, given = split_gains(name)
+        build = factory(name)
+        gains = (tuned_gains(name) if LawName.parse(name).tuned else {}) | read_gains(name, given) | gains
+    else:
+        build = name
     interface = env if isinstance(env, Interface) else env.unwrapped.interface
     build = completed(build, interface)
     parameters = list(inspect.signature(build).parameters)

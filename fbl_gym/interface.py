@@ -7,15 +7,22 @@ torque limits and the meaning of an action. It never sees the real arm.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import ArrayLike
 
 from fbl_gym.checks import Pair, unknown
 from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.options.limits import Constraints, Limits
 
 ACTIONS = ("normalized", "torque", "acceleration")
+
+
+def clip(x: Array, low: ArrayLike, high: ArrayLike) -> Array:
+    """Return x within its bounds, as `np.clip` in a third of its time for one arm."""
+    return np.minimum(np.maximum(x, low), high)
 
 
 @dataclass(frozen=True)
@@ -58,17 +65,20 @@ class Layout:
     slots: tuple[Slot, ...]
 
     def __getitem__(self, name: str) -> slice:
-        for slot in self.slots:
-            if slot.name == name:
-                return slot.slice
-        raise unknown("slot of the observation", name, (slot.name for slot in self.slots))
+        if name not in self._slices:
+            raise unknown("slot of the observation", name, self._slices)
+        return self._slices[name]
 
     def __contains__(self, name: object) -> bool:
-        return any(slot.name == name for slot in self.slots)
+        return name in self._slices
 
-    @property
+    @cached_property
+    def _slices(self) -> dict[str, slice]:
+        return {slot.name: slot.slice for slot in self.slots}
+
+    @cached_property
     def size(self) -> int:
-        """Return the length of the observation."""
+        """The length of the observation."""
         return sum(slot.size for slot in self.slots)
 
     @property
@@ -76,11 +86,13 @@ class Layout:
         """Return the name of each entry, such as "velocity[1]" or "preview[6]"."""
         return tuple(f"{slot.name}[{i}]" for slot in self.slots for i in range(slot.size))
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest value of each entry, [size] each."""
+        """The lowest and the highest value of each entry, [size] each."""
         low = np.array([x for slot in self.slots for x in slot.low])
         high = np.array([x for slot in self.slots for x in slot.high])
+        low.setflags(write=False)
+        high.setflags(write=False)
         return low, high
 
 
@@ -147,12 +159,19 @@ class Interface:
         low, high = self.layout.bounds
         return spaces.Box(low, high, dtype=np.float64)
 
+    @cached_property
+    def _torque_limit(self) -> Array:
+        return np.array(self.torque_limit)
+
+    @cached_property
+    def _action_limit(self) -> Array:
+        return np.array(self.action_limit)
+
     def saturate(self, torque: Array) -> Array:
         """Return a torque [... x 2] N m within its limit."""
         if self.torque_limit is None:
             return torque
-        limit = np.array(self.torque_limit)
-        return np.clip(torque, -limit, limit)
+        return clip(torque, -self._torque_limit, self._torque_limit)
 
     def action_from_torque(self, torque: Array, position: Array, velocity: Array) -> Array:
         """Return the action that commands a torque, [... x 2] in the action's unit.
@@ -166,11 +185,11 @@ class Interface:
             velocity: measured, [... x 2] rad/s.
         """
         if self.action == "normalized":
-            return self.saturate(torque) / np.array(self.torque_limit)
+            return self.saturate(torque) / self._torque_limit
         if self.action == "torque":
-            return np.clip(torque, -np.array(self.action_limit), self.action_limit)
+            return clip(torque, -self._action_limit, self._action_limit)
         acceleration = forward_dynamics(self.nominal, position, velocity, torque)
-        return np.clip(acceleration, -self.action_limit[0], self.action_limit[0])
+        return clip(acceleration, -self._action_limit, self._action_limit)
 
     def torque_from_action(self, action: Array, position: Array, velocity: Array) -> Array:
         """Return the torque that an action commands before delay and lag, [... x 2] N m.
@@ -178,10 +197,10 @@ class Interface:
         The inverse of `action_from_torque`, with its arguments.
         """
         if self.action == "normalized":
-            return np.clip(action, -1.0, 1.0) * np.array(self.torque_limit)
+            return clip(action, -1.0, 1.0) * self._torque_limit
         if self.action == "torque":
-            return np.clip(action, -np.array(self.action_limit), self.action_limit)
-        acceleration = np.clip(action, -self.action_limit[0], self.action_limit[0])
+            return clip(action, -self._action_limit, self._action_limit)
+        acceleration = clip(action, -self._action_limit, self._action_limit)
         return self.saturate(inverse_dynamics(self.nominal, position, velocity, acceleration))
 
 

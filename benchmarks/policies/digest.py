@@ -18,13 +18,14 @@ SKIPPED = (
     "benchmarks.policies",
     "controllers.catalogue",
     "controllers.registry",
+    "controllers.runner",
     "fbl_gym.view.picture",
     "fbl_gym.view.render",
     *(f"fbl_gym.scenarios.{name}" for name in ("files", "hardware", "ideal", "paper", "real", "worlds")),
 )
-"""Modules that choose a policy, draw pictures, or hold scenarios.
+"""Modules that choose a policy, run it on a robot, draw pictures, or hold scenarios.
 
-Code that chooses a policy or draws changes no number. A scenario's options are part of the key.
+None of these but scenarios changes a number. A scenario's options are part of the key.
 """
 
 _ROOT = Path(__file__).resolve().parents[2]

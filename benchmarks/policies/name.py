@@ -26,11 +26,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.policies.configuration import gains_file, read_gains
 from benchmarks.rl.agent import DESCRIPTION
 from benchmarks.rl.policy import shipped
 from controllers import registry
-from controllers.registry import TUNINGS, LawName
+from controllers.gains import TUNINGS, gains_file, read_gains
+from controllers.registry import LawName
 from fbl_gym.checks import check_choice
 
 FORMS = ("name", "file", "module", "agent", "archive")

@@ -26,8 +26,9 @@ from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolat
 from benchmarks.policies.name import PolicyName
 from benchmarks.rl.agent import files, saved_agent, settings_of
 from benchmarks.rl.sb3 import MOTION, load_zip
+from controllers.gains import TUNINGS
 from controllers.policy import ACCESS
-from controllers.registry import KINDS, TUNINGS, is_composed
+from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.speed`: steps per second beside other environments, in turns."""
+"""`python -m benchmarks.speed`: steps per second of environments, and times of decisions."""
 
 import argparse
 import json
@@ -6,7 +6,10 @@ import sys
 from pathlib import Path
 
 from benchmarks.files import write_text
+from benchmarks.policies.spec import resolve
 from benchmarks.run.store import provenance
+from benchmarks.run.suite import load
+from benchmarks.speed.decisions import measure_decisions
 from benchmarks.speed.environments import compare, measure_environments
 
 LEGEND = """
@@ -21,9 +24,19 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7, metavar="N", help="number of rounds (7)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the measurements as JSON")
     parser.add_argument("--baseline", type=Path, metavar="FILE", help="compare the ratios with those of such a file")
+    parser.add_argument(
+        "--decisions", nargs="*", metavar="POLICY",
+        help="instead, measure one decision of one arm by these policies, or by all that the board ranks",
+    )  # fmt: skip
     arguments = parser.parse_args()
     if arguments.rounds < 1:
         parser.error(f"argument --rounds: must be at least 1, got {arguments.rounds}")
+    if arguments.decisions is not None:
+        ranked = [name for name in load("hardware").policy_names if resolve(name).ranked]
+        print(f"{'decision of one arm, microseconds':<42} {'median':>8} {'99 %':>8}")
+        for row in measure_decisions(arguments.decisions or ranked):
+            print(f"{row['name']:<42} {row['median_us']:>8.0f} {row['p99_us']:>8.0f}")
+        return
     rows = measure_environments(arguments.rounds)
     print(f"{'environment steps per second':<42} {'median':>12} {'spread':>8} {'x peer':>8}")
     for row in rows:

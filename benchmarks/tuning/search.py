@@ -26,7 +26,6 @@ import sqlalchemy
 
 from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
-from benchmarks.policies.configuration import expect_law, gains_file
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import counted_errors, measure
@@ -34,6 +33,7 @@ from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
+from controllers.gains import expect_law, gains_file
 from fbl_gym import Scenario, scenarios
 from fbl_gym.records import set_fields, tuning_ranges
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from fbl_gym.interface import Interface, Layout
+from fbl_gym.interface import Interface, Layout, clip
 from fbl_gym.model.arm import Array
 
 _CLIP = 10.0
@@ -66,7 +66,7 @@ class ErrorScales:
         if "previous_actions" in layout:
             actions = observations[..., layout["previous_actions"]]
             parts.append(actions / np.resize(self.action_limit, actions.shape[-1]))
-        return np.clip(np.concatenate(parts, axis=-1), -_CLIP, _CLIP)
+        return clip(np.concatenate(parts, axis=-1), -_CLIP, _CLIP)
 
     def _preview(self, observations: Array) -> Array:
         preview = observations[..., self.layout["preview"]]

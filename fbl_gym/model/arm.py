@@ -26,7 +26,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cached_property
+from itertools import chain
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -147,6 +149,11 @@ class ArmParameters(Record):
         m1 = moment1 * moment1 / about1
         return ArmParameters(m1, m2, L1, L2, gravity, (moment1 / m1 / L1, moment2 / m2 / L2), 0.0, rotor)
 
+    @cached_property
+    def _numbers(self) -> tuple[float, ...]:
+        """Lumped parameters p1 to p5 and rotor inertias, in kg m^2 and N m."""
+        return *self.lumped.tolist(), *self.rotor  # type: ignore[misc]
+
     @property
     def lumped(self) -> Array:
         """Return the lumped parameters p1 to p5, [5], in kg m^2 and N m."""
@@ -211,9 +218,11 @@ def with_rotors(lumped: Array, rotor: ArrayLike) -> Array:
     return np.concatenate([lumped, np.broadcast_to(rotor, (*lumped.shape[:-1], 2))], axis=-1)
 
 
-def _lumped(arm: ArmParameters | ArrayLike) -> tuple[Array, ...]:
+def _lumped(arm: ArmParameters | ArrayLike) -> tuple[Any, ...]:
     """Return the lumped parameters p1 to p5, and the rotor inertias."""
-    p = with_rotors(arm.lumped, arm.rotor) if isinstance(arm, ArmParameters) else np.asarray(arm, dtype=float)
+    if isinstance(arm, ArmParameters):
+        return arm._numbers
+    p = np.asarray(arm, dtype=float)
     r1, r2 = (p[..., 5], p[..., 6]) if p.shape[-1] == 7 else (_ZERO, _ZERO)
     return p[..., 0], p[..., 1], p[..., 2], p[..., 3], p[..., 4], r1, r2
 
@@ -226,25 +235,49 @@ def _joints(x: ArrayLike) -> tuple[Array, Array]:
     return x[..., 0], x[..., 1]
 
 
-def _stack(*parts: ArrayLike) -> Array:
-    """Stack broadcast parts along a new last axis, faster than np.stack for one arm."""
+def _parts(arm: ArmParameters | ArrayLike, *signals: ArrayLike) -> tuple[Any, ...]:
+    """Return the shape of one arm's result, and both joints of each signal.
+
+    The joints of one arm are floats, with which its terms have the same bits in a tenth of the
+    time. Those of several are arrays, and the shape is None.
+    """
+    arrays = [np.asarray(signal, dtype=float) for signal in signals]
+    shape = arrays[0].shape
+    if isinstance(arm, ArmParameters) and shape in ((2,), (1, 2)) and all(x.shape == shape for x in arrays):
+        return shape[:-1], *[x.ravel().tolist() for x in arrays]
+    return None, *[(x[..., 0], x[..., 1]) for x in arrays]
+
+
+def _cos(x: Any) -> Any:
+    return float(np.cos(x)) if type(x) is float else np.cos(x)
+
+
+def _sin(x: Any) -> Any:
+    return float(np.sin(x)) if type(x) is float else np.sin(x)
+
+
+def _stack(shape: tuple[int, ...] | None, *parts: Any) -> Array:
+    """Stack the parts of a result along a new last axis; the shape is that of `_parts`."""
+    if shape is not None:
+        return np.array(parts).reshape(*shape, len(parts))
     stacked = np.empty((*np.broadcast(*parts).shape, len(parts)))
     for i, part in enumerate(parts):
         stacked[..., i] = part
     return stacked
 
 
-def _matrix(m11: ArrayLike, m12: ArrayLike, m21: ArrayLike, m22: ArrayLike) -> Array:
-    entries = _stack(m11, m12, m21, m22)
-    return entries.reshape(*entries.shape[:-1], 2, 2)
+def _matrix(shape: tuple[int, ...] | None, *entries: Any) -> Array:
+    """Return the matrices [... x 2 x 2] of their four entries; the shape is that of `_parts`."""
+    stacked = _stack(shape, *entries)
+    return stacked.reshape(*stacked.shape[:-1], 2, 2)
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
     """Return the inertia matrix M(q) of equation (2) [kg m^2], [... x 2 x 2]."""
     p1, p2, p3, _, _, r1, r2 = _lumped(arm)
-    _, q2 = _joints(q)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
-    return _matrix(m11, m12, m12, m22)
+    shape, (_, q2) = _parts(arm, q)
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, _cos(q2))
+    return _matrix(shape, m11, m12, m12, m22)
 
 
 def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, *, skew: bool = False) -> Array:
@@ -256,18 +289,17 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
     h = p3 sin q2.
     """
     _, _, p3, _, _, _, _ = _lumped(arm)
-    _, q2 = _joints(q)
-    v1, v2 = _joints(v)
-    h = p3 * np.sin(q2)
+    shape, (_, q2), (v1, v2) = _parts(arm, q, v)
+    h = p3 * _sin(q2)
     c11, c12 = (-h * v2, -h * (v1 + v2)) if skew else (-2.0 * h * v2, -h * v2)
-    return _matrix(c11, c12, h * v1, 0.0)
+    return _matrix(shape, c11, c12, h * v1, 0.0)
 
 
 def gravity_torque(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
     """Return the gravity torque G(q) of equation (4) [N m], [... x 2]."""
     _, _, _, p4, p5, _, _ = _lumped(arm)
-    q1, q2 = _joints(q)
-    return _stack(*gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2)))
+    shape, (q1, q2) = _parts(arm, q)
+    return _stack(shape, *gravity_terms(p4, p5, _cos(q1), _cos(q1 + q2)))
 
 
 def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
@@ -277,23 +309,26 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
     the paper (figure 2).
     """
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
-    q1, q2 = _joints(q)
-    a1, a2 = _joints(a)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
-    b1, b2 = coriolis_terms(p3, np.sin(q2), *_joints(v))
-    g1, g2 = gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2))
-    return _stack(m11 * a1 + m12 * a2 + b1 + g1, m12 * a1 + m22 * a2 + b2 + g2)
+    shape, (q1, q2), (v1, v2), (a1, a2) = _parts(arm, q, v, a)
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, _cos(q2))
+    b1, b2 = coriolis_terms(p3, _sin(q2), v1, v2)
+    g1, g2 = gravity_terms(p4, p5, _cos(q1), _cos(q1 + q2))
+    return _stack(shape, m11 * a1 + m12 * a2 + b1 + g1, m12 * a1 + m22 * a2 + b2 + g2)
 
 
 def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, torque: ArrayLike) -> Array:
     """Return the acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2]."""
+    shape, *parts = _parts(arm, q, v, torque)
+    return _stack(shape, *accelerations(arm, *chain(*parts)))
+
+
+def accelerations(arm: ArmParameters | ArrayLike, q1: Any, q2: Any, v1: Any, v2: Any, t1: Any, t2: Any) -> Any:
+    """Return the accelerations of `forward_dynamics` from both joints' parts, arrays or floats."""
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
-    q1, q2 = _joints(q)
-    t1, t2 = _joints(torque)
-    b1, b2 = coriolis_terms(p3, np.sin(q2), *_joints(v))
-    g1, g2 = gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2))
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
-    return _stack(*solve_terms(m11, m12, m22, t1 - b1 - g1, t2 - b2 - g2))
+    b1, b2 = coriolis_terms(p3, _sin(q2), v1, v2)
+    g1, g2 = gravity_terms(p4, p5, _cos(q1), _cos(q1 + q2))
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, _cos(q2))
+    return solve_terms(m11, m12, m22, t1 - b1 - g1, t2 - b2 - g2)
 
 
 def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
@@ -308,7 +343,7 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     c2, s2, c12 = np.cos(q2), np.sin(q2), np.cos(q1 + q2)
     first = (a1, a1 + a2, (2.0 * a1 + a2) * c2 - v2 * (2.0 * v1 + v2) * s2, np.cos(q1), c12)
     second = (0.0, a1 + a2, a1 * c2 + v1 * v1 * s2, 0.0, c12)
-    both = _stack(*first, *second)
+    both = _stack(None, *first, *second)
     return both.reshape(*both.shape[:-1], 2, 5)
 
 

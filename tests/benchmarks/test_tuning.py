@@ -10,10 +10,10 @@ import optuna
 import pytest
 
 from benchmarks import cli
-from benchmarks.policies.configuration import parse_gain
 from benchmarks.policies.spec import resolve
 from benchmarks.seeds import SPLITS
 from benchmarks.tuning.search import Task, judge, seeds, summary, tune, write_gains
+from controllers.gains import parse_gain
 from fbl_gym import Scenario, scenarios
 
 NOMINAL = (Scenario(),)

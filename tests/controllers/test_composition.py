@@ -12,10 +12,10 @@ from benchmarks.run.contract import check
 from controllers import registry
 from controllers.composition import Composed, compose
 from controllers.oracle import OracleFlm
-from controllers.parts import OBSERVERS
+from controllers.parts import OBSERVERS, Drive
 from controllers.pid import PidFlm
 from controllers.policy import TorqueLaw
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.records import tuning_ranges
 from tests.controllers.closed_loop import tracking
 
@@ -33,6 +33,17 @@ def error(name, steps=300, lanes=4, **options):
     """Mean true error of a law after its first 50 samples [rad]."""
     env = TwoLinkArmVectorEnv(lanes, **options)
     return np.abs(tracking(controllers.make(name, env), env, steps)[0][50:]).mean()
+
+
+def test_the_prediction_of_one_arm_has_the_bits_of_its_row_in_a_batch():
+    """Alone, it is computed with floats. One arm is faster than `FASTEST`."""
+    drive, (q, v, f, now, command) = Drive(0.01, 0.013, 0.01), np.random.default_rng(0).normal(size=(5, 20, 2))
+    v[3], commands = 500.0, [(0.003, 99.0 * command), (0.01, 0.5 * command)]
+    batch = drive.predict(TABLE_1, q, v, f, now, commands)
+    for i in range(len(q)):
+        row = slice(i, i + 1)
+        alone = drive.predict(TABLE_1, q[row], v[row], f[row], now[row], [(h, x[row]) for h, x in commands])
+        assert all((x == y[row]).all() and x.shape == (1, 2) for x, y in zip(alone, batch, strict=True))
 
 
 @pytest.mark.parametrize("action", ["normalized", "acceleration"])

@@ -1,6 +1,7 @@
 """The registry: names, arguments, entry points, and access to the environment."""
 
 from importlib import metadata
+from pathlib import Path
 
 import pytest
 
@@ -106,3 +107,23 @@ def test_an_unknown_access_word_is_an_error_that_names_the_valid_ones(monkeypatc
                 ask(policy)
     with pytest.raises(ValueError, match=message):
         controllers.register("other", plain_factory, "a policy", access="truth")
+
+
+def test_a_name_may_end_in_gains(tmp_path, monkeypatch):
+    """Of text, file and folder; the last value counts, and an argument replaces it."""
+    monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+    Path("mine/computed-torque.json").write_text('{"frequency": 3}')
+    interface = TwoLinkArmEnv().interface
+    made = {
+        "computed-torque@frequency=7": 7.0,
+        "computed-torque@mine": 3.0,
+        "computed-torque@mine/computed-torque.json": 3.0,
+        "computed-torque@tuned@frequency=7": 7.0,
+        "computed-torque@frequency=7@mine": 3.0,
+    }
+    for name, frequency in made.items():
+        assert controllers.make(name, interface).frequency == (frequency, frequency)
+        assert controllers.make(name, interface, frequency=5.0).frequency == (5.0, 5.0)
+    with pytest.raises(ValueError, match="unknown argument of computed-torque 'frequncy'"):
+        controllers.make("computed-torque@frequncy=7", interface)

@@ -41,6 +41,23 @@ def states(n, seed=0):
     return rng.uniform(-np.pi, np.pi, (n, 2)), rng.uniform(-5, 5, (n, 2)), rng.uniform(-300, 300, (n, 2))
 
 
+@arms
+@pytest.mark.parametrize("shape", [(2,), (1, 2)], ids=str)
+def test_one_arm_has_the_bits_of_its_row_in_a_batch(arm, shape):
+    """Alone, it is computed with floats."""
+    q, v, torque = states(40)
+    signals = {
+        inertia_matrix: (q,), coriolis_matrix: (q, v), gravity_torque: (q,),
+        inverse_dynamics: (q, v, torque), forward_dynamics: (q, v, torque),
+    }  # fmt: skip
+    for function, arguments in signals.items():
+        batch = function(arm, *arguments)
+        for i in range(len(q)):
+            alone = function(arm, *(x[i].reshape(shape) for x in arguments))
+            assert alone.shape == shape[:-1] + batch.shape[1:]
+            assert (alone == batch[i]).all()
+
+
 def mujoco_model(arm):
     """The arm in MuJoCo: x to the right, z up, hinges about -y so that angles count from the horizontal upwards."""
 

@@ -1,11 +1,15 @@
 """Contestants take turns, and only the time of their own turns counts."""
 
+import sys
 import time
+from functools import partial
+from itertools import islice
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
-from benchmarks.speed import environments
+from benchmarks.speed import __main__, decisions, environments
 from fbl_gym import TwoLinkArmVectorEnv
 
 
@@ -34,3 +38,20 @@ def test_a_contestant_returns_the_number_of_its_environments():
     single = environments.single(gym.make("fbl_gym/TwoLinkArm-v0", duration=0.05), np.zeros(2))
     assert [single() for _ in range(12)] == [1] * 12  # beyond the end of an episode
     assert environments.batch(TwoLinkArmVectorEnv(3), np.zeros((3, 2)))() == 3
+
+
+@pytest.mark.parametrize("policy", ["pd-gravity", "computed-torque+predictor"])
+def test_the_decisions_of_an_arm_are_measured(policy, monkeypatch, capsys):
+    monkeypatch.setattr(decisions, "WARM_UP", 2)
+    monkeypatch.setattr(__main__, "measure_decisions", partial(decisions.measure_decisions, turns=1))
+    monkeypatch.setattr(sys, "argv", ["speed", "--decisions", policy])
+    __main__.main()
+    *_, last = capsys.readouterr().out.splitlines()
+    name, median, slow = last.split()
+    assert name == policy
+    assert 0 < int(median) <= int(slow) < 1e6
+
+
+def test_decisions_go_on_after_an_episode():
+    """`zero` lets the arm fall away from its reference."""
+    assert min(islice(decisions.decisions("zero"), 300)) > 0
