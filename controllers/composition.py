@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.parts import OBSERVERS, Barrier, Drive, Observer, Predictor
+from controllers.parts import OBSERVERS, Barrier, Drive, Observer, Predictor, Springs
 from controllers.policy import Policy, State, TorqueLaw, reference_at
 from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, clip, make_layout
@@ -22,7 +22,7 @@ from fbl_gym.model.arm import Array, forward_dynamics, gravity_torque
 from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records import declarations, declared
 
-PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "barrier": Barrier}
+PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "springs": Springs, "barrier": Barrier}
 """The parts, by name."""
 
 DEFAULT = "eso"
@@ -35,6 +35,7 @@ class ComposedState(NamedTuple):
     queue: Array  # commands under way [n x depth x 2] N m
     torque: Array  # on the joints [n x 2] N m
     memory: Array  # of the observer [n x 2 x 4]
+    bend: Array  # of the springs under the reference [n x 2 x 2] rad, rad/s
     inside: State = ()  # of the law inside
 
 
@@ -111,6 +112,11 @@ class Composed(TorqueLaw):
         return Barrier(self._inside.interface, **self._gains("barrier")) if "barrier" in self._parts else None
 
     @cached_property
+    def _springs(self) -> Springs | None:
+        """The reference of the motors; None: that of the links remains."""
+        return Springs(self.interface, **self._gains("springs")) if "springs" in self._parts else None
+
+    @cached_property
     def _observer(self) -> Observer:
         """The observer that is named, or else the default one."""
         name = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
@@ -136,11 +142,13 @@ class Composed(TorqueLaw):
         (q,) = self.read(observation, "position")
         v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        return ComposedState(self._drive.fill(hold), hold, self._observer.initial(q, v))
+        return ComposedState(
+            self._drive.fill(hold), hold, self._observer.initial(q, v), np.full((len(q), 2, 2), np.inf)
+        )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        seen, estimate, due = self._look(observation, state)
+        seen, estimate, due, bend = self._look(observation, state)
         torque, inside = self._inside.torque(seen, state.inside)
         if self._barrier is not None:
             torque = self._barrier.filtered(torque, *self._inside.measured_motion(seen))
@@ -150,9 +158,9 @@ class Composed(TorqueLaw):
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
         queue, present, mean = self._drive.pass_interval(state.queue, state.torque, torque)
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], mean)
-        return torque, ComposedState(queue, present, self._observer.predict(estimate, u), inside)
+        return torque, ComposedState(queue, present, self._observer.predict(estimate, u), bend, inside)
 
-    def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array]:
+    def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array, Array]:
         """Return all that the law inside depends on.
 
         Args:
@@ -161,7 +169,8 @@ class Composed(TorqueLaw):
 
         Returns:
             The observation of the law inside [n x its size], the estimate [n x 2 x 4] at the last
-            reading, and the torque [n x 2] N m at the time when the next command acts.
+            reading, the torque [n x 2] N m at the time when the next command acts, and the springs'
+            deflection with its rate [n x 2 x 2].
         """
         present = state.torque
         layout, arm, inside = self.interface.layout, self.interface.nominal, self._inside.interface
@@ -188,8 +197,14 @@ class Composed(TorqueLaw):
         else:
             times = ahead + inside.control_dt * np.arange(1 + self._preview_samples, dtype=float)
             reference = [reference_at(self.interface, observation, times).reshape(len(observation), -1)]
+        bend = state.bend
+        if self._springs is not None:
+            motion_of_motors, bend = self._springs.moved(
+                np.concatenate(reference, axis=-1).reshape(len(q), -1, 6), bend
+            )
+            reference = [motion_of_motors.reshape(len(q), -1)]
         seen = np.concatenate([*signals, *reference], axis=-1)
-        return clip(seen, *inside.layout.bounds), estimate, due
+        return clip(seen, *inside.layout.bounds), estimate, due, bend
 
 
 class Filtered:
@@ -228,7 +243,7 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
 
     Args:
         law: a subclass of `TorqueLaw`.
-        *parts: names out of `PARTS`: at most one observer, "predictor" and "barrier".
+        *parts: names out of `PARTS`: at most one observer, "predictor", "springs" and "barrier".
 
     Raises:
         ValueError: the law is no `TorqueLaw`, or a part is unknown or given twice.

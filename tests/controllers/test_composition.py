@@ -12,10 +12,11 @@ from benchmarks.run.contract import check
 from controllers import registry
 from controllers.composition import Composed, compose
 from controllers.oracle import OracleFlm
-from controllers.parts import OBSERVERS, Drive
+from controllers.parts import OBSERVERS, Drive, Springs
 from controllers.pid import PidFlm
 from controllers.policy import TorqueLaw
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records import tuning_ranges
 from tests.controllers.closed_loop import tracking
 
@@ -77,6 +78,50 @@ def test_a_predictor_undoes_the_delay(actuator):
     late = error("computed-torque+predictor", preview=5, actuator=actuator)
     assert late < 1.1 * ideal + (1e-4 if "lag" in actuator else 2e-5)
     assert error("computed-torque", actuator=actuator) > 2.5 * ideal
+
+
+SPRINGS = {
+    "joint": {"stiffness": (60e3, 12e3), "damping": (60.0, 15.0), "rotor_inertia": (9.0, 1.1), "encoder": "motor"},
+    "control_dt": 0.001,
+    "physics_dt": 0.0005,
+    "reference": {"kind": "sine", "amplitude": 0.8, "frequency": 0.4, "centre": (-1.2, 0.3)},
+}
+
+
+def test_the_links_follow_where_the_motors_lead_by_the_deflection():
+    """With an exact model, encoders on the motors: the error falls to a tenth."""
+    names = (f"computed-torque-dob{part}@frequency=60" for part in ("", "+springs"))
+    without, with_part = (error(name, steps=2000, **SPRINGS) for name in names)
+    assert with_part < 0.1 * without
+
+
+def test_the_motors_reference_is_that_of_the_springs_torque():
+    """Deflection by the stiffness; its rate and acceleration against central differences of the deflection."""
+    env = TwoLinkArmVectorEnv(3, **SPRINGS)
+    env.reset(seed=0)
+    springs, memory, moved = Springs(env.interface), np.full((3, 2, 2), np.inf), []
+    stiffness, dt = np.array([60e3, 12e3]), env.interface.control_dt
+    t = dt * np.arange(400)[:, None, None] + 0.1 * np.arange(3)[:, None]
+    r, v, a = np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t)
+    references = [np.repeat(x, 2, axis=-1) * np.array([0.8, 0.5]) for x in (r, v, a)]
+    deflection = inverse_dynamics(env.interface.nominal.lumped, *references) / stiffness
+    for k in range(400):
+        reference = np.concatenate([x[k] for x in references], axis=-1)[:, None]
+        shifted, memory = springs.moved(reference, memory)
+        moved.append((shifted - reference)[:, 0])
+    moved = np.array(moved)
+    np.testing.assert_allclose(moved[..., :2], deflection, rtol=1e-9, atol=1e-15)
+    rate = np.gradient(deflection, dt, axis=0)
+    assert np.all(moved[0, :, 2:] == 0.0)
+    assert np.all(moved[1, :, 4:] == 0.0)
+    np.testing.assert_allclose(moved[1:, :, 2:4], rate[1:], atol=0.01 * np.abs(rate).max())
+    np.testing.assert_allclose(moved[3:, :, 4:], np.gradient(rate, dt, axis=0)[3:], atol=0.1)
+
+
+@pytest.mark.parametrize("joint", [None, {**SPRINGS["joint"], "encoder": "link"}])
+def test_without_springs_before_the_encoder_the_reference_stays(joint):
+    options = {**SPRINGS, "joint": joint}
+    assert error("computed-torque+springs", **options) == error("computed-torque", **options)
 
 
 @pytest.mark.parametrize("name", OBSERVERS)
