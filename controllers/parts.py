@@ -13,8 +13,9 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from fbl_gym.checks import Pair
-from fbl_gym.interface import Interface, clip
-from fbl_gym.model.arm import ArmParameters, Array, accelerations, forward_dynamics, inverse_dynamics
+from fbl_gym.interface import Interface
+from fbl_gym.kernel import api
+from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.records import Record, number, pair
 
 TUNE = (15.0, 300.0)
@@ -139,27 +140,6 @@ OBSERVERS: dict[str, type[Observer]] = {"kalman": Kalman, "eso": Eso}
 """The observers, by name."""
 
 
-def _floats(x: Array) -> list[float]:
-    """Return the numbers of an array [1 x 2]; with floats, one arm takes a third of the time."""
-    numbers: list[float] = x[0].tolist()
-    return numbers
-
-
-def _columns(x: Array) -> list[Array]:
-    """Return the columns of an array [n x 2]."""
-    return [x[:, 0], x[:, 1]]
-
-
-def _joined(parts: list[Any]) -> Array:
-    """Return the array [n x 2] of its columns or numbers."""
-    return np.array(parts).T.reshape(-1, 2)
-
-
-def _slowed(v: Any) -> Any:
-    """Return a velocity within `FASTEST`."""
-    return min(max(v, -FASTEST), FASTEST) if type(v) is float else clip(v, -FASTEST, FASTEST)
-
-
 def runge_kutta(
     rates: Callable[[Sequence[Any], Any], Sequence[Any]], x: Sequence[Any], h: Any, inputs: Sequence[Any]
 ) -> list[Any]:
@@ -256,19 +236,11 @@ class Drive:
             Position, velocity and torque at the end, [n x 2] each.
         """
         steps = [(h / n, x) for h, x in commands for n in [math.ceil(h / self.dt - 1e-9)] for _ in range(n)]
-        parts: Callable[[Array], list[Any]] = _floats if len(q) == 1 else _columns
-        x, push, u = [*parts(q), *parts(v)], parts(f), parts(torque)
-
-        def rates(x: Sequence[Any], u: Sequence[Any]) -> Sequence[Any]:
-            a1, a2 = accelerations(arm, *x, *u)
-            return x[2], x[3], a1 + push[0], a2 + push[1]
-
-        for h, command in steps:
-            acting, keeps = parts(command), [self._fade(t)[0] for t in (0.0, 0.5 * h, h)]
-            torques = [[y + keep * (now - y) for y, now in zip(acting, u, strict=True)] for keep in keeps]
-            q1, q2, v1, v2 = runge_kutta(rates, x, h, torques)
-            x, u = [q1, q2, _slowed(v1), _slowed(v2)], torques[-1]
-        return _joined(x[:2]), _joined(x[2:]), _joined(u)
+        motion = np.array([q, v, torque], dtype=float)
+        if steps:
+            durations, torques = np.array([h for h, _ in steps]), np.array([x for _, x in steps], dtype=float)
+            api.predict(arm.base, np.ascontiguousarray(f, dtype=float), durations, torques, self.lag, FASTEST, motion)
+        return motion[0], motion[1], motion[2]
 
     def _fade(self, t: float) -> tuple[float, float]:
         """Return exp(-t / lag), and its integral from 0 to t."""

@@ -28,6 +28,7 @@ from fbl_gym.kernel.memory import (
 )
 from fbl_gym.kernel.motion import update_reference
 from fbl_gym.kernel.physics import acceleration_and_friction, advance
+from fbl_gym.kernel.prediction import advance_model
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, nominal_acceleration, start_disturbance
 from fbl_gym.kernel.views import array_at, pair, record_at
@@ -297,7 +298,13 @@ def _compile(fingerprint):
             _end(block, rows, waypoints, settings, tables, count, True, True, False)
             _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
 
-    return check, inspect, load, end
+    @cached_njit
+    def predict(arm, push, durations, commands, lag, fastest, motion):
+        """Move a model through commands; see `prediction.advance_model`."""
+        _ = fingerprint
+        advance_model(arm, push, durations, commands, lag, fastest, motion)
+
+    return check, inspect, load, end, predict
 
 
 _KEY = _fingerprint()
@@ -319,4 +326,4 @@ def class_of(settings):
     return 3 if settings["elastic"] else 2 if rare else int(any(settings[name] > 0 for name in _REAL))
 
 
-check, inspect, load, end = _compile(_KEY)
+check, inspect, load, end, predict = _compile(_KEY)

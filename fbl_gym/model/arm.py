@@ -159,6 +159,11 @@ class ArmParameters(Record):
         """Return the lumped parameters p1 to p5, [5], in kg m^2 and N m."""
         return np.array(lumped_terms(self.m1, self.m2, self.L1, self.L2, self.gravity, self.centre, self.inertia))
 
+    @cached_property
+    def base(self) -> Array:
+        """The lumped parameters and the rotors' inertias [7]."""
+        return with_rotors(self.lumped, self.rotor)
+
     def as_rods(self) -> ArmParameters:
         """Return an arm of uniform rods of the same masses and lengths, as in §2.1's text."""
         return dataclasses.replace(self, centre=1 / 2, inertia=1 / 12)
