@@ -17,6 +17,7 @@ from benchmarks.text import visible
 from controllers.composition import PARTS, gain_name
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.options.descriptions import Description, describe
+from fbl_gym.scenarios.classes import CLASSES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,9 +39,10 @@ def _policy(name: str) -> str:
 
 
 def _scenarios() -> dict[str, str]:
-    """Return each scenario, with one entry for all severities of a family."""
-    texts = {}
-    for _, group in itertools.groupby(scenarios.names(), lambda name: re.sub(r"-\d$", "", name)):
+    """Return each scenario, with one entry for all severities of a family, and for a practice."""
+    texts = {f"{robot}-practice-FAMILY-1, -3": scenarios.TIERS[f"{robot}-practice"] for robot in CLASSES}
+    named = (name for name in scenarios.names() if "-practice-" not in name)
+    for _, group in itertools.groupby(named, lambda name: re.sub(r"-\d$", "", name)):
         first, *others = group
         last = f"{',' if len(others) == 1 else ' to'} {others[-1][-2:]}" if others else ""
         texts[first + last] = scenarios.get(first).description

@@ -1,0 +1,122 @@
+"""The command `fbl-gym show`: a scenario with every number, and what follows from them."""
+
+import argparse
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from benchmarks.report.terminal import table
+from benchmarks.run.rollout import reference_motion
+from fbl_gym import Scenario, scenarios
+from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
+from fbl_gym.records import Distribution, declarations, ends, middle
+from fbl_gym.scenarios.classes import class_of
+
+SEEDS = range(32)
+"""The seeds whose references the torque of the motion is taken from."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scenario", metavar="S", help="a scenario's name or .toml file")
+    parser.add_argument("other", nargs="?", metavar="S", help="another one: print the options in which they differ")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the options of a scenario, or the differences of two, and what follows from them."""
+    tasks = [scenarios.get(name) for name in (arguments.scenario, arguments.other) if name]
+    given = [{name: (text, unit) for name, text, unit in options(task)} for task in tasks]
+    both = {name: unit for each in given for name, (_, unit) in each.items()}
+    rows = [[name, *(each.get(name, ("off",))[0] for each in given), unit] for name, unit in both.items()]
+    if arguments.other:
+        rows = [row for row in rows if row[1] != row[2]]
+    console, header = Console(), [task.name for task in tasks]
+    console.print(table("", ["option", *header, "unit"], rows, justify="left"))
+    derived = [follows(task) for task in tasks]
+    names = dict.fromkeys(name for facts in derived for name in facts)
+    rows = [[name, *(facts.get(name, "") for facts in derived)] for name in names]
+    console.print(table("", ["what follows", *header], rows, justify="left"))
+    return 0
+
+
+def options(record: Any, path: str = "") -> Iterator[tuple[str, str, str]]:
+    """Yield the path, the value in words and the unit of each option that is on."""
+    for name, declaration in declarations(type(record)).items():  # type: ignore[arg-type]
+        value = getattr(record, name)
+        if name in ("name", "description", "kind") or value is None:
+            continue
+        if dataclasses.is_dataclass(value) and not isinstance(value, Distribution):
+            yield from options(value, f"{path}{name}.")
+        elif name == "events":
+            for i, event in enumerate(value):
+                yield from options(event, f"events[{i}]: {event.kind}, ")
+        else:
+            yield path + name, _words(value), declaration.unit
+
+
+def _words(value: Any) -> str:
+    """Return a value in words; both joints' once where they are equal."""
+    if isinstance(value, Distribution):
+        kind = next(kind for kind, numbers in vars(value).items() if numbers is not None)
+        numbers = [f"{x:.4g}" for x in value.values]
+        return (
+            "one of " + ", ".join(numbers)
+            if kind == "choice"
+            else f"{numbers[0]} to {numbers[1]}, {kind.replace('_', '-')}"
+        )
+    if isinstance(value, tuple):
+        if len(value) == 2 and value[0] == value[1]:
+            return _words(value[0])
+        return "; ".join(map(_words, value)) if len(value) < 9 else f"{len(value)} values"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def follows(scenario: Scenario) -> dict[str, str]:
+    """Return what follows from a scenario's numbers, in words; distributions count by their middle.
+
+    The dead time is from a motion to the torque that answers it: half a sample in which the torque
+    is held, half of the interval over which the velocity is computed, age of the readings,
+    computation, delay and lag.
+    """
+    arm, drive, encoder, joint = scenario.arm, scenario.actuator, scenario.encoder, scenario.joint
+    _, p2, _, p4, p5 = arm.lumped
+    stretched = inertia_matrix(arm.lumped, (0.0, 0.0))
+    weight = np.array([abs(p4) + abs(p5), abs(p5)])
+    samples = 0.5 + middle(drive.delay_samples)
+    samples += 0.0 if encoder is None else encoder.latency + 0.5 * (encoder.difference or 0)
+    dead = samples * scenario.control_dt + middle(drive.delay) + 0.5 * ends(drive.jitter)[1] + middle(drive.lag)
+    facts = {
+        "class of robots": class_of(scenario.control_dt, None if joint is None else joint.encoder),
+        "weight (largest torque of gravity)": _both(weight, "N m"),
+        "inertia of the stretched links": _both(np.array([stretched[0, 0], p2]), "kg m^2"),
+        "dead time": f"{1e3 * dead:.3g} ms",
+    }
+    if joint is not None:
+        stiffness = np.array([middle(k) for k in joint.stiffness])  # type: ignore[union-attr]
+        modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(stretched, np.diag(stiffness))).real) / (2 * np.pi)
+        facts["modes of the stretched links, motors held"] = _both(np.sort(modes), "Hz")
+    if drive.torque_limit is not None:
+        q, v, a = reference_motion(scenario, SEEDS)
+        share = 100 * np.abs(_needed(scenario, q, v, a)) / np.array(drive.torque_limit)
+        facts["torque limit / weight"] = _both(np.array(drive.torque_limit) / np.maximum(weight, 1e-12), "")
+        facts["largest torque of the nominal motion"] = _both(share.max(axis=(0, 1)), "% of the limit")
+        facts["its largest velocity"] = _both(np.abs(v).max(axis=(0, 1)), "rad/s")
+    return facts
+
+
+def _needed(scenario: Scenario, q: Array, v: Array, a: Array) -> Array:
+    """Return the torque of a motion of the nominal arm with the friction's middle [N m]."""
+    torque, friction = (
+        inverse_dynamics(dataclasses.replace(scenario.arm, rotor=scenario.rotor), q, v, a),
+        scenario.friction,
+    )
+    if friction is None:
+        return torque
+    numbers = {name: np.array([middle(x) for x in getattr(friction, name)]) for name in ("viscous", "coulomb", "load")}
+    return torque + numbers["viscous"] * v + (numbers["coulomb"] + numbers["load"] * np.abs(torque)) * np.sign(v)
+
+
+def _both(numbers: Array, unit: str) -> str:
+    return f"{numbers[0]:.3g}, {numbers[1]:.3g} {unit}".rstrip()

@@ -1,0 +1,50 @@
+"""`fbl-gym show`: every number of a scenario, and what follows from them."""
+
+import numpy as np
+import pytest
+
+from benchmarks import cli
+from benchmarks.cli.show import follows, options
+from fbl_gym import Scenario, scenarios
+
+
+def test_each_option_is_shown_with_its_unit():
+    task = Scenario(
+        friction={"viscous": (1.0, 0.5), "coulomb": {"uniform": [1, 2]}},
+        actuator={"delay_samples": {"choice": [0, 2]}},
+        events=[{"kind": "knock", "time": 1.0, "impulse": (3, 1)}],
+    )
+    shown = {name: (text, unit) for name, text, unit in options(task)}
+    assert shown["friction.viscous"] == ("1; 0.5", "N m s/rad")
+    assert shown["friction.coulomb"] == ("1 to 2, uniform", "N m")
+    assert shown["actuator.delay_samples"] == ("one of 0, 2", "")
+    assert shown["events[0]: knock, impulse"] == ("3; 1", "N m s")
+    assert not any(name.startswith(("joint", "noise")) for name in shown)
+
+
+def test_what_follows_is_right():
+    """Against closed forms: weight of two point masses, dead time by addition, modes with one link alone."""
+    facts = follows(Scenario())
+    assert (
+        facts["weight (largest torque of gravity)"] == f"{9.81 * (35 * 0.7 + 15 * 0.5):.3g}, {9.81 * 15 * 0.5:.3g} N m"
+    )
+    assert facts["dead time"] == "5 ms"
+    late = Scenario(
+        actuator={"delay_samples": 1, "delay": 0.002, "lag": 0.004}, encoder={"difference": 1, "latency": 1}
+    )
+    assert follows(late)["dead time"] == "36 ms"
+    stiff = {"stiffness": (1e9, 4e4), "rotor_inertia": 1.0}
+    modes = follows(Scenario(joint=stiff, physics_dt=1e-6))["modes of the stretched links, motors held"]
+    assert float(modes.split(",")[0]) == pytest.approx(np.sqrt(4e4 / 3.75) / (2 * np.pi), rel=0.01)
+
+
+def test_two_scenarios_show_their_differences(capsys):
+    assert cli.main(["show", "hardware-nominal", "hardware-delay-2"]) == 0
+    text = capsys.readouterr().out
+    assert "actuator.delay" in text
+    assert "friction" not in text.split("what follows")[0]
+    assert cli.main(["show", "geared-nominal"]) == 0
+    assert "modes of the stretched" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        cli.main(["show"])
+    assert scenarios.get("geared-nominal").joint is not None
