@@ -54,7 +54,7 @@ COMMANDS: dict[str, Command] = {
     "curves": Command("curves", "compare training runs, grouped over their seeds: table and learning curves",
         "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
     "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
-        "--only figure-2-table-1 --short", "finished claims are kept"),
+        "--only figure-3a --short", "finished claims are kept"),
     "list": Command("names", "list policies, scenarios, options, gains, suites or claims, with one line each",
         "scenarios"),
     "doctor": Command("doctor", "show versions, extras, compile cache and folders of the packages, and run a self-check",
