@@ -11,7 +11,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.cli import reproduce
 from benchmarks.paper import claim, claims, radius, section_3
-from benchmarks.paper.claim import CONTROL, OPEN, STATED, Case, Claim, judge
+from benchmarks.paper.claim import CONTROL, OPEN, REPRODUCED, STATED, Case, Claim, judge
 from benchmarks.paper.claims import CLAIMS, SHORT, measure_claim
 from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
@@ -122,6 +122,14 @@ ROWS = [" ".join(row.split(" | ")[2:]) for row in PAGE.splitlines() if row.start
 
 def test_each_point_of_the_summary_names_a_claim():
     assert all(set(NAMES.findall(point)) & set(CLAIMS) for point in POINTS)
+
+
+def test_the_summary_counts_the_verdicts():
+    stated, best = (
+        sum(getattr(each, column).startswith(REPRODUCED) for each in COMMITTED.values())
+        for column in ("at_stated", "at_best")
+    )
+    assert f"{stated} of {len(CLAIMS)} claims are reproduced at stated values, and {best} at" in PAGE
 
 
 @pytest.mark.parametrize("line", POINTS + ROWS, ids=lambda line: line[:30])
