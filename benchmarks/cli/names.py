@@ -81,7 +81,7 @@ def _line(field: Description) -> str:
 def _claims() -> dict[str, str]:
     from benchmarks.paper.claims import CLAIMS  # the claims' code is imported with them
 
-    return {name: claim.fields["claim"] for name, claim in CLAIMS.items()}
+    return {name: claim.texts["claim"] for name, claim in CLAIMS.items()}
 
 
 LISTS: dict[str, Callable[[], Mapping[str, str]]] = {

@@ -54,7 +54,7 @@ COMMANDS: dict[str, Command] = {
     "curves": Command("curves", "compare training runs, grouped over their seeds: table and learning curves",
         "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
     "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
-        "--only figure-2-table-1 --short", "finished claims are kept"),
+        "--only figure-3a --short", "finished claims are kept"),
     "show": Command("show", "show a scenario: every number with its unit, and what follows from them",
         "geared-nominal servo-nominal"),
     "list": Command("names", "list policies, scenarios, options, gains, suites or claims, with one line each",

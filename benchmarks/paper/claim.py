@@ -1,31 +1,46 @@
-"""The record of a claim, and helpers to measure one."""
+"""The record of a claim, its cases, and helpers to measure them."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, proportion
-from benchmarks.report.plot import Panel, plot_lines, plot_trace
+from benchmarks.report.plot import Line
 from benchmarks.run.metrics import departure, measure
 from benchmarks.run.rollout import Trace, Watch, rollout
-from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, Scenario, scenarios
+from fbl_gym import SECTION_2_2, TABLE_1, Noise, Scenario
 from fbl_gym.model.arm import Array
 
-REPRODUCED, UNDER_ASSUMPTIONS, NOT_REPRODUCED, NO_CLAIM = "reproduced", "under assumptions", "not reproduced", "–"
-"""The verdicts, by one rule. A claim is measured in cases: at the paper's stated values, with
-misprints corrected, and at several values of all that it leaves open. "reproduced": it holds in all
-cases; "under assumptions": in some; "not reproduced": in none. "–": the paper does not claim it."""
+REPRODUCED, NOT_REPRODUCED = "reproduced", "not reproduced"
+"""The verdicts. Each claim has two. At stated values it is reproduced if it holds in all stated
+cases; at the most favourable open values, if it holds in any stated or open case."""
+
+STATED, OPEN, CONTROL = "stated", "open", "control"
+"""The kinds of a case. Stated: the paper's values, with misprints corrected, or other readings of
+them. Open: a value that the paper leaves open is not the project's first choice. Control: a value
+contradicts the paper; it counts for no verdict."""
 
 LEAST = 0.9
 """A claim holds in a case if the 95 % interval of the share of seeds that meet it lies above this.
 A diverged run does not meet it."""
 
+SEEDS = 40
+"""Episodes of a random scenario. All of them must meet a claim: 39 are not enough."""
+
+Values: TypeAlias = Mapping[str, Any]
+"""The values of a case, by name, as texts such as "2 rad/s"; `number` reads them."""
+
 ARMS = {"§2.2": SECTION_2_2, "Table 1": TABLE_1}
 """The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
+
+ESTIMATES: dict[str, Any] = {"exact": 1.0, "half": 0.5, "1.5 times": 1.5, "double": 2.0, "mixed": (0.5, 2.0, 2.0, 0.5)}
+"""Estimates over the real values, of all parameters or of m1, m2, L1, L2."""
+
+VARIANCES = {"variance 0.1": 0.1, "1 dB": 10**-0.1, "σ 0.01": 1e-4}
+"""Variance of a sample on each sensor. For a signal of unit power, 1 dB is a variance of 0.794."""
 
 
 @dataclass(frozen=True)
@@ -36,166 +51,150 @@ class Claim:
         figure: number of the figure, equation or section.
         claim: in one line.
         paper: statement or value of the paper.
-        measured: value measured here; the median over the seeds, if not stated otherwise.
-        verdict: by the rule above.
-        holds: number of cases in which the claim holds.
-        assumptions: under which the claim was measured.
-        scenario: name of the scenario; `assumptions` states the changes to it.
-        seed: seeds of the episodes.
-        cases: name, measured value, seeds that meet the claim, and "yes" or "no" of each case.
-        command: that measures this claim again; set by `claims.measure_claim`.
+        bound: how a run meets the claim.
+        stated: the values that the paper states; alternatives are its readings.
+        chosen: the values that it leaves open, with the project's first choice.
+        at_stated: the verdict at stated values, and the number of cases.
+        at_best: the verdict at the most favourable open values, and the number of cases.
+        scenario: on which the claim was measured.
+        cases: kind, values, measured value, seeds that meet the claim, and "yes" or "no" of each.
+        command: that measures this claim again.
     """
 
     figure: str
     claim: str
     paper: str
-    measured: str
-    verdict: str
-    holds: str
-    assumptions: str
+    bound: str
+    stated: str
+    chosen: str
+    at_stated: str
+    at_best: str
     scenario: str
-    seed: str
-    cases: tuple[tuple[str, ...], ...] = ()
-    command: str = ""
+    cases: tuple[tuple[str, ...], ...]
+    command: str
 
 
-@dataclass(frozen=True)
-class Effort:
-    """The amount of simulation for a claim.
+class Outcome(NamedTuple):
+    """The measurement of a case.
 
-    Args:
-        seeds: number of episodes of a random scenario.
-        many: number of episodes for a share near 95 %.
-        points: number of points of a map.
-        seconds: longest duration of an episode of the paper's scenarios, which step every 2 or 4 s.
+    Attributes:
+        meets: whether each run meets the claim [n]; one flag for a measurement without chance.
+        measured: value as text, the median over the seeds if not stated otherwise.
+        lines: of the claim's picture.
     """
 
-    seeds: int
-    many: int
-    points: int
-    seconds: float
-
-    @property
-    def short(self) -> bool:
-        """True for fewer cases and shorter episodes, where the verdict stays the same."""
-        return self.points < 4
-
-    def scenario(self, name: str) -> Scenario:
-        """Return a scenario of the paper, of which the short form has the first seconds only."""
-        scenario = scenarios.get(name)
-        return scenario.replace(duration=min(self.seconds, scenario.duration), name=name)
-
-
-FULL = Effort(seeds=64, many=512, points=8, seconds=20.0)
-SHORT = Effort(seeds=64, many=64, points=3, seconds=4.0)
+    meets: Any
+    measured: str
+    lines: Sequence[Line] = ()
 
 
 @dataclass(frozen=True)
 class Case:
-    """A claim at one value of what the paper leaves open.
+    """A measured case: its kind, the values that differ from the first case, and the outcome."""
 
-    Args:
-        name: the values.
-        meets: whether each run meets the claim [n]; one flag for a measurement without chance.
-            None: the case is shown, but the paper does not claim it.
-        measured: value measured in this case.
-    """
-
+    kind: str
     name: str
-    meets: Any = None
+    meets: Any
     measured: str = ""
-
-    @property
-    def share(self) -> Estimate:
-        """Share of runs that meet the claim, with its interval by Clopper and Pearson."""
-        return share(np.atleast_1d(self.meets))
 
     @property
     def holds(self) -> bool:
         """True if the claim holds in this case."""
-        return bool(np.all(self.meets)) if np.size(self.meets) == 1 else bool(self.share.low >= LEAST)
+        return bool(np.all(self.meets)) if np.size(self.meets) == 1 else bool(share(self.meets).low >= LEAST)
 
     @property
     def row(self) -> tuple[str, ...]:
         """The case as texts, for `Claim.cases`."""
-        if self.meets is None:
-            return self.name, self.measured, "", ""
-        low, high = (100 * float(end) for end in (self.share.low, self.share.high))
-        seeds = f"{np.sum(self.meets)} of {np.size(self.meets)}, {low:.0f}–{high:.0f} %"
-        return self.name, self.measured, seeds if np.size(self.meets) > 1 else "", "yes" if self.holds else "no"
+        count, n = np.sum(self.meets), np.size(self.meets)
+        return self.kind, self.name, self.measured, f"{count} of {n}" if n > 1 else "", "yes" if self.holds else "no"
 
 
 def share(meets: Any) -> Estimate:
-    """Return the share of True along the last axis, with its 95 % interval."""
+    """Return the share of True along the last axis, with Clopper and Pearson's 95 % interval."""
     return proportion(np.sum(meets, axis=-1), np.shape(meets)[-1])
 
 
 def judge(cases: Sequence[Case]) -> tuple[str, str]:
-    """Return the verdict by the rule above, and the number of cases in which the claim holds."""
-    holds = [case.holds for case in cases if case.meets is not None]
-    if not holds:
-        return NO_CLAIM, ""
-    verdict = REPRODUCED if all(holds) else UNDER_ASSUMPTIONS if any(holds) else NOT_REPRODUCED
-    return verdict, f"{sum(holds)} of {len(holds)}"
+    """Return the verdicts at stated and at the most favourable open values, by the rule above."""
+    stated = [case.holds for case in cases if case.kind == STATED]
+    claimed = [case.holds for case in cases if case.kind != CONTROL]
+    return tuple(  # type: ignore[return-value]
+        f"{REPRODUCED if holds else NOT_REPRODUCED}, {sum(each)} of {len(each)}"
+        for holds, each in ((all(stated), stated), (any(claimed), claimed))
+    )
 
 
-class Finding(NamedTuple):
-    """The measurement of a claim.
+@dataclass(frozen=True)
+class Declared:
+    """A claim before its measurement.
 
-    Attributes:
-        cases: in which the claim was measured.
-        measured: field of `Claim`.
-        title: of the figure.
-        drawn: panels of the figure, or a trace.
-        seeds: number of the first seeds.
+    Args:
+        texts: fields of `Claim`.
+        stated: the values that the paper states, each with all its readings.
+        chosen: the values that it leaves open, with the project's first choice.
+        changes: of each case, to the first values of all; most favourable ones first.
+        panel: fields of the picture's `Panel`, if its outcomes have lines.
+        measure: returns the outcome at some values.
     """
 
-    cases: Sequence[Case]
-    measured: str
-    title: str
-    drawn: Sequence[Panel] | Trace
-    seeds: int = 1
+    texts: dict[str, str]
+    stated: Mapping[str, tuple[Any, ...]]
+    chosen: Values
+    changes: Sequence[Values]
+    panel: dict[str, Any]
+    measure: Callable[[Values], Outcome]
 
-    def draw(self, path: Path) -> None:
-        """Draw the figure to a file."""
-        if isinstance(self.drawn, Trace):
-            plot_trace(self.drawn, self.title, path)
-        else:
-            plot_lines(self.title, self.drawn, path)
+    def cases(self) -> list[tuple[str, str, Values]]:
+        """Return kind, name and values of each case; the first has the first values of all."""
+        first = {name: readings[0] for name, readings in self.stated.items()} | dict(self.chosen)
+        return [
+            (self.kind(change), show(change) or "first values", first | dict(change)) for change in ({}, *self.changes)
+        ]
+
+    def kind(self, change: Values) -> str:
+        """Return the kind of the case with some changes."""
+        if any(value not in self.stated.get(name, (value,)) for name, value in change.items()):
+            return CONTROL
+        return OPEN if change.keys() & self.chosen.keys() else STATED
 
 
-class Declared(NamedTuple):
-    """A claim, with the fields of `Claim` that are known before the measurement."""
-
-    fields: dict[str, str]
-    measure: Callable[[Effort], Finding]
+def show(values: Values) -> str:
+    """Return values as text."""
+    return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 def claim(
-    figure: str, text: str, *, paper: str, scenario: str = "nominal", assumptions: str = ""
-) -> Callable[[Callable[[Effort], Finding]], Declared]:
-    """Declare a claim, which the decorated function measures; the function's name is the claim's.
-
-    The arguments are fields of `Claim`. Without assumptions, the scenario's description states
-    them.
-    """
-    assumptions = assumptions or scenarios.get(scenario).description
-    fields = {"figure": figure, "claim": text, "paper": paper, "assumptions": assumptions, "scenario": scenario}
-    return lambda measure: Declared(fields, measure)
+    figure: str, text: str, *, paper: str, bound: str, stated: Mapping[str, tuple[Any, ...]], chosen: Values,
+    cases: Sequence[Values] = (), scenario: str = "nominal", panel: dict[str, Any] | None = None,
+) -> Callable[[Callable[[Values], Outcome]], Declared]:  # fmt: skip
+    """Declare a claim, which the decorated function measures; its name is the claim's."""
+    texts = {"figure": figure, "claim": text, "paper": paper, "bound": bound, "scenario": scenario}
+    return lambda measure: Declared(texts, stated, chosen, cases, panel or {}, measure)
 
 
-def quote(*cases: Case) -> str:
-    """Return the measured values of some cases with their names."""
-    return "; ".join(f"{case.measured} ({case.name})" for case in cases)
+def number(text: str) -> float:
+    """Return the number at the beginning of a value, such as "5 ms"."""
+    return float(text.split()[0])
 
 
-def with_estimate(scenario: Scenario, real: ArmParameters, factor: float) -> Scenario:
-    """Return the scenario with a real arm, and with nominal parameters `factor` times them.
+def at_rate(scenario: Scenario, rate: str, **options: Any) -> Scenario:
+    """Return the scenario at a rate such as "1 kHz", with some options."""
+    dt = 1e-3 / number(rate)
+    return scenario.replace(control_dt=dt, physics_dt=dt, **options)
 
-    Parameters are masses and lengths.
-    """
-    nominal = {name: factor * getattr(real, name) for name in ("m1", "m2", "L1", "L2")}
-    return scenario.replace(arm=dataclasses.replace(real, **nominal), parameter_error=1.0 / factor)
+
+def noise(reading: str, rate: str) -> Noise | None:
+    """Return the noise on every sensor: a variance of a sample, or "density 0.1"; "none"."""
+    sigma = np.sqrt(100.0 * number(rate) if reading == "density 0.1" else VARIANCES.get(reading, 0.0))
+    return Noise(position=sigma, velocity=sigma, acceleration=sigma) if sigma else None
+
+
+def with_estimates(scenario: Scenario, arm: str, estimates: str) -> Scenario:
+    """Return the scenario with a real arm, and with some estimates as its nominal parameters."""
+    names, factors = ("m1", "m2", "L1", "L2"), np.broadcast_to(ESTIMATES[estimates], 4)
+    nominal = {name: float(factor) * getattr(ARMS[arm], name) for name, factor in zip(names, factors, strict=True)}
+    ratio = tuple(float(1.0 / factor) for factor in factors)
+    return scenario.replace(arm=dataclasses.replace(ARMS[arm], **nominal), parameter_error={"ratio": ratio})
 
 
 Rows: TypeAlias = dict[str, Array]

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from benchmarks.files import write_text
 from benchmarks.paper import section_2, section_3, section_4
-from benchmarks.paper.claim import Claim, Declared, Effort, judge
+from benchmarks.paper.claim import Case, Claim, Declared, judge, show
 from benchmarks.report.markdown import table
+from benchmarks.report.plot import Line, Panel, plot_lines
 from fbl_gym.checks import unknown
 
 CLAIMS: dict[str, Declared] = {
@@ -17,6 +18,9 @@ CLAIMS: dict[str, Declared] = {
     for name, claim in vars(section).items()
     if isinstance(claim, Declared)
 }
+
+SHORT = 2
+"""Cases of a claim in the short form: the first values, and the most favourable ones."""
 
 
 def select(names: Sequence[str]) -> list[str]:
@@ -33,16 +37,28 @@ def select(names: Sequence[str]) -> list[str]:
     return [name for name in CLAIMS if name in chosen or not names]
 
 
-def measure_claim(name: str, effort: Effort) -> tuple[Claim, Callable[[Path], None]]:
-    """Measure one of `CLAIMS`; return it and a function that draws its figure to a file."""
-    fields, measure = CLAIMS[name]
-    finding = measure(effort)
-    verdict, holds = judge(finding.cases)
+def measure_claim(name: str, cases: int | None = None) -> tuple[Claim, Callable[[Path], None] | None]:
+    """Measure the first cases of one of `CLAIMS`; None: all of them.
+
+    Return the claim, and a function that draws its picture to a file if there is one.
+    """
+    declared = CLAIMS[name]
+    measured: list[Case] = []
+    lines: list[Line] = []
+    for kind, title, values in declared.cases()[:cases]:
+        outcome = declared.measure(values)
+        measured.append(Case(kind, title, outcome.meets, outcome.measured))
+        lines += outcome.lines
+    at_stated, at_best = judge(measured)
+    readings = {value: " | ".join(map(str, each)) for value, each in declared.stated.items()}
     claim = Claim(
-        measured=finding.measured, verdict=verdict, holds=holds, cases=tuple(case.row for case in finding.cases),
-        seed="0" if finding.seeds == 1 else f"0-{finding.seeds - 1}", command=f"fbl-gym reproduce --only {name}", **fields,
+        stated=show(readings), chosen=show(declared.chosen), at_stated=at_stated, at_best=at_best,
+        cases=tuple(case.row for case in measured), command=f"fbl-gym reproduce --only {name}", **declared.texts,
     )  # fmt: skip
-    return claim, finding.draw
+    if not lines:
+        return claim, None
+    panel = Panel("", lines=tuple(lines), **declared.panel)
+    return claim, lambda path: plot_lines(claim.claim, [panel], path)
 
 
 def load(folder: Path) -> dict[str, Claim]:
@@ -72,12 +88,14 @@ def save(folder: Path, claims: Mapping[str, Claim]) -> None:
 
 def page(claims: Mapping[str, Claim]) -> str:
     """Return a table of claims and their verdicts in Markdown, and a section on each."""
-    header = ("figure", "claim", "paper", "verdict", "holds in cases", "details")
-    rows = [(c.figure, c.claim, c.paper, c.verdict, c.holds, f"[{name}](#{name})") for name, c in claims.items()]
+    header = ("figure", "claim", "paper", "at stated values", "at the most favourable open values", "details")
+    rows = [(c.figure, c.claim, c.paper, c.at_stated, c.at_best, f"[{name}](#{name})") for name, c in claims.items()]
     sections = [table(header, rows)]
     for name, c in claims.items():
-        sections.append(f"\n### {name}\n\n{c.claim} ({c.paper}): *{c.verdict}*. Measured: {c.measured}.\n\n")
-        sections.append(f"Measured with: {c.assumptions}. Scenario `{c.scenario}`, seeds {c.seed}.\n")
-        if len(c.cases) > 1:
-            sections.append("\n" + table(("case", "measured", "seeds that meet it", "holds"), c.cases))
+        sections.append(f"\n### {name}\n\n{c.claim} (the paper: {c.paper}).\n\n- Bound: {c.bound}\n")
+        sections.append(f"- Stated: {c.stated or '–'}\n- Open: {c.chosen or '–'}\n- Scenario: {c.scenario}\n")
+        sections.append(
+            f"- Verdict at stated values: *{c.at_stated}*; at the most favourable open ones: *{c.at_best}*\n\n"
+        )
+        sections.append(table(("kind", "case", "measured", "seeds that meet it", "holds"), c.cases))
     return "".join(sections)

@@ -1,14 +1,22 @@
 """The uncertainty radius of the paper's controllers: the share of seeds that track, against it."""
 
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 
-from benchmarks.paper.claim import ARMS, run, share
-from benchmarks.report.plot import Line, Panel
+from benchmarks.paper.claim import ARMS, SEEDS, Outcome, Values, at_rate, noise, number, run, share
+from benchmarks.report.plot import Line
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array
 
-SHARE = 0.95
-"""At the radius, this share of the seeds must track."""
+RADIUS_PANEL = {"x": "radius", "y": "seeds that track [%]", "bounds": (0.0, 102.0), "marks": ((90.0, "90 %"),)}
+
+RADII = {"adaptive": (1.0, 3.0, 9.0)}
+"""Radii at which a law is measured; others: 0.1, 0.5, 1 and 2."""
+
+_LAWS = {"cascade": "cascade-flm", "cascade and filter": "robust-flm", "PID": "pid-flm", "adaptive": "adaptive-flm"}
+_LOADS = {"none": None, "50 and 20 N m": {"kind": "piecewise-constant", "amplitude": (50.0, 20.0), "period": 0.5}}
 
 
 def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
@@ -24,61 +32,32 @@ def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
     return scenario.replace(parameter_error={"ratio": ratio, "radius": middle - 1.0})
 
 
-def task(arm: str) -> Scenario:
-    """Return way-points at 1 kHz without noise, friction and torque limit."""
-    return scenarios.get("nominal").replace(arm=ARMS[arm], control_dt=1e-3, actuator=None, duration=4.0)
+@lru_cache
+def _errors(law: str, arm: str, direction: str, disturbed: str, reading: str, rate: str, kp: str) -> dict[float, Array]:
+    """Return the mean tracking error of each seed [%] at each radius.
 
-
-def radii(largest: float, points: int, claimed: float) -> Array:
-    """Return radii up to the largest, evenly spaced in log(1 + r), and the claimed one."""
-    return np.unique(np.append(np.expm1(np.linspace(0.0, np.log1p(largest), points)), claimed))
-
-
-def errors(policy: str, scenario: Scenario, seeds: int) -> Array:
-    """Return the mean tracking error of each seed [%]."""
-    return run(policy, scenario, seeds)[1]["error_pct"]
-
-
-def curve(policy: str, scenario: Scenario, direction: str, r: Array, seeds: int) -> Array:
-    """Return the mean tracking error of each seed at each radius [len(r) x seeds] in %."""
-    return np.array([errors(policy, with_radius(scenario, float(x), direction), seeds) for x in r])
-
-
-def between(r: Array, error: Array) -> tuple[Array, Array]:
-    """Return radii between those measured, and each seed's error there, linear in log(1 + r).
-
-    A seed's factors are the same powers of 1 + r at every radius, so its error is smooth in r.
+    A seed's factors are the same powers of 1 + r at every radius. An adaptive law has the first
+    second of the motion only.
     """
-    z = np.linspace(0.0, np.log1p(r[-1]), 400)
-    return np.expm1(z), np.stack([np.interp(z, np.log1p(r), seed) for seed in error.T], axis=-1)
+    scenario = at_rate(
+        scenarios.get("nominal"), rate, arm=ARMS[arm], actuator=None, duration=1.0 if law == "adaptive" else 4.0,
+        disturbance=_LOADS[disturbed], noise=noise(reading, rate),
+    )  # fmt: skip
+    gains: dict[str, Any] = {} if law == "PID" else {"kp": number(kp)}
+    return {
+        r: run(_LAWS[law], with_radius(scenario, r, direction), 2 * SEEDS, **gains)[1]["error_pct"]
+        for r in RADII.get(law, (0.1, 0.5, 1.0, 2.0))
+    }
 
 
-def radius(r: Array, error: Array, bound: float) -> tuple[float, float, float]:
-    """Return the radius up to which 95 % of the seeds track within a bound, and its 95 % interval.
-
-    The interval's ends are the radii at which the ends of the share's interval drop below 95 %.
-    """
-    fine, errors = between(r, error)
-    shares = share(errors <= bound)
-    ends: list[float] = []
-    for curve_of_shares in (shares.value, shares.low, shares.high):
-        below = np.flatnonzero(curve_of_shares < SHARE)
-        ends.append(float(fine[max(below[0] - 1, 0)]) if len(below) else np.inf)
-    return ends[0], ends[1], ends[2]
-
-
-def radius_text(r: Array, error: Array, bound: float = 5.0) -> str:
-    """Return a radius with its interval as text."""
-    value, low, high = (f"≥ {r[-1]:.3g}" if np.isinf(x) else f"{x:.2f}" for x in radius(r, error, bound))
-    return f"{value} [{low}, {high}]"
-
-
-def share_panel(arm: str, r: Array, curves: dict[str, Array]) -> Panel:
-    """Return the share of seeds within 5 % over the radius, a line for each curve."""
-    lines = []
-    for name, error in curves.items():
-        fine, errors = between(r, error)
-        shares = share(errors <= 5.0)
-        lines.append(Line(fine, 100 * shares.value, name, low=100 * shares.low, high=100 * shares.high))
-    marks = ((95.0, "95 %"),)
-    return Panel(f"{arm}, within 5 %", "radius", "seeds that track [%]", tuple(lines), bounds=(0.0, 102.0), marks=marks)
+def track_within(v: Values) -> Outcome:
+    """Return whether each seed tracks at the claimed radius, with the shares at all radii."""
+    errors = _errors(*(v[name] for name in ("law", "arm", "direction", "loads", "noise", "rate", "Kp")))
+    meets = {r: error <= number(v["bound"]) for r, error in errors.items()}
+    shares = share(np.array([*meets.values()]))
+    text = ", ".join(f"{100 * part:.3g} % at {r:g}" for r, part in zip(meets, shares.value, strict=True))
+    label = f"{v['law']}, {v['arm']}, {v['direction']}, Kp {v['Kp']}, noise {v['noise']}"
+    line = Line(np.array([*meets]), 100 * shares.value, label, low=100 * shares.low, high=100 * shares.high)
+    claimed = number(v["radius"])
+    drawn = v["bound"] == "5 %" and claimed >= 1.0
+    return Outcome(meets[claimed], f"seeds within the bound: {text}", [line] if drawn else [])
