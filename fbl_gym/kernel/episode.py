@@ -105,6 +105,8 @@ def _hold_still(block, rows, queue, settings, lane):
     gain1, gain2 = pair(block.gain, lane)
     put(block.torque, lane, (gain1 * tau1, gain2 * tau2))
     if settings.rippled:
+        put(block.motor_position, lane, pair(block.position, lane))  # until `start_motors` winds the springs
+        put(block.motor_velocity, lane, pair(block.velocity, lane))
         for joint in range(2):
             block.torque[joint, lane] += ripple_of(block, settings, lane, joint)
     for age in range(settings.delay_steps + 1):

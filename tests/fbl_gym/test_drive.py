@@ -260,3 +260,16 @@ def test_an_arm_under_ripple_moves_as_by_a_solver():
     for k in range(1, 101):
         env.step(JUMP)
         np.testing.assert_allclose(env.truth.position, expected[k], atol=3e-6)
+
+
+def test_ripple_at_an_episodes_start_is_of_that_episode():
+    """Of elastic joints too, whose motors stand where the last episode left them."""
+    options = {"actuator": {"ripple": 50.0}, "joint": {"stiffness": 1e4, "rotor_inertia": 1.0}}
+    env = TwoLinkArmEnv(action="torque", **options)
+    env.reset(seed=4)
+    first = env.truth.motor_position
+    env.reset(seed=9)
+    for _ in range(20):
+        env.step((300.0, -200.0))
+    env.reset(seed=4)
+    np.testing.assert_array_equal(env.truth.motor_position, first)
