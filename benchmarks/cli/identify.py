@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = parameters_of(start)
     if runs:
         with Progress(console=Screen(stderr=True)) as progress:
-            task = progress.add_task("reading", total=len(TERMS) + 2)
+            task = progress.add_task("reading", total=len(TERMS) + 3)
 
             def tick(text: str) -> None:
                 progress.update(task, advance=1, description=text)

@@ -38,6 +38,11 @@ MAX_GAP = 10.0
 _NEEDED = ("time", "position", "torque")
 
 
+def smooth(signal: Array, dt: float, order: int, seconds: float = SMOOTHING) -> Array:
+    """Return a derivative of a signal [n x m], by cubic polynomials over some seconds."""
+    return savgol_filter(signal, 2 * max(2, round(seconds / dt / 2)) + 1, 3, deriv=order, delta=dt, axis=0)
+
+
 @dataclass(frozen=True)
 class Log:
     """One run of one robot, at a constant rate.
@@ -160,8 +165,7 @@ def read(
     link = signals.get("link")
     if link is not None:
         link = np.column_stack([np.interp(times, time, column) for column in link.T]) + zero
-    width = 2 * max(2, round(SMOOTHING / dt / 2)) + 1
-    smooth = np.hstack([savgol_filter(even, width, 3, deriv=d, delta=dt, axis=0) for d in (0, 1)])
+    states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
     counts = _counts(position)
     difference, noise, how = 0, None, "not logged"
     if "velocity" in signals:
@@ -176,7 +180,7 @@ def read(
         f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
         f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else ""),
     )
-    return Log(path.name, dt, even, smooth, held, counts, difference, noise, sample, remarks, link)
+    return Log(path.name, dt, even, states, held, counts, difference, noise, sample, remarks, link)
 
 
 def _counts(position: Array) -> Array:
@@ -196,8 +200,7 @@ def _counts(position: Array) -> Array:
 def _velocity(velocity: Array, position: Array, time: Array) -> tuple[int, Array, str]:
     """Return samples of the difference that the velocity is, its noise and words for both."""
     sample = float(np.median(np.diff(time)))
-    width = 2 * max(2, round(SMOOTHING / sample / 2)) + 1
-    noise = np.std(velocity - savgol_filter(position, width, 3, deriv=1, delta=sample, axis=0), axis=0)
+    noise = np.std(velocity - smooth(position, sample, 1), axis=0)
     for n in range(1, 9):
         difference = (position[n:] - position[:-n]) / (time[n:] - time[:-n])[:, None]
         if np.median(np.abs(difference - velocity[n:])) < 0.05 * np.median(np.abs(velocity)):
