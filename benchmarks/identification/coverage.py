@@ -32,7 +32,8 @@ def draw(generator: np.random.Generator) -> Scenario:
         arm=dataclasses.replace(start.arm, m1=mass[0] * start.arm.m1, m2=mass[1] * start.arm.m2, rotor=rotor),
         friction={"viscous": generator.uniform(0, 0.03, pair), "coulomb": generator.uniform(0.05, 0.25, pair)},
         actuator={"torque_limit": 10.0, "gain": gain, "delay": delay},
-        noise={"position": {"bias": generator.uniform(-0.05, 0.05, pair), "quantization": 25.0 / 65535.0}},
+        noise={"position": {"bias": generator.uniform(-0.05, 0.05, pair), "sigma": generator.uniform(0.0, 0.001)}},
+        encoder={"counts": 16384},
         sensors=("position",), limits={"velocity": 100.0, "position": 100.0}, duration=10.0,
     )  # fmt: skip
 

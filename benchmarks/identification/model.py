@@ -22,9 +22,6 @@ from fbl_gym.scenarios import Scenario
 V_S = 0.04
 """Scale of the squared velocity at which stiction fades [(rad/s)^2]."""
 
-SUBSTEPS = 4
-"""Physics steps between two samples."""
-
 PARAMETERS = (
     "p1", "p2", "p3", "p4", "p5", "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2", "stiction 1", "stiction 2",
     "gain 1", "gain 2", "delay", "lag",
@@ -49,7 +46,7 @@ def parameters_of(scenario: Scenario) -> Array:
 
 
 @cached_njit
-def _simulate(parameters, state, zero, command, start, h, keep):  # type: ignore[no-untyped-def]
+def _simulate(parameters, state, zero, command, start, h, keep, substeps):  # type: ignore[no-untyped-def]
     """Return positions after `keep` steps; see `Windows.simulate`."""
     variants, windows = state.shape[:2]
     out = np.empty((variants, windows, len(keep), 2))
@@ -80,8 +77,8 @@ def _simulate(parameters, state, zero, command, start, h, keep):  # type: ignore
                 u2 += share * (p[13] * ((1.0 - part) * command[new, 1] + part * command[old, 1]) - u2)
                 if i >= 0:
                     u = (u1, u2)
-                    for _ in range(SUBSTEPS):
-                        q, v = move(h / SUBSTEPS, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
+                    for _ in range(substeps):
+                        q, v = move(h / substeps, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
     return out
 
 
@@ -93,6 +90,7 @@ class Windows:
         dt: of the logs [s].
         keep: samples after the start at which positions are compared [k].
         spread: standard deviation of the states [4].
+        substeps: physics steps between two samples.
         command: torques of all logs, one after the other [n x 2].
         state: measured positions and velocities at the starts [windows x 4].
         measured: positions [windows x k x 2] rad.
@@ -104,6 +102,7 @@ class Windows:
     dt: float
     keep: Array
     spread: Array
+    substeps: int
     command: Array
     state: Array
     measured: Array
@@ -126,29 +125,33 @@ class Windows:
             state: at the starts [windows x 4].
         """
         states = np.ascontiguousarray(np.broadcast_to(state, (len(parameters), *state.shape)))
-        out = _simulate(parameters, states, np.ascontiguousarray(zero), self.command, self.start, self.dt, self.keep)
+        fixed = self.command, self.start, self.dt, self.keep, self.substeps
+        out = _simulate(parameters, states, np.ascontiguousarray(zero), *fixed)
         return np.nan_to_num(out, nan=1e3, posinf=1e3, neginf=-1e3).clip(-1e3, 1e3)
 
+
+POINTS = 10
+"""Comparisons in a window, at equal times."""
 
 PAD = 60
 """Samples before each log in which its first command acts."""
 
 
-def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, points: int = 10) -> Windows:
+def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps: int = 4) -> Windows:
     """Return the windows of logs of one rate.
 
     Args:
         logs: one or more.
         length: of a window [s].
         every: time from one start to the next [s].
-        points: number of comparisons in a window, at equal times.
+        substeps: physics steps between two samples.
     """
     dt = logs[0].dt
     if any(log.dt != dt for log in logs):
         raise ValueError(
             f"logs must have one rate, got {', '.join(f'{1 / log.sample:.4g} Hz ({log.name})' for log in logs)}"
         )
-    keep = np.unique(np.round(np.linspace(0, length / dt, points + 1)[1:]).astype(int))
+    keep = np.unique(np.round(np.linspace(0, length / dt, POINTS + 1)[1:]).astype(int))
     command = np.concatenate([part for log in logs for part in (np.repeat(log.torque[:1], PAD, axis=0), log.torque)])
     starts = [np.arange(0, len(log.position) - keep[-1], max(1, round(every / dt))) for log in logs]
     if min(map(len, starts)) == 0:
@@ -158,7 +161,7 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, points: i
     differ = [log.smooth - np.hstack([smooth(log.position, dt, d, 0.12) for d in (0, 1)]) for log in logs]
     spread = np.sqrt(np.mean([np.mean(x**2, axis=0) for x in differ], axis=0)) + 1e-5
     return Windows(
-        dt, keep, spread, command, np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)]),
+        dt, keep, spread, substeps, command, np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)]),
         np.concatenate([log.position[s[:, None] + keep] for log, s in zip(logs, starts, strict=True)]),
         np.concatenate([s + offset for s, offset in zip(starts, offsets, strict=True)]),
         np.repeat(np.arange(len(logs)), list(map(len, starts))), np.concatenate(starts) * dt,
