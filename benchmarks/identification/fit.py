@@ -77,9 +77,9 @@ class Fit:
     trials: dict[str, float]
 
     def interval(self, level: float = 0.9) -> Array:
-        """Return both ends of the interval of each parameter [16 x 2]."""
+        """Return both ends of the interval of each parameter, which is not below 0 [16 x 2]."""
         tail = 0.5 * (1.0 - level)
-        return np.quantile(self.draws, (tail, 1.0 - tail), axis=0).T
+        return np.maximum(np.quantile(self.draws, (tail, 1.0 - tail), axis=0), 0.0).T
 
 
 @dataclass(frozen=True)
@@ -177,9 +177,7 @@ class _Problem:
         np.add.at(slopes, part, np.einsum("wri,wr->wi", weighted, residual[:-n].reshape(count, -1)))
         np.add.at(bends, part, np.einsum("wri,wrj->wij", weighted, rows))
         bend = bends.sum(axis=0) - bends + np.eye(n)
-        fixed = (x < 1e-6) & (np.arange(n) < len(self.free))  # at its bound
-        bend[:, fixed, fixed] += 1e12
-        moved = np.linalg.solve(bend, slopes[..., None])[..., 0]
+        moved = np.linalg.solve(bend, (slopes - slopes.mean(axis=0))[..., None])[..., 0]
         generator = np.random.default_rng(0)
         wide = np.sqrt((parts - 1) ** 2 / parts / generator.chisquare(parts - 1, (number, 1)))
         blur = PRECISION * generator.normal(size=(number, n)) * (np.arange(n) < len(self.free))
