@@ -9,6 +9,7 @@ import numpy as np
 from rich.progress import Progress
 
 from benchmarks.cli.common import add_plot, command_line, csv_path, positive, toml_path
+from benchmarks.files import replacing
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors, stiffness
 from benchmarks.identification.model import PARAMETERS, parameters_of, windows
@@ -166,8 +167,8 @@ def _plan(arguments: argparse.Namespace, start: scenarios.Scenario, screen: Scre
     units = ("rad", "rad_s", "rad_s2", "Nm")
     header = ["time_s", *(f"{name}_{j}_{unit}" for name, unit in zip(names, units, strict=True) for j in (1, 2))]
     rows = np.column_stack([motion["time"], *(motion[name] for name in names)])
-    text = "\n".join([",".join(header), *(",".join(f"{x:.8g}" for x in row) for row in rows)]) + "\n"
-    result.write(arguments.plan, text)
+    with replacing(arguments.plan) as beside:
+        np.savetxt(beside, rows, "%.8g", delimiter=",", header=",".join(header), comments="")
     path, every = arguments.plan.with_suffix(".toml"), max(1, round(0.02 / start.control_dt))
     points = ", ".join(f"[{q1:.5f}, {q2:.5f}]" for q1, q2 in motion["position"][::every])
     result.write(

@@ -58,7 +58,6 @@ class Log:
         counts: positions per turn of each joint; 0 if none were found.
         difference: samples between the two positions whose difference is the logged velocity; 0: it
             is none.
-        velocity_noise: standard deviation of the logged velocity [2] rad/s; None: not logged.
         sample: median time between two samples of the file [s].
         remarks: what was found, one line each.
         link: positions of the links, or None [n x 2] rad.
@@ -71,7 +70,6 @@ class Log:
     torque: Array
     counts: Array
     difference: int
-    velocity_noise: Array | None
     sample: float
     remarks: tuple[str, ...]
     link: Array | None = None
@@ -159,9 +157,9 @@ def read(
     link = _at(times[:-1], time, signals["link"]) + zero if "link" in signals else None
     states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
     counts = _counts(position)
-    difference, noise, how = 0, None, "not logged"
+    difference, how = 0, "not logged"
     if "velocity" in signals:
-        difference, noise, how = _velocity(signals["velocity"], position, time)
+        difference, how = _velocity(signals["velocity"], position, time)
     torque = signals["torque"]
     peak = np.abs(torque).max(axis=0)
     full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
@@ -172,7 +170,7 @@ def read(
         f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
         f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else ""),
     )
-    return Log(path.name, dt, even, states, held, counts, difference, noise, sample, remarks, link)
+    return Log(path.name, dt, even, states, held, counts, difference, sample, remarks, link)
 
 
 def _at(times: Array, time: Array, signal: Array) -> Array:
@@ -194,12 +192,11 @@ def _counts(position: Array) -> Array:
     return counts
 
 
-def _velocity(velocity: Array, position: Array, time: Array) -> tuple[int, Array, str]:
-    """Return samples of the difference that the velocity is, its noise and words for both."""
-    sample = float(np.median(np.diff(time)))
-    noise = np.std(velocity - smooth(position, sample, 1), axis=0)
+def _velocity(velocity: Array, position: Array, time: Array) -> tuple[int, str]:
+    """Return the samples of the difference that the velocity is, and how it was computed."""
     for n in range(1, 9):
         difference = (position[n:] - position[:-n]) / (time[n:] - time[:-n])[:, None]
         if np.median(np.abs(difference - velocity[n:])) < 0.05 * np.median(np.abs(velocity)):
-            return n, noise, f"difference of positions {n} sample{'s' * (n > 1)} apart"
-    return 0, noise, f"measured, noise {noise[0]:.3g} and {noise[1]:.3g} rad/s"
+            return n, f"difference of positions {n} sample{'s' * (n > 1)} apart"
+    noise = np.std(velocity - smooth(position, float(np.median(np.diff(time))), 1), axis=0)
+    return 0, f"measured, noise {noise[0]:.3g} and {noise[1]:.3g} rad/s"
