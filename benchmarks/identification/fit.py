@@ -269,7 +269,7 @@ def stiffness(logs: Sequence[Log], start: Scenario) -> Array:
     motor (equation of `fbl_gym.options.joints`). Seconds of the logs are resampled.
 
     Raises:
-        ValueError: a log has no positions of the links.
+        ValueError: a log has no positions of the links, or they have the wrong sign.
     """
     bends, slopes = [], []
     for log in logs:
@@ -291,6 +291,11 @@ def stiffness(logs: Sequence[Log], start: Scenario) -> Array:
     counts = np.concatenate([np.ones((1, len(bends)), int), counts])
     bend, slope = np.einsum("db,bjxy->djxy", counts, bends), np.einsum("db,bjx->djx", counts, slopes)
     draws = np.linalg.solve(bend, slope[..., None])[:, :, 0, 0]
+    if (draws[0] <= 0).any():
+        raise ValueError(
+            f"stiffness must be above 0, but these logs have {draws[0].round(3)} N m/rad: link must have positions of the links, "
+            "no deflections, with the signs of the motors"
+        )
     return np.column_stack([draws[0], *np.quantile(draws[1:], (0.05, 0.95), axis=0)])
 
 

@@ -213,6 +213,8 @@ def test_the_stiffness_of_joints_is_found(files):
     found = fitting.stiffness([log], START)
     assert found[:, 0] == pytest.approx([40.0, 7.0], rel=0.1)
     assert (found[:, 1] < found[:, 2]).all()
+    with pytest.raises(ValueError, match=r"above 0.*signs of the motors"):
+        fitting.stiffness([dataclasses.replace(log, link=2 * log.position - log.link)], START)
     with pytest.raises(ValueError, match="motors and links"):
         fitting.stiffness([read(files[0])], START)
 
