@@ -293,7 +293,7 @@ def stiffness(logs: Sequence[Log], start: Scenario) -> Array:
     draws = np.linalg.solve(bend, slope[..., None])[:, :, 0, 0]
     if (draws[0] <= 0).any():
         raise ValueError(
-            f"stiffness must be above 0, but these logs have {draws[0].round(3)} N m/rad: link must have positions of the links, "
+            f"stiffness must be above 0, but these logs have {draws[0].round(3)} N m/rad: link must have positions of links, "
             "no deflections, with the signs of the motors"
         )
     return np.column_stack([draws[0], *np.quantile(draws[1:], (0.05, 0.95), axis=0)])
