@@ -1,6 +1,7 @@
 """The command `fbl-gym identify`: from the logs of a robot to a scenario."""
 
 import argparse
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -8,9 +9,10 @@ import numpy as np
 from rich.progress import Progress
 
 from benchmarks.cli.common import add_plot, command_line, csv_path, positive, toml_path
+from benchmarks.files import replacing
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors, stiffness
-from benchmarks.identification.model import PARAMETERS, parameters_of
+from benchmarks.identification.model import PARAMETERS, parameters_of, windows
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
 from fbl_gym import scenarios
@@ -36,13 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="angles of this package where the logs' positions are zero, in rad; -1.5708 0 if they count from hanging (0 0)",
     )  # fmt: skip
     parser.add_argument(
-        "--validate",
-        nargs="+",
-        type=Path,
-        default=(),
-        metavar="LOG",
-        help="logs on which to simulate the arm, open loop",
-    )
+        "--validate", nargs="+", type=Path, default=(), metavar="LOG", help="logs on which to simulate the arm, open loop"
+    )  # fmt: skip
     add_plot(parser, "the first log of --validate: measured, simulated, residual")
     parser.add_argument(
         "--plan", type=csv_path, metavar="FILE", help="plan a motion that excites the arm: .csv, and .toml beside it"
@@ -70,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = parameters_of(start)
     if runs:
         with Progress(console=Screen(stderr=True)) as progress:
-            task = progress.add_task("reading", total=len(TERMS) + 2)
+            task = progress.add_task("reading", total=len(TERMS) + 3)
 
             def tick(text: str) -> None:
                 progress.update(task, advance=1, description=text)
@@ -117,21 +114,25 @@ def _validate(
     arguments: argparse.Namespace, judged: list[logs.Log], parameters: Array, start: Array, screen: Screen
 ) -> None:
     """Print the errors of open-loop rollouts, and draw those of the first log."""
-    rows = []
-    for name, numbers, zeros in (
-        ("this model", parameters, True), ("this model, zeros as given", parameters, False), ("starting model", start, True),
-        ("standing still", None, False),
-    ):  # fmt: skip
+
+    def row(name: str, errors_of: Callable[[logs.Log, float], Array]) -> tuple[str, ...]:
         cells = []
         for length in HORIZONS:
-            parts = []
-            for log in judged:
-                errors, data, _ = rollout_errors(log, start if numbers is None else numbers, length, zeros)
-                parts.append(errors if numbers is not None else data.state[:, :2] - data.measured[:, -1])
-            error = 1e3 * np.concatenate(parts)
+            error = 1e3 * np.concatenate([errors_of(log, length) for log in judged])
             rms, median = np.sqrt((error**2).mean(axis=0)), np.median(np.abs(error), axis=0)
             cells.append(f"{rms[0]:.0f} {rms[1]:.0f} ({median[0]:.0f} {median[1]:.0f})")
-        rows.append((name, *cells))
+        return name, *cells
+
+    def still(log: logs.Log, length: float) -> Array:
+        data = windows([log], length)
+        return data.state[:, :2] - data.measured[:, -1]
+
+    rows = [
+        row("this model", lambda log, length: rollout_errors(log, parameters, length)[0]),
+        row("this model, zeros as given", lambda log, length: rollout_errors(log, parameters, length, zeros=False)[0]),
+        row("starting model", lambda log, length: rollout_errors(log, start, length)[0]),
+        row("standing still", still),
+    ]
     header = ("model", *(f"after {length:g} s" for length in HORIZONS))
     screen.print(table("open-loop error, joints 1 and 2: RMS (median) [mrad]", header, rows))
     screen.say(
@@ -140,16 +141,20 @@ def _validate(
     if arguments.plot is not None:
         log = judged[0]
         _, data, simulated = rollout_errors(log, parameters, 0.5)
+        some = slice(None, None, 2)  # windows that do not overlap
+        x = data.time[some, None] + np.append(data.keep * data.dt, np.nan)  # NaN ends the line of a window
+        ends = np.full((len(x), 1, 2), np.nan)
+        y, z = (np.concatenate([part[some], ends], axis=1).reshape(-1, 2).T for part in (simulated, data.measured))
         time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
-        ends = np.full((len(data.time[::2]), 1), np.nan)  # lines end with their window
-        x = np.hstack([data.time[::2, None] + data.keep * float(data.dt), ends]).ravel()
-        panels = []
+        panels: list[Panel] = []
         for j in (0, 1):
-            y, z = (np.hstack([part[::2, :, j], ends]).ravel() for part in (simulated, data.measured))
-            lines = Line(time, log.position[:, j], "measured", "0.5", "-"), Line(x, y, "simulated", "#D55E00", "-")
-            panels.append(Panel(f"joint {j + 1}", "time [s]", "angle [rad]", lines))
-            panels.append(Panel("", "time [s]", "residual [mrad]", (Line(x, 1e3 * (y - z), "_", "#0072B2", "-"),)))
-        panels = [panels[i] for i in (0, 2, 1, 3)]
+            lines = (
+                Line(time, log.position[:, j], "measured", "0.5", "-"),
+                Line(x.ravel(), y[j], "simulated", "#D55E00", "-"),
+            )
+            panels.insert(j, Panel(f"joint {j + 1}", "time [s]", "angle [rad]", lines))
+            residual = Line(x.ravel(), 1e3 * (y - z)[j], "_", "#0072B2", "-")
+            panels.append(Panel("", "time [s]", "residual [mrad]", (residual,)))
         plot_lines(f"Rollouts of 0.5 s on {log.name}", panels, arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}")
 
@@ -162,8 +167,8 @@ def _plan(arguments: argparse.Namespace, start: scenarios.Scenario, screen: Scre
     units = ("rad", "rad_s", "rad_s2", "Nm")
     header = ["time_s", *(f"{name}_{j}_{unit}" for name, unit in zip(names, units, strict=True) for j in (1, 2))]
     rows = np.column_stack([motion["time"], *(motion[name] for name in names)])
-    text = "\n".join([",".join(header), *(",".join(f"{x:.8g}" for x in row) for row in rows)]) + "\n"
-    result.write(arguments.plan, text)
+    with replacing(arguments.plan) as beside:
+        np.savetxt(beside, rows, "%.8g", delimiter=",", header=",".join(header), comments="")
     path, every = arguments.plan.with_suffix(".toml"), max(1, round(0.02 / start.control_dt))
     points = ", ".join(f"[{q1:.5f}, {q2:.5f}]" for q1, q2 in motion["position"][::every])
     result.write(

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import minimize
 
-from benchmarks.identification.model import INDEX, parameters_of
+from benchmarks.identification.model import INDEX, parameters_of, torque_columns
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, regressor
+from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
 
 HARMONICS = 5
@@ -47,7 +47,7 @@ def plan(
     coarse = series(np.linspace(0.0, period, 201)) @ rest
     parameters = parameters_of(start)
     limit = np.inf if start.actuator.torque_limit is None else SHARE * np.array(start.actuator.torque_limit)
-    own = parameters[[*range(5), 5, *range(6, 10)]]
+    own = parameters[:10]
     weights = np.maximum(own, 0.05 * np.abs(own).max())
 
     def motion(x: Array, bases: Array = coarse) -> tuple[Array, ...]:
@@ -56,11 +56,7 @@ def plan(
         scale = min(*(amplitude / np.abs(shape[0]).max(axis=0)), *(speed / np.abs(shape[1]).max(axis=0)))
         while True:
             q, v, a = centre + scale * shape[0], scale * shape[1], scale * shape[2]
-            none, sign = np.zeros(len(q)), np.tanh(v / 0.1)
-            more = ((none, a[:, 1]), (sign[:, 0], none), (none, sign[:, 1]), (v[:, 0], none), (none, v[:, 1]))
-            columns = np.concatenate(
-                [regressor(q, v, a), *(np.stack(pair, axis=-1)[..., None] for pair in more)], axis=-1
-            )
+            columns = torque_columns(q, v, a)
             torque = columns @ parameters[:10] / parameters[[INDEX["gain 1"], INDEX["gain 2"]]]
             if (np.abs(torque) <= limit).all() or scale < 1e-6:
                 return q, v, a, torque, columns

@@ -4,24 +4,18 @@ Each window starts in its measured state, which is corrected within its spread; 
 zeros of the angles, as drives are often zeroed where the arm happens to rest.
 """
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.signal import savgol_filter
 
-from benchmarks.identification.logs import Log
+from benchmarks.identification.logs import Log, smooth
 from benchmarks.identification.model import INDEX, Windows, parameters_of, regress, windows
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
 
-TERMS = {
-    "rotor": ("rotor 2",), "gain": ("gain 1",), "viscous": ("viscous 1", "viscous 2"),
-    "stiction": ("stiction 1", "stiction 2"), "lag": ("lag",),
-}  # fmt: skip
+TERMS = {"stiction": ("stiction 1", "stiction 2"), "lag": ("lag",)}
 """Terms that stay if they lower the error of windows that were not fitted."""
 
 STEP = 0.03
@@ -32,10 +26,23 @@ ZERO_SPREAD = 0.1
 """Standard deviation of a log's zero of the angles, before its motion is known [rad]."""
 
 LOWERS = 0.98
-"""A term must lower the held-out error to this share, in the median over the folds."""
+"""A term stays if the held-out error falls to this share, in the median over the folds, and rises
+by 1 % at most in each."""
 
 FOLDS = 6
 """Most parts of the logs that are held out in turn."""
+
+PRECISION = 2e-4
+"""Error of the scaled numbers by the steps of the simulation, measured on arms that are known."""
+
+BLOCK = 1.0
+"""Length of the parts of one or two logs that are left out in turn [s]."""
+
+MIXED = 3.0
+"""Error of a log by the model of all logs, relative to its own model's, beyond which robots differ.
+
+It is below 2 for each log of two real arms, and 3.9 and more if logs of both are mixed.
+"""
 
 EXCITE = {
     "p": "moves of both joints together and against each other, fast and through large angles",
@@ -71,14 +78,18 @@ class Fit:
     trials: dict[str, float]
 
     def interval(self, level: float = 0.9) -> Array:
-        """Return both ends of the interval of each parameter [16 x 2]."""
+        """Return both ends of the interval of each parameter, which is not below 0 [16 x 2]."""
         tail = 0.5 * (1.0 - level)
-        return np.quantile(self.draws, (tail, 1.0 - tail), axis=0).T
+        return np.maximum(np.quantile(self.draws, (tail, 1.0 - tail), axis=0), 0.0).T
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """Least squares over windows: which numbers are free, and how large they may be."""
+    """Least squares over windows.
+
+    Its unknowns x are the free parameters by their scale, then the zeros of each log by
+    `ZERO_SPREAD`. Both have a prior as wide as their scale.
+    """
 
     data: Windows
     free: tuple[str, ...]
@@ -86,41 +97,18 @@ class _Problem:
     tie: float
     scale: Array
 
-    @property
-    def logs(self) -> int:
-        return int(self.data.log[-1]) + 1
-
     def unpack(self, x: Array) -> tuple[Array, Array]:
-        """Return parameters [16] and zeros [logs x 2] of scaled numbers."""
-        p, n = self.first.copy(), len(self.free)
-        indices = [INDEX[name] for name in self.free]
-        p[indices] = x[:n] * self.scale[indices]
+        """Return parameters [m x 16] and zeros [m x logs x 2] of unknowns [m x n]."""
+        p, indices = np.tile(self.first, (len(x), 1)), [INDEX[name] for name in self.free]
+        p[:, indices] = x[:, : len(indices)] * self.scale[indices]
         if self.tie:
-            p[2] = self.tie * p[4]
-        return p, x[n:].reshape(self.logs, 2) * ZERO_SPREAD
+            p[:, 2] = self.tie * p[:, 4]
+        return p, x[:, len(indices) :].reshape(len(x), -1, 2) * ZERO_SPREAD
 
-    def error(self, x: Array, steps: Array | None = None) -> Array:
-        """Return simulated less measured positions [m x windows x k x 2].
-
-        Variant 0 is x. The others move one number each by its step: the free ones, the zeros of
-        both joints, and the state at the start.
-        """
-        many = 0 if steps is None else len(steps)
+    def error(self, x: Array, moved: Array | float = 0.0) -> Array:
+        """Return simulated less measured positions [m x windows x k x 2]; states move by [4]."""
         p, zero = self.unpack(x)
-        n = len(self.free)
-        parameters = np.tile(p, (many + 1, 1))
-        zeros = np.tile(zero[self.data.log], (many + 1, 1, 1))
-        states = np.tile(self.data.state, (many + 1, 1, 1))
-        for i in range(many):
-            if i < n:
-                moved = x.copy()
-                moved[i] += steps[i]  # type: ignore[index]
-                parameters[i + 1] = self.unpack(moved)[0]
-            elif i < n + 2:
-                zeros[i + 1, :, i - n] += steps[i]  # type: ignore[index]
-            else:
-                states[i + 1, :, i - n - 2] += steps[i]  # type: ignore[index]
-        return self.data.simulate(parameters, zeros, states) - self.data.measured
+        return self.data.simulate(p, zero[:, self.data.log], self.data.state + moved) - self.data.measured
 
     def solve(
         self, rounds: int = 3, evaluations: int = 15, start_size: Array | float = 0.05
@@ -129,78 +117,72 @@ class _Problem:
 
         Errors are relative to a size, first the given one, then that of the errors of each round.
         """
-        data, n, logs = self.data, len(self.free), self.logs
-        k = len(data.keep)
-        low = np.r_[np.zeros(n), np.full(2 * logs, -np.inf)]
-        x = np.r_[
-            self.first[[INDEX[name] for name in self.free]] / self.scale[[INDEX[name] for name in self.free]],
-            np.zeros(2 * logs),
-        ]
-        x[:n] = np.maximum(x[:n], 1e-3)
-        prior = x.copy()
-        steps = np.r_[np.full(n, STEP), 0.1 * STEP, 0.1 * STEP, 0.5 * data.spread]
-        size: Array = np.broadcast_to(start_size, (k, 2))
+        data, n, k = self.data, len(self.free), len(self.data.keep)
+        indices, zeros = [INDEX[name] for name in self.free], 2 * (int(self.data.log[-1]) + 1)
+        low = np.r_[np.zeros(n), np.full(zeros, -np.inf)]
+        x = np.r_[np.maximum(self.first[indices] / self.scale[indices], 1e-3), np.zeros(zeros)]
+        prior, size = x, np.array(np.broadcast_to(start_size, (k, 2)))
+        moves = np.zeros((n + 2, n + zeros))
+        moves[:n, :n], moves[n, n::2], moves[n + 1, n + 1 :: 2] = STEP * np.eye(n), STEP, STEP
         for _ in range(rounds):
-            e = self.error(x, steps)
-            to_state = ((e[n + 3 :] - e[0]) / steps[n + 2 :, None, None, None] / size).transpose(1, 2, 3, 0) / np.sqrt(
-                k
-            )
-            rows = np.concatenate(
-                [to_state.reshape(-1, 2 * k, 4), np.broadcast_to(np.diag(1.0 / data.spread), (len(e[0]), 4, 4))], axis=1
-            )
-            basis = np.linalg.qr(rows)[0]
+            states = 0.5 * np.diag(data.spread)
+            to_state = np.stack([(self.error(x[None], s) - self.error(x[None], -s))[0] for s in states], axis=-1)
+            rows = to_state / (data.spread * size[..., None] * np.sqrt(k))
+            weights = np.broadcast_to(np.diag(1.0 / data.spread), (len(rows), 4, 4))
+            basis = np.linalg.qr(np.concatenate([rows.reshape(-1, 2 * k, 4), weights], axis=1))[0]
 
             def without_state(errors: Array, size: Array = size, basis: Array = basis) -> Array:
                 """Return scaled errors [windows x (2 k + 4) x m] less what the state explains."""
-                scaled = (errors / size[..., None] / np.sqrt(k)).reshape(len(errors), 2 * k, -1)
-                full = np.concatenate([scaled, np.zeros((len(errors), 4, scaled.shape[-1]))], axis=1)
+                scaled = (errors / size / np.sqrt(k)).reshape(*errors.shape[:2], 2 * k)
+                full = np.moveaxis(np.concatenate([scaled, np.zeros((*scaled.shape[:2], 4))], axis=-1), 0, -1)
                 return full - basis @ (basis.transpose(0, 2, 1) @ full)
 
             def residual(x: Array, project: Callable[..., Array] = without_state) -> Array:
-                return np.r_[project(self.error(x)[0][..., None]).ravel(), x[:n] - prior[:n], x[n:]]
+                return np.r_[project(self.error(x[None])).ravel(), x - prior * (low == 0)]
 
             def derivative(x: Array, project: Callable[..., Array] = without_state) -> Array:
-                up, down = steps[: n + 2], steps[: n + 2].copy()
-                down[:n] = np.minimum(down[:n], x[:n])  # no number is below 0
-                slope = (self.error(x, up)[1:] - self.error(x, -down)[1:]) / (up + down)[:, None, None, None]
-                moved = project(slope.transpose(1, 2, 3, 0))
-                table = np.zeros((*moved.shape[:2], n + 2 * logs))
+                up, down = x + moves, np.maximum(x - moves, low)
+                slope = (self.error(up) - self.error(down)) / (up - down).max(axis=1)[:, None, None, None]
+                moved = project(slope)
+                table = np.zeros((*moved.shape[:2], n + zeros))
                 table[..., :n] = moved[..., :n]
                 for j in (0, 1):
-                    table[np.arange(len(table)), :, n + 2 * data.log + j] = moved[..., n + j] * ZERO_SPREAD
-                return np.concatenate([table.reshape(-1, n + 2 * logs), np.eye(n + 2 * logs)])
+                    table[np.arange(len(table)), :, n + 2 * data.log + j] = moved[..., n + j]
+                return np.concatenate([table.reshape(-1, n + zeros), np.eye(n + zeros)])
 
             solution = least_squares(
                 residual, x, derivative, bounds=(low, np.inf), loss="soft_l1", f_scale=0.5, max_nfev=evaluations, xtol=1e-6,
                 ftol=1e-6,
             )  # fmt: skip
             x = solution.x
-            left = without_state(self.error(x)[0][..., None])[:, : 2 * k, 0].reshape(-1, k, 2) * size * np.sqrt(k)
+            left = without_state(self.error(x[None]))[:, : 2 * k, 0].reshape(-1, k, 2) * size * np.sqrt(k)
             spread = 1.4826 * np.median(np.abs(left), axis=0)
             size = np.maximum(spread, np.maximum(0.1 * spread.max(axis=0), 1e-4))
         return x, solution.fun, derivative(x), size
 
-    def draws(self, x: Array, residual: Array, table: Array, number: int = 400) -> Array:
-        """Return solutions [number x len(x)] for resampled seconds of the logs, linearised."""
-        windows, n = len(self.data.start), len(x)
-        weight = 1.0 / np.sqrt(1.0 + (residual / 0.5) ** 2)
-        per = (len(residual) - n) // windows
-        _, block = np.unique(self.data.log * 10_000 + self.data.time.astype(int), return_inverse=True)
-        slopes, bends = np.zeros((block.max() + 1, n)), np.zeros((block.max() + 1, n, n))
-        for w in range(windows):
-            rows = table[w * per : (w + 1) * per]
-            weighted = rows * weight[w * per : (w + 1) * per, None]
-            slopes[block[w]] += weighted.T @ residual[w * per : (w + 1) * per]
-            bends[block[w]] += weighted.T @ rows
+    def draws(self, x: Array, residual: Array, table: Array, number: int = 2000) -> Array:
+        """Return parameters [number x 16] that scatter as the fits without one part do (jackknife).
+
+        Parts are the logs, of three or more, since errors of the model repeat within a log; else
+        blocks. Few parts scatter as Student's t. The fits are linearised.
+        """
+        count, n = len(self.data.start), len(x)
+        weight = 1.0 / np.sqrt(1.0 + (residual[:-n] / 0.5) ** 2)
+        rows = table[:-n].reshape(count, -1, n)
+        weighted = rows * weight.reshape(count, -1, 1)
+        part = self.data.log.astype(int)
+        if part.max() < 2:
+            part = np.unique(part * 100_000 + (self.data.time / BLOCK + 1e-9).astype(int), return_inverse=True)[1]
+        parts = int(part.max()) + 1
+        slopes, bends = np.zeros((parts, n)), np.zeros((parts, n, n))
+        np.add.at(slopes, part, np.einsum("wri,wr->wi", weighted, residual[:-n].reshape(count, -1)))
+        np.add.at(bends, part, np.einsum("wri,wrj->wij", weighted, rows))
+        bend = bends.sum(axis=0) - bends + np.eye(n)
+        moved = np.linalg.solve(bend, (slopes - slopes.mean(axis=0))[..., None])[..., 0]
         generator = np.random.default_rng(0)
-        counts = generator.multinomial(len(slopes), np.full(len(slopes), 1.0 / len(slopes)), size=number)
-        # Residuals are smaller than errors, the more numbers are fitted to few seconds.
-        grow = np.sqrt(len(slopes) / max(len(slopes) - n, 1))
-        slope = counts @ slopes - slopes.sum(axis=0)
-        bend = np.einsum("db,bij->dij", counts, bends) + np.eye(n)
-        fixed = (x < 1e-6) & (np.arange(n) < len(self.free))  # at its bound
-        bend[:, fixed, fixed] += 1e12
-        return x - grow * np.linalg.solve(bend, slope[..., None])[..., 0]
+        wide = np.sqrt((parts - 1) ** 2 / parts / generator.chisquare(parts - 1, (number, 1)))
+        blur = PRECISION * generator.normal(size=(number, n)) * (np.arange(n) < len(self.free))
+        return self.unpack(x + wide * generator.normal(size=(number, parts)) @ moved + blur)[0]
 
 
 def _scale(logs: Sequence[Log], first: Array) -> Array:
@@ -211,25 +193,6 @@ def _scale(logs: Sequence[Log], first: Array) -> Array:
     return np.r_[np.maximum(np.abs(first[:5]), 1e-9), small]
 
 
-def _fit(
-    logs: list[Log], free: Sequence[str], first: Array, tie: float, every: float, *known: Any
-) -> tuple[_Problem, tuple[Array, ...]]:
-    """Return a problem and its solution; see `_Problem.solve` for what is known."""
-    problem = _Problem(windows(logs, every=every), tuple(free), first, tie, _scale(logs, first))
-    return problem, problem.solve(*known)
-
-
-def _held_out(folds: list[list[Log]], free: Sequence[str], first: Array, tie: float, size: Array) -> Array:
-    """Return the error of windows of each fold [folds], by the fit to the other folds."""
-    costs = []
-    for fold in folds:
-        others = [log for other in folds if other is not fold for log in other]
-        problem, (x, *_) = _fit(others, free, first, tie, 0.5, 1, 8, size)
-        judged, (zeros, *_) = _fit(fold, (), problem.unpack(x)[0], tie, 0.5, 1, 6, size)
-        costs.append(np.mean(np.sqrt(1.0 + (judged.error(zeros)[0] / size) ** 2) - 1.0))
-    return np.array(costs)
-
-
 def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = str) -> Fit:
     """Return the arm of some logs, from the scenario of a similar one, whose lengths are true.
 
@@ -238,86 +201,102 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     Args:
         logs: of one arm, at one rate.
         start: the arm to start from; its lengths, gravity and first rotor are kept.
-        tick: called `len(TERMS) + 2` times with words for what is done next.
+        tick: called `len(TERMS) + 3` times with words for what is done next.
     """
-    gravity, tie = start.arm.gravity, start.arm.L1 / start.arm.gravity if start.arm.gravity > 0 else 0.0
-    core = ("p1", "p2", *(("p4", "p5") if gravity > 0 else ("p3",)), "coulomb 1", "coulomb 2", "delay")
-    first = regress(logs, parameters_of(start), start.arm.L1, gravity)
-    parts = logs if len(logs) > 2 else [part for log in logs for part in _thirds(log)]
-    folds = [parts[i::FOLDS] for i in range(min(FOLDS, len(parts)))]
-    tick("core")
-    problem, (x, _, _, size) = _fit(logs, (*core, "rotor 2"), first, tie, 0.5)
-    first, trials = problem.unpack(x)[0], {}
-    free = (*core, *TERMS["rotor"], *TERMS["gain"], *TERMS["viscous"])
-    bare = first.copy()
-    bare[[INDEX[name] for term in TERMS.values() for name in term]] = parameters_of(start)[
-        [INDEX[name] for term in TERMS.values() for name in term]
-    ]
-    least = _held_out(folds, free, bare, tie, size)
+    gravity, given = start.arm.gravity, parameters_of(start)
+    tie = start.arm.L1 / gravity if gravity > 0 else 0.0
+    free: tuple[str, ...] = (
+        "p1", "p2", *(("p4", "p5") if gravity > 0 else ("p3",)), "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2",
+        "gain 1", "delay",
+    )  # fmt: skip
+    tick("first fit")
+    first, data = regress(logs, given, start.arm.L1, gravity), windows(logs, every=0.5, substeps=2)
+    scale = _scale(logs, first)
+
+    def problem(free: tuple[str, ...], data: Windows = data, first: Array = first) -> _Problem:
+        return _Problem(data, free, first, tie, scale)
+
+    x, _, _, size = problem(free).solve()
+    first = problem(free).unpack(x[None])[0][0]
+    # Few logs are judged and held out in thirds.
+    part = data.log if len(logs) > 2 else 3 * data.log + (2.999 * data.time / data.time.max()).astype(int)
+    ratios = []
+    for k in np.unique(part):
+        models = [problem(names, data.take(part == k), first) for names in ((), free)]
+        errors = [np.abs(model.error(model.solve(1, 8, size)[0][None])).mean(axis=(0, 1, 2)) + 1e-4 for model in models]
+        ratios.append(np.exp(np.log(errors[0] / errors[1]).mean()))
+    if (worst := max(ratios)) > MIXED:
+        name = logs[data.log[part == np.unique(part)[np.argmax(ratios)]][0]].name
+        raise ValueError(
+            f"logs must be of one robot that does not change, but a model of {name} alone has errors {worst:.1f} times smaller "
+            "than the model of all logs"
+        )
+    fold = part % FOLDS
+
+    def held_out(free: tuple[str, ...]) -> Array:
+        """Return the error of windows of each fold [folds], by the fit to the other folds."""
+        costs = []
+        for k in np.unique(fold):
+            others = problem(free, data.take(fold != k), first)
+            p = others.unpack(others.solve(1, 8, size)[0][None])[0][0]
+            judged = problem((), data.take(fold == k), p)
+            errors = judged.error(judged.solve(1, 6, size)[0][None])[0]
+            costs.append(np.mean(np.sqrt(1.0 + (errors / size) ** 2) - 1.0))
+        return np.array(costs)
+
+    tick("held-out error")
+    least, trials = held_out(free), {}
     for term, names in TERMS.items():
         tick(term)
-        other = tuple(name for name in free if name not in names) if names[0] in free else (*free, *names)
-        error = _held_out(folds, other, bare, tie, size)
-        trials[term] = float(np.median(least / error if names[0] in free else error / least))
-        if (names[0] in free) != (trials[term] < LOWERS):
-            free, least = other, error
+        error = held_out((*free, *names))
+        trials[term] = float(np.median(error / least))
+        if trials[term] < LOWERS and (error < 1.01 * least).all():
+            free, least = (*free, *names), error
     tick("intervals")
-    problem, (x, residual, table, size) = _fit(logs, free, bare, tie, 0.25)
-    parameters, zero = problem.unpack(x)
-    draws = np.array([problem.unpack(draw)[0] for draw in problem.draws(x, residual, table)])
-    spread = draws.std(axis=0)
-    weak = {
-        name: EXCITE["p" if name[0] == "p" else name.split()[0]]
-        for name in free
-        if spread[INDEX[name]] > 0.3 * max(abs(parameters[INDEX[name]]), 1e-12 + 0.1 * problem.scale[INDEX[name]])
-    }
+    last = problem(free, windows(logs), first)
+    x, residual, table, _ = last.solve(2, 15, size)
+    (parameters,), (zero,) = last.unpack(x[None])
+    draws = last.draws(x, residual, table)
+    wide = draws.std(axis=0) > 0.3 * np.maximum(np.abs(parameters), 0.1 * scale)
+    weak = {name: EXCITE["p" if name[0] == "p" else name.split()[0]] for name in free if wide[INDEX[name]]}
     return Fit(parameters, free, draws, zero, weak, trials)
-
-
-def _thirds(log: Log) -> list[Log]:
-    """Return the three parts of a log."""
-    cuts = np.array_split(np.arange(len(log.position)), 3)
-    return [
-        dataclasses.replace(log, **{name: getattr(log, name)[cut] for name in ("position", "smooth", "torque")})
-        for cut in cuts
-    ]
 
 
 def stiffness(logs: Sequence[Log], start: Scenario) -> Array:
     """Return the stiffness of both joints and its 90 % interval, from motors and links [2 x 3].
 
     The commanded torque, delayed as in `start`, is linear in spring, rotor and friction of the
-    motor (equation of `fbl_gym.options.joints`).
+    motor (equation of `fbl_gym.options.joints`). Seconds of the logs are resampled.
 
     Raises:
-        ValueError: a log has no positions of the links.
+        ValueError: a log has no positions of the links, or they have the wrong sign.
     """
-    blocks: list[tuple[Array, Array]] = []
+    bends, slopes = [], []
     for log in logs:
         if log.link is None:
             raise ValueError(f"stiffness needs positions of motors and links, but {log.name} has one of them")
-        width = 2 * max(3, round(0.04 / log.dt)) + 1
-        late = round(float(parameters_of(start)[INDEX["delay"]]) / log.dt)
-        stretch, v, a, u = (
-            savgol_filter(x, width, 3, d, log.dt, axis=0)[width:-width]
-            for x, d in (
-                (log.position - log.link, 0),
-                (log.position, 1),
-                (log.position, 2),
-                (np.roll(log.torque, late, 0), 0),
-            )
+        late, margin = round(float(parameters_of(start)[INDEX["delay"]]) / log.dt), round(0.08 / log.dt)
+        signals = (
+            (log.position - log.link, 0),
+            (log.position, 1),
+            (log.position, 2),
+            (np.roll(log.torque, late, axis=0), 0),
         )
+        stretch, v, a, u = (smooth(x, log.dt, order, 0.08)[margin + late : -margin] for x, order in signals)
         table = np.stack([stretch, a, v, np.tanh(v / 0.05), np.ones_like(v)], axis=-1)
-        seconds = np.array_split(np.arange(len(v)), max(2, round(len(v) * log.dt)))
-        blocks += [(table[second], u[second]) for second in seconds]
-    bends = np.array([np.einsum("njx,njy->jxy", table, table) for table, _ in blocks])
-    slopes = np.array([np.einsum("njx,nj->jx", table, torque) for table, torque in blocks])
-    counts = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), size=400)
-    counts = np.concatenate([np.ones((1, len(blocks)), int), counts])
-    draws = np.linalg.solve(
-        np.einsum("db,bjxy->djxy", counts, bends), np.einsum("db,bjx->djx", counts, slopes)[..., None]
-    )
-    return np.column_stack([draws[0, :, 0, 0], *np.quantile(draws[1:, :, 0, 0], (0.05, 0.95), axis=0)])
+        for second in np.array_split(np.arange(len(v)), max(2, round(len(v) * log.dt))):
+            bends.append(np.einsum("njx,njy->jxy", table[second], table[second]))
+            slopes.append(np.einsum("njx,nj->jx", table[second], u[second]))
+    counts = np.random.default_rng(0).multinomial(len(bends), np.full(len(bends), 1 / len(bends)), size=400)
+    counts = np.concatenate([np.ones((1, len(bends)), int), counts])
+    bend, slope = np.einsum("db,bjxy->djxy", counts, bends), np.einsum("db,bjx->djx", counts, slopes)
+    draws = np.linalg.solve(bend, slope[..., None])[:, :, 0, 0]
+    if (draws[0] <= 0).any():
+        raise ValueError(
+            f"stiffness must be above 0, but these logs have {draws[0].round(3)} N m/rad: link must have positions of links, "
+            "no deflections, with the signs of the motors"
+        )
+    return np.column_stack([draws[0], *np.quantile(draws[1:], (0.05, 0.95), axis=0)])
 
 
 def rollout_errors(log: Log, parameters: Array, length: float, zeros: bool = True) -> tuple[Array, Windows, Array]:
@@ -332,21 +311,18 @@ def rollout_errors(log: Log, parameters: Array, length: float, zeros: bool = Tru
     Returns:
         The errors, the windows, and the simulated positions [windows x k x 2].
     """
-    data = windows([log], length)
-    step, n = 0.01, len(data.start)
-    shift = np.zeros((3, n, 2))
-    shift[1, :, 0] = shift[2, :, 1] = step
-    sim = data.simulate(np.tile(parameters, (3, 1)), shift)
-    left = data.measured - sim[0]
-    slope = np.moveaxis(sim[1:] - sim[0], 0, -1) / step  # [windows x k x 2 x 2]
-    size = 1.4826 * np.median(np.abs(left), axis=0) + 1e-4
-    zero = np.zeros((1, n, 2))
-    for w in range(n if zeros else 0):
-        before = data.time <= data.time[w] - length + 1e-9
-        r, rows = (left[before] / size).ravel(), (slope[before] / size[..., None]).reshape(-1, 2)
-        for _ in range(4):
-            weight = 1.0 / np.sqrt(1.0 + (r - rows @ zero[0, w]) ** 2) / len(data.keep)
-            bend = (rows * weight[:, None]).T @ rows + np.eye(2) / ZERO_SPREAD**2
-            zero[0, w] = np.linalg.solve(bend, rows.T @ (weight * r))
-    sim = data.simulate(parameters[None], zero)[0]
+    data, step = windows([log], length), 0.01
+    zero = np.zeros((1, len(data.start), 2))
+    if zeros:
+        shift = step * np.array([(0, 0), (1, 0), (0, 1)])[:, None] + zero
+        sim = data.simulate(np.tile(parameters, (3, 1)), shift, data.state)
+        left, slope = data.measured - sim[0], np.moveaxis(sim[1:] - sim[0], 0, -1) / step
+        size = 1.4826 * np.median(np.abs(left), axis=0) + 1e-4
+        for w, time in enumerate(data.time):
+            before = data.time <= time - length + 1e-9
+            r, rows = (left / size)[before].ravel(), (slope / size[..., None])[before].reshape(-1, 2)
+            for _ in range(4):
+                weighted = rows.T / np.sqrt(1.0 + (r - rows @ zero[0, w]) ** 2) / len(data.keep)
+                zero[0, w] = np.linalg.solve(weighted @ rows + np.eye(2) / ZERO_SPREAD**2, weighted @ r)
+    sim = data.simulate(parameters[None], zero, data.state)[0]
     return sim[:, -1] - data.measured[:, -1], data, sim

@@ -1,7 +1,6 @@
 """Logs of robots: CSV files, at a constant rate after reading."""
 
-import csv
-import gzip
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +34,15 @@ STEP = 0.004
 MAX_GAP = 10.0
 """Longest interval between two samples, in median intervals."""
 
+MAX_SPEED = 100.0
+"""Fastest motion between two samples; a faster one is a jump of the reading [rad/s]."""
+
 _NEEDED = ("time", "position", "torque")
+
+
+def smooth(signal: Array, dt: float, order: int, seconds: float = SMOOTHING) -> Array:
+    """Return a derivative of a signal [n x m], by cubic polynomials over some seconds."""
+    return savgol_filter(signal, 2 * max(2, round(seconds / dt / 2)) + 1, 3, deriv=order, delta=dt, axis=0)
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,6 @@ class Log:
         counts: positions per turn of each joint; 0 if none were found.
         difference: samples between the two positions whose difference is the logged velocity; 0: it
             is none.
-        velocity_noise: standard deviation of the logged velocity [2] rad/s; None: not logged.
         sample: median time between two samples of the file [s].
         remarks: what was found, one line each.
         link: positions of the links, or None [n x 2] rad.
@@ -64,7 +70,6 @@ class Log:
     torque: Array
     counts: Array
     difference: int
-    velocity_noise: Array | None
     sample: float
     remarks: tuple[str, ...]
     link: Array | None = None
@@ -86,30 +91,24 @@ def columns(texts: Iterable[str]) -> dict[str, tuple[str, ...]]:
 
 def _numbers(path: Path, mapping: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
     """Return the signals of a file, [n x number of columns]."""
-    opened = gzip.open if path.suffix == ".gz" else open
-    with opened(path, "rt", encoding="utf-8", newline="") as file:
-        reader = csv.reader(file)
-        header = [name.strip() for name in next(reader, [])]
-        for signal in _NEEDED:
-            for name in mapping[signal]:
-                if name not in header:
-                    raise ValueError(f"{path}: {unknown(f'column of {signal}', name, header)}; --signals names others")
-        found = {signal: names for signal, names in mapping.items() if names and set(names) <= set(header)}
-        wanted = [header.index(name) for names in found.values() for name in names]
-        try:
-            table = np.array([[float(row[i] or "nan") for i in wanted] for row in reader if row])
-        except (ValueError, IndexError) as problem:
-            raise ValueError(
-                f"{path} must have a number in each column, but line {reader.line_num}: {problem}"
-            ) from None
-    table = table.reshape(-1, len(wanted))
-    bad = ~np.isfinite(table).all(axis=1)
+    try:
+        with warnings.catch_warnings(action="error"):  # an empty file, or numbers of columns that differ
+            table = np.genfromtxt(path, delimiter=",", names=True, deletechars="", encoding="utf-8")
+    except (ValueError, UserWarning) as problem:
+        raise ValueError(f"{path} must be a table with a header and equal lines: {problem}") from None
+    header = table.dtype.names or ()
+    for signal in _NEEDED:
+        for name in mapping[signal]:
+            if name not in header:
+                raise ValueError(f"{path}: {unknown(f'column of {signal}', name, header)}; --signals names others")
+    wanted = {signal: names for signal, names in mapping.items() if names and set(names) <= set(header)}
+    signals = {signal: np.column_stack([table[name] for name in names]) for signal, names in wanted.items()}
+    bad = ~np.isfinite(np.hstack(list(signals.values()))).all(axis=1)
     if bad.any():
         raise ValueError(
             f"{path} must have finite numbers, but {bad.sum()} rows lack one, the first is row {bad.argmax() + 2}"
         )
-    sizes = np.cumsum([len(names) for names in found.values()])[:-1]
-    return dict(zip(found, np.split(table, sizes, axis=1), strict=True))
+    return signals
 
 
 def read(
@@ -141,31 +140,26 @@ def read(
             "cut the file there into two logs"
         )
     position = signals["position"]
-    still = np.ptp(position, axis=0) == 0
-    if still.any():
-        raise ValueError(
-            f"{path}: {mapping['position'][still.argmax()]} does not change: its encoder is "
-            "unplugged, or the column is another one"
-        )
-    jumps = np.abs(np.diff(position, axis=0))
-    if (jumps > 1.0).any():
-        raise ValueError(f"{path}: positions must not jump, but do by {jumps.max():.3g} rad; unwrap turns beforehand")
+    speed = np.abs(np.diff(position, axis=0)) / steps[:, None]
+    for name, fastest in zip(mapping["position"], speed.max(axis=0), strict=True):
+        if fastest == 0.0:
+            raise ValueError(f"{path}: {name} does not change: its encoder is unplugged, or the column is another one")
+        if fastest > MAX_SPEED:
+            raise ValueError(
+                f"{path}: {name} must not jump, but does at {fastest:.3g} rad/s: its encoder was unplugged, turns are not "
+                "unwrapped, or its unit is not rad"
+            )
     dt = max(STEP, round(sample, 4))
-    times = np.arange(time[0], time[-1] - dt, dt)
-    # The mean of the held command over each step.
+    times = np.arange(time[0], time[-1], dt)
     impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(signals["torque"][:-1] * steps[:, None], axis=0)])
-    edges = np.append(times, times[-1] + dt)
-    held = np.column_stack([np.diff(np.interp(edges, time, column)) / dt for column in impulse.T])
-    even = np.column_stack([np.interp(times, time, column) for column in position.T]) + zero
-    link = signals.get("link")
-    if link is not None:
-        link = np.column_stack([np.interp(times, time, column) for column in link.T]) + zero
-    width = 2 * max(2, round(SMOOTHING / dt / 2)) + 1
-    smooth = np.hstack([savgol_filter(even, width, 3, deriv=d, delta=dt, axis=0) for d in (0, 1)])
+    held = np.diff(_at(times, time, impulse), axis=0) / dt  # the mean of the held command over each step
+    even = _at(times[:-1], time, position) + zero
+    link = _at(times[:-1], time, signals["link"]) + zero if "link" in signals else None
+    states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
     counts = _counts(position)
-    difference, noise, how = 0, None, "not logged"
+    difference, how = 0, "not logged"
     if "velocity" in signals:
-        difference, noise, how = _velocity(signals["velocity"], position, time)
+        difference, how = _velocity(signals["velocity"], position, time)
     torque = signals["torque"]
     peak = np.abs(torque).max(axis=0)
     full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
@@ -176,7 +170,12 @@ def read(
         f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
         f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else ""),
     )
-    return Log(path.name, dt, even, smooth, held, counts, difference, noise, sample, remarks, link)
+    return Log(path.name, dt, even, states, held, counts, difference, sample, remarks, link)
+
+
+def _at(times: Array, time: Array, signal: Array) -> Array:
+    """Return a signal [n x m] at other times, interpolated."""
+    return np.column_stack([np.interp(times, time, column) for column in signal.T])
 
 
 def _counts(position: Array) -> Array:
@@ -193,13 +192,11 @@ def _counts(position: Array) -> Array:
     return counts
 
 
-def _velocity(velocity: Array, position: Array, time: Array) -> tuple[int, Array, str]:
-    """Return samples of the difference that the velocity is, its noise and words for both."""
-    sample = float(np.median(np.diff(time)))
-    width = 2 * max(2, round(SMOOTHING / sample / 2)) + 1
-    noise = np.std(velocity - savgol_filter(position, width, 3, deriv=1, delta=sample, axis=0), axis=0)
+def _velocity(velocity: Array, position: Array, time: Array) -> tuple[int, str]:
+    """Return the samples of the difference that the velocity is, and how it was computed."""
     for n in range(1, 9):
         difference = (position[n:] - position[:-n]) / (time[n:] - time[:-n])[:, None]
         if np.median(np.abs(difference - velocity[n:])) < 0.05 * np.median(np.abs(velocity)):
-            return n, noise, f"difference of positions {n} sample{'s' * (n > 1)} apart"
-    return 0, noise, f"measured, noise {noise[0]:.3g} and {noise[1]:.3g} rad/s"
+            return n, f"difference of positions {n} sample{'s' * (n > 1)} apart"
+    noise = np.std(velocity - smooth(position, float(np.median(np.diff(time))), 1), axis=0)
+    return 0, f"measured, noise {noise[0]:.3g} and {noise[1]:.3g} rad/s"

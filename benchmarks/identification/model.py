@@ -3,13 +3,15 @@
 Each physics step is the kernel's, `fbl_gym.kernel.physics.move`.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.optimize import lsq_linear
 
-from benchmarks.identification.logs import Log
+from benchmarks.identification.logs import Log, smooth
 from fbl_gym.kernel.fastmath import cached_njit
 from fbl_gym.kernel.memory import EXACT_FRICTION
 from fbl_gym.kernel.physics import move
@@ -19,9 +21,6 @@ from fbl_gym.scenarios import Scenario
 
 V_S = 0.04
 """Scale of the squared velocity at which stiction fades [(rad/s)^2]."""
-
-SUBSTEPS = 4
-"""Physics steps between two samples."""
 
 PARAMETERS = (
     "p1", "p2", "p3", "p4", "p5", "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2", "stiction 1", "stiction 2",
@@ -47,7 +46,7 @@ def parameters_of(scenario: Scenario) -> Array:
 
 
 @cached_njit
-def _simulate(parameters, state, zero, command, start, h, keep):  # type: ignore[no-untyped-def]
+def _simulate(parameters, state, zero, command, start, h, keep, substeps):  # type: ignore[no-untyped-def]
     """Return positions after `keep` steps; see `Windows.simulate`."""
     variants, windows = state.shape[:2]
     out = np.empty((variants, windows, len(keep), 2))
@@ -78,8 +77,8 @@ def _simulate(parameters, state, zero, command, start, h, keep):  # type: ignore
                 u2 += share * (p[13] * ((1.0 - part) * command[new, 1] + part * command[old, 1]) - u2)
                 if i >= 0:
                     u = (u1, u2)
-                    for _ in range(SUBSTEPS):
-                        q, v = move(h / SUBSTEPS, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
+                    for _ in range(substeps):
+                        q, v = move(h / substeps, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
     return out
 
 
@@ -90,10 +89,11 @@ class Windows:
     Attributes:
         dt: of the logs [s].
         keep: samples after the start at which positions are compared [k].
-        state: measured positions and velocities at the starts [windows x 4].
-        spread: their standard deviation [4].
-        measured: positions [windows x k x 2] rad.
+        spread: standard deviation of the states [4].
+        substeps: physics steps between two samples.
         command: torques of all logs, one after the other [n x 2].
+        state: measured positions and velocities at the starts [windows x 4].
+        measured: positions [windows x k x 2] rad.
         start: of each window in `command` [windows].
         log: of each window [windows].
         time: of each start in its log [windows] s.
@@ -101,104 +101,100 @@ class Windows:
 
     dt: float
     keep: Array
-    state: Array
     spread: Array
-    measured: Array
+    substeps: int
     command: Array
+    state: Array
+    measured: Array
     start: Array
     log: Array
     time: Array
 
-    def simulate(self, parameters: Array, zero: Array | None = None, state: Array | None = None) -> Array:
-        """Return simulated positions [m x windows x k x 2] of m sets of parameters [m x 16].
+    def take(self, some: Array) -> "Windows":
+        """Return some of the windows, by a mask; their logs are numbered anew."""
+        parts: dict[str, Any] = {name: getattr(self, name)[some] for name in ("state", "measured", "start", "time")}
+        parts["log"] = np.unique(self.log[some], return_inverse=True)[1]
+        return dataclasses.replace(self, **parts)
+
+    def simulate(self, parameters: Array, zero: Array, state: Array) -> Array:
+        """Return simulated positions [m x windows x k x 2] of m sets of parameters.
 
         Args:
             parameters: [m x 16].
-            zero: angles at which the readings are zero [m x windows x 2] rad; None: 0.
-            state: at the starts [m x windows x 4]; None: as measured.
+            zero: angles at which the readings are zero [m x windows x 2] rad.
+            state: at the starts [windows x 4].
         """
-        shape = len(parameters), len(self.start)
-        zero = np.zeros((*shape, 2)) if zero is None else np.ascontiguousarray(zero)
-        state = np.broadcast_to(self.state if state is None else state, (*shape, 4))
-        out = _simulate(parameters, np.ascontiguousarray(state), zero, self.command, self.start, self.dt, self.keep)
+        states = np.ascontiguousarray(np.broadcast_to(state, (len(parameters), *state.shape)))
+        fixed = self.command, self.start, self.dt, self.keep, self.substeps
+        out = _simulate(parameters, states, np.ascontiguousarray(zero), *fixed)
         return np.nan_to_num(out, nan=1e3, posinf=1e3, neginf=-1e3).clip(-1e3, 1e3)
 
+
+POINTS = 10
+"""Comparisons in a window, at equal times."""
 
 PAD = 60
 """Samples before each log in which its first command acts."""
 
 
-def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, points: int = 10) -> Windows:
+def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps: int = 4) -> Windows:
     """Return the windows of logs of one rate.
 
     Args:
         logs: one or more.
         length: of a window [s].
         every: time from one start to the next [s].
-        points: number of comparisons in a window, at equal times.
+        substeps: physics steps between two samples.
     """
     dt = logs[0].dt
     if any(log.dt != dt for log in logs):
         raise ValueError(
             f"logs must have one rate, got {', '.join(f'{1 / log.sample:.4g} Hz ({log.name})' for log in logs)}"
         )
-    keep = np.unique(np.round(np.linspace(0, length / dt, points + 1)[1:]).astype(int))
+    keep = np.unique(np.round(np.linspace(0, length / dt, POINTS + 1)[1:]).astype(int))
     command = np.concatenate([part for log in logs for part in (np.repeat(log.torque[:1], PAD, axis=0), log.torque)])
     starts = [np.arange(0, len(log.position) - keep[-1], max(1, round(every / dt))) for log in logs]
     if min(map(len, starts)) == 0:
         raise ValueError(f"each log must be longer than a window of {length:g} s")
     offsets = PAD + np.cumsum([0] + [len(log.position) + PAD for log in logs[:-1]])
-    width = 2 * (2 * max(2, round(0.06 / dt / 2))) + 1
-    rough = [np.hstack([savgol_filter(log.position, width, 3, d, dt, axis=0) for d in (0, 1)]) for log in logs]
-    spread = np.sqrt(
-        np.mean([np.mean((log.smooth - other) ** 2, axis=0) for log, other in zip(logs, rough, strict=True)], axis=0)
-    )
+    # Two ways of smoothing differ by the error of the states.
+    differ = [log.smooth - np.hstack([smooth(log.position, dt, d, 0.12) for d in (0, 1)]) for log in logs]
+    spread = np.sqrt(np.mean([np.mean(x**2, axis=0) for x in differ], axis=0)) + 1e-5
     return Windows(
-        dt, keep, np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)]), spread + 1e-5,
-        np.concatenate([log.position[s[:, None] + keep] for log, s in zip(logs, starts, strict=True)]), command,
+        dt, keep, spread, substeps, command, np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)]),
+        np.concatenate([log.position[s[:, None] + keep] for log, s in zip(logs, starts, strict=True)]),
         np.concatenate([s + offset for s, offset in zip(starts, offsets, strict=True)]),
-        np.concatenate([np.full(len(s), i) for i, s in enumerate(starts)]), np.concatenate([s * dt for s in starts]),
+        np.repeat(np.arange(len(logs)), list(map(len, starts))), np.concatenate(starts) * dt,
     )  # fmt: skip
+
+
+def torque_columns(q: Array, v: Array, a: Array) -> Array:
+    """Return the columns of the torques, for the first ten of `PARAMETERS` [n x 2 x 10]."""
+    none, sign = np.zeros(len(q)), np.tanh(v / 0.1)
+    more = (none, a[:, 1]), (sign[:, 0], none), (none, sign[:, 1]), (v[:, 0], none), (none, v[:, 1])
+    return np.concatenate([regressor(q, v, a), np.moveaxis(np.array(more), (0, 1, 2), (2, 1, 0))], axis=-1)
 
 
 def regress(logs: list[Log], start: Array, length1: float, gravity: float) -> Array:
     """Return parameters by linear least squares from filtered logs, as a start for a fit.
 
     The lumped parameters, the second rotor, Coulomb and viscous friction are linear in the torques,
-    whose delay is tried. Numbers that come out impossible keep their value of `start`.
+    whose delay is tried. Each number stays within 0.2 and 5 times that of `start`.
     """
-    best, error = start.copy(), np.inf
+    used = [0, 1, 3, 4, 5, 6, 7, 8, 9] if gravity > 0 else [0, 1, 2, 5, 6, 7, 8, 9]
+    bounds = start[used] - 0.8 * abs(start[used]), start[used] + 4.0 * abs(start[used]) + 0.1
+    fits = []
     for delay in np.arange(0.0, 0.025, 0.004):
         rows, torques = [], []
         for log in logs:
-            late = round(delay / log.dt)
-            width = 2 * max(3, round(0.04 / log.dt)) + 1
-            q, v, a, u = (
-                savgol_filter(x, width, 3, deriv=d, delta=log.dt, axis=0)[late + width : -width]
-                for x, d in (
-                    (log.position, 0),
-                    (log.position, 1),
-                    (log.position, 2),
-                    (np.roll(log.torque, late, axis=0), 0),
-                )
-            )
-            y, none = regressor(q, v, a), np.zeros(len(q))
-            y[..., 4] += (y[..., 2] * length1 / gravity) if gravity > 0 else 0.0
-            sign = np.tanh(v / 0.1)
-            more = (
-                (none, a[:, 1]), (sign[:, 0], none), (none, sign[:, 1]), (v[:, 0], none), (none, v[:, 1]),
-            )  # fmt: skip
-            y = np.concatenate([y, *(np.stack(pair, axis=-1)[..., None] for pair in more)], axis=-1)
-            rows.append(y.reshape(-1, y.shape[-1]))
-            torques.append(u.ravel())
-        table, torque = np.concatenate(rows), np.concatenate(torques)
-        used = [0, 1, 3, 4, 5, 6, 7, 8, 9] if gravity > 0 else [0, 1, 2, 5, 6, 7, 8, 9]
-        scale = np.abs(table[:, used]).max(axis=0) + 1e-9
-        solution, *_ = np.linalg.lstsq(table[:, used] / scale, torque, rcond=1e-6)
-        left = np.std(torque - table[:, used] / scale @ solution)
-        if left < error:
-            error, values = left, solution / scale
-            best[used] = values
-            best[INDEX["delay"]] = delay
-    possible = (best > 0.2 * start) & (best < 5.0 * start + 0.1)
-    return np.where(possible | (np.arange(16) == INDEX["delay"]), best, start)
+            late, margin = round(delay / log.dt), round(0.08 / log.dt)
+            q, v, a = (smooth(log.position, log.dt, d, 0.08)[late + margin : -margin] for d in range(3))
+            columns = torque_columns(q, v, a)
+            columns[..., 4] += columns[..., 2] * length1 / gravity if gravity > 0 else 0.0
+            rows.append(columns[..., used].reshape(-1, len(used)))
+            torques.append(smooth(log.torque, log.dt, 0, 0.08)[margin : len(log.torque) - late - margin].ravel())
+        fits.append((delay, lsq_linear(np.concatenate(rows), np.concatenate(torques), bounds)))
+    best = start.copy()
+    best[INDEX["delay"]], solution = min(fits, key=lambda fit: fit[1].cost)
+    best[used] = solution.x
+    return best

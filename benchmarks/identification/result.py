@@ -39,7 +39,7 @@ def text(fit: Fit, logs: Sequence[Log], start: Scenario, base: str, command: str
         base: name or file of `start`, as the new file reaches it.
         command: for the file's first line.
     """
-    intervals = np.maximum(fit.interval(), 0.0)
+    intervals = fit.interval()
 
     def spread(name: str) -> str:
         low, high = intervals[INDEX[name]]

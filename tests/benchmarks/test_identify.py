@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
-from benchmarks.identification import excitation
+from benchmarks.identification import coverage, excitation
 from benchmarks.identification import fit as fitting
 from benchmarks.identification.fit import identify, rollout_errors
 from benchmarks.identification.logs import COLUMNS, columns, read
@@ -64,7 +64,7 @@ def files(rows, tmp_path_factory):
 def fit(files):
     ticks = []
     found = identify([read(path) for path in files[:2]], START, ticks.append)
-    assert len(ticks) == 7
+    assert len(ticks) == 5
     return found
 
 
@@ -110,7 +110,11 @@ def test_a_velocity_that_is_a_difference_is_known(rows, tmp_path):
         (lambda r: r * [1, 1, 0, 1, 1], "position_2_rad does not change.*unplugged"),
         (lambda r: np.concatenate([r, r]), "one robot"),
         (lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r), "finite.*row 9"),
-        (lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]), "jump"),
+        (lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]), "position_1_rad must not jump.*unwrapped"),
+        (
+            lambda r: r * np.where(np.arange(len(r))[:, None] < np.abs(r[:, 2]).argmax(), 1, [1, 1, 0, 1, 1]),
+            "unplugged",
+        ),
         (lambda r: r[:50], "200 samples"),
     ],
 )
@@ -125,7 +129,32 @@ def test_logs_of_two_rates_do_not_mix(files):
         windows([log, dataclasses.replace(log, dt=2 * log.dt)])
 
 
+@pytest.mark.parametrize(
+    ("text", "message"), [("", "header.*Empty"), ("time_s,a\n1,2\n1,2,3\n", "equal lines.*Line #3")]
+)
+def test_a_file_that_is_no_table_is_refused(tmp_path, text, message):
+    (tmp_path / "bad.csv").write_text(text)
+    with pytest.raises(ValueError, match=f"(?s){message}"):
+        read(tmp_path / "bad.csv")
+
+
 # Fitting.
+
+
+def test_logs_of_two_robots_are_refused(files, tmp_path):
+    heavy = ROBOT.replace(arm=dataclasses.replace(ROBOT.arm, m1=1.2, m2=1.0))
+    other = read(write(tmp_path / "heavy.csv", run(5, robot=heavy)))
+    with pytest.raises(ValueError, match="one robot"):
+        identify([read(path) for path in files] + [other], START)
+
+
+def test_the_command_of_coverage_counts_intervals_that_hold(capsys, monkeypatch):
+    monkeypatch.setattr(fitting, "FOLDS", 2)
+    coverage.main(["1"])
+    last = capsys.readouterr().out.splitlines()[-1].split()
+    assert last[0] == "all"
+    assert int(last[1].rstrip("%")) >= 50
+    assert int(last[-1]) >= 11
 
 
 def test_the_simulation_is_the_environments(files):
@@ -158,7 +187,7 @@ def test_the_arm_is_the_same_motion(fit):
 
 @pytest.mark.slow
 def test_what_a_log_cannot_tell_is_named(tmp_path, monkeypatch):
-    """Joint 2 hangs still, so that nothing tells its rotor."""
+    """Joint 2 hangs still, so that nothing tells its friction."""
     monkeypatch.setattr(fitting, "FOLDS", 2)
     robot = ROBOT.replace(friction={"viscous": (0.02, 0.01), "coulomb": (0.1, 5.0)})
     still = [read(write(tmp_path / f"{seed}.csv", run(seed, robot=robot, seconds=6.0))) for seed in (3, 4)]
@@ -184,6 +213,8 @@ def test_the_stiffness_of_joints_is_found(files):
     found = fitting.stiffness([log], START)
     assert found[:, 0] == pytest.approx([40.0, 7.0], rel=0.1)
     assert (found[:, 1] < found[:, 2]).all()
+    with pytest.raises(ValueError, match=r"above 0.*signs of the motors"):
+        fitting.stiffness([dataclasses.replace(log, link=2 * log.position - log.link)], START)
     with pytest.raises(ValueError, match="motors and links"):
         fitting.stiffness([read(files[0])], START)
 
@@ -229,7 +260,11 @@ def test_the_command_writes_a_scenario_with_distributions(files, tmp_path, monke
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [([], "give the logs"), (["--validate", "none.csv"], "No such file"), (["--start", "hardware-elastic-1"], "rigid")],
+    [
+        ([], "give the logs"),
+        (["--validate", "none.csv"], "none.csv not found"),
+        (["--start", "hardware-elastic-1"], "rigid"),
+    ],
 )
 def test_wrong_arguments_are_refused(arguments, message, capsys):
     if "rigid" in message:
