@@ -126,12 +126,12 @@ CLASSES = {
     "direct": RobotClass(
         "quasi-direct and direct drives: 500 Hz over a bus with jitter, rigid, some 16,000 counts at the joint",
         DFKI_C1,
-        times=(0.002, 0.0005, 6.0), move_time=1.0, delay=(0.001, 0.006), lag=(0.001, 0.004), encoder="motor",
+        times=(0.002, 0.0005, 6.0), move_time=1.0, delay=(0.0015, 0.006), lag=(0.001, 0.002), encoder="motor",
         counts=65535 / 25 * 2 * math.pi,
         friction={"viscous": ((0.0, 0.02),) * 2, "coulomb": ((0.03, 0.07), (0.06, 0.13)), "stiction": ((0.0, 0.02),) * 2,
                   "load": (0.0, 0.05)},
         gain=(0.83, 1.01), strength=1.2,
-        options=lambda _: {"actuator": {"jitter": 0.0015}},
+        options=lambda _: {"actuator": {"jitter": 0.0015}, "parameter_error": {"rotor": _uniform(0.8, 2.2)}},
     ),
     "geared": RobotClass(
         "harmonic drives: 1 kHz, a fast drive, encoders on the motors, springs of 10 to 15 Hz, ripple, much friction",
