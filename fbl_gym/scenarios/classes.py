@@ -43,7 +43,6 @@ class RobotClass(NamedTuple):
         friction: viscous friction, Coulomb friction and stiction, each from - to for both joints in
             multiples of the arm's weight; then the Coulomb friction per torque of the drive.
         gain: range of real / nominal torque.
-        strength: torque limit in multiples of the arm's weight, beside 16 rad/s^2.
         options: further fields of `Scenario`, from the arm's scales.
     """
 
@@ -57,7 +56,6 @@ class RobotClass(NamedTuple):
     counts: float
     friction: Mapping[str, Any]
     gain: tuple[float, float]
-    strength: float = 1.0
     options: Callable[["_Scale"], dict[str, Any]] = lambda _: {}
 
 
@@ -121,7 +119,7 @@ CLASSES = {
         times=(0.01, 0.0005, 10.0), move_time=1.2, delay=(0.0, 0.0), lag=(0.005, 0.015), encoder="link", counts=4096.0,
         friction={"viscous": ((0.01, 0.04),) * 2, "coulomb": ((0.01, 0.05), (0.03, 0.1)),
                   "stiction": ((0.01, 0.05), (0.03, 0.1)), "load": (0.05, 0.23)},
-        gain=(0.9, 1.1), strength=1.5,
+        gain=(0.9, 1.1),
     ),
     "direct": RobotClass(
         "quasi-direct and direct drives: 500 Hz over a bus with jitter, rigid, some 16,000 counts at the joint",
@@ -130,7 +128,7 @@ CLASSES = {
         counts=65535 / 25 * 2 * math.pi,
         friction={"viscous": ((0.0, 0.02),) * 2, "coulomb": ((0.03, 0.07), (0.06, 0.13)), "stiction": ((0.0, 0.02),) * 2,
                   "load": (0.0, 0.05)},
-        gain=(0.83, 1.01), strength=1.2,
+        gain=(0.83, 1.01),
         options=lambda _: {"actuator": {"jitter": 0.0015}, "parameter_error": {"rotor": _uniform(0.8, 2.2)}},
     ),
     "geared": RobotClass(
@@ -139,7 +137,7 @@ CLASSES = {
         times=(0.001, 0.0005, 5.0), move_time=1.5, delay=(0.0, 0.0), lag=(0.001, 0.002), encoder="motor", counts=409600.0,
         friction={"viscous": ((0.05, 0.2),) * 2, "coulomb": ((0.05, 0.15),) * 2, "stiction": ((0.05, 0.15),) * 2,
                   "load": (0.06, 0.17)},
-        gain=(0.9, 1.1), strength=1.5,
+        gain=(0.9, 1.1),
         options=lambda scale: {
             **scale.springs(10.0, 15.0, 0.2),
             "actuator": {"ripple": tuple(0.01 * scale.weight), "ripple_order": (200.0, 100.0)},
@@ -172,7 +170,7 @@ def _bodies(scale: _Scale, r: float) -> dict[str, Any]:
 
 def _saturation(scale: _Scale, torque: float) -> dict[str, Any]:
     moves = MinimumJerk(*_BOX, move_time=0.6 * scale.robot.move_time, hold_time=0.6)
-    limit = tuple((0.1 + scale.robot.strength) * scale.weight + torque * scale.reach)
+    limit = tuple(1.6 * scale.weight + torque * scale.reach)
     return {"reference": moves, "actuator": {"torque_limit": limit}}
 
 
@@ -318,7 +316,7 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
         "reference": MinimumJerk(*_BOX, move_time=kind.move_time, hold_time=0.3),
         "limits": {"error": 0.5},
         "actuator": {
-            "torque_limit": tuple(kind.strength * scale.weight + 16.0 * scale.reach), "delay_samples": 1,
+            "torque_limit": tuple(1.5 * scale.weight + 16.0 * scale.reach), "delay_samples": 1,
             "delay": _uniform(*kind.delay), "lag": _log(kind.lag), "gain": _uniform(*kind.gain),
         },
     }  # fmt: skip
