@@ -58,8 +58,8 @@ class SineDisturbance(_Timed):
     """
 
     amplitude: Numbers = pair(unit="N m", varies=True, low=0)
-    frequency: Numbers = pair(1.0, unit="Hz", varies=True, low=0)
-    phase: Pair | float | None = pair(None, unit="rad")
+    frequency: Numbers = pair(1.0, unit="Hz", varies=True, low=0, high=1e6)
+    phase: Pair | float | None = pair(None, unit="rad", low=-1e6, high=1e6)
     kind: str = kind("sine")
 
     def check(self, scenario: Any) -> None:

@@ -209,8 +209,8 @@ class SineReference(_Oscillation):
     """
 
     amplitude: Pair | float = 0.5
-    frequency: float = number(0.25, unit="Hz", above=0)
-    phase: Pair | float | None = pair(0.0, unit="rad", optional=True)
+    frequency: float = number(0.25, unit="Hz", above=0, high=1e6)
+    phase: Pair | float | None = pair(0.0, unit="rad", optional=True, low=-1e6, high=1e6)
     kind: str = kind("sine")
 
 
@@ -223,7 +223,7 @@ class FourierReference(_Oscillation):
         harmonics: number of harmonics.
     """
 
-    frequency: float = number(0.1, unit="Hz", above=0)
+    frequency: float = number(0.1, unit="Hz", above=0, high=1e6)
     harmonics: int = whole(5, low=1)
     kind: str = kind("fourier")
 

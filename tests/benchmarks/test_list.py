@@ -24,7 +24,10 @@ def test_an_option_is_listed_with_valid_values_unit_default_and_meaning(capsys):
         texts["parameter_error.payload.mass"]
         == "a number or distribution not below 0 [kg]; required; mass of the payload."
     )
-    assert texts["disturbance[sine].phase"].startswith("one or two numbers, or None [rad]; default None; phase")
+    sine = texts["disturbance[sine].phase"]
+    assert sine.startswith(
+        "one or two numbers not below -1e+06 and not above 1e+06, or None [rad]; default None; phase"
+    )
     assert texts["reward.tracking"].startswith('"log" or "l1"; default log;')
 
 
