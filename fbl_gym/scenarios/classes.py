@@ -164,8 +164,9 @@ def _payload(scale: _Scale, share: float) -> dict[str, Any]:
 
 def _bodies(scale: _Scale, r: float) -> dict[str, Any]:
     r = scale.size * r
-    one = {name: _uniform(1 - width, 1 + width) for name, width in (("centre", r / 2), ("inertia", r), ("rotor", r))}
-    return {"parameter_error": {"radius": r, **one}}
+    return {
+        "parameter_error": {"radius": r, "centre": _uniform(1 - r / 2, 1 + r / 2), "inertia": _uniform(1 - r, 1 + r)}
+    }
 
 
 def _saturation(scale: _Scale, torque: float) -> dict[str, Any]:
@@ -177,7 +178,7 @@ def _saturation(scale: _Scale, torque: float) -> dict[str, Any]:
 _ALL = tuple(CLASSES)
 _FAMILIES = {
     "model-error": _Family(
-        "masses, inertias and rotors off by up to {}, centres by half of it", _bodies,
+        "masses off by factors of up to 1 + r, inertias by r, centres by r / 2; r = {}", _bodies,
         dict.fromkeys(_ALL, ((0.2, 0.35, 0.5),)),
     ),
     "payload": _Family(
