@@ -101,7 +101,7 @@ def test_the_check_on_drawn_arms(monkeypatch, tmp_path, capsys):
     draw = drawn_arms.draw
     assert draw(3) == draw(3)
     assert len({draw(i).arm for i in range(20)}) == 20
-    monkeypatch.setattr(drawn_arms, "draw", lambda i: draw(i).replace(duration=1.0))
+    monkeypatch.setattr(drawn_arms, "draw", lambda i: draw(i).replace(duration=0.3))
     few = ["1", "--seeds", "2", "--workers", "1", "--store", str(tmp_path), "--policies"]
     drawn_arms.main([*few, "pd-gravity", "computed-torque"])
     line, share, *always = capsys.readouterr().out.splitlines()
