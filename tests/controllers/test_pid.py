@@ -46,12 +46,12 @@ def test_pid_is_decoupled():
 def test_the_printed_gains_are_unstable():
     """P, I, D = 10, 3, 0 as printed: the error grows as exp(0.149 t), the roots of s^3 + 10 s + 3."""
     env = TwoLinkArmEnv(
-        actuator=None, action="torque", reference=STILL, initial_error=(0.01, 0.0), duration=20.0, **FAST
+        actuator=None, action="torque", reference=STILL, initial_error=(0.01, 0.0), duration=10.0, **FAST
     )
-    errors = tracking(controllers.make("pid-flm", env, kp=10, ki=3, kd=0), env, 19999)[0][:, 0]
+    errors = tracking(controllers.make("pid-flm", env, kp=10, ki=3, kd=0), env, 9999)[0][:, 0]
     roots = np.roots([1, 0, 10, 3])
     growth = roots.real.max()
     assert growth == pytest.approx(0.149, abs=1e-3)
-    early, late = np.abs(errors[4000:6000]).max(), np.abs(errors[17000:19000]).max()
-    assert late > 3 * early
-    assert np.log(late / early) / 13.0 == pytest.approx(growth, rel=0.1)
+    early, late = np.abs(errors[2000:4000]).max(), np.abs(errors[7000:9000]).max()
+    assert late > 2 * early
+    assert np.log(late / early) / 5.0 == pytest.approx(growth, rel=0.1)
