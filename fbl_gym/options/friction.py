@@ -16,7 +16,7 @@ to 2.78."""
 
 @dataclass(frozen=True)
 class Friction(Record):
-    """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s) + mu |tau|) sign(v).
+    """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s) + mu abs(tau)) sign(v).
 
     Args:
         viscous: coefficient of viscous friction, f_i1.
