@@ -57,6 +57,7 @@ SHORTER = {
     "range(400)": "range(4)",
     "range(32)": "range(4)",
     "replace(duration=3.0)": "replace(duration=0.5)",
+    "range(task.steps)": "range(500)",
     "range(10, 14)": "range(1)",
     '"computed-torque-dob", "sliding-mode", "adaptive-flm-ls", "lqg"': "",
 }
