@@ -7,6 +7,7 @@ and laws are checked here.
 import dataclasses
 import inspect
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -56,6 +57,9 @@ SHORTER = {
     "range(400)": "range(4)",
     "range(32)": "range(4)",
     "replace(duration=3.0)": "replace(duration=0.5)",
+    "range(task.steps)": "range(500)",
+    "range(10, 14)": "range(1)",
+    '"computed-torque-dob", "sliding-mode", "adaptive-flm-ls", "lqg"': "",
 }
 """What makes the Python of a page short."""
 
@@ -66,7 +70,13 @@ LEARNING = ("docs/how-to/train.md", "docs/how-to/offline-learning.md", "docs/res
 
 @pytest.mark.parametrize(
     ("page", "block"),
-    [(page, block) for page in PAGES if page not in LEARNING for block in blocks(page, "python")],
+    [
+        (page, block)
+        for page in PAGES
+        if page not in LEARNING
+        for block in blocks(page, "python")
+        if "sys.argv" not in block  # a script, which the commands of its page run
+    ],
     ids=lambda text: text.partition("\n")[0],
 )
 def test_python_of_a_page_runs(page, block, tmp_path, monkeypatch):
@@ -84,8 +94,9 @@ def parser_of(command):
 
 
 def commands(page):
-    """Return the `fbl-gym` commands of a page's shell blocks."""
-    lines = [line for block in blocks(page, "sh") for line in block.splitlines() if line.startswith("fbl-gym")]
+    """Return the commands of a page's shell blocks, `fbl-gym COMMAND ...` and `python FILE.py ...`, from the second word."""
+    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+    lines = [line for line in lines if re.match(r"fbl-gym|python \w+\.py", line)]
     return [shlex.split(line, comments=True)[1:] for line in lines]
 
 
@@ -105,7 +116,9 @@ ELSEWHERE = ("reproduce", "train", "curves")
 """Commands that other tests run."""
 
 
-LONG_PAGES = ("docs/start/your-robot.md", "docs/how-to/identify.md", "docs/results/mujoco.md")
+LONG_PAGES = (
+    "docs/start/a-day-with-a-robot.md", "docs/start/your-robot.md", "docs/how-to/identify.md", "docs/results/mujoco.md",
+)  # fmt: skip
 
 
 def marked(page):
@@ -118,11 +131,18 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
     """In the page's order and in one folder, each with arguments that make it short; long ones are only parsed."""
     monkeypatch.chdir(tmp_path)
     for name, text in named_files().items():
+        for long, short in SHORTER.items():
+            text = text.replace(long, short)
         Path(name).write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)  # scripts import each other
     for archive in {word for command in commands(page) for word in command if word.endswith(".zip")}:
         sb3 = pytest.importorskip("stable_baselines3")
         sb3.PPO("MlpPolicy", gym.make("fbl_gym/TwoLinkArmTracking-v0"), device="cpu").save(archive)
     for command in commands(page):
+        if command[0].endswith(".py"):
+            monkeypatch.setattr(sys, "argv", command)
+            runpy.run_path(command[0], run_name="__main__")
+            continue
         parser_of(command[0]).parse_args(command[1:])
         if command[0] not in ELSEWHERE:
             short = SHORT.get(command[0], [])

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.cli.common import add_policies, command_line, count, refuse_judged
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve
@@ -98,7 +100,8 @@ def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Tas
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)
     path = write_gains(best, tuned_folder(arguments.robot) if arguments.ship else arguments.out)
     verdict, defaults = best["judged"]["best"], best["judged"]["defaults"]
-    gains = " ".join(f"{gain}={value:g}" for gain, value in best["gains"].items()) or "the default gains are best"
+    numbers = {gain: ",".join(f"{x:g}" for x in np.ravel(value)) for gain, value in best["gains"].items()}
+    gains = " ".join(f"{gain}={text}" for gain, text in numbers.items()) or "the default gains are best"
     return (
         f"{name}: {gains}\n"
         f"  objective {verdict['objective']:.3f}, diverged {verdict['diverged_pct']:.2g} %; "

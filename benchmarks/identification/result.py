@@ -84,7 +84,7 @@ duration = {round(start.duration / control) * control:.10g}
 parameter_error = {{ radius = {radius:.4g}, parameters = ["m1", "m2"] }}
 noise.position.bias = [{", ".join(f"{{ uniform = [{-z:.4g}, {z:.4g}] }}" for z in zero)}]
 {"noise.position.quantization = 0.0" if encoder and "counts" in encoder[0] else ""}
-{"noise.velocity = false" if difference else ""}
+{"noise.velocity = false" if difference and start.noise is not None else ""}
 {f"encoder = {{ {', '.join(encoder)} }}" if encoder else ""}
 
 [friction]

@@ -77,7 +77,8 @@ class MuJoCoBatch(ArmBatch):
     def __init__(self, scenario: Scenario, program: Program, lanes: int) -> None:
         super().__init__(program, lanes)
         self._scenario = scenario
-        self._unchanging = not any(self._settings[name] for name in ("torque_varies", "has_payload", "events"))
+        self._arms_change = any(self._settings[name] for name in ("has_payload", "events"))
+        self._unchanging = not (self._settings["torque_varies"] or self._arms_change)
         self._senses_acceleration = bool(self._settings["senses_acceleration"])
         self._settings["external_physics"] = True
         self._arms: dict[int, _Arm] = {}  # of each lane
@@ -105,10 +106,10 @@ class MuJoCoBatch(ArmBatch):
             if problem >= 0:
                 return problem, 0.0, False, False
             torque, load = self._mean("tau"), self._mean("load")
-            models = self._models()
+            models = self._models() if self._arms_change else None
             velocity, motor_velocity = blocks["velocity"][lanes], blocks["motor_velocity"][lanes]
             for lane, arm in self._arms.items():
-                if arm.real.tobytes() != models[lane].tobytes():
+                if models is not None and arm.real.tobytes() != models[lane].tobytes():
                     arm = self._arms[lane] = arm.changed(models[lane])
                 arm.advance(velocity[lane], motor_velocity[lane], torque[lane], load[lane], steps)
             motions = [arm.motion for arm in self._arms.values()]
@@ -130,11 +131,13 @@ class MuJoCoBatch(ArmBatch):
         blocks, lanes = self._blocks, self._lanes
         starts = np.flatnonzero(self.field("status") == RESTART)
         self._step(self._memory, out, 0, 0)
+        if not len(starts):
+            return
         models = self._models()
         for lane in starts:
             arm = self._arms[int(lane)] = _Arm(self._scenario, models[lane])
             arm.start(*(blocks[name][lanes][lane] for name in _MOTION))
-        if self._senses_acceleration and len(starts):
+        if self._senses_acceleration:
             blocks["acceleration"][lanes] = self._accelerate()[0]
             self._step(self._memory, out, 0, 0)
 

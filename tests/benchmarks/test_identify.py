@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
-from benchmarks.identification import coverage, excitation
+from benchmarks.identification import coverage, excitation, result
 from benchmarks.identification import fit as fitting
 from benchmarks.identification.fit import identify, rollout_errors
 from benchmarks.identification.logs import COLUMNS, columns, read
@@ -256,6 +256,28 @@ def test_the_command_writes_a_scenario_with_distributions(files, tmp_path, monke
     assert 0.0 < scenario.parameter_error.radius < 0.2
     assert ends(scenario.noise.position.bias)[1] > 0.02
     gym.make("fbl_gym/TwoLinkArm-v0", scenario="my_arm.toml").reset(seed=0)
+
+
+def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch):
+    """The velocity of the log is a difference, and there is no noise of a velocity to switch off."""
+    monkeypatch.setattr(fitting, "FOLDS", 2)
+    start = scenarios.get("practice-nominal")
+    cli.main(
+        [
+            "evaluate",
+            "pd-gravity",
+            "--scenario",
+            "practice-nominal",
+            "--seeds",
+            "1",
+            "--trace",
+            str(tmp_path / "run.csv"),
+        ]
+    )
+    runs = [read(tmp_path / "run.csv")]
+    assert runs[0].difference == 1
+    (tmp_path / "arm.toml").write_text(result.text(identify(runs, start), runs, start, "practice-nominal", ""))
+    assert scenarios.get(str(tmp_path / "arm.toml")).noise.velocity is None
 
 
 @pytest.mark.parametrize(

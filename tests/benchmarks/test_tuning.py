@@ -160,6 +160,14 @@ def test_a_resumed_study_repeats_no_trial(tmp_path):
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
 
 
+def test_pairs_of_default_gains_are_printed(tmp_path, capsys, monkeypatch):
+    """The first trial of a law has its default gains, some of which are pairs."""
+    monkeypatch.chdir(tmp_path)
+    few = "--trials 1 --seeds 1 --candidates 1 --fresh-seeds 1 --scenarios practice-nominal"
+    assert cli.main(f"tune adaptive-flm-ls {few}".split()) == 0
+    assert "kp=" in capsys.readouterr().out
+
+
 def test_a_pair_of_gains_is_one_for_each_joint():
     """To a law that never thought of pairs, too: it multiplies joints by it."""
     name, value = parse_gain("w=20,30")
