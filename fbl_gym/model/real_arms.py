@@ -59,5 +59,29 @@ PELICAN = ArmParameters.from_links(
 )
 """The Pelican of Kelly, Santibáñez and Loría (2005): its links alone, vertical."""
 
-REAL_ARMS = {"dfki-c1": DFKI_C1, "dfki-a0": DFKI_A0, "cicese": CICESE, "pelican": PELICAN}
+
+def _identified(published: ArmParameters, p1: float, p2: float, p4: float, p5: float, rotor2: float) -> ArmParameters:
+    """Return an arm of the published masses, lengths and first rotor, and of these numbers.
+
+    p1 includes the first rotor, and p3 is p5 L1 / g.
+    """
+    (m1, m2), (L1, L2), g = (published.m1, published.m2), (published.L1, published.L2), published.gravity
+    rotor = published.rotor[0], rotor2  # type: ignore[index]
+    centre = (p4 / g - m2 * L1) / m1, p5 / (m2 * g)
+    inertia = p1 - rotor[0] - m2 * L1**2 - m1 * centre[0] ** 2, p2 - m2 * centre[1] ** 2
+    return ArmParameters.from_links((m1, m2), (L1, L2), centre, inertia, rotor, g)
+
+
+# By `fbl-gym identify` from the logs of the same repository; `docs/reference/arms.md` has the
+# command, and intervals of some 5 % of each number, 8 % for A.0.
+DFKI_C1_IDENTIFIED = _identified(DFKI_C1, p1=0.0526, p2=0.0473, p4=2.00, p5=1.54, rotor2=0.0058)
+"""Design C.1 as six of its logs identify it: the second rotor is 2.2 times the published one."""
+
+DFKI_A0_IDENTIFIED = _identified(DFKI_A0, p1=0.117, p2=0.0254, p4=3.54, p5=1.16, rotor2=0.0058)
+"""Design A.0 as four of its logs identify it."""
+
+REAL_ARMS = {
+    "dfki-c1": DFKI_C1, "dfki-c1-identified": DFKI_C1_IDENTIFIED, "dfki-a0": DFKI_A0,
+    "dfki-a0-identified": DFKI_A0_IDENTIFIED, "cicese": CICESE, "pelican": PELICAN,
+}  # fmt: skip
 """The arms of laboratories, by name."""

@@ -1,6 +1,7 @@
 """Arms of laboratories: their numbers against those of their sources, and their scenarios."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,7 +50,18 @@ def test_every_arm_is_known_by_name_and_physical(name):
     arm = Scenario(arm=name).arm
     assert arm == REAL_ARMS[name]
     assert min(arm.inertia) > 0.0
-    assert 0.0 < min(arm.centre) <= max(arm.centre) <= 1.0
+    assert 0.0 < min(arm.centre) <= max(arm.centre) <= (1.0 if "identified" not in name else 1.1)
+
+
+def test_identified_arms_have_the_numbers_of_the_page():
+    """p1 with the first rotor, p2, p4 and p5, as docs/reference/arms.md has them."""
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "arms.md").read_text(encoding="utf-8")
+    for i, name in enumerate(("dfki-c1-identified", "dfki-a0-identified")):
+        arm = REAL_ARMS[name]
+        p1, p2, _, p4, p5 = arm.lumped
+        for label, number in (("p1", p1 + arm.rotor[0]), ("p2", p2), ("p4", p4), ("p5", p5), ("rotor 2", arm.rotor[1])):
+            (row,) = [line for line in page.splitlines() if line.startswith(f"| {label} [")]
+            assert float(row.split("|")[3 + 2 * i].split()[0]) == pytest.approx(number, rel=1e-9), label
 
 
 @pytest.mark.parametrize("name", REAL)
