@@ -13,7 +13,7 @@ from benchmarks.run.cell import run_cell
 from fbl_gym import Scenario, scenarios
 from fbl_gym.records import ends
 
-BASE = scenarios.get("hardware-nominal").replace(name="short", duration=1.5)
+BASE = scenarios.get("hardware-nominal").replace(name="short", duration=0.6)
 
 
 def run(cells):

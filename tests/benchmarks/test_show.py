@@ -34,7 +34,7 @@ def test_what_follows_is_right():
     )
     assert follows(late)["dead time"] == "36 ms"
     stiff = {"stiffness": (1e9, 4e4), "rotor_inertia": 1.0}
-    modes = follows(Scenario(joint=stiff, physics_dt=1e-6))["modes of the stretched links, motors held"]
+    modes = follows(Scenario(joint=stiff, physics_dt=1e-6, duration=0.01))["modes of the stretched links, motors held"]
     assert float(modes.split(",")[0]) == pytest.approx(np.sqrt(4e4 / 3.75) / (2 * np.pi), rel=0.01)
 
 

@@ -51,7 +51,7 @@ def test_the_nominal_arm_can_follow(robot):
     """With its largest friction, it needs less than its torque limits."""
     for name in (f"{robot}-nominal", f"{robot}-practice-nominal"):
         scenario = scenarios.get(name)
-        q, v, a = reference_motion(scenario, range(32))
+        q, v, a = reference_motion(scenario, range(8))
         friction = scenario.friction
         dry = [sum(ends(getattr(friction, part)[i])[1] for part in ("coulomb", "stiction")) for i in (0, 1)]
         viscous = np.array([ends(friction.viscous[i])[1] for i in (0, 1)])
