@@ -195,7 +195,14 @@ def tuned(tuning: str = "tuned") -> tuple[str, ...]:
 
 def tuned_gains(name: str) -> dict[str, float]:
     """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@tuned"."""
-    known = tuned(LawName.parse(name).tuned or "tuned")
+    parsed = LawName.parse(name)
+    known = tuned(parsed.tuned or "tuned")
+    if name not in known and parsed.tuned in CLASSES:
+        law = name.rpartition("@")[0]
+        raise ValueError(
+            f"{law} has no gains for the class {parsed.tuned} yet: `fbl-gym tune {law} --class {parsed.tuned}` finds some, "
+            f"for {law}@results/gains"
+        )
     if name not in known:
         raise unknown("tuned policy", name, known)
     gains: dict[str, float] = json.loads(LawName.parse(name).file.read_text())["gains"]

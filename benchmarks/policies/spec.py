@@ -33,6 +33,7 @@ from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.interface import Interface
+from fbl_gym.scenarios.classes import CLASSES
 
 RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout", "controllers.composition")
 """Modules that every result depends on, the kernel among what they import.
@@ -239,6 +240,8 @@ def _check(name: PolicyName) -> None:
     if any(gain.isidentifier() and not Path(gain).is_dir() for gain in name.gains):  # a misspelt "tuned", rather
         raise unknown("policy", name.text, names())
     code = name.code.text
+    if name.tuned in CLASSES:
+        controllers.registry.tuned_gains(name.registered)  # refuses those that there are not
     if is_composed(code):
         controllers.factory(code)  # refuses parts that do not fit
     elif name.registered not in names() or (name.seed is None and code != name.registered):

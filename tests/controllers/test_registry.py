@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import controllers
+from benchmarks.policies.spec import resolve
 from controllers import registry
 from fbl_gym import Interface, TwoLinkArmEnv
 
@@ -127,3 +128,18 @@ def test_a_name_may_end_in_gains(tmp_path, monkeypatch):
         assert controllers.make(name, interface, frequency=5.0).frequency == (5.0, 5.0)
     with pytest.raises(ValueError, match="unknown argument of computed-torque 'frequncy'"):
         controllers.make("computed-torque@frequncy=7", interface)
+
+
+def test_gains_of_a_class(tmp_path, monkeypatch):
+    """Those of its folder; where there are none, the error says how to find some."""
+    monkeypatch.setattr(registry, "TUNED", tmp_path)
+    (tmp_path / "geared").mkdir()
+    (tmp_path / "geared" / "pd-gravity.json").write_text('{"gains": {"frequency": 3.0}}')
+    (tmp_path / "pd-gravity.json").write_text('{"gains": {"frequency": 4.0}}')
+    env = TwoLinkArmEnv("geared-nominal")
+    assert controllers.make("pd-gravity@geared", env).frequency == (3.0, 3.0)
+    assert controllers.make("pd-gravity@tuned", env).frequency == (4.0, 4.0)
+    for name in ("pd-gravity@servo", "pd-gravity+springs@geared"):
+        for use in (lambda text: controllers.make(text, env), resolve):
+            with pytest.raises(ValueError, match=r"no gains for the class .*fbl-gym tune pd-gravity.* --class"):
+                use(name)
