@@ -23,7 +23,7 @@ class Robot(ArmBatch):
     """A batch of one arm whose motion is given, step by step.
 
     The kernel computes the velocity, if the encoder of the scenario does, keeps previous actions
-    and limits torques. Rounding, noise and age of the readings are those of the robot.
+    and limits torques. Rounding, noise, age and loss of the readings are those of the robot.
 
     Args:
         scenario: the task.
@@ -38,7 +38,7 @@ class Robot(ArmBatch):
         action = "torque" if scenario.actuator.torque_limit is None else "normalized"
         task = {"action": action, "reward": Reward(), "preview": preview}
         self.interface = configure(scenario, {}, **task)[1].interface
-        encoder = scenario.encoder and dataclasses.replace(scenario.encoder, counts=None, latency=0)
+        encoder = scenario.encoder and dataclasses.replace(scenario.encoder, counts=None, latency=0, dropout=0.0)
         computed = encoder is not None and encoder.difference is not None
         self.needs = tuple(name for name in scenario.sensors if not (name == "velocity" and computed))
         # The arm starts at an error from a reference of zeros, which is its first position.

@@ -49,13 +49,13 @@ def make_runge_kutta(stage, moved, weighted):
 
 
 @inline_njit
-def _moved(x, h, rate):
+def moved(x, h, rate):
     """Return x + h rate."""
     return x[0] + h * rate[0], x[1] + h * rate[1]
 
 
 @inline_njit
-def _weighted(a, b, c, d):
+def weighted(a, b, c, d):
     """Return a + 2 (b + c) + d."""
     return a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1]
 
@@ -78,7 +78,7 @@ def _stage(q, v, tau, constants):
     return solve_terms(m11, m12, m22, load1, load2)
 
 
-_runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
+_runge_kutta = make_runge_kutta(_stage, moved, weighted)
 
 
 @inline_njit

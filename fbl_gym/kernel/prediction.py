@@ -5,7 +5,7 @@ to the last digits.
 """
 
 from fbl_gym.kernel.fastmath import clip, exp, inline_njit, kernel_njit
-from fbl_gym.kernel.physics import load_on_joints, make_runge_kutta, solve_terms
+from fbl_gym.kernel.physics import load_on_joints, make_runge_kutta, moved, solve_terms, weighted
 
 
 @inline_njit
@@ -17,19 +17,7 @@ def _stage(q, v, load, constants):
     return a1 + push1, a2 + push2
 
 
-@inline_njit
-def _moved(x, h, rate):
-    """Return x + h rate."""
-    return x[0] + h * rate[0], x[1] + h * rate[1]
-
-
-@inline_njit
-def _weighted(a, b, c, d):
-    """Return a + 2 (b + c) + d."""
-    return a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1]
-
-
-_runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
+_runge_kutta = make_runge_kutta(_stage, moved, weighted)
 
 
 @inline_njit

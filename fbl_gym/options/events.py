@@ -57,7 +57,7 @@ class Drop(_Event):
 
 @dataclass(frozen=True)
 class FrictionChange(_Event):
-    """Viscous friction, Coulomb friction and stiction times a factor from now on.
+    """All parts of the friction, that under load too, times a factor from now on.
 
     Args:
         time: of the change.

@@ -320,3 +320,16 @@ def test_a_killed_process_leaves_a_log(tmp_path):
     assert done.returncode == -signal.SIGKILL
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 301
     assert read(tmp_path / "run.csv").dt == 0.01
+
+
+def test_readings_of_the_robot_are_never_lost():
+    """A scenario whose simulated readings are all lost shows the robot's own ones."""
+    torques = []
+    for dropout in (0.0, 1.0):
+        scenario = scenarios.Scenario().replace(
+            encoder={"difference": 1, "dropout": dropout}, sensors=("position", "velocity")
+        )
+        runner = Runner("pd-gravity", scenario)
+        torques.append([runner.step((-1.6 + 0.01 * k, 0.0), (-1.6, 0, 0, 0, 0, 0), time=0.01 * k) for k in range(5)])
+    np.testing.assert_array_equal(*torques)
+    assert not np.array_equal(torques[0][0], torques[0][4])

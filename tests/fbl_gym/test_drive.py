@@ -191,7 +191,7 @@ def test_a_drive_that_fails_gives_no_torque_at_once_whatever_its_lag():
 
 
 def test_jitter_delays_each_command_by_a_time_of_its_own():
-    """Of commands that rise by 1 N m a sample, each begins within the jitter, none after a newer one."""
+    """Each command has a delay of its own within the jitter, which policies are told."""
     options = {"actuator": {"jitter": 0.004}, "control_dt": 0.005, "physics_dt": 0.001}
     env = TwoLinkArmVectorEnv(64, action="torque", **options)
     env.reset(seed=0)
@@ -263,7 +263,7 @@ def test_an_arm_under_ripple_moves_as_by_a_solver():
 
 
 def test_ripple_at_an_episodes_start_is_of_that_episode():
-    """Of elastic joints too, whose motors stand where the last episode left them."""
+    """Elastic joints too, whose motors stand where the last episode left them."""
     options = {"actuator": {"ripple": 50.0}, "joint": {"stiffness": 1e4, "rotor_inertia": 1.0}}
     env = TwoLinkArmEnv(action="torque", **options)
     env.reset(seed=4)
