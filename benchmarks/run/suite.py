@@ -334,7 +334,7 @@ SUITES: dict[str, SuiteSpec] = {
         ),
         *(
             SuiteSpec(
-                robot, f"a class of robots, {kind.text}; every policy tuned for it, at severity 2, and its surprise, 32 seeds",
+                robot, f"robots: {kind.text}; every policy, tuned where it can be, at severity 2, and its surprise, 32 seeds",
                 {robot: (2,), f"{robot}-surprise": (2,)}, (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION, *_AGENTS),
                 tuning=robot, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
             )

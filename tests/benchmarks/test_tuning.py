@@ -12,7 +12,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.policies.spec import resolve
 from benchmarks.seeds import SPLITS
-from benchmarks.tuning.search import Task, judge, seeds, summary, tune, write_gains
+from benchmarks.tuning.search import Task, judge, scenarios_of, seeds, summary, tune, write_gains
 from controllers.gains import parse_gain
 from fbl_gym import Scenario, scenarios
 
@@ -230,3 +230,25 @@ def test_gains_of_another_law_with_the_same_file_name_are_refused(tmp_path, monk
     assert json.loads(path.read_text())["policy"] == "./a/law.py"
     for text in ("a/law.py@gains", f"{tmp_path}/a/law.py@gains", f"a/law.py@{path}"):
         assert resolve(text).configuration["frequency"] == 20.0
+
+
+def test_a_class_has_its_own_practice_and_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
+    for robot in ("servo", "direct", "geared"):
+        tried, judged = scenarios_of(robot)
+        assert set(tried) < set(judged) == set(scenarios.in_tier(f"{robot}-practice"))
+    few = [
+        "--trials",
+        "1",
+        "--seeds",
+        "1",
+        "--fresh-seeds",
+        "1",
+        "--candidates",
+        "1",
+        "--scenarios",
+        "servo-practice-nominal",
+    ]
+    storage = ["--storage", f"sqlite:///{tmp_path}/studies.db"]
+    assert cli.main(["tune", "pd-gravity", "--class", "servo", "--ship", *few, *storage]) == 0
+    assert json.loads((tmp_path / "servo" / "pd-gravity.json").read_text())["policy"] == "pd-gravity"
