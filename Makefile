@@ -1,6 +1,6 @@
 # Each command installs what it needs into .venv. It needs Python >= 3.11, pip and make.
 #   make plot           draw a controller on a hard arm into trace.png
-#   make leaderboard    run the leaderboard with 32 seeds and print it
+#   make leaderboard    run the short form of the leaderboard, of all three classes of robots, and print it
 #   make test           check everything but what is slow by nature
 #   make test-long      run the tests that are slow by nature, before a board or a release
 #   make docs           build the documentation into build/docs
@@ -15,7 +15,7 @@ plot: .venv/ready-bench
 	$(BIN)/fbl-gym evaluate cascade-flm@tuned --scenario everything-2 --plot trace.png
 
 leaderboard: .venv/ready-bench
-	$(BIN)/fbl-gym leaderboard --seeds 32
+	$(BIN)/fbl-gym leaderboard --short
 
 test: .venv/ready-dev lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile

@@ -11,7 +11,7 @@ import numpy as np
 from fbl_gym.scenarios.classes import CLASSES
 
 TUNINGS = ("tuned", *CLASSES)
-"""The sets of tuned gains that fbl-gym comes with; those of a class of robots are in its folder."""
+"""Names of tuned gains: those for the class of the robot at hand, or for a given class."""
 
 
 def parse_gain(text: str) -> tuple[str, Any]:

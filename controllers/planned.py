@@ -141,7 +141,8 @@ class OraclePlanned(OracleElastic):
         truth, stride = arm.truth, max(1, round(STEP / arm.dt))
         step, (q, v, *_) = stride * arm.dt, arm.predicted()
         links = with_rotors(truth.lumped, truth.rotor)
-        limits = (1 - self.reserve) * truth.gain * self.interface.torque_limit
+        # A joint needs more torque by the friction that its own torque causes.
+        limits = (1 - self.reserve) * (1 - truth.load_friction) * truth.gain * self.interface.torque_limit
         for i in lanes:
             first = now[i] + math.ceil(truth.delay[i] / arm.dt - 1e-9)
             r, r_dot, r_ddot = np.split(motion[i, first:], 3, axis=-1)

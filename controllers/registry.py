@@ -2,9 +2,9 @@
 
 It has the built-in laws of `catalogue.py`, the policies of installed packages (entry points of the
 group `fbl_gym.policies`), and those that a program registers itself. LAW+PART, such as
-"computed-torque+kalman+predictor", is a law composed with parts (`composition.py`). POLICY@tuned
-is a built-in law, composed or not, with the gains of `tuned/POLICY.json`; POLICY@servo has those of
-`tuned/servo/POLICY.json`, for a class of robots.
+"computed-torque+kalman+predictor", is a law composed with parts (`composition.py`). POLICY@servo
+is a built-in law, composed or not, with the gains of `tuned/servo/POLICY.json`, which are for a
+class of robots. POLICY@tuned has the gains for the class of the robot that it is made for.
 """
 
 import importlib
@@ -30,7 +30,7 @@ KINDS = ("classical", "learned")
 ENTRY_POINTS = "fbl_gym.policies"
 
 TUNED = Path(__file__).with_name("tuned")
-"""Folder of the tuned gains: `fbl-gym tune POLICY --ship` writes POLICY.json."""
+"""Folder of tuned gains: `fbl-gym tune POLICY --class CLASS --ship` writes CLASS/POLICY.json."""
 
 
 @dataclass(frozen=True)
@@ -61,17 +61,19 @@ class LawName:
         return cls(law, tuple(parts), tuning)
 
     @property
-    def file(self) -> Path:
-        """The file of the tuned gains."""
-        return tuned_folder(self.tuned) / f"{'+'.join((self.law, *self.parts))}.json"
+    def files(self) -> dict[str, Path]:
+        """The files of the tuned gains, by the class of robots."""
+        classes = CLASSES if self.tuned == "tuned" else (self.tuned,)
+        paths = {robot: TUNED / robot / f"{self.law_and_parts}.json" for robot in classes}
+        return {robot: path for robot, path in paths.items() if path.is_file()}
+
+    @property
+    def law_and_parts(self) -> str:
+        """The name without tuned gains."""
+        return "+".join((self.law, *self.parts))
 
     def __str__(self) -> str:
-        return "+".join((self.law, *self.parts)) + f"@{self.tuned}" * bool(self.tuned)
-
-
-def tuned_folder(tuning: str) -> Path:
-    """Return the folder of one of `TUNINGS`."""
-    return TUNED / tuning if tuning in CLASSES else TUNED
+        return self.law_and_parts + f"@{self.tuned}" * bool(self.tuned)
 
 
 def register(
@@ -149,7 +151,7 @@ def is_composed(name: str) -> bool:
     if not parsed.parts or parsed.law not in names():
         return False
     check_choices("parts", parsed.parts, PARTS)
-    return not parsed.tuned or parsed.file.is_file()
+    return not parsed.tuned or bool(parsed.files)
 
 
 def names() -> tuple[str, ...]:
@@ -184,29 +186,39 @@ def factory(name: str) -> Callable[..., Any]:
 
 
 def tuned(tuning: str = "tuned") -> tuple[str, ...]:
-    """Return the policies with gains of one of `TUNINGS`, such as "pid-flm@tuned".
+    """Return the policies with gains for a class of robots, or for any, such as "pid-flm@tuned".
 
     Composed ones come last.
     """
-    files = {path.stem for path in tuned_folder(tuning).glob("*.json")}
+    files = {path.stem for path in TUNED.glob("*/*.json" if tuning == "tuned" else f"{tuning}/*.json")}
     known = (*(name for name in _REGISTRY if name in files), *sorted(files - {*_REGISTRY}))
     return tuple(f"{name}@{tuning}" for name in known)
 
 
-def tuned_gains(name: str) -> dict[str, float]:
-    """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@tuned"."""
+def tuned_gains(name: str, robot: str = "") -> dict[str, Any]:
+    """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@servo".
+
+    Args:
+        name: POLICY@tuned, or POLICY@CLASS.
+        robot: class of the robot; empty: the first one with gains.
+
+    Raises:
+        ValueError: there are none for the class.
+    """
     parsed = LawName.parse(name)
-    known = tuned(parsed.tuned or "tuned")
-    if name not in known and parsed.tuned in CLASSES:
-        law = name.rpartition("@")[0]
-        raise ValueError(
-            f"{law} has no gains for the class {parsed.tuned} yet: `fbl-gym tune {law} --class {parsed.tuned}` finds some, "
-            f"for {law}@results/gains"
-        )
-    if name not in known:
-        raise unknown("tuned policy", name, known)
-    gains: dict[str, float] = json.loads(LawName.parse(name).file.read_text())["gains"]
-    return gains
+    files = parsed.files
+    robot = parsed.tuned if parsed.tuned in CLASSES else robot or next(iter(files), "")
+    if robot in files:
+        gains: dict[str, Any] = json.loads(files[robot].read_text())["gains"]
+        return gains
+    law = parsed.law_and_parts
+    if not (law in names() or is_composed(law)):
+        raise unknown("policy", law, names())
+    where = f"the class {robot}" if robot else "any class of robots"
+    raise ValueError(
+        f"{law} has no tuned gains for {where}: `fbl-gym tune {law} --class {robot or 'CLASS'}` finds some, "
+        f"for {law}@results/gains"
+    )
 
 
 def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
@@ -228,13 +240,14 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
             where privileged access needs the environment.
     """
     build: Callable[..., Any]
+    interface = env if isinstance(env, Interface) else env.unwrapped.interface
     if isinstance(name, str):
         name, given = split_gains(name)
         build = factory(name)
-        gains = (tuned_gains(name) if LawName.parse(name).tuned else {}) | read_gains(name, given) | gains
+        tuned = tuned_gains(name, interface.robot_class) if LawName.parse(name).tuned else {}
+        gains = tuned | read_gains(name, given) | gains
     else:
         build = name
-    interface = env if isinstance(env, Interface) else env.unwrapped.interface
     build = completed(build, interface)
     parameters = list(inspect.signature(build).parameters)
     if not parameters:

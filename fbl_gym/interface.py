@@ -25,6 +25,21 @@ def clip(x: Array, low: ArrayLike, high: ArrayLike) -> Array:
     return np.minimum(np.maximum(x, low), high)
 
 
+def class_of(control_dt: float, encoder: str | None) -> str:
+    """Return the class of robots that a robot is most like, one of `scenarios.classes.CLASSES`.
+
+    A rate below 250 Hz makes a "servo". Of the faster robots, one with springs whose encoders are
+    on the motors is "geared", any other is "direct".
+
+    Args:
+        control_dt: time between two decisions [s].
+        encoder: side of the springs that is measured, "motor" or "link"; None: rigid joints.
+    """
+    if control_dt > 0.004:
+        return "servo"
+    return "geared" if encoder == "motor" else "direct"
+
+
 @dataclass(frozen=True)
 class Slot:
     """Consecutive entries of the observation with one meaning.
@@ -143,6 +158,11 @@ class Interface:
     backlash: Pair = (0.0, 0.0)
     encoder: str = "motor"
     constraints: Constraints | None = None
+
+    @property
+    def robot_class(self) -> str:
+        """The class of robots that this one is most like, see `class_of`."""
+        return class_of(self.control_dt, None if self.stiffness is None else self.encoder)
 
     @property
     def action_space(self) -> spaces.Box:

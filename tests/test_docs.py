@@ -100,7 +100,7 @@ def commands(page):
     return [shlex.split(line, comments=True)[1:] for line in lines]
 
 
-FEW = ["--seeds", "1", "--scenarios", "hardware-model-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"]
+FEW = ["--seeds", "1", "--scenarios", "servo-model-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"]
 SHORT = {
     "leaderboard": FEW,
     "report": FEW,
@@ -149,7 +149,7 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
             if "--trials" in command and command[0] == "evaluate":
                 short = ["--seeds", "2", "--trials", "2"]
             if "--world" in command:
-                short = ["--seeds", "4", "--scenarios", "hardware-nominal"]
+                short = ["--seeds", "4", "--scenarios", "servo-nominal"]
             if "--trace" in command:  # a log has one run
                 short = ["--seeds", "1"]
             if "my_paper.toml" in command:

@@ -23,11 +23,8 @@ from fbl_gym.model.arm import Array
 from fbl_gym.scenarios.classes import CLASSES
 
 RANKED_FIRST = (
-    "hardware",
-    *CLASSES,
-    "ideal",
-    *(tier for tier in scenarios.TIERS if tier.endswith(("surprise", "practice"))),
-)
+    *CLASSES, "ideal", *(tier for tier in scenarios.TIERS if tier.endswith(("surprise", "practice"))), "worlds"
+)  # fmt: skip
 """A board is ranked in the first of these tiers that it has."""
 
 UNSCORED = "No scores: no classical law with privileged access is a ceiling on this board. Ranked by the error."
@@ -403,10 +400,10 @@ def _geometric_mean(x: Array) -> float:
 def tier_of(scenario: str) -> str:
     """Return the tier of a scenario's name; one that belongs to no tier counts as "ideal".
 
-    A scenario in another engine's world is a surprise.
+    A scenario in another engine's world has a tier of its own.
     """
     if scenario.partition("@")[2] in scenarios.WORLDS:
-        return "surprise"
+        return "worlds"
     member = scenarios.member(scenario)
     return member.tier if member else "ideal"
 

@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.analysis.coverage", description=__doc__)
     parser.add_argument("seeds", type=int, metavar="N", help="number of test seeds in all")
     parser.add_argument("--of", type=int, default=32, metavar="N", help="seeds of a small board (32)")
-    parser.add_argument("--suite", default="hardware", metavar="S", help="name or file of a suite (hardware)")
+    parser.add_argument("--suite", default="servo", metavar="S", help="name or file of a suite (servo)")
     parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
     parser.add_argument("--scenarios", nargs="+", default=(), metavar="S", help="only these (the suite's)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")

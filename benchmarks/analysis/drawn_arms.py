@@ -20,7 +20,7 @@ from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell, Suite
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.scenarios import Scenario, conditions, in_world
-from fbl_gym.scenarios.hardware import FAMILIES
+from fbl_gym.scenarios.classes import families
 
 WITHIN = 1.5
 """A first choice is good if it errs at most WITHIN times as much as the best policy."""
@@ -70,11 +70,11 @@ def check(
 
 
 def draw(number: int) -> Scenario:
-    """Return a scenario with a drawn arm and drawn conditions of the tier `hardware`."""
+    """Return a scenario with a drawn arm and drawn conditions of the class `servo`."""
     rng = np.random.default_rng(number)
     arm = draw_arm(rng)
-    family, severity = str(rng.choice([*FAMILIES])), int(rng.integers(1, 4))
-    return Scenario(name=f"drawn-{number}-{family}-{severity}", **conditions(arm, family, severity))
+    family, severity = str(rng.choice([*families("servo")])), int(rng.integers(1, 4))
+    return Scenario(name=f"drawn-{number}-{family}-{severity}", **conditions(arm, "servo", family, severity))
 
 
 def draw_arm(rng: np.random.Generator) -> ArmParameters:

@@ -59,7 +59,7 @@ def _loaded(share: float) -> Scenario:
 
 
 def _springy(encoder: Literal["link", "motor"]) -> Callable[[float], Scenario]:
-    springs = scenarios.get("hardware-elastic-2")
+    springs = scenarios.get("servo-elastic-2")
     assert springs.joint is not None
     joint = springs.joint
 
@@ -77,7 +77,7 @@ def _nominal(**changes: object) -> Scenario:
     return _NOMINAL.replace(**changes)
 
 
-_NOMINAL = scenarios.get("hardware-nominal")
+_NOMINAL = scenarios.get("servo-nominal")
 AXES = (
     Axis("further delay [ms]", (0, 5, 10, 20, 30, 40, 50, 60, 80), _delayed),
     Axis("springs, encoder on the link [Hz]", (40, 20, 12, 8, 5, 4, 3, 2.5, 2), _springy("link")),

@@ -36,7 +36,7 @@ def numbers(board: Board) -> dict[str, Array]:
 def main(argv: Sequence[str] | None = None) -> None:
     """Print tau for each other order."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.analysis.orders", description=__doc__)
-    parser.add_argument("--suite", default="hardware", metavar="S", help="name or file of a suite (hardware)")
+    parser.add_argument("--suite", default="servo", metavar="S", help="name or file of a suite (servo)")
     parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
     parser.add_argument("--seeds", type=int, metavar="N", help="test seeds (the suite's)")
     parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")

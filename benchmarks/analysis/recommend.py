@@ -51,7 +51,7 @@ KINDS = (
 def around(base: Scenario) -> dict[str, Scenario]:
     """Return the conditions around a scenario, by name; the first one is the scenario itself.
 
-    What a scenario does not have, such as noise, comes in the size of the tier `hardware`. Rigid
+    What a scenario does not have, such as noise, comes in the size of the class `servo`. Rigid
     joints stay rigid: no stiffness can be guessed.
     """
     scenarios = {"as described": base}
@@ -84,14 +84,14 @@ def push(base: Scenario, kind: str, factor: float) -> Scenario:
         case "lag":
             changes = {"actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or 0.01 * more)}
         case "friction" if base.friction is None:
-            usual = conditions(base.arm)["friction"]
+            usual = conditions(base.arm, "servo")["friction"]
             changes = {"friction": {name: scaled_pair(value, more) for name, value in usual.items()}}
         case "friction":
             levels = ("viscous", "coulomb", "stiction")
             larger = {name: scaled_pair(getattr(base.friction, name), factor) for name in levels}
             changes = {"friction": _replaced(base.friction, **larger)}
         case "disturbance" if base.disturbance is None:
-            usual = conditions(base.arm, "disturbance", 2)["disturbance"]
+            usual = conditions(base.arm, "servo", "disturbance", 2)["disturbance"]
             changes = {"disturbance": usual | {"amplitude": scaled_pair(usual["amplitude"], more)}}
         case "disturbance":
             amplitude = getattr(base.disturbance, "amplitude", None)

@@ -23,17 +23,16 @@ from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell, load
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario
-from fbl_gym.scenarios import conditions
-from fbl_gym.scenarios.hardware import FAMILIES
+from fbl_gym.scenarios.classes import CLASSES, conditions, families
 
 SEVERITY = 3
 """The board has severity 2."""
 
 
-def draw(version: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
-    """Return the task of a family, with another arm and other moves, and its 32 seeds."""
+def draw(version: str, robot: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
+    """Return the task of a class's family, with another arm and other moves, and its 32 seeds."""
     random = np.random.default_rng((int(version, 16), *map(ord, family)))
-    options = conditions(draw_arm(random), family, SEVERITY)
+    options = conditions(draw_arm(random), robot, family, SEVERITY)
     motion = options["reference"]
     pace, rest = random.uniform(0.9, 1.3), random.uniform(0.1, 0.6)
     options["reference"] = dataclasses.replace(motion, move_time=pace * motion.move_time, hold_time=rest)
@@ -42,20 +41,21 @@ def draw(version: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
     )
 
 
-def tau(board: Board, rows: Sequence[int], sealed: Runs) -> dict[str, float]:
+def tau(board: Board, rows: Sequence[int], names: Sequence[str], sealed: Runs) -> dict[str, float]:
     """Return Kendall's tau between the rows' errors on the board and in the sealed test.
 
     Args:
         board: with the families.
         rows: indices of the board's policies that are compared.
-        sealed: their runs [rows x families x seeds], families in the order of `FAMILIES`.
+        names: of the families.
+        sealed: their runs [rows x families x seeds], in the order of their names.
     """
     logs = sealed.logs.mean(axis=-1)
     return {
         "all": float(stats.kendalltau(board.error.value[rows], logs.mean(axis=1)).statistic),
         **{
             family: float(stats.kendalltau(board.family_errors[family].value[rows], logs[:, k]).statistic)
-            for k, family in enumerate(FAMILIES) if family in board.family_errors
+            for k, family in enumerate(names) if family in board.family_errors
         },
     }  # fmt: skip
 
@@ -63,7 +63,7 @@ def tau(board: Board, rows: Sequence[int], sealed: Runs) -> dict[str, float]:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the sealed test of the board in the store, and print it."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.analysis.sealed", description=__doc__)
-    parser.add_argument("--suite", default="hardware", metavar="S", help="name or file of a suite (hardware)")
+    parser.add_argument("--suite", default="servo", choices=tuple(CLASSES), help="class of robots (servo)")
     parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
     parser.add_argument("--seeds", type=int, metavar="N", help="test seeds of the board (the suite's)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
@@ -72,7 +72,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     store = Store(arguments.store)
     cells = load(arguments.suite).build(arguments.policies, (), arguments.seeds).cells
     board = assemble([result for cell in cells if (result := store.find(cell))], cells)
-    tasks = [draw(board.version, family) for family in FAMILIES]
+    names = tuple(families(arguments.suite))
+    tasks = [draw(board.version, arguments.suite, family) for family in names]
     first: dict[str, PolicySpec] = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
     sealed = {(name, task.name): Cell(spec, task, seeds) for name, spec in first.items() for task, seeds in tasks}
     results = {result.cell.id: result for _, result in run_cells([*sealed.values()], store, workers=arguments.workers)}
@@ -84,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     for name, logs, diverged in zip(table, runs.logs, runs.diverged, strict=True):
         print(f"| `{name}` | {np.exp(logs.mean()):.3g} | {100 * diverged.mean():.2g} |")
     rows = [board.policies.index(name) for name in table]
-    print(*(f"{value:6.2f}  tau, {family}" for family, value in tau(board, rows, runs).items()), sep="\n")
+    print(*(f"{value:6.2f}  tau, {family}" for family, value in tau(board, rows, names, runs).items()), sep="\n")
 
 
 if __name__ == "__main__":

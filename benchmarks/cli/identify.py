@@ -25,8 +25,8 @@ HORIZONS = (0.1, 0.5, 1.0)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files of one arm, which may end in .gz")
     parser.add_argument(
-        "--start", default="hardware-nominal", metavar="SCENARIO",
-        help="a similar arm with the true lengths: a name or a TOML file (hardware-nominal)",
+        "--start", default="servo-nominal", metavar="SCENARIO",
+        help="a similar arm with the true lengths: a name or a TOML file (servo-nominal)",
     )  # fmt: skip
     parser.add_argument("--out", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml")
     parser.add_argument(

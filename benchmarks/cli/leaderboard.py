@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from benchmarks.analysis.board import assemble
+from benchmarks.analysis.board import Board, assemble
 from benchmarks.cli import transfer
 from benchmarks.cli.common import add_metrics, add_run, count, policy_name, run_all, trust
 from benchmarks.cli.parser import stopped_status
@@ -14,15 +14,20 @@ from benchmarks.policies.name import PolicyName
 from benchmarks.report import terminal
 from benchmarks.report.terminal import Screen
 from benchmarks.run.store import Result, Store
-from benchmarks.run.suite import SUITES, Cell, Suite, load
+from benchmarks.run.suite import SHORT_SEEDS, SUITES, Cell, Suite, expand, load
 from benchmarks.text import say
+from fbl_gym.scenarios.classes import CLASSES
 
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that choose cells, and the limits of a cell."""
     parser.add_argument(
-        "--suite", default="hardware", metavar="S", help=f"{', '.join(SUITES)}, or a TOML file (hardware)"
+        "--suite",
+        nargs="+",
+        metavar="S",
+        help=f"{', '.join(SUITES)}, or TOML files, each a board (all classes of robots, or that of --scenarios)",
     )
+    parser.add_argument("--short", action="store_true", help=f"a few scenarios of each class, with {SHORT_SEEDS} seeds")
     parser.add_argument(
         "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
     )
@@ -44,17 +49,24 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def suite_of(arguments: argparse.Namespace) -> Suite:
-    """Return the suite that the arguments describe."""
+def suites_of(arguments: argparse.Namespace) -> list[Suite]:
+    """Return the suites that the arguments describe, each of which makes a board."""
     trust(arguments)
-    spec, limits = load(arguments.suite), limits_of(arguments)
-    for policy in spec.policies if spec.file and not arguments.policies else ():
-        trust(arguments, policy)
-        external.expect_trust(PolicyName.parse(policy), arguments.suite)
-    return spec.build(
-        arguments.policies, arguments.scenarios, arguments.seeds, more=arguments.policy, metrics=arguments.metrics,
-        limits=limits,
-    )  # fmt: skip
+    names = arguments.suite or [*CLASSES]
+    if arguments.scenarios and not arguments.suite:
+        classes = {scenario.robot_class for scenario in expand(arguments.scenarios)}
+        names = [classes.pop() if len(classes) == 1 else "servo"]
+    suites = []
+    for name in names:
+        spec = load(name)
+        for policy in spec.policies if spec.file and not arguments.policies else ():
+            trust(arguments, policy)
+            external.expect_trust(PolicyName.parse(policy), name)
+        suites.append(spec.build(
+            arguments.policies, arguments.scenarios, arguments.seeds, short=arguments.short, more=arguments.policy,
+            metrics=arguments.metrics, limits=limits_of(arguments),
+        ))  # fmt: skip
+    return suites
 
 
 def limits_of(arguments: argparse.Namespace) -> CallLimits:
@@ -70,10 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
-    suite, store = suite_of(arguments), Store(arguments.store)
+    suites, store = suites_of(arguments), Store(arguments.store)
     if arguments.world:
-        return transfer.compare(suite, arguments)
-    cells, stopped = suite.cells, None
+        return max(transfer.compare(suite, arguments) for suite in suites)
+    cells, stopped = [cell for suite in suites for cell in suite.cells], None
     try:
         for _ in run_all(cells, arguments, limits_of(arguments)):
             pass
@@ -82,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     results = results_of(cells, store)
     if any(result.rows for result in results):
         try:
-            terminal.leaderboard(Screen(), assemble(results, cells))
+            terminal.leaderboards(Screen(), boards_of(suites, store))
         except ValueError as problem:
             if stopped is None:
                 raise
@@ -93,6 +105,11 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"fbl-gym: stopped with {done}; the same command goes on from there", sys.stderr)
         return stopped_status(stopped)
     return 1 if any(counts(result.error) for result in results) else 0
+
+
+def boards_of(suites: Sequence[Suite], store: Store) -> dict[str, Board]:
+    """Return the board of each suite, by its name, from the stored results."""
+    return {suite.name: assemble(results_of(suite.cells, store), suite.cells) for suite in suites}
 
 
 def counts(error: str) -> bool:

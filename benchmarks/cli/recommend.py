@@ -14,8 +14,8 @@ from fbl_gym.scenarios import as_scenario
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "scenario", nargs="?", default="hardware-nominal", metavar="SCENARIO",
-        help="a scenario with your arm: a name or a TOML file (hardware-nominal)",
+        "scenario", nargs="?", default="servo-nominal", metavar="SCENARIO",
+        help="a scenario with your arm: a name or a TOML file (servo-nominal)",
     )  # fmt: skip
     parser.add_argument(
         "--policies", nargs="+", type=policy_name, metavar="POLICY",

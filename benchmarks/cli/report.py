@@ -4,9 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks.analysis.board import assemble
 from benchmarks.cli.common import add_folder, add_store, add_trust, command_line
-from benchmarks.cli.leaderboard import add_suite, counts, results_of, suite_of
+from benchmarks.cli.leaderboard import add_suite, boards_of, counts, results_of, suites_of
 from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv
@@ -29,26 +28,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report; return 1 if results are missing."""
-    cells, store = suite_of(arguments).cells, Store(arguments.store)
-    results = results_of(cells, store)
-    if not results:
+    suites, store, out = suites_of(arguments), Store(arguments.store), arguments.out
+    if not results_of([cell for suite in suites for cell in suite.cells], store):
         raise ValueError(_lacking(store))
-    board = assemble(results, cells)
-    terminal.leaderboard(terminal.Screen(), board)
-    write_text(arguments.out / "board.md", markdown.leaderboard(board))
-    write_csv(arguments.out / "board.csv", results)
+    boards = boards_of(suites, store)
+    terminal.leaderboards(terminal.Screen(), boards)
+    for suite in suites:
+        board, results = boards[suite.name], results_of(suite.cells, store)
+        folder = out / suite.name if len(suites) > 1 else out
+        write_text(folder / "board.md", markdown.leaderboard(board))
+        write_csv(folder / "board.csv", results)
+        write_page(folder / "board.html", contents(board, results, command_line()))
+        say(f"report: {folder / 'board.html'}, board.md and board.csv beside it")
+        if board.gaps:
+            print(
+                "fbl-gym: the report is incomplete, see above; `fbl-gym leaderboard` computes the rest", file=sys.stderr
+            )
     accesses = [f"{law},{scenario},{count}\n" for (law, scenario), count in store.test_accesses().items()]
-    write_text(arguments.out / "test_accesses.csv", "".join(["policy,scenario,test_accesses\n", *accesses]))
-    write_page(arguments.out / "board.html", contents(board, results, command_line()))
+    write_text(out / "test_accesses.csv", "".join(["policy,scenario,test_accesses\n", *accesses]))
     if arguments.readme is not None:
         text = arguments.readme.read_text(encoding="utf-8")
-        write_text(arguments.readme, markdown.replace_between(text, markdown.leaderboard(board, short=True)))
-        command = f"fbl-gym leaderboard --suite {arguments.suite}"
-        write_text(arguments.readme.parent / "docs" / "results" / "board.md", markdown.board_page(board, command))
-    say(f"report: {arguments.out / 'board.html'}, board.md, board.csv and test_accesses.csv beside it")
-    if board.gaps:
-        print("fbl-gym: the report is incomplete, see above; `fbl-gym leaderboard` computes the rest", file=sys.stderr)
-    return 1 if board.lacking or any(map(counts, (*board.incomplete.values(), *board.failed.values()))) else 0
+        write_text(arguments.readme, markdown.replace_between(text, markdown.first_rows(boards)))
+        write_text(arguments.readme.parent / "docs" / "results" / "board.md", markdown.board_page(boards))
+    errors = [error for board in boards.values() for error in (*board.incomplete.values(), *board.failed.values())]
+    return 1 if any(board.lacking for board in boards.values()) or any(map(counts, errors)) else 0
 
 
 def _lacking(store: Store) -> str:

@@ -13,7 +13,6 @@ from benchmarks.run.rollout import reference_motion
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.records import Distribution, declarations, ends, middle
-from fbl_gym.scenarios.classes import class_of
 
 SEEDS = range(32)
 """The seeds whose references the torque of the motion is taken from."""
@@ -88,7 +87,7 @@ def follows(scenario: Scenario) -> dict[str, str]:
     samples += 0.0 if encoder is None else encoder.latency + 0.5 * (encoder.difference or 0)
     dead = samples * scenario.control_dt + middle(drive.delay) + 0.5 * ends(drive.jitter)[1] + middle(drive.lag)
     facts = {
-        "class of robots": class_of(scenario.control_dt, None if joint is None else joint.encoder),
+        "class of robots": scenario.robot_class,
         "weight (largest torque of gravity)": _both(weight, "N m"),
         "inertia of the stretched links": _both(np.array([stretched[0, 0], p2]), "kg m^2"),
         "dead time": f"{1e3 * dead:.3g} ms",

@@ -15,6 +15,7 @@ from benchmarks.text import say
 from benchmarks.tuning.search import (
     STORAGE,
     Task,
+    at_edge,
     judge,
     open_study,
     scenarios_of,
@@ -23,7 +24,7 @@ from benchmarks.tuning.search import (
     tune,
     write_gains,
 )
-from controllers.registry import tuned_folder
+from controllers import registry
 from fbl_gym import Scenario
 from fbl_gym.scenarios.classes import CLASSES
 
@@ -31,7 +32,7 @@ from fbl_gym.scenarios.classes import CLASSES
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_policies(parser)
     parser.add_argument(
-        "--trials", type=count, default=40, metavar="N", help="number of trials, those of earlier runs counted (40)"
+        "--trials", type=count, default=10, metavar="N", help="trials for each gain, those of earlier runs counted (10)"
     )
     parser.add_argument("--seeds", type=count, default=16, metavar="N", help="tuning seeds of each scenario (16)")
     parser.add_argument(
@@ -42,10 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--scenarios", nargs="+", action="extend", metavar="S",
-        help="scenarios of trials and judging: names, families, .toml files (some of the tier practice, or of the class's)",
+        help="scenarios of trials and judging: names, families, .toml files (the class's practice)",
     )  # fmt: skip
     parser.add_argument(
-        "--class", dest="robot", choices=tuple(CLASSES), default="", help="tune for a class of robots, on its practice"
+        "--class", dest="robot", choices=tuple(CLASSES), default="servo", help="tune on the practice of a class (servo)"
     )
     parser.add_argument(
         "--storage", default=STORAGE, metavar="URL",
@@ -60,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     target.add_argument(
         "--ship",
         action="store_true",
-        help="write the gains of built-in policies into controllers/tuned, for POLICY@tuned or POLICY@CLASS",
+        help="write the gains of built-in policies into controllers/tuned/CLASS, for POLICY@tuned and POLICY@CLASS",
     )
 
 
@@ -96,15 +97,18 @@ def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Tas
     """Tune one policy, write its gains, and return the verdict in words."""
     task, judging = tasks
     name = task.policy.name
-    study = tune(task, arguments.trials, arguments.storage)
+    study = tune(task, arguments.trials * len(task.ranges), arguments.storage)
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)
-    path = write_gains(best, tuned_folder(arguments.robot) if arguments.ship else arguments.out)
+    path = write_gains(best, registry.TUNED / arguments.robot if arguments.ship else arguments.out)
     verdict, defaults = best["judged"]["best"], best["judged"]["defaults"]
     numbers = {gain: ",".join(f"{x:g}" for x in np.ravel(value)) for gain, value in best["gains"].items()}
     gains = " ".join(f"{gain}={text}" for gain, text in numbers.items()) or "the default gains are best"
+    edges = [
+        f"\n  {gain} ends at the edge of its range, {ends[0]:g} to {ends[1]:g}" for gain, ends in at_edge(best).items()
+    ]
     return (
         f"{name}: {gains}\n"
         f"  objective {verdict['objective']:.3f}, diverged {verdict['diverged_pct']:.2g} %; "
-        f"of the default gains {defaults['objective']:.3f}, {defaults['diverged_pct']:.2g} %\n"
-        f"  {path}: use them as {name}@{(arguments.robot or 'tuned') if arguments.ship else arguments.out}"
+        f"of the default gains {defaults['objective']:.3f}, {defaults['diverged_pct']:.2g} %{''.join(edges)}\n"
+        f"  {path}: use them as {name}@{arguments.robot if arguments.ship else arguments.out}"
     )

@@ -4,8 +4,8 @@ The text is one of:
 
 - a registered name, such as "cascade-flm", or an entry point `fbl_gym.policies` of an installed
   package;
-- "cascade-flm@tuned", with its tuned gains, or "cascade-flm@servo", with those for a class of
-  robots;
+- "cascade-flm@servo", with the gains for a class of robots, or "cascade-flm@tuned", with those for
+  the class of the robot at hand;
 - "cascade-flm+kalman+predictor", a law composed with parts, also with "@tuned";
 - a law with gains at the end, "cascade-flm@K=30" or "my_law.py@K=30,20@F=10", or with those of a
   file: "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
@@ -113,6 +113,11 @@ class PolicyName:
     def gains_files(self) -> list[Path]:
         """The files among the gains."""
         return [gains_file(self.code.text, gain).resolve() for gain in self.gains if "=" not in gain]
+
+    @property
+    def tuned_files(self) -> dict[str, Path]:
+        """The files of the gains of a tuned law, by the class of robots."""
+        return LawName(self.source, self.parts, self.tuned).files if self.tuned else {}
 
     @property
     def given_gains(self) -> dict[str, Any]:

@@ -26,14 +26,12 @@ from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolat
 from benchmarks.policies.name import PolicyName
 from benchmarks.rl.agent import files, saved_agent, settings_of
 from benchmarks.rl.sb3 import MOTION, load_zip
-from controllers.gains import TUNINGS
 from controllers.policy import ACCESS
 from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.interface import Interface
-from fbl_gym.scenarios.classes import CLASSES
 
 RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout", "controllers.composition")
 """Modules that every result depends on, the kernel among what they import.
@@ -185,7 +183,7 @@ class PolicySpec:
 
 def names() -> tuple[str, ...]:
     """Return the name of every registered policy, then those with tuned gains."""
-    return (*controllers.names(), *(name for tuning in TUNINGS for name in controllers.tuned(tuning)))
+    return (*controllers.names(), *controllers.tuned())
 
 
 _RESOLVED: dict[PolicyName, PolicySpec] = {}
@@ -240,11 +238,11 @@ def _check(name: PolicyName) -> None:
     if any(gain.isidentifier() and not Path(gain).is_dir() for gain in name.gains):  # a misspelt "tuned", rather
         raise unknown("policy", name.text, names())
     code = name.code.text
-    if name.tuned in CLASSES:
+    if name.tuned:
         controllers.registry.tuned_gains(name.registered)  # refuses those that there are not
     if is_composed(code):
         controllers.factory(code)  # refuses parts that do not fit
-    elif name.registered not in names() or (name.seed is None and code != name.registered):
+    elif name.source not in names() or (name.seed is None and code != name.registered):
         if (Path(code) / "agent.json").is_file():
             raise ValueError(f"unknown policy {code!r}; the folder of that name is named by its path, ./{code}")
         raise unknown("policy", code, names())
@@ -310,6 +308,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any], folder: Path) -> Po
                 raise ValueError(f"{what} of {spec.name} must be a list of text, got {given!r}")
         files = {os.path.relpath(folder / file, folder): (folder / file).resolve() for file in lists["data_files"]}
         files |= {f"gains {i}: {path.name}": path for i, path in enumerate(parsed.gains_files)}
+        files |= {f"gains of {robot}": path for robot, path in parsed.tuned_files.items()}
         tuning = "tuned" if parsed.tuned else "default gains"
         spec = dataclasses.replace(
             spec,
@@ -360,8 +359,8 @@ def _make(name: PolicyName, env: Any, gains: Mapping[str, Any]) -> Any:
 
 
 def _example(spec: PolicySpec) -> TwoLinkArmVectorEnv:
-    """Return an environment that a policy can be made for."""
-    scenario = scenarios.get("nominal")
+    """Return an environment that a policy can be made for; tuned gains are those of a class."""
+    scenario = scenarios.get("-".join([*[*spec.parsed.tuned_files][:1], "nominal"]))
     return TwoLinkArmVectorEnv(1, scenario, preview=math.ceil(spec.preview / scenario.control_dt - 1e-9))
 
 

@@ -1,7 +1,7 @@
 """The columns of the board, declared once for the page, the Markdown tables and the terminal."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -77,6 +77,35 @@ class Column:
         """Return the best value of some policies; None where no value is better than another."""
         values = [x for i in ranked if isinstance(x := self.values[i], float | int)]
         return self.best * max(self.best * x for x in values) if self.best and len(set(values)) > 1 else None
+
+
+def over_all(boards: Mapping[str, Board]) -> tuple[list[str], list[list[str]]]:
+    """Return a table of several boards, as header and rows: the score and rank of each policy.
+
+    The policies with the best mean of scores come first, those that a board lacks or does not rank
+    last.
+    """
+    places: dict[str, dict[str, tuple[float, str]]] = {}
+    for name, board in boards.items():
+        for place, i in enumerate(board.ranked):
+            score = math.nan if board.score is None else float(board.score.value[i])
+            low, high = (round(float(end[place])) for end in (board.rank.low, board.rank.high))
+            text = f"{score:.1f} ({low}–{high})" if low < high else f"{score:.1f} ({low})"
+            places.setdefault(board.policies[i], {})[name] = score, text
+    means = {
+        policy: sum(score for score, _ in found.values()) / len(boards) if len(found) == len(boards) else math.nan
+        for policy, found in places.items()
+    }
+    order = sorted(places, key=lambda policy: (math.isnan(means[policy]), -means[policy]))
+    rows = [
+        [
+            policy,
+            *(places[policy][name][1] if name in places[policy] else "–" for name in boards),
+            f"{means[policy]:.1f}",
+        ]
+        for policy in order
+    ]
+    return ["policy", *boards, "mean"], [[cell.replace("nan", "–") for cell in row] for row in rows]
 
 
 def number(x: float) -> str:

@@ -1,16 +1,17 @@
 """Tables in Markdown, for the README and the documentation."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import ALL, ALL_BUT_README, Column, columns
+from benchmarks.report.columns import ALL, ALL_BUT_README, Column, columns, over_all
+from benchmarks.run.suite import PAPER
 
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 """The lines of a file between which the leaderboard is written."""
 
 ROWS = 5
-"""Number of rows of the short table."""
+"""Number of rows of the short table, before those of the paper's laws."""
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -31,16 +32,28 @@ def plain(text: str) -> str:
     return re.sub(r"([\\`*\[\]<>&]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
 
 
-def leaderboard(board: Board, *, short: bool = False) -> str:
-    """Return the board as a table, the best policy first, and its remarks.
+def leaderboard(board: Board) -> str:
+    """Return the board as a table, the best policy first, and its remarks."""
+    remarks = "".join(f"\n{plain(remark)}\n" for remark in board.remarks)
+    return _table(board, board.order, ALL, ALL_BUT_README) + remarks
 
-    A short one has the best five rows with the main columns, and no remarks on a complete board.
-    """
-    tables = (ALL,) if short else (ALL, ALL_BUT_README)
+
+def first_rows(boards: Mapping[str, Board]) -> str:
+    """Return a short table of each board, by name: the first five rows, and the paper's laws."""
+    texts = []
+    for name, board in boards.items():
+        rows = [i for i in board.order if i in board.order[:ROWS] or board.specs[i].parsed.law in PAPER]
+        gaps = "".join(f"\n{plain(gap)}\n" for gap in board.gaps)
+        texts.append(f"**{plain(name)}**\n\n" * (len(boards) > 1) + _table(board, rows, ALL) + gaps)
+    return "\n".join(texts)
+
+
+def _table(board: Board, rows: Iterable[int], *tables: str) -> str:
+    """Return the table of some rows, with the columns that belong to some tables."""
     selected = [column for column in columns(board) if column.tables in tables]
-    rows = [[_cell(column, i) for column in selected] for i in (board.order[:ROWS] if short else board.order)]
-    remarks = "".join(f"\n{plain(remark)}\n" for remark in (board.gaps if short else board.remarks))
-    return table([plain(column.title) for column in selected], rows) + remarks
+    return table(
+        [plain(column.title) for column in selected], [[_cell(column, i) for column in selected] for i in rows]
+    )
 
 
 def _cell(column: Column, i: int) -> str:
@@ -58,10 +71,16 @@ def replace_between(text: str, table: str) -> str:
     return f"{head}{BEGIN}\n{table}{END}{tail}"
 
 
-def board_page(board: Board, command: str) -> str:
-    """Return a page of the documentation with every row of the board."""
-    return (
-        f"# All rows of the board\n\nHow do all policies do? `{command}`: {len(board.scenarios)} scenarios, "
-        f"{len(board.seeds)} seeds each. This is the board {board.version}, a hash of its policies, scenarios, seeds and "
-        "code.\n[The leaderboard](../reference/columns.md) explains the columns.\n\n" + leaderboard(board)
-    )
+def board_page(boards: Mapping[str, Board]) -> str:
+    """Return a page of the documentation with every row of some boards, by name."""
+    parts = ["# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns.\n"]
+    if len(boards) > 1:
+        header, rows = over_all(boards)
+        rows = [[code(policy), *map(plain, cells)] for policy, *cells in rows]
+        parts.append(f"## Over all\n\nScore, and ranks in brackets, on each board.\n\n{table(header, rows)}")
+    parts += [
+        f"## {plain(name)}\n\n`fbl-gym leaderboard --suite {name}`: {len(board.scenarios)} scenarios, {len(board.seeds)} seeds "
+        f"each. The board is {board.version}, a hash of its policies, scenarios, seeds and code.\n\n{leaderboard(board)}"
+        for name, board in boards.items()
+    ]
+    return "\n".join(parts)

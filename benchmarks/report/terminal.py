@@ -1,7 +1,7 @@
 """The leaderboard and the evaluation of one policy, as tables on a terminal."""
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import NONE, Column, columns
+from benchmarks.report.columns import NONE, Column, columns, over_all
 from benchmarks.run.metrics import Metric, counted_errors, describe, summarize
 from benchmarks.text import visible
 
@@ -51,6 +51,16 @@ def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | Text]
     for row in rows:
         drawn.add_row(*(escape(cell) if isinstance(cell, str) else cell for cell in row))
     return drawn
+
+
+def leaderboards(console: Console, boards: Mapping[str, Board]) -> None:
+    """Print each board, by name, and how each policy does on all of them."""
+    for name, board in boards.items():
+        if len(boards) > 1:
+            console.print(f"\n[bold]{escape(name)}[/bold]")
+        leaderboard(console, board)
+    if len(boards) > 1:
+        console.print(table("over all: score and rank on each board", *over_all(boards)))
 
 
 def leaderboard(console: Console, board: Board) -> None:

@@ -236,7 +236,8 @@ class SuiteSpec:
         policies: texts that name the policies; empty: all, tuned where they can be.
         tasks: names, families, files and tables of further scenarios.
         seeds: how many of the test seeds.
-        tuning: the set of tuned gains, one of `controllers.registry.TUNINGS`.
+        robot: class of robots with whose gains laws are tuned.
+        short: names of the scenarios of its short form.
         more_seeds: how many of some scenarios, by name, in which many policies lose runs.
         ceilings: as for `Suite`; only beside the suite's own policies.
         file: that describes the suite; None: it is one of `SUITES`.
@@ -249,7 +250,8 @@ class SuiteSpec:
     policies: tuple[str, ...] = ()
     tasks: tuple[Any, ...] = ()
     seeds: int = 32
-    tuning: str = "tuned"
+    robot: str = "servo"
+    short: tuple[str, ...] = ()
     more_seeds: Mapping[str, int] = field(default_factory=dict)
     ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     file: Path | None = None
@@ -257,11 +259,11 @@ class SuiteSpec:
     @property
     def policy_names(self) -> tuple[str, ...]:
         """The texts that name its policies."""
-        tuned = controllers.tuned(self.tuning)
+        tuned = {LawName.parse(name).law_and_parts for name in controllers.tuned(self.robot)}
         return self.policies or tuple(
             name for name in names()
             if (law := LawName.parse(name)).law not in self.without
-            and (law.tuned == self.tuning or (not law.tuned and (name in PAPER or f"{name}@{self.tuning}" not in tuned)))
+            and (law.law_and_parts in tuned if law.tuned else name in PAPER or name not in tuned)
         )  # fmt: skip
 
     @property
@@ -283,6 +285,7 @@ class SuiteSpec:
         tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
         seeds: int | None = None,
         *,
+        short: bool = False,
         more: Sequence[PolicySpec | str] = (),
         metrics: tuple[Metric, ...] = (),
         limits: CallLimits | None = None,
@@ -293,11 +296,13 @@ class SuiteSpec:
             policies: instead of the suite's; empty: these.
             tasks: scenarios and families instead of the suite's; empty: these.
             seeds: of every scenario, instead of the suite's.
+            short: a few of the suite's scenarios, with 8 seeds.
             more: policies to add.
             metrics: external ones to measure, too.
             limits: of loading an external policy.
         """
-        chosen = expand(tasks) or self.scenarios
+        chosen = expand(tasks or (self.short if short else ())) or self.scenarios
+        seeds = SHORT_SEEDS if short and seeds is None else seeds
         specs = members((*(policies or self.policy_names), *more), limits)
         ceilings = {} if policies else self.ceilings
         if seeds is not None:
@@ -305,40 +310,34 @@ class SuiteSpec:
         return Suite(self.name, specs, chosen, self.seeds, metrics, self.more_seeds, ceilings)
 
 
-NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
-"""Agents that were trained with an accelerometer, which the tier hardware lacks."""
+SHORT_SEEDS = 8
+"""Seeds of a suite's short form."""
 
-_AGENTS = ("ppo-residual", "ppo-residual-predictor")  # they were trained for hardware
+NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
+"""Agents that were trained with an accelerometer, which the classes of robots lack."""
+
 _SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque
 _SLOW = ("nmpc",)  # it takes as long as all others together
 _PLANNED = "oracle-planned"  # it only differs from oracle-elastic where drives reach their limits
+_AGENTS = ("ppo-residual", "ppo-residual-predictor")  # they were trained for servos
 
 SUITES: dict[str, SuiteSpec] = {
     spec.name: spec
     for spec in (
-        SuiteSpec(
-            "hardware",
-            "the board: every policy, tuned where it can be, but nmpc, on hardware at severity 2 and surprise, 32 "
-            "seeds, 512 in saturation",
-            {"hardware": (2,), "surprise": (2,)}, (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION),
-            more_seeds={"hardware-saturation-2": 512}, ceilings={_PLANNED: ("hardware-saturation-2",)},
+        *(
+            SuiteSpec(
+                robot, f"{kind.text}; every policy but nmpc, tuned where it can be, severity 2 and surprise, 32 seeds, 128 in "
+                "saturation",
+                {robot: (2,), f"{robot}-surprise": (2,)},
+                (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION, *(() if robot == "servo" else _AGENTS)), robot=robot,
+                more_seeds={f"{robot}-saturation-2": 128}, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
+                short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
+            )
+            for robot, kind in CLASSES.items()
         ),
         SuiteSpec(
             "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, Table 1's arm, 32 seeds",
             {"ideal": (2,)}, (*_SINGLE, _PLANNED),
-        ),
-        SuiteSpec(
-            "full", "the tiers hardware, surprise and ideal (Table 1's arm) at all severities, 64 seeds, without nmpc",
-            dict.fromkeys(("hardware", "surprise", "ideal"), scenarios.SEVERITIES[1:]), (*_SINGLE, *_SLOW, _PLANNED),
-            seeds=64, ceilings={_PLANNED: tuple(f"hardware-saturation-{severity}" for severity in (1, 2, 3))},
-        ),
-        *(
-            SuiteSpec(
-                robot, f"robots: {kind.text}; every policy, tuned where it can be, at severity 2, and its surprise, 32 seeds",
-                {robot: (2,), f"{robot}-surprise": (2,)}, (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION, *_AGENTS),
-                tuning=robot, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
-            )
-            for robot, kind in CLASSES.items()
         ),
     )
 }  # fmt: skip
@@ -392,7 +391,7 @@ def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenari
 
 
 def _family(name: str) -> list[Scenario]:
-    """Return a family's scenarios: "noise" (both arms), "section-2-2/noise" or "hardware-noise"."""
+    """Return a family's scenarios: "noise" (both arms), "section-2-2/noise" or "servo-noise"."""
     members = [(s, scenarios.member(s)) for tier in scenarios.TIERS for s in scenarios.in_tier(tier)]
     return [
         scenarios.get(s) for s, member in members

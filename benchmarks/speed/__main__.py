@@ -32,7 +32,7 @@ def main() -> None:
     if arguments.rounds < 1:
         parser.error(f"argument --rounds: must be at least 1, got {arguments.rounds}")
     if arguments.decisions is not None:
-        ranked = [name for name in load("hardware").policy_names if resolve(name).ranked]
+        ranked = [name for name in load("servo").policy_names if resolve(name).ranked]
         print(f"{'decision of one arm, microseconds':<42} {'median':>8} {'99 %':>8}")
         for row in measure_decisions(arguments.decisions or ranked):
             print(f"{row['name']:<42} {row['median_us']:>8.0f} {row['p99_us']:>8.0f}")

@@ -84,7 +84,7 @@ def stepper(arm: ArmParameters, lanes: int, *, elastic: bool = False) -> Callabl
     """Return a function that advances a batch by one control step; None without a C compiler.
 
     Elastic joints have 2,000 N m/rad, 5 N m s/rad and rotors of 0.5 kg m^2, and physics steps of
-    half the length, as in the tier `hardware`.
+    half the length, as on a servo.
     """
     if load() is None:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 from controllers import Runner
 from fbl_gym import TwoLinkArmEnv, scenarios
 
-SCENARIO = "hardware-delay-2"
+SCENARIO = "servo-delay-2"
 
 WARM_UP = 50
 """First decisions, which do not count."""

@@ -30,7 +30,7 @@ _BUSY: dict[str, Any] = {
 }
 """Options of the contestants named "busy"."""
 
-_HARDWARE = {"scenario": "hardware-elastic-2"}
+_HARDWARE = {"scenario": "servo-elastic-2"}
 """Options of an arm with elastic joints, delay, lag, encoders and friction."""
 
 _ARM = "fbl_gym:fbl_gym/TwoLinkArm-v0"

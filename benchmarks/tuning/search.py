@@ -14,6 +14,7 @@ best are written to a file.
 import dataclasses
 import hashlib
 import json
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -43,33 +44,17 @@ CHATTER = 0.1
 STORAGE = "sqlite:///results/tuning.db?timeout=60"
 """Default database of the studies."""
 
-SCENARIOS = (
-    "practice-nominal", "practice-model-error-3", "practice-delay-1", "practice-delay-3", "practice-lag-3",
-    "practice-friction-3", "practice-disturbance-3", "practice-elastic-1", "practice-elastic-3", "practice-saturation-1",
-    "practice-everything-1", "practice-everything-3",
-)  # fmt: skip
-"""The scenarios of trials for the tier `hardware`."""
-
 
 def scenarios_of(robot: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the names of the scenarios of trials, and of those that the best ones are judged on.
 
     Args:
-        robot: a class of robots; empty: the tier `practice`.
+        robot: a class of robots.
     """
-    if not robot:
-        return SCENARIOS, scenarios.in_tier("practice")
     known = scenarios.in_tier(f"{robot}-practice")
-    pushed = (
-        "friction-3",
-        "disturbance-3",
-        "elastic-3",
-        "delay-3",
-        "saturation-1",
-        "everything-1",
-        "everything-3",
-    )
-    return tuple(name for name in known if name.endswith(("nominal", *pushed))), known
+    third = "noise-3" if robot == "direct" else "delay-3"
+    pushed = ("nominal", third, "friction-3", "elastic-3", "saturation-1", "everything-1", "everything-3")
+    return tuple(name for name in known if name.endswith(pushed)), known
 
 
 @dataclass(frozen=True)
@@ -176,6 +161,7 @@ def open_study(task: Task, storage: str) -> optuna.Study:
         ValueError: there is no such database, and none can be created.
     """
     optuna.logging.set_verbosity(optuna.logging.ERROR)  # a stopped trial is a warning with a traceback
+    logging.getLogger("sqlalchemy").setLevel(logging.CRITICAL)  # and a stopped query an error with one
     try:
         if storage.startswith("sqlite:///"):
             Path(storage.removeprefix("sqlite:///").partition("?")[0]).parent.mkdir(parents=True, exist_ok=True)
@@ -235,10 +221,25 @@ def summary(
     }
 
 
+def at_edge(summary: Mapping[str, Any], near: float = 0.05) -> dict[str, tuple[float, float]]:
+    """Return the range of each gain that a search left at its edge; better gains may lie beyond.
+
+    Args:
+        summary: of `summary`.
+        near: an edge is that share of the range's logarithm.
+    """
+    found = {}
+    for gain, (low, high) in summary["ranges"].items():
+        place = np.log(np.array(summary["gains"][gain]) / low) / np.log(high / low)
+        if np.any((place < near) | (place > 1.0 - near)):
+            found[gain] = (low, high)
+    return found
+
+
 def write_gains(summary: dict[str, Any], folder: Path) -> Path:
     """Write a summary to a file in a folder, for use as POLICY@FOLDER; return the file.
 
-    In the folder `TUNED`, the gains are those of POLICY@tuned.
+    In a class's folder of `TUNED`, the gains are those of POLICY@tuned for that class.
 
     Raises:
         ValueError: the file has the gains of another law.

@@ -1,9 +1,9 @@
-"""Scenarios by name: the paper's figures, laboratories' arms and the tiers of the leaderboard.
+"""Scenarios by name: the paper's figures, laboratories' arms and the tiers of the leaderboards.
 
 `get(name)` returns a scenario of the paper (`paper-3a` to `paper-10`), of a laboratory's arm
-(`dfki-c1`, `dfki-a0`, `cicese`) or of a tier (`nominal`, `everything-3`, `hardware-delay-2`,
-`surprise-knock`, `practice-friction-1`). `Scenario` describes any other task, which may stand in a
-TOML file (`files.py`): `get("my_arm.toml")`.
+(`dfki-c1`, `dfki-a0`, `cicese`) or of a tier (`nominal`, `everything-3`, `servo-delay-2`,
+`direct-surprise-knock`, `geared-practice-friction-1`). `Scenario` describes any other task, which
+may stand in a TOML file (`files.py`): `get("my_arm.toml")`.
 """
 
 from collections.abc import Collection, Mapping
@@ -13,9 +13,9 @@ from typing import Any
 from fbl_gym.checks import check_choice, unknown
 from fbl_gym.options import WORLDS
 from fbl_gym.records import build
-from fbl_gym.scenarios import classes, files, hardware, ideal
+from fbl_gym.scenarios import classes, files, ideal
+from fbl_gym.scenarios.classes import conditions, held_out_reason
 from fbl_gym.scenarios.families import Member
-from fbl_gym.scenarios.hardware import conditions, held_out_reason
 from fbl_gym.scenarios.ideal import SEVERITIES, arms, families, family
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.real import REAL
@@ -42,9 +42,6 @@ __all__ = [
 ]
 
 TIERS = {
-    "hardware": "the board: drives, sensors and friction as in laboratories, one thing pushed further in each family",
-    "surprise": "the same arm changes during the episode, or is another one",
-    "practice": "for tuning and training: the families of hardware with another motion",
     "ideal": "the paper's assumptions: no delay, no lag, exact sensors; one kind of uncertainty in each family",
     **{robot: kind.text for robot, kind in classes.CLASSES.items()},
     **{
@@ -53,9 +50,9 @@ TIERS = {
     },
     **{f"{robot}-practice": f"{robot}: for tuning and training, with another motion" for robot in classes.CLASSES},
 }
-"""The tiers of the leaderboard's scenarios, each with one line."""
+"""The tiers of the leaderboards' scenarios, each with one line."""
 
-_MEMBERS = ideal.MEMBERS | hardware.MEMBERS | classes.MEMBERS
+_MEMBERS = ideal.MEMBERS | classes.MEMBERS
 
 
 def names() -> tuple[str, ...]:
@@ -100,8 +97,6 @@ def get(name: str) -> Scenario:
         return in_world(get(name), world)
     if name in FIGURES or name in REAL:
         return (FIGURES | REAL)[name]
-    if name in hardware.MEMBERS:
-        return hardware.get(name)
     if name in classes.MEMBERS:
         return classes.get(name)
     if name in ideal.MEMBERS:

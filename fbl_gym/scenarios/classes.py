@@ -270,7 +270,7 @@ _OTHER_ARMS = {"servo": PELICAN, "direct": CICESE, "geared": TABLE_1}
 """The arm of the surprise `arm`."""
 
 _REAL_ARMS = {"dfki-a0": DFKI_A0}
-OWN_ARMS = (*(kind.arm for kind in CLASSES.values()), *_OTHER_ARMS.values(), *_REAL_ARMS.values())
+_OWN_ARMS = (*(kind.arm for kind in CLASSES.values()), *_OTHER_ARMS.values(), *_REAL_ARMS.values())
 """The arms of the named scenarios."""
 
 _REAL = {"dfki-a0": "DFKI's double pendulum, design A.0, with its friction and torque limit"}
@@ -344,11 +344,10 @@ def _board(robot: str, family: str, severity: int, arm: ArmParameters | None) ->
 def _practice(robot: str, family: str, severity: int, arm: ArmParameters | None) -> Scenario:
     """Return a scenario of the board with another motion, for tuning and training."""
     kind = CLASSES[robot]
-    duration = min(4.8 * kind.move_time, 6.0)
     speed = 1.5 if family == "saturation" else 1.0
     motion = FourierReference(amplitude=(1.5, 2.0), frequency=speed * 0.24 / kind.move_time, harmonics=4)
     name = _name(robot, "practice", family, severity)
-    return _board(robot, family, severity, arm).replace(name=name, reference=motion, duration=round(duration, 2))
+    return _board(robot, family, severity, arm).replace(name=name, reference=motion, duration=4.8)
 
 
 def _surprise(robot: str, family: str, severity: int, arm: ArmParameters | None) -> Scenario:
@@ -401,13 +400,19 @@ def get(name: str, arm: ArmParameters | None = None) -> Scenario:
     return make(robot, member.family, member.severity, arm)
 
 
-def class_of(control_dt: float, encoder: str | None) -> str:
-    """Return the class of a robot, from its rate and the side of its springs that is measured.
+def held_out_reason(scenario: Scenario) -> str:
+    """Return the reason why tuning and training may not use a scenario; empty if they may.
 
-    Args:
-        control_dt: time between two decisions [s].
-        encoder: "motor" or "link"; None: rigid joints.
+    A board is judged on motions, events, arms and engines that no law has been tuned for. A
+    scenario is recognised by its content, whatever its name.
     """
-    if control_dt > 0.004:
-        return "servo"
-    return "geared" if encoder == "motor" else "direct"
+    reference = scenario.reference
+    if isinstance(reference, MinimumJerk) and reference.points is None and (reference.low, reference.high) == _BOX:
+        return f"its motion is the board's: minimum-jerk moves between {reference.low} and {reference.high} rad"
+    if scenario.arm not in _OWN_ARMS:
+        return ""
+    if scenario.events:
+        return "it has events, as the tiers of surprise"
+    if scenario.plant is not None:
+        return f"its plant is {scenario.plant.kind}, on which the board's order is checked"
+    return ""

@@ -2,10 +2,9 @@
 
 A table has the fields of `Scenario`. Its entry `base` names another scenario or file, with which
 the table is merged, record by record. `false` switches an option off. Where the base is of a class
-of robots, or of the tiers hardware, practice or surprise, and the arm is another one, torques and
-payloads follow it.
+of robots and the arm is another one, torques and payloads follow it.
 
-    base = "hardware-everything-2"
+    base = "servo-everything-2"
     noise.position = 1e-4
     friction = false
 
@@ -21,7 +20,7 @@ from typing import Any
 
 from fbl_gym.checks import unknown
 from fbl_gym.records import build, merged
-from fbl_gym.scenarios import classes, hardware
+from fbl_gym.scenarios import classes
 from fbl_gym.scenarios.scenario import Scenario
 
 Named = Callable[[str], Scenario]
@@ -90,10 +89,9 @@ def from_table(
             raise ValueError(f"base must be a name, or a .toml file without a world, got {base!r}")
         if base and not file:
             parent = named(base)
-        maker = next((module.get for module in (hardware, classes) if base in module.MEMBERS), None)
-        if maker and "arm" in fields:
+        if base in classes.MEMBERS and "arm" in fields:
             arm = merged(parent.to_dict()["arm"], fields["arm"])
-            parent = maker(str(base), build("scenario", {"arm": arm}, Scenario).arm)
+            parent = classes.get(str(base), build("scenario", {"arm": arm}, Scenario).arm)
         fields.setdefault("description", f"{parent.name} with other options")
         return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.exact import MAX_STEPS
+from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters
 from fbl_gym.model.real_arms import REAL_ARMS
 from fbl_gym.model.urdf import load_urdf
@@ -162,6 +163,11 @@ class Scenario(Record):
                 f"physics_dt={self.physics_dt:g} s is too long for {cause}, whose fastest rate is {rate:.4g} 1/s; "
                 f"physics_dt={longest:.4g} s would do"
             )
+
+    @property
+    def robot_class(self) -> str:
+        """The class of robots that the arm is most like, see `interface.class_of`."""
+        return class_of(self.control_dt, None if self.joint is None else self.joint.encoder)
 
     @property
     def rotor(self) -> Pair:

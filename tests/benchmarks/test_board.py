@@ -160,10 +160,10 @@ def test_a_policy_with_results_in_one_scenario_may_be_its_ceiling():
 
 def test_the_boards_suite_has_a_planned_ceiling_in_saturation():
     """Only beside its own policies, and with the seeds of the other scenarios."""
-    suite = load("hardware").build(tasks=("hardware-saturation-2", "hardware-nominal"))
+    suite = load("servo").build(tasks=("servo-saturation-2", "servo-nominal"))
     (cell,) = [cell for cell in suite.cells if cell.policy.name == "oracle-planned"]
-    assert (cell.scenario.name, len(cell.seeds)) == ("hardware-saturation-2", 32)
-    assert not load("hardware").build(("zero",)).ceilings
+    assert (cell.scenario.name, len(cell.seeds)) == ("servo-saturation-2", 32)
+    assert not load("servo").build(("zero",)).ceilings
 
 
 def test_diverged_runs_cost_their_price():
@@ -220,17 +220,17 @@ def test_a_member_that_fails_or_lacks_a_result_counts_for_its_row():
 
 
 def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
-    monkeypatch.setattr(analysis_board, "tier_of", lambda name: "surprise" if name == "noise-1" else "hardware")
+    monkeypatch.setattr(analysis_board, "tier_of", lambda name: "servo-surprise" if name == "noise-1" else "servo")
     found = board(families=("noise-1", "nominal"), seeds=3)
-    assert found.tiers == {"hardware": [1], "surprise": [0]}
+    assert found.tiers == {"servo": [1], "servo-surprise": [0]}
     alone = board(families=("nominal",), seeds=3)
     for name in ("error", "diverged", "rank"):
         np.testing.assert_array_equal(getattr(found, name).value, getattr(alone, name).value)
-    np.testing.assert_allclose(found.scores["hardware"].value, alone.scores["hardware"].value)
+    np.testing.assert_allclose(found.scores["servo"].value, alone.scores["servo"].value)
     titles = [column.title for column in columns(found) if column.tables != NONE]
-    assert titles[2:4] == ["score", "surprise score"]
+    assert titles[2:4] == ["score", "servo-surprise score"]
     assert "nominal" in titles
-    assert "surprise noise" not in titles
+    assert "servo-surprise noise" not in titles
 
 
 def test_a_board_shows_violations_where_scenarios_have_constraints():
@@ -259,7 +259,7 @@ def test_an_error_below_the_ceilings_is_remarked():
 
 def test_tier_of():
     assert [tier_of(name) for name in ("noise-1", "mine")] == ["ideal", "ideal"]
-    assert tier_of("everything-2@mujoco-bend") == "surprise"
+    assert tier_of("everything-2@mujoco-bend") == "worlds"
 
 
 def test_a_suite_that_does_not_separate_its_best_is_too_easy():
@@ -561,11 +561,11 @@ def test_an_archive_is_not_loaded_without_trust(tmp_path, capsys):
 
 
 def test_tuned_gains_make_a_policy_of_their_own():
-    for name in controllers.tuned():
+    for name in controllers.tuned("servo"):
         made = controllers.make(name, TwoLinkArmEnv())
         for gain, value in controllers.registry.tuned_gains(name).items():
             assert np.allclose(getattr(made, gain), value)
-    with pytest.raises(ValueError, match="unknown tuned policy 'zero@tuned'"):
+    with pytest.raises(ValueError, match="zero has no tuned gains for the class servo"):
         controllers.make("zero@tuned", TwoLinkArmEnv())
 
 

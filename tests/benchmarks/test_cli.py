@@ -96,7 +96,7 @@ def test_the_example_of_a_command_is_right(name):
 
 def test_the_row_of_the_example_is_on_the_default_board():
     policy, _, task = cli.COMMANDS["verify"].example.partition("/")
-    suite = load("hardware")
+    suite = load("servo")
     assert policy in suite.policy_names
     assert task in [scenario.name for scenario in suite.scenarios]
 
@@ -104,7 +104,7 @@ def test_the_row_of_the_example_is_on_the_default_board():
 @pytest.fixture(scope="module")
 def board():
     tasks = [s for s in load("ideal").scenarios if s.name != "everything-2"]
-    suite = load("ideal").build(["zero", "slotine-li-composite@tuned", "oracle-flm"], tasks, 1)
+    suite = load("ideal").build(["zero", "slotine-li@tuned", "oracle-flm"], tasks, 1)
     return assemble([run_cell(cell) for cell in suite.cells])
 
 
@@ -118,7 +118,7 @@ def test_the_board_in_a_file_has_all_its_columns(board):
     """One row for each policy, nothing cut, whatever the width that is taken for the text below it."""
     shown = printed(board, width=80)
     assert "…" not in shown
-    (row,) = [line for line in shown.splitlines() if line.lstrip().startswith("slotine-li-composite@tuned")]
+    (row,) = [line for line in shown.splitlines() if line.lstrip().startswith("slotine-li@tuned")]
     assert len(row.split()) == 15 + len(board.families)
     assert max(map(len, shown[shown.index("score: 0") :].splitlines())) <= 80
 
@@ -137,7 +137,7 @@ def test_the_board_on_a_terminal_fits_into_it(board, width):
     shown = printed(board, width=width, force_terminal=True, color_system=None)
     assert "…" not in shown
     assert max(map(len, shown.splitlines())) <= width
-    rows = [line.split() for line in shown.splitlines() if line.lstrip().startswith("slotine-li-composite@tuned")]
+    rows = [line.split() for line in shown.splitlines() if line.lstrip().startswith("slotine-li@tuned")]
     assert sum(len(row) - 1 for row in rows) == 14 + len(board.families)
 
 

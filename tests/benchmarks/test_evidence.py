@@ -13,24 +13,24 @@ from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell, Suite
 from fbl_gym import scenarios
-from fbl_gym.scenarios.hardware import FAMILIES
+from fbl_gym.scenarios.classes import families
 
-NAMES = ("hardware-nominal", "hardware-noise-2")
+FAMILIES = tuple(families("servo"))
+NAMES = ("servo-nominal", "servo-noise-2")
 POLICIES = ("pd-gravity", "computed-torque", "oracle-flm")
 
 
 def board(seeds, *more):
     """A board of short episodes; one scenario has more seeds."""
     tasks = [
-        scenarios.get(name).replace(duration=1.0, name=f"{name}@short")
-        for name in ("hardware-nominal", "hardware-noise-2")
+        scenarios.get(name).replace(duration=1.0, name=f"{name}@short") for name in ("servo-nominal", "servo-noise-2")
     ]
     suite = Suite("short", POLICIES, tuple(tasks), seeds, more_seeds=dict(more))
     return assemble([run_cell(cell) for cell in suite.cells])
 
 
 def test_a_scenario_with_more_seeds_tells_how_often_runs_diverge():
-    found = board(3, ("hardware-noise-2@short", 6))
+    found = board(3, ("servo-noise-2@short", 6))
     assert found.seeds == (0, 1, 2)
     assert found.runs["error_pct"].shape == (3, 2, 3)
     assert {k: flags.shape for k, flags in found.flags.items()} == {1: (3, 6)}
@@ -101,11 +101,11 @@ class Of:
 
 
 def test_the_sealed_test_is_drawn_from_the_version():
-    tasks = {family: sealed.draw("0f" * 6, family) for family in FAMILIES}
-    assert tasks == {family: sealed.draw("0f" * 6, family) for family in FAMILIES}
+    tasks = {family: sealed.draw("0f" * 6, "servo", family) for family in FAMILIES}
+    assert tasks == {family: sealed.draw("0f" * 6, "servo", family) for family in FAMILIES}
     assert len({task.arm for task, _ in tasks.values()}) == len(FAMILIES)
     for family, (task, seeds) in tasks.items():
-        other, others = sealed.draw("1f" * 6, family)
+        other, others = sealed.draw("1f" * 6, "servo", family)
         assert other.arm != task.arm
         assert set(seeds) != set(others)
         assert len(set(seeds)) == 32
@@ -116,6 +116,6 @@ def test_tau_of_the_sealed_test():
     found = board(2)
     errors = np.broadcast_to(np.array([3.0, 2.0, 1.0])[:, None, None], (3, len(FAMILIES), 4))
     rows = [int(i) for i in np.argsort(-found.error.value)]
-    taus = sealed.tau(found, rows, Runs(errors, np.zeros_like(errors)))
+    taus = sealed.tau(found, rows, FAMILIES, Runs(errors, np.zeros_like(errors)))
     assert taus["all"] == pytest.approx(1.0)
     assert set(taus) == {"all", "noise"}

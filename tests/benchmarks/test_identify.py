@@ -261,13 +261,13 @@ def test_the_command_writes_a_scenario_with_distributions(files, tmp_path, monke
 def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch):
     """The velocity of the log is a difference, and there is no noise of a velocity to switch off."""
     monkeypatch.setattr(fitting, "FOLDS", 2)
-    start = scenarios.get("practice-nominal")
+    start = scenarios.get("servo-practice-nominal")
     cli.main(
         [
             "evaluate",
             "pd-gravity",
             "--scenario",
-            "practice-nominal",
+            "servo-practice-nominal",
             "--seeds",
             "1",
             "--trace",
@@ -276,7 +276,7 @@ def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch):
     )
     runs = [read(tmp_path / "run.csv")]
     assert runs[0].difference == 1
-    (tmp_path / "arm.toml").write_text(result.text(identify(runs, start), runs, start, "practice-nominal", ""))
+    (tmp_path / "arm.toml").write_text(result.text(identify(runs, start), runs, start, "servo-practice-nominal", ""))
     assert scenarios.get(str(tmp_path / "arm.toml")).noise.velocity is None
 
 
@@ -285,7 +285,7 @@ def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch):
     [
         ([], "give the logs"),
         (["--validate", "none.csv"], "none.csv not found"),
-        (["--start", "hardware-elastic-1"], "rigid"),
+        (["--start", "servo-elastic-1"], "rigid"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments, message, capsys):

@@ -13,16 +13,14 @@ from benchmarks.run.cell import run_cell
 from fbl_gym import Scenario, scenarios
 from fbl_gym.records import ends
 
-BASE = scenarios.get("hardware-nominal").replace(name="short", duration=0.6)
+BASE = scenarios.get("servo-nominal").replace(name="short", duration=0.6)
 
 
 def run(cells):
     return {cell.id: run_cell(cell) for cell in cells}
 
 
-@pytest.mark.parametrize(
-    "name", ["nominal", "hardware-nominal", "hardware-elastic-1", "hardware-everything-2", "paper-6a"]
-)
+@pytest.mark.parametrize("name", ["nominal", "servo-nominal", "servo-elastic-1", "servo-everything-2", "paper-6a"])
 def test_a_condition_changes_one_option(name):
     base = scenarios.get(name)
     every = around(base)
@@ -36,7 +34,7 @@ def test_a_condition_changes_one_option(name):
 
 
 def test_sizes_are_twice_the_given_ones():
-    base = scenarios.get("hardware-everything-2")
+    base = scenarios.get("servo-everything-2")
     total = lambda s: ends(s.actuator.delay)[1] + s.actuator.delay_samples * s.control_dt
     assert total(push(base, "delay", 2.0)) == pytest.approx(2 * total(base))
     assert push(base, "lag", 2.0).actuator.lag == pytest.approx(2 * ends(base.actuator.lag)[1])

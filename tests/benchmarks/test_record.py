@@ -67,7 +67,7 @@ def test_an_episode_ends_where_the_arm_diverged(observed, size):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("--scenario hardware-noise-2 --out a-v0", "hardware-noise-2 is for judging alone"),
+        ("--scenario servo-noise-2 --out a-v0", "servo-noise-2 is for judging alone"),
         ("--out mine", "must end in a name and a version, such as data/expert-v0, got 'mine'"),
         ("--out old-v0", "must be a new folder, got 'old-v0', which exists; give another version"),
         ("--out a-v0 --episodes 1001", "episodes must be at most 1000, the seeds of one --seed, got 1001"),

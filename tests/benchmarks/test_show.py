@@ -39,7 +39,7 @@ def test_what_follows_is_right():
 
 
 def test_two_scenarios_show_their_differences(capsys):
-    assert cli.main(["show", "hardware-nominal", "hardware-delay-2"]) == 0
+    assert cli.main(["show", "servo-nominal", "servo-delay-2"]) == 0
     text = capsys.readouterr().out
     assert "actuator.delay" in text
     assert "friction" not in text.split("what follows")[0]

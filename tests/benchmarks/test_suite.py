@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from benchmarks.rl.policy import SHIPPED
-from benchmarks.run.suite import SUITES, Suite, load, members
+from benchmarks.run.suite import SHORT_SEEDS, SUITES, Suite, load, members
 from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
 
@@ -23,11 +23,13 @@ def test_suites(tmp_path):
         suite = load(name).build(("zero", "pid-flm"))
         assert len({c.id for c in suite.cells}) == len(suite.cells)
         assert all(seed in SPLITS["test"] for c in suite.cells[:1] for seed in c.seeds)
-    board = {scenario.name for scenario in load("hardware").scenarios}
-    assert board == {*scenarios.in_tier("hardware", [2]), *scenarios.in_tier("surprise")}
-    assert "ppo-torque" not in load("hardware").policy_names
-    assert "ppo-residual" in load("hardware").policy_names
-    assert len(load("full").scenarios) >= 70
+    board = {scenario.name for scenario in load("servo").scenarios}
+    assert board == {*scenarios.in_tier("servo", [2]), *scenarios.in_tier("servo-surprise")}
+    assert "ppo-torque" not in load("servo").policy_names
+    assert "ppo-residual" in load("servo").policy_names
+    short = load("geared").build(("zero",), short=True)
+    assert (len(short.scenarios), short.seeds) == (3, SHORT_SEEDS)
+    assert "computed-torque-tde@tuned" in load("servo").policy_names
     file = tmp_path / "mine.toml"
     file.write_text('policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n')
     suite = load(str(file)).build()

@@ -103,7 +103,7 @@ def test_a_trace_of_another_format_is_refused_before_the_run(capsys):
 
 @pytest.mark.parametrize("command", ["tune pid-flm --scenarios", "train ppo --steps 10 --scenario"])
 def test_a_judged_scenario_is_neither_tuned_nor_trained_on(command, capsys):
-    assert cli.main([*command.split(), "hardware-noise-2"]) == 2
+    assert cli.main([*command.split(), "servo-noise-2"]) == 2
     error = capsys.readouterr().err
-    assert "hardware-noise-2" in error
+    assert "servo-noise-2" in error
     assert "its motion is the board's" in error

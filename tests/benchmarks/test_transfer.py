@@ -50,7 +50,7 @@ def test_the_command_prints_both_boards_and_tau(tmp_path, capsys):
     pytest.importorskip("mujoco")
     broken = tmp_path / "broken.py"
     broken.write_text("def make_policy(interface):\n    raise ValueError('no gains')\n")
-    (tmp_path / "short.toml").write_text('base = "hardware-nominal"\nduration = 2.0\n')
+    (tmp_path / "short.toml").write_text('base = "servo-nominal"\nduration = 2.0\n')
     base = ["leaderboard", "--world", "mujoco-lab", "--workers", "1", "--store", str(tmp_path)]
     line = [*base, "--policies", "computed-torque", "pd-gravity", "oracle-flm", str(broken)]
     assert cli.main([*line, "--seeds", "4", "--scenarios", str(tmp_path / "short.toml")]) == 1

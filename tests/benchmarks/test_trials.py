@@ -10,7 +10,7 @@ from benchmarks.run.rollout import rollout, rollout_trials
 from benchmarks.run.suite import load
 from fbl_gym import scenarios
 
-SHORT = scenarios.get("practice-noise-3").replace(duration=1.0)
+SHORT = scenarios.get("servo-practice-noise-3").replace(duration=1.0)
 
 
 def test_a_policy_that_does_not_learn_repeats_its_first_trial_but_for_the_noise():
@@ -35,7 +35,7 @@ def test_a_run_that_diverged_takes_part_in_the_next_trial():
 
 def test_the_command_prints_each_trial_and_writes_all_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "short.toml").write_text('base = "practice-nominal"\nduration = 2.0')
+    (tmp_path / "short.toml").write_text('base = "servo-practice-nominal"\nduration = 2.0')
     line = (
         "evaluate zero computed-torque-ilc --scenario short.toml --trials 2 --seeds 3 --csv runs.csv --plot trials.pdf"
     )
@@ -49,6 +49,6 @@ def test_the_command_prints_each_trial_and_writes_all_runs(tmp_path, monkeypatch
     assert (tmp_path / "trials.pdf").stat().st_size > 1000
 
 
-@pytest.mark.parametrize("suite", ["hardware", "ideal"])
+@pytest.mark.parametrize("suite", ["geared", "ideal"])
 def test_a_law_that_learns_over_trials_is_not_on_a_board_of_single_ones(suite):
     assert not any("ilc" in policy for policy in load(suite).policy_names)

@@ -6,13 +6,14 @@ import shlex
 import subprocess
 import sys
 
+import numpy as np
 import optuna
 import pytest
 
 from benchmarks import cli
 from benchmarks.policies.spec import resolve
 from benchmarks.seeds import SPLITS
-from benchmarks.tuning.search import Task, judge, scenarios_of, seeds, summary, tune, write_gains
+from benchmarks.tuning.search import Task, at_edge, judge, scenarios_of, seeds, summary, tune, write_gains
 from controllers.gains import parse_gain
 from fbl_gym import Scenario, scenarios
 
@@ -81,12 +82,12 @@ def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
     few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
     arguments = ["tune", "pid-flm", *few, "--storage", f"sqlite:///{tmp_path}/studies.db", "--ship"]
+    assert cli.main([*arguments, "--trials", "1"]) == 0
+    assert json.loads((tmp_path / "servo" / "pid-flm.json").read_text())["trials"]["count"] == 3  # one for each gain
     assert cli.main([*arguments, "--trials", "2"]) == 0
-    assert json.loads((tmp_path / "pid-flm.json").read_text())["trials"]["count"] == 2
-    assert cli.main([*arguments, "--trials", "5"]) == 0
-    found = json.loads((tmp_path / "pid-flm.json").read_text())
-    assert found["trials"]["count"] == 5
-    assert found["trials"]["environment_steps"] == 5 * 2 * 1000
+    found = json.loads((tmp_path / "servo" / "pid-flm.json").read_text())
+    assert found["trials"]["count"] == 6
+    assert found["trials"]["environment_steps"] == 6 * 2 * 1000
     assert found["trials"]["seeds"] == [SPLITS["tuning"].start, SPLITS["tuning"].start + 2]
     assert found["judged"]["environment_steps"] == 3 * 3 * 1000
     assert found["judged"]["count"] == 3
@@ -163,7 +164,7 @@ def test_a_resumed_study_repeats_no_trial(tmp_path):
 def test_pairs_of_default_gains_are_printed(tmp_path, capsys, monkeypatch):
     """The first trial of a law has its default gains, some of which are pairs."""
     monkeypatch.chdir(tmp_path)
-    few = "--trials 1 --seeds 1 --candidates 1 --fresh-seeds 1 --scenarios practice-nominal"
+    few = "--trials 1 --seeds 1 --candidates 1 --fresh-seeds 1 --scenarios servo-practice-nominal"
     assert cli.main(f"tune adaptive-flm-ls {few}".split()) == 0
     assert "kp=" in capsys.readouterr().out
 
@@ -230,6 +231,12 @@ def test_gains_of_another_law_with_the_same_file_name_are_refused(tmp_path, monk
     assert json.loads(path.read_text())["policy"] == "./a/law.py"
     for text in ("a/law.py@gains", f"{tmp_path}/a/law.py@gains", f"a/law.py@{path}"):
         assert resolve(text).configuration["frequency"] == 20.0
+
+
+def test_a_gain_at_the_edge_of_its_range_is_named():
+    found = {"gains": {"kp": 2.1, "ki": 20.0, "kd": np.array([5.0, 79.0])}}
+    ranges = {"ranges": {"kp": [2.0, 200.0], "ki": [2.0, 200.0], "kd": [1.0, 80.0]}}
+    assert at_edge(found | ranges) == {"kp": (2.0, 200.0), "kd": (1.0, 80.0)}
 
 
 def test_a_class_has_its_own_practice_and_folder(tmp_path, monkeypatch):

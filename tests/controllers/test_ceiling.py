@@ -51,19 +51,19 @@ def mean_error(name, scenario, **options):
     return np.abs(tracking(controllers.make(name, env), env, 300)[0][50:]).mean()
 
 
-@pytest.mark.parametrize("scenario", ["hardware-delay-3", "hardware-lag-2", "hardware-elastic-3", "hardware-payload-2"])
+@pytest.mark.parametrize("scenario", ["servo-delay-3", "servo-lag-2", "servo-elastic-3", "servo-payload-2"])
 def test_the_ceiling_stands_under_delay_lag_and_elasticity(scenario):
     """Errors of at most some tenths of a milliradian, far below the oracle without prediction."""
     plain, elastic = (mean_error(name, scenario) for name in ("oracle-flm", "oracle-elastic"))
     assert elastic < 0.3 * plain
     assert elastic < 8e-4
-    if scenario != "hardware-elastic-3":  # where joints count as rigid
+    if scenario != "servo-elastic-3":  # where joints count as rigid
         assert mean_error("oracle-predictive", scenario) < 0.8 * plain
 
 
 def test_gains_follow_the_arm():
     """They are computed once for an arm, and again for lanes whose arm has changed."""
-    env = TwoLinkArmVectorEnv(2, "hardware-elastic-2", preview=15)
+    env = TwoLinkArmVectorEnv(2, "servo-elastic-2", preview=15)
     law = controllers.make("oracle-elastic", env)
     observation, _ = env.reset(seed=0)
     _, first = law.predict(observation)
@@ -76,7 +76,7 @@ def test_gains_follow_the_arm():
 
 
 def test_a_wrong_number_of_observations_is_named():
-    env = TwoLinkArmEnv("hardware-nominal")
+    env = TwoLinkArmEnv("servo-nominal")
     observation, _ = env.reset(seed=0)
     with pytest.raises(ValueError, match="environment of 1 lanes, got 2 observations"):
         controllers.make("oracle-elastic", env).predict(np.stack([observation, observation]))

@@ -209,10 +209,11 @@ def test_a_gain_may_have_the_name_of_a_part():
 def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
     monkeypatch.setattr(registry, "TUNED", tmp_path)
     name = "computed-torque+kalman@tuned"
-    with pytest.raises(ValueError, match="unknown tuned policy"):
+    with pytest.raises(ValueError, match="has no tuned gains for any class of robots"):
         registry.tuned_gains(name)
     gains = {"frequency": 8.0, "kalman_bandwidth": 60.0}
-    (tmp_path / "computed-torque+kalman.json").write_text(json.dumps({"gains": gains}))
+    (tmp_path / "servo").mkdir()
+    (tmp_path / "servo" / "computed-torque+kalman.json").write_text(json.dumps({"gains": gains}))
     assert registry.tuned_gains(name) == gains
     assert resolve(name).tuning == "tuned"
     assert controllers.make(name, TwoLinkArmEnv())._observer.bandwidth == 60.0
@@ -226,7 +227,7 @@ def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
         ("pid-flm+kalman+eso", "give one observer, got kalman and eso"),
         ("pid-flm+eso+eso", "parts must differ, got eso, eso"),
         ("oracle-flm+kalman", "parts go with a subclass of TorqueLaw, got 'OracleFlm'"),
-        ("pid-flm+kalman@tuned", "unknown policy 'pid-flm.kalman@tuned'"),
+        ("pid-flm+kalman@tuned", "pid-flm.kalman has no tuned gains"),
     ],
 )
 def test_a_wrong_composition_is_named(name, message):

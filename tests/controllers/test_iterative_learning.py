@@ -35,7 +35,7 @@ def test_an_error_that_repeats_shrinks_by_the_factor_of_the_theory(frequency):
 
 
 def test_the_first_trial_is_computed_torque_and_later_ones_err_less_on_the_hardware():
-    scenario = scenarios.get("practice-friction-3").replace(duration=4.0)
+    scenario = scenarios.get("servo-practice-friction-3").replace(duration=4.0)
     seeds = range(10_000, 10_004)
     first, *_, last = rollout_trials("computed-torque-ilc", scenario, seeds, 5)
     np.testing.assert_array_equal(first.torque, rollout("computed-torque@frequency=10", scenario, seeds).torque)
@@ -87,7 +87,7 @@ def test_the_lengths_of_other_lanes_trials_do_not_matter():
 
 
 def test_a_composed_law_learns_too():
-    scenario = scenarios.get("practice-nominal").replace(duration=2.0)
+    scenario = scenarios.get("servo-practice-nominal").replace(duration=2.0)
     first, second = rollout_trials("computed-torque-ilc+kalman+predictor", scenario, [10_000], 2)
     errors = [np.abs(trace.reference - trace.position)[50:].mean() for trace in (first, second)]
     assert errors[1] < 0.8 * errors[0]

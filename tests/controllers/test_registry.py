@@ -1,5 +1,6 @@
 """The registry: names, arguments, entry points, and access to the environment."""
 
+import json
 from importlib import metadata
 from pathlib import Path
 
@@ -43,7 +44,7 @@ misspelt_factory.access = "truth"
         ("pid-fml", {}, "did you mean 'pid-flm'"),
         ("pid-flm", {"kpp": 3}, "unknown argument of pid-flm 'kpp'; did you mean 'kp'"),
         ("pid-flm", {"kp": float("nan")}, "kp must be a finite number"),
-        ("zero@tuned", {}, "unknown tuned policy 'zero@tuned'"),
+        ("zero@tuned", {}, "zero has no tuned gains for the class servo"),
     ],
 )
 def test_a_wrong_name_or_argument_is_named(name, gains, message):
@@ -133,13 +134,30 @@ def test_a_name_may_end_in_gains(tmp_path, monkeypatch):
 def test_gains_of_a_class(tmp_path, monkeypatch):
     """Those of its folder; where there are none, the error says how to find some."""
     monkeypatch.setattr(registry, "TUNED", tmp_path)
-    (tmp_path / "geared").mkdir()
-    (tmp_path / "geared" / "pd-gravity.json").write_text('{"gains": {"frequency": 3.0}}')
-    (tmp_path / "pd-gravity.json").write_text('{"gains": {"frequency": 4.0}}')
+    for robot, frequency in (("geared", 3.0), ("direct", 4.0)):
+        (tmp_path / robot).mkdir()
+        (tmp_path / robot / "pd-gravity.json").write_text(json.dumps({"gains": {"frequency": frequency}}))
     env = TwoLinkArmEnv("geared-nominal")
     assert controllers.make("pd-gravity@geared", env).frequency == (3.0, 3.0)
-    assert controllers.make("pd-gravity@tuned", env).frequency == (4.0, 4.0)
+    assert controllers.make("pd-gravity@tuned", env).frequency == (3.0, 3.0)
+    assert controllers.make("pd-gravity@direct", env).frequency == (4.0, 4.0)
+    assert controllers.make("pd-gravity@tuned", TwoLinkArmEnv("direct-nominal")).frequency == (4.0, 4.0)
     for name in ("pd-gravity@servo", "pd-gravity+springs@geared"):
         for use in (lambda text: controllers.make(text, env), resolve):
-            with pytest.raises(ValueError, match=r"no gains for the class .*fbl-gym tune pd-gravity.* --class"):
+            with pytest.raises(ValueError, match=r"no tuned gains for the class .*fbl-gym tune pd-gravity.* --class"):
                 use(name)
+    with pytest.raises(ValueError, match="no tuned gains for the class servo"):
+        controllers.make("pd-gravity@tuned", TwoLinkArmEnv("servo-nominal"))
+
+
+def test_results_follow_the_gains_of_every_class(tmp_path, monkeypatch):
+    monkeypatch.setattr(registry, "TUNED", tmp_path)
+    monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
+    for robot in ("geared", "direct"):
+        (tmp_path / robot).mkdir()
+        (tmp_path / robot / "pd-gravity.json").write_text('{"gains": {"frequency": 3.0}}')
+    first = resolve("pd-gravity@tuned").identity
+    (tmp_path / "geared" / "pd-gravity.json").write_text('{"gains": {"frequency": 5.0}}')
+    monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
+    second = resolve("pd-gravity@tuned").identity
+    assert {name for name in first if first[name] != second[name]} == {"data"}

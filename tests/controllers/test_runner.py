@@ -20,7 +20,7 @@ from controllers import Runner
 from controllers.policy import TorqueLaw, reference_at
 from fbl_gym import TwoLinkArmEnv, scenarios
 
-SCENARIO = scenarios.get("hardware-delay-2").replace(duration=1.0)
+SCENARIO = scenarios.get("servo-delay-2").replace(duration=1.0)
 ARM = {"parameter_error": {"radius": 0.2}, "friction": {"viscous": 5.0, "coulomb": 5.0}, "duration": 1.0}
 
 
@@ -69,7 +69,7 @@ def drive(runner, scenario, seed=3):
 )
 def test_torques_are_those_of_a_rollout(policy, world):
     """The robot is another environment, from which only positions and the reference come."""
-    scenario = scenarios.get(f"hardware-delay-2{world}").replace(duration=1.0)
+    scenario = scenarios.get(f"servo-delay-2{world}").replace(duration=1.0)
     torques = drive(Runner(policy, scenario, max_error=3.0), scenario)
     assert (torques == rollout(policy, scenario, [3]).command[1:, 0]).all()
 
@@ -144,7 +144,7 @@ def test_the_example_of_the_documentation(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my_gains").mkdir()
     Path("my_gains/computed-torque-dob.json").write_text(json.dumps({"gains": {"frequency": 7.0}}))
-    Path("my_arm.toml").write_text('base = "hardware-nominal"\n')
+    Path("my_arm.toml").write_text('base = "servo-nominal"\n')
     runner = Runner("computed-torque-dob@my_gains", "my_arm.toml", log="run.csv")
     assert runner.policy.frequency == (7.0, 7.0)
     runner.close()
@@ -280,7 +280,7 @@ def test_identify_reads_the_log(tmp_path):
     log = read(tmp_path / "run.csv")
     assert log.dt == pytest.approx(log.sample) == scenario.control_dt
     assert log.difference == 1
-    assert log.counts == pytest.approx([65536, 65536])
+    assert log.counts == pytest.approx([4096, 4096])
 
 
 def test_the_log_ends_where_the_run_stops(tmp_path):
@@ -303,7 +303,7 @@ def test_the_log_ends_where_the_run_stops(tmp_path):
 KILLED = """
 import math, os, signal
 from controllers import Runner
-runner = Runner("pd-gravity", "hardware-nominal", log="run.csv")
+runner = Runner("pd-gravity", "servo-nominal", log="run.csv")
 for k in range(300):
     q = 0.1 * math.sin(0.02 * k)
     runner.step([q, -q], [q, -q, 0, 0, 0, 0], time=0.01 * k)

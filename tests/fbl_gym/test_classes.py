@@ -7,9 +7,10 @@ import pytest
 
 from benchmarks.run.rollout import reference_motion
 from fbl_gym import scenarios
+from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ArmParameters, inverse_dynamics
 from fbl_gym.records import ends
-from fbl_gym.scenarios.classes import CLASSES, MEMBERS, class_of, conditions, families
+from fbl_gym.scenarios.classes import CLASSES, MEMBERS, conditions, families
 from fbl_gym.scenarios.scenario import Scenario
 
 PUSHED = [(robot, family) for robot in CLASSES for family in families(robot)]

@@ -66,12 +66,12 @@ def test_all_lanes_of_a_batch_change_together():
 
 
 def test_a_scenario_of_other_observations_is_refused_and_changes_nothing():
-    env = TwoLinkArmEnv("hardware-nominal")
+    env = TwoLinkArmEnv("servo-nominal")
     env.reset(seed=0)
-    for name in ("nominal", "hardware-delay-3"):
+    for name in ("nominal", "servo-delay-3"):
         with pytest.raises(ValueError, match=r"previous_actions\[4\].*got .*`past_actions`, `sensors` and `limits`"):
             env.scenario = name
-    assert env.scenario.name == "hardware-nominal"
+    assert env.scenario.name == "servo-nominal"
     env.step(np.zeros(2))
-    env = TwoLinkArmEnv("hardware-nominal", past_actions=5)
-    env.scenario = "hardware-delay-3"
+    env = TwoLinkArmEnv("servo-nominal", past_actions=5)
+    env.scenario = "servo-delay-3"

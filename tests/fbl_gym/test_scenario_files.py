@@ -8,7 +8,7 @@ from fbl_gym import scenarios
 from fbl_gym.scenarios import as_scenario
 
 ARM = """
-base = "hardware-everything-2"
+base = "servo-everything-2"
 control_dt = 0.02
 noise.position = 1e-4
 friction = false
@@ -29,7 +29,7 @@ def folder(tmp_path):
 
 
 def test_a_file_changes_its_base_table_by_table(folder):
-    base, scenario = scenarios.get("hardware-everything-2"), scenarios.get(str(folder / "arms/arm.toml"))
+    base, scenario = scenarios.get("servo-everything-2"), scenarios.get(str(folder / "arms/arm.toml"))
     assert (scenario.name, scenario.control_dt, scenario.friction) == ("arm", 0.02, None)
     assert scenario.arm.m1 == 12.0
     assert scenario.arm.m2 == base.arm.m2
@@ -97,9 +97,11 @@ def test_an_error_names_the_file_and_the_key_once(text, message, tmp_path, monke
 
 
 def test_the_torques_of_a_tier_follow_the_arm(tmp_path):
-    (tmp_path / "mine.toml").write_text('base = "hardware-friction-2"\narm = "pelican"\ncontrol_dt = 0.005\n')
+    (tmp_path / "mine.toml").write_text('base = "servo-friction-2"\narm = "pelican"\ncontrol_dt = 0.005\n')
     scenario = scenarios.get(str(tmp_path / "mine.toml"))
-    expected = scenarios.Scenario(**scenarios.conditions(scenarios.get("hardware-pelican").arm, "friction", 2))
+    expected = scenarios.Scenario(
+        **scenarios.conditions(scenarios.get("servo-surprise-arm").arm, "servo", "friction", 2)
+    )
     assert scenario.friction == expected.friction
     assert scenario.actuator == expected.actuator
     assert scenario.parameter_error == expected.parameter_error

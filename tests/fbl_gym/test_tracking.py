@@ -13,14 +13,14 @@ from tests.fbl_gym.episodes import ID, RECORDS
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
 
 
-@pytest.mark.parametrize("options", [{}, RECORDS, {"scenario": "hardware-delay-2"}], ids=["default", "many", "delay"])
+@pytest.mark.parametrize("options", [{}, RECORDS, {"scenario": "servo-delay-2"}], ids=["default", "many", "delay"])
 def test_checkers_pass_without_a_warning(options):
     env = gym.make(TRACKING, **options)
     check_env(env.unwrapped)
     pytest.importorskip("stable_baselines3.common.env_checker").check_env(env)
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "everything-2", "hardware-nominal"])
+@pytest.mark.parametrize("scenario", ["nominal", "everything-2", "servo-nominal"])
 def test_the_observation_is_that_of_the_error_coordinates_with_the_previous_action(scenario):
     env = gym.make(TRACKING, scenario=scenario)
     twin = TwoLinkArmEnv(scenario, past_actions=1)

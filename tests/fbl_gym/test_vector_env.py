@@ -16,7 +16,7 @@ def test_the_default_autoreset_mode_is_next_step():
     assert TwoLinkArmVectorEnv(2, autoreset_mode="SameStep").metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
 
 
-@pytest.mark.parametrize("scenario", ["everything-3", "hardware-elastic-2"])
+@pytest.mark.parametrize("scenario", ["everything-3", "servo-elastic-2"])
 def test_true_signals_are_those_of_the_truth(scenario):
     env = TwoLinkArmVectorEnv(17, scenario)
     env.reset(seed=0)

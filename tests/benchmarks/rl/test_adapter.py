@@ -122,4 +122,4 @@ def test_an_agent_is_not_applicable_without_its_sensors():
     with pytest.raises(
         ValueError, match=r"not applicable: .* position, velocity, acceleration, got position, velocity"
     ):
-        Agent(TwoLinkArmEnv("hardware-nominal").interface, settings, actor)
+        Agent(TwoLinkArmEnv("servo-nominal").interface, settings, actor)

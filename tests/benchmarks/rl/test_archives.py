@@ -101,7 +101,7 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, t
 
 @pytest.mark.parametrize(
     ("algorithm", "options"),
-    [("PPO", {}), ("PPO", {"past_actions": 0}), ("RecurrentPPO", {"scenario": "hardware-delay-2"})],
+    [("PPO", {}), ("PPO", {"past_actions": 0}), ("RecurrentPPO", {"scenario": "servo-delay-2"})],
 )
 def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(algorithm, options, tmp_path):
     module, policy = ("stable_baselines3", "MlpPolicy")
@@ -127,7 +127,7 @@ def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(
 def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
     _, path = save_model(tmp_path, TwoLinkArmTrackingEnv())
     external.trust(PolicyName.parse(str(path)))
-    for scenario in ("everything-2", "hardware-everything-2"):
+    for scenario in ("everything-2", "servo-everything-2"):
         env = TwoLinkArmEnv(scenario)
         action, _ = resolve(str(path)).make(env).predict(env.reset(seed=0)[0])
         assert env.action_space.contains(action)

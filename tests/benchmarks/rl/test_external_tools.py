@@ -48,6 +48,6 @@ def test_rl_zoo3_trains_with_the_shipped_file_and_its_archive_is_a_policy(tmp_pa
     done = subprocess.run([sys.executable, *command.split(), *options], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     (archive,) = tmp_path.rglob("*.zip")
-    env = TwoLinkArmEnv("hardware-nominal")
+    env = TwoLinkArmEnv("servo-nominal")
     action, _ = load_zip(archive, env.interface, trust=True).predict(env.reset(seed=0)[0])
     assert env.action_space.contains(action)

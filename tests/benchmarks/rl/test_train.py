@@ -51,21 +51,23 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
 
 
 def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
-    each = tuple(scenarios.get(name).replace(duration=0.2) for name in ("practice-nominal", "practice-delay-3"))
+    each = tuple(
+        scenarios.get(name).replace(duration=0.2) for name in ("servo-practice-nominal", "servo-practice-delay-3")
+    )
     adapter = AdapterSettings("residual", history=2, drive=True, sensors=("position", "velocity"))
     train(settings(scenarios=each, adapter=adapter), tmp_path, evaluations=2)
-    assert describe(tmp_path)["scenarios"] == ["practice-nominal", "practice-delay-3"]
+    assert describe(tmp_path)["scenarios"] == ["servo-practice-nominal", "servo-practice-delay-3"]
     error = validate(lambda env: saved_agent(env, str(tmp_path)), each)
     assert error == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
 
 
 def test_a_scenario_of_the_board_is_refused():
-    with pytest.raises(ValueError, match=r"scenario must be one to train on.*hardware-lag-2"):
-        settings(scenarios=(scenarios.get("hardware-lag-2"),))
+    with pytest.raises(ValueError, match=r"scenario must be one to train on.*servo-lag-2"):
+        settings(scenarios=(scenarios.get("servo-lag-2"),))
 
 
 def test_several_scenarios_have_enough_lanes_each():
-    each = tuple(map(scenarios.get, scenarios.in_tier("practice", (3,))))
+    each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
     assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES
     assert TrainingSettings("ppo").lanes == 64
 
