@@ -259,7 +259,8 @@ class ArmBatch:
 
     def true_signals(self) -> dict[str, Array]:
         """Return the fields of the truth that a recording needs, and the last `command` alone."""
-        return {name: self.field(_RENAMED.get(name, name)) for name in _RECORDED}
+        numbers = self._rows[:, _RECORDED_ROWS].swapaxes(1, 2).reshape(-1, len(_RECORDED_ROWS))[: self.lanes]
+        return {name: numbers[:, columns] for name, columns in _RECORDED.items()}
 
     def truth(self) -> Truth:
         """Return the truth at this instant."""
@@ -282,10 +283,21 @@ class ArmBatch:
         return Truth(**fields, commands=commands.copy(), event_times=times)
 
 
-_RECORDED = ("position", "velocity", "reference", "command", "applied_torque", "disturbance", "payload")
-
 _RENAMED = {"applied_torque": "torque", "reference": "reference_position"}
 """Fields of a block that `Truth` names otherwise."""
+
+_PAIRS = ("position", "velocity", "reference", "command", "applied_torque", "disturbance")
+_RECORDED: dict[str, Any] = {name: slice(2 * i, 2 * i + 2) for i, name in enumerate(_PAIRS)} | {"payload": 12}
+"""Columns of each recorded field."""
+
+
+def _first_row(name: str) -> int:
+    """Return the first row of a block's field."""
+    fields: Any = BLOCK.fields
+    return int(fields[_RENAMED.get(name, name)][1]) // (8 * LANES)
+
+
+_RECORDED_ROWS = np.array([*(_first_row(name) + i for name in _PAIRS for i in (0, 1)), _first_row("payload")])
 
 _STORED = [
     field.name
