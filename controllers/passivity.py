@@ -153,10 +153,11 @@ class SlotineLi(TorqueLaw):
 class CompositeSlotineLi(SlotineLi):
     """`SlotineLi` with estimates that the error of predicting the torque drives too.
 
-        p^' = Gamma (Y' s - composite W' (W p^ - LP(torque)) / (1 + tr(W Gamma W')))
+        p^' = Gamma (Y' s - composite W' (W p^ - LP(torque)) / (p1 + tr(W Gamma W')))
 
     W is the low-pass filtered regressor of the torque, with the momentum's difference in place of
-    acceleration: torque = d/dt (M v) + G - C'v + friction.
+    acceleration: torque = d/dt (M v) + G - C'v + friction. p1 of the nominal arm gives the 1 of the
+    normalisation its unit.
 
     Sensors: position and velocity. Source: Slotine and Li, "Composite adaptive control of robot
     manipulators", Automatica 25(4), 1989.
@@ -189,7 +190,7 @@ class CompositeSlotineLi(SlotineLi):
         rotors = np.array(self.interface.nominal.rotor) * (v - v0) / dt
         filtered = keep * state.filtered + (1.0 - keep) * (state.applied - rotors)
         missed = np.einsum("nij,nj->ni", w, estimate) - filtered
-        size = 1.0 + np.einsum("nij,nij,j->n", w, w, self.rates)[:, None]
+        size = self.interface.nominal.lumped[0] + np.einsum("nij,nij,j->n", w, w, self.rates)[:, None]
         prediction = -self.composite * np.einsum("nij,ni->nj", w, missed) / size
         torque, estimate = self.adapt(observation, estimate, prediction)
         applied, started = self.interface.saturate(torque), np.ones_like(state.started)

@@ -26,9 +26,9 @@ class TimeDelay(ComputedTorque):
         torque(t) = torque(t - L) + Mbar (a - q''(t - L)),    a = r'' + w^2 (r - q) + 2 w (r' - v)
 
     L is the control interval, q''(t - L) = (v(t) - v(t - L)) / L, and torque(t - L) the torque
-    within its limits. The constant diagonal Mbar is all that the law uses of the model, besides the
-    gravity torque at an episode's start. A small Mbar acts as a low-pass filter, which noise and a
-    delay of the drive require.
+    within its limits. Mbar = (1 - exp(-bandwidth L)) diag(M) of the stretched nominal arm is all
+    that the law uses of the model, besides the gravity torque at an episode's start. A small Mbar
+    acts as a low-pass filter, which noise and a delay of the drive require.
 
     Sensors: position and velocity. Source: Youcef-Toumi and Ito, "A time delay controller for
     systems with unknown dynamics", J. Dyn. Sys. Meas. Control 112(1), 1990; Hsia, Lasky and Guo,
@@ -37,11 +37,12 @@ class TimeDelay(ComputedTorque):
 
     Args:
         frequency: w [rad/s], per joint: both poles of the tracking error are -w.
-        inertia: Mbar as a share of the diagonal of the stretched nominal arm's inertia, per joint.
+        bandwidth: of the estimate that the last torque is [rad/s], per joint: for a joint alone it
+            nears the torque that is missing with the time constant 1 / bandwidth, at every rate.
     """
 
-    frequency: Pair | float = pair(6.0, unit="rad/s", above=0, tune=(2.0, 40.0))
-    inertia: Pair | float = pair(0.07, above=0, tune=(0.005, 1.0))
+    frequency: Pair | float = pair(8.0, unit="rad/s", above=0, tune=(2.0, 40.0))
+    bandwidth: Pair | float = pair(15.0, unit="rad/s", above=0, tune=(2.0, 200.0))
 
     def initial(self, observation: Array) -> State:
         """Return the state: the last velocity, and the torque that holds the nominal arm still."""
@@ -52,7 +53,8 @@ class TimeDelay(ComputedTorque):
         """Return the torque [n x 2] N m and the next state."""
         q, v = self.read(observation, "position", "velocity")
         change = self.acceleration(observation, q, v) - (v - state.velocity) / self.interface.control_dt
-        torque = state.applied + np.array(self.inertia) * self.stretched * change
+        share = -np.expm1(-np.array(self.bandwidth) * self.interface.control_dt)
+        torque = state.applied + share * self.stretched * change
         return torque, TimeDelayState(v, self.interface.saturate(torque))
 
 
