@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
+from controllers.parts import Acting
 from controllers.policy import State
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
@@ -59,10 +60,10 @@ class TimeDelay(ComputedTorque):
 
 
 class TdeState(NamedTuple):
-    """State of `ComputedTorqueTde`, each array [n x 2]."""
+    """State of `ComputedTorqueTde`."""
 
-    missed: Array  # d [N m]
-    applied: Array  # the last torque within its limits [N m]
+    missed: Array  # d [n x 2] N m
+    acting: Acting
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,9 @@ class ComputedTorqueTde(ComputedTorque):
         torque = M a + C v + G + d,    a = r'' + w^2 (r - q) + 2 w (r' - v)
         d = LP(torque_0 - (M a_0 + C v + G))
 
-    a_0 is the measured acceleration and torque_0 the torque applied up to it. Both pass the same
-    low-pass filter LP. Without the filter the law is torque = torque_0 + M (a - a_0), also known as
-    incremental nonlinear dynamic inversion.
+    a_0 is the measured acceleration and torque_0 the torque of that time, by the known drive. Both
+    pass the same low-pass filter LP. Without the filter the law is torque = torque_0 + M (a - a_0),
+    also known as incremental nonlinear dynamic inversion.
 
     Sensors: position, velocity and acceleration. Source: Hsia, "A new technique for robust control
     of servo systems", IEEE TIE 36(1), 1989; Sieberling, Chu and Mulder, "Robust flight control
@@ -94,7 +95,9 @@ class ComputedTorqueTde(ComputedTorque):
     def initial(self, observation: Array) -> State:
         """Return the state: d, zero, and the torque that holds the nominal arm still."""
         (q,) = self.read(observation, "position")
-        return TdeState(np.zeros_like(q), self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        return TdeState(
+            np.zeros_like(q), self.drive.hold(self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -102,6 +105,6 @@ class ComputedTorqueTde(ComputedTorque):
         nominal = self.interface.nominal
         # d = d + (1 - exp(-g dt)) (torque_0 - (M a_0 + C v + G) - d)
         share = -np.expm1(-np.array(self.bandwidth) * self.interface.control_dt)
-        missed = state.missed + share * (state.applied - inverse_dynamics(nominal, q, v, a) - state.missed)
+        missed = state.missed + share * (state.acting.torque - inverse_dynamics(nominal, q, v, a) - state.missed)
         torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + missed
-        return torque, TdeState(missed, self.interface.saturate(torque))
+        return torque, TdeState(missed, self.drive.act(state.acting, self.interface.saturate(torque)))
