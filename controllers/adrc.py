@@ -6,10 +6,10 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.parts import Eso
+from controllers.parts import Acting, Drive, Eso
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, forward_dynamics, inverse_dynamics
+from fbl_gym.model.arm import Array, forward_dynamics, gravity_torque, inverse_dynamics
 from fbl_gym.records import pair
 
 
@@ -17,6 +17,7 @@ class AdrcState(NamedTuple):
     """State of `Adrc`."""
 
     memory: Array  # of the observer [n x 2 x 4]
+    acting: Acting
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,8 @@ class Adrc(TorqueLaw):
 
     q, v and f come from the extended state observer (`parts.Eso`); f is the acceleration that the
     nominal model does not explain. A constant load leaves no error. The b0 of the literature is the
-    inverse of the full nominal inertia. The observer gets the torque within its limits.
+    inverse of the full nominal inertia. The observer gets the torque within its limits
+    as the known drive applies it.
 
     Sensors: position. Source: Han, "From PID to active disturbance rejection control", IEEE TIE
     56(3), 2009, in the linear form of Gao, "Scaling and bandwidth-parameterization based controller
@@ -39,10 +41,15 @@ class Adrc(TorqueLaw):
             several times wc; sensor noise limits it.
     """
 
-    controller_bandwidth: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 30.0))
-    observer_bandwidth: Pair | float = pair(40.0, unit="rad/s", above=0, tune=(15.0, 200.0))
+    controller_bandwidth: Pair | float = pair(12.0, unit="rad/s", above=0, tune=(2.0, 60.0))
+    observer_bandwidth: Pair | float = pair(60.0, unit="rad/s", above=0, tune=(15.0, 300.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The drive, by which the observer pairs a motion with the torque of its time."""
+        return Drive.of(self.interface)
 
     @cached_property
     def observer(self) -> Eso:
@@ -51,7 +58,9 @@ class Adrc(TorqueLaw):
 
     def initial(self, observation: Array) -> State:
         """Return the state at rest."""
-        return AdrcState(self.observer.initial(*self.read(observation, "position", "reference_velocity")))
+        q, v = self.read(observation, "position", "reference_velocity")
+        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        return AdrcState(self.observer.initial(q, v), self.drive.hold(hold))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the observer's next memory."""
@@ -61,6 +70,7 @@ class Adrc(TorqueLaw):
         q, v, _, f = estimate.transpose(2, 0, 1)
         w = np.array(self.controller_bandwidth)
         torque = inverse_dynamics(self.interface.nominal, q, v, r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v) - f)
-        # u: the nominal acceleration under the applied torque.
-        u = forward_dynamics(self.interface.nominal, q, v, self.interface.saturate(torque))
-        return torque, AdrcState(self.observer.predict(estimate, u))
+        # u: the nominal acceleration under the torque that acts until the next sample.
+        acting = self.drive.act(state.acting, self.interface.saturate(torque))
+        u = forward_dynamics(self.interface.nominal, q, v, acting.mean)
+        return torque, AdrcState(self.observer.predict(estimate, u), acting)

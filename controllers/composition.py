@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.parts import OBSERVERS, Barrier, Drive, Observer, Predictor, Springs
+from controllers.parts import OBSERVERS, Acting, Barrier, Drive, Observer, Predictor, Springs
 from controllers.policy import Policy, State, TorqueLaw, reference_at
 from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, clip, make_layout
@@ -32,8 +32,7 @@ DEFAULT = "eso"
 class ComposedState(NamedTuple):
     """State of a composed law."""
 
-    queue: Array  # commands under way [n x depth x 2] N m
-    torque: Array  # on the joints [n x 2] N m
+    acting: Acting
     memory: Array  # of the observer [n x 2 x 4]
     bend: Array  # of the springs under the reference [n x 2 x 2] rad, rad/s
     inside: State = ()  # of the law inside
@@ -142,9 +141,7 @@ class Composed(TorqueLaw):
         (q,) = self.read(observation, "position")
         v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        return ComposedState(
-            self._drive.fill(hold), hold, self._observer.initial(q, v), np.full((len(q), 2, 2), np.inf)
-        )
+        return ComposedState(self._drive.hold(hold), self._observer.initial(q, v), np.full((len(q), 2, 2), np.inf))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -156,9 +153,9 @@ class Composed(TorqueLaw):
             torque = due + self._predictor.gain * (self.interface.saturate(torque) - due)
         measured = self.measured_motion(observation)
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
-        queue, present, mean = self._drive.pass_interval(state.queue, state.torque, torque)
-        u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], mean)
-        return torque, ComposedState(queue, present, self._observer.predict(estimate, u), bend, inside)
+        acting = self._drive.act(state.acting, torque)
+        u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], acting.mean)
+        return torque, ComposedState(acting, self._observer.predict(estimate, u), bend, inside)
 
     def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array, Array]:
         """Return all that the law inside depends on.
@@ -172,7 +169,7 @@ class Composed(TorqueLaw):
             reading, the torque [n x 2] N m at the time when the next command acts, and the springs'
             deflection with its rate [n x 2 x 2].
         """
-        present = state.torque
+        present = state.acting.torque
         layout, arm, inside = self.interface.layout, self.interface.nominal, self._inside.interface
         motion = {name: self.read(observation, name)[0] for name in SENSORS if name in layout}
         estimate = self._observer.correct(state.memory, motion["position"], motion.get("velocity"))
@@ -187,8 +184,10 @@ class Composed(TorqueLaw):
         if self._predictor is not None:
             missed = a - forward_dynamics(arm, q, v, present)
             f = estimate[..., 3]
-            q, v, due = self._drive.predict(arm, q, v, f, present, self._drive.coming(state.queue))
-            q, v, torque = self._drive.predict(arm, q, v, f, due, [(self._predictor.lateness, state.queue[:, 0])])
+            q, v, due = self._drive.predict(arm, q, v, f, present, self._drive.coming(state.acting.queue))
+            q, v, torque = self._drive.predict(
+                arm, q, v, f, due, [(self._predictor.lateness, state.acting.queue[:, 0])]
+            )
             a = forward_dynamics(arm, q, v, torque) + missed
             ahead = self._drive.delay - self.interface.latency + self._predictor.lateness
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]

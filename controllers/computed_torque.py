@@ -1,10 +1,12 @@
 """Computed torque, the textbook law for a known model, alone and with a disturbance observer."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from controllers.parts import Acting, Drive
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
@@ -28,6 +30,11 @@ class ComputedTorque(TorqueLaw):
 
     frequency: Pair | float = pair(15.0, unit="rad/s", above=0, tune=(2.0, 150.0))
 
+    @cached_property
+    def drive(self) -> Drive:
+        """The drive, by which laws that learn pair a motion with the torque of its time."""
+        return Drive.of(self.interface)
+
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
         q, v = self.read(observation, "position", "velocity")
@@ -41,13 +48,12 @@ class ComputedTorque(TorqueLaw):
 
 
 class DobState(NamedTuple):
-    """State of `ComputedTorqueDob`, each array [n x 2]."""
+    """State of `ComputedTorqueDob`, the arrays [n x 2]."""
 
     disturbance: Array  # d^ [N m]
     momentum: Array  # at the last sample [N m s]
     drift: Array  # C'v - G at the last sample [N m]
-    applied: Array  # torque within its limits since the last sample [N m]
-    started: Array  # False before the first sample [n]
+    acting: Acting
 
 
 @dataclass(frozen=True)
@@ -57,8 +63,8 @@ class ComputedTorqueDob(ComputedTorque):
         torque = M(q) a + C v + G + d^,    d^' = bandwidth (torque + C'v - G - p' - d^)
 
     The momentum obeys p' = torque + C'v - G - d with the skew form of C, so no acceleration is
-    needed. Model errors count as disturbance. The observer gets the applied torque, so it does not
-    wind up.
+    needed. Model errors count as disturbance. The observer gets the torque within its limits, so it
+    does not wind up, at the time at which the known drive applies it.
 
     Sensors: position and velocity. Source: De Luca, Albu-Schaeffer, Haddadin and Hirzinger,
     "Collision detection and safe reaction with the DLR-III lightweight robot arm", IROS 2006.
@@ -68,24 +74,29 @@ class ComputedTorqueDob(ComputedTorque):
     """
 
     frequency: Pair | float = 10.0
-    bandwidth: float = number(10.0, unit="rad/s", above=0, tune=(2.0, 200.0))
+    bandwidth: float = number(30.0, unit="rad/s", above=0, tune=(2.0, 300.0))
 
     def initial(self, observation: Array) -> State:
-        """Return the state before the first sample: zeros."""
-        zeros = np.zeros((len(observation), 2))
-        return DobState(zeros, zeros, zeros, zeros, np.zeros(len(observation), dtype=bool))
+        """Return the state: no disturbance, and the torque that leaves the momentum as it is."""
+        q, v = self.read(observation, "position", "velocity")
+        momentum, drift = self.motion(q, v)
+        hold = self.drive.hold(self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        return DobState(np.zeros_like(q), momentum, drift, hold._replace(mean=-drift))
+
+    def motion(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the momentum [n x 2] N m s, and C'v - G [n x 2] N m."""
+        model = self.interface.nominal
+        momentum = np.einsum("nij,nj->ni", inertia_matrix(model, q), v)
+        turning = np.einsum("nji,nj->ni", coriolis_matrix(model, q, v, skew=True), v)
+        return momentum, turning - gravity_torque(model, q)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         q, v = self.read(observation, "position", "velocity")
-        model, dt = self.interface.nominal, self.interface.control_dt
-        momentum = np.einsum("nij,nj->ni", inertia_matrix(model, q), v)
-        drift = np.einsum("nji,nj->ni", coriolis_matrix(model, q, v, skew=True), v) - gravity_torque(model, q)
+        dt, (momentum, drift) = self.interface.control_dt, self.motion(q, v)
         # d = torque + (C'v - G) - p', averaged over the interval that ends now.
-        missing = state.applied + 0.5 * (state.drift + drift) - (momentum - state.momentum) / dt
-        keep = np.exp(-self.bandwidth * dt)
-        filtered = keep * state.disturbance + (1.0 - keep) * missing
-        disturbance = np.where(state.started[:, None], filtered, state.disturbance)
-        torque = inverse_dynamics(model, q, v, self.acceleration(observation, q, v)) + disturbance
-        applied = self.interface.saturate(torque)
-        return torque, DobState(disturbance, momentum, drift, applied, np.ones_like(state.started))
+        missing = state.acting.mean + 0.5 * (state.drift + drift) - (momentum - state.momentum) / dt
+        disturbance = state.disturbance - np.expm1(-self.bandwidth * dt) * (missing - state.disturbance)
+        torque = inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v)) + disturbance
+        acting = self.drive.act(state.acting, self.interface.saturate(torque))
+        return torque, DobState(disturbance, momentum, drift, acting)

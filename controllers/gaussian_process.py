@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
-from controllers.parts import Drive
+from controllers.parts import Acting
 from controllers.policy import State
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
+from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque, inverse_dynamics
 from fbl_gym.records import number
 
 FEATURES = 40
@@ -19,16 +19,14 @@ FEATURES = 40
 LENGTHS = np.array([1.0, 1.0, 2.0, 2.0, 5.0, 5.0])
 """Length scales of the kernel: angles [rad], velocities [rad/s], accelerations [rad/s^2]."""
 
-SIGNAL = 3.0
-"""Standard deviation of the process: the torque missed, over the stretched inertia [rad/s^2]."""
+SIGNAL = 0.3
+"""Standard deviation of the process: the torque missed, as a share of the arm's weight."""
 
 
 class GpState(NamedTuple):
     """State of `ComputedTorqueGp`."""
 
-    queue: Array  # commands under way [n x depth x 2] N m
-    torque: Array  # on the joints [n x 2] N m
-    mean: Array  # of that torque over the last interval [n x 2] N m
+    acting: Acting
     velocity: Array  # at the last sample [n x 2] rad/s
     weights: Array  # their mean [n x 2 x FEATURES]
     covariance: Array  # of the weights [n x FEATURES x FEATURES]
@@ -42,10 +40,11 @@ class ComputedTorqueGp(ComputedTorque):
         f^ = mean of a Gaussian process given the samples y = torque - (M q'' + C v + G)
 
     A sample y is the mean torque of an interval less that of the model, with q'' the velocity's
-    difference, over the stretched inertia. The covariance of two samples is SIGNAL^2 z(x)'z(x')
-    exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near exp(-|x - x'|^2 / 2), and x
-    is the reference motion in units of `LENGTHS`. A Kalman filter of the cosines' weights gives the
-    exact mean. Delay and lag of the drive are known: each torque is counted where it acts.
+    difference, as a share of the nominal arm's weight. The covariance of two samples is SIGNAL^2
+    z(x)'z(x') exp(-|t - t'| / memory). z are random cosines, with z(x)'z(x') near exp(-|x - x'|^2 /
+    2), and x is the reference motion in units of `LENGTHS`. A Kalman filter of the cosines' weights
+    gives the exact mean. Delay and lag of the drive are known: each torque is counted where it
+    acts.
 
     Sensors: position and velocity. Source: Nguyen-Tuong and Peters, "Using model knowledge for
     learning inverse dynamics", ICRA 2010; Gijsberts and Metta, "Real-time model learning using
@@ -55,12 +54,18 @@ class ComputedTorqueGp(ComputedTorque):
 
     Args:
         memory: correlation time of the missing torque [s]; older samples count less.
-        noise: standard deviation of y's noise [rad/s^2].
+        noise: standard deviation of y's noise, as a share of the weight.
     """
 
     frequency: Pair | float = 10.0
     memory: float = number(20.0, unit="s", above=0, tune=(2.0, 100.0))
-    noise: float = number(3.0, unit="rad/s^2", above=0, tune=(0.3, 30.0))
+    noise: float = number(0.1, above=0, tune=(0.01, 3.0))
+
+    @cached_property
+    def weight(self) -> Array:
+        """Torque that holds the stretched nominal arm, or moves it by 9.81 rad/s^2 [2] N m."""
+        hold = np.abs(gravity_torque(self.interface.nominal, np.zeros(2)))
+        return np.maximum(hold, STANDARD_GRAVITY * self.stretched)
 
     @cached_property
     def spectrum(self) -> tuple[Array, Array]:
@@ -68,19 +73,14 @@ class ComputedTorqueGp(ComputedTorque):
         rng = np.random.default_rng(0)
         return rng.normal(size=(6, FEATURES)) / LENGTHS[:, None], rng.uniform(0.0, 2.0 * np.pi, FEATURES)
 
-    @cached_property
-    def drive(self) -> Drive:
-        """The drive of the interface."""
-        return Drive.of(self.interface)
-
     def initial(self, observation: Array) -> State:
         """Return the state: torques that hold the nominal arm still, and the weights' prior."""
         n = len(observation)
         q, v = self.read(observation, "position", "velocity")
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        queue, mean = self.drive.fill(hold), inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v))
+        mean = inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v))
         prior = np.zeros((n, 2, FEATURES)), np.tile(SIGNAL**2 * np.eye(FEATURES), (n, 1, 1))
-        return GpState(queue, hold, mean, v, *prior)
+        return GpState(self.drive.hold(hold)._replace(mean=mean), v, *prior)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -90,7 +90,7 @@ class ComputedTorqueGp(ComputedTorque):
         frequencies, phases = self.spectrum
         z = np.sqrt(2.0 / FEATURES) * np.cos(np.concatenate(motion, axis=-1) @ frequencies + phases)
         last = state.velocity
-        y = (state.mean - inverse_dynamics(nominal, q, 0.5 * (v + last), (v - last) / dt)) / self.stretched
+        y = (state.acting.mean - inverse_dynamics(nominal, q, 0.5 * (v + last), (v - last) / dt)) / self.weight
         # The weights decay towards the prior, then the sample corrects them.
         keep = np.exp(-dt / self.memory)
         covariance = keep**2 * state.covariance + (1.0 - keep**2) * SIGNAL**2 * np.eye(FEATURES)
@@ -100,6 +100,6 @@ class ComputedTorqueGp(ComputedTorque):
         weights = keep * state.weights
         weights = weights + (y - (weights @ z[:, :, None])[..., 0])[:, :, None] * gain[:, None, :]
         learned = (weights @ z[:, :, None])[..., 0]
-        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + self.stretched * learned
-        queue, present, mean = self.drive.pass_interval(state.queue, state.torque, self.interface.saturate(torque))
-        return torque, GpState(queue, present, mean, v, weights, covariance)
+        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + self.weight * learned
+        acting = self.drive.act(state.acting, self.interface.saturate(torque))
+        return torque, GpState(acting, v, weights, covariance)

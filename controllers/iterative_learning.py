@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from controllers.computed_torque import ComputedTorque
-from controllers.parts import Drive
 from controllers.policy import State
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array, inverse_dynamics
@@ -69,8 +68,7 @@ class ComputedTorqueIlc(ComputedTorque):
     @cached_property
     def lead(self) -> int:
         """Samples from a command to the error that it acts on."""
-        drive = Drive.of(self.interface)
-        return int((drive.delay + drive.lag) / drive.dt + 1.5 + 1e-9)
+        return int((self.drive.delay + self.drive.lag) / self.drive.dt + 1.5 + 1e-9)
 
     def initial(self, observation: Array) -> State:
         """Return the state before the first trial."""

@@ -6,17 +6,19 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
+from controllers.parts import Acting
 from controllers.policy import State
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, forward_dynamics, inverse_dynamics
+from fbl_gym.model.arm import Array, forward_dynamics, gravity_torque, inverse_dynamics
 from fbl_gym.records import pair
 
 
 class L1State(NamedTuple):
-    """State of `L1Adaptive`, each array [n x 2]."""
+    """State of `L1Adaptive`, the arrays [n x 2]."""
 
     predicted: Array  # v^ [rad/s]
     filtered: Array  # C(s) f^ [rad/s^2]
+    acting: Acting
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,9 @@ class L1Adaptive(ComputedTorque):
         v^' = u + f^ - p (v^ - v),    f^ = -p / (exp(p dt) - 1) (v^ - v) over the next interval
 
     Each joint of the nominally linearised arm is v' = u + f: u is the nominal acceleration under
-    the torque within its limits, and f all the rest. v^ is the predictor's velocity, and
-    C(s) = bandwidth / (s + bandwidth) the filter that gives the method its robustness. The law is
+    the torque within its limits as the known drive applies it, and f all the rest. v^ is the
+    predictor's velocity, and C(s) = bandwidth / (s + bandwidth) the filter that gives the method
+    its robustness. The law is
     close to a disturbance observer of that bandwidth, and a constant load leaves a small error.
 
     Sensors: position and velocity. Source: Hovakimyan and Cao, "L1 Adaptive Control Theory", 2010,
@@ -41,13 +44,14 @@ class L1Adaptive(ComputedTorque):
     """
 
     frequency: Pair | float = 10.0
-    bandwidth: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 200.0))
+    bandwidth: Pair | float = pair(30.0, unit="rad/s", above=0, tune=(2.0, 300.0))
     pole: Pair | float = pair(5.0, unit="rad/s", above=0)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: the predictor's velocity, and C(s) f^, zero."""
-        (v,) = self.read(observation, "velocity")
-        return L1State(v, np.zeros_like(v))
+        """Return the state: the predictor's velocity, C(s) f^, zero, and the drive at rest."""
+        q, v = self.read(observation, "position", "velocity")
+        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        return L1State(v, np.zeros_like(v), self.drive.hold(hold))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -56,7 +60,8 @@ class L1Adaptive(ComputedTorque):
         f = -pole / np.expm1(pole * dt) * (state.predicted - v)
         filtered = state.filtered - np.expm1(-np.array(self.bandwidth) * dt) * (f - state.filtered)
         torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v) - filtered)
-        u = forward_dynamics(nominal, q, v, self.interface.saturate(torque))
+        acting = self.drive.act(state.acting, self.interface.saturate(torque))
+        u = forward_dynamics(nominal, q, v, acting.mean)
         keep = np.exp(-pole * dt)
         predicted = v + dt * u + keep * (state.predicted - v) + (1.0 - keep) / pole * f
-        return torque, L1State(predicted, filtered)
+        return torque, L1State(predicted, filtered, acting)

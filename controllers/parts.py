@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -158,13 +158,21 @@ def runge_kutta(
     return [y + h / 6.0 * (a + 2.0 * (b + c) + d) for y, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
 
 
+class Acting(NamedTuple):
+    """The torques of a drive at a sample, as its datasheet has them."""
+
+    queue: Array  # commands under way, the newest first [n x depth x 2] N m
+    torque: Array  # on the joints [n x 2] N m
+    mean: Array  # of it over the interval before [n x 2] N m
+
+
 @dataclass(frozen=True)
 class Drive:
     """The drive as its datasheet states it: a command acts after a delay, through a lag.
 
     Delay and lag are the middle of their ranges. The age of the readings is part of the delay,
     which therefore leads from a command to its effect on the readings. Times count from the last
-    reading. The queue [n x depth x 2] has the last commands in N m, the newest first.
+    reading.
 
     Args:
         dt: control interval [s].
@@ -191,33 +199,24 @@ class Drive:
         """The delay less its whole control intervals [s]."""
         return max(self.delay - self.whole * self.dt, 0.0)
 
-    def fill(self, torque: Array) -> Array:
-        """Return the queue after a long time at a torque [n x 2] N m."""
-        return np.repeat(torque[:, None], self.whole + 1, axis=1)
+    def hold(self, torque: Array) -> Acting:
+        """Return the torques after a long time at one [n x 2] N m."""
+        return Acting(np.repeat(torque[:, None], self.whole + 1, axis=1), torque, torque)
 
     def coming(self, queue: Array) -> list[tuple[float, Array]]:
         """Return the torques until the next command acts, each a duration and a command [n x 2]."""
         return [(self.rest, queue[:, -1]), *((self.dt, queue[:, k]) for k in range(self.whole - 1, -1, -1))]
 
-    def pass_interval(self, queue: Array, torque: Array, command: Array) -> tuple[Array, Array, Array]:
-        """Let a control interval pass.
-
-        Args:
-            queue: the last commands.
-            torque: on the joints at the interval's start [n x 2] N m.
-            command: the new one [n x 2] N m.
-
-        Returns:
-            The next queue, the torque at the interval's end, and the mean torque within.
-        """
-        commands = np.concatenate([command[:, None], queue], axis=1)
-        total: Any = 0.0
+    def act(self, acting: Acting, command: Array) -> Acting:
+        """Return the torques after the interval that begins with a new command [n x 2] N m."""
+        commands = np.concatenate([command[:, None], acting.queue], axis=1)
+        total, torque = np.zeros_like(command), acting.torque
         older, newer = commands[:, self.whole + 1], commands[:, self.whole]
-        for duration, acting in ((self.rest, older), (self.dt - self.rest, newer)):
-            (keep, area), gap = self._fade(duration), torque - acting
-            total = total + duration * acting + area * gap
-            torque = acting + keep * gap
-        return commands[:, : self.whole + 1], torque, total / self.dt
+        for duration, wanted in ((self.rest, older), (self.dt - self.rest, newer)):
+            (keep, area), gap = self._fade(duration), torque - wanted
+            total = total + duration * wanted + area * gap
+            torque = wanted + keep * gap
+        return Acting(commands[:, : self.whole + 1], torque, total / self.dt)
 
     def predict(
         self, arm: ArmParameters, q: Array, v: Array, f: Array, torque: Array, commands: list[tuple[float, Array]]

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from controllers.parts import Acting, Drive
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, inertia_matrix
+from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
 from fbl_gym.records import number, pair
 
 TURN = 0.05
@@ -71,7 +72,7 @@ class CompositeState(NamedTuple):
     velocity: Array  # at the last sample [n x 2] rad/s
     regressor: Array  # W [n x 2 x 9]
     filtered: Array  # torque through the low-pass filter, without the rotors' part [n x 2] N m
-    applied: Array  # torque applied since the last sample [n x 2] N m
+    acting: Acting
     started: Array  # False before the first sample [n]
 
 
@@ -153,10 +154,11 @@ class SlotineLi(TorqueLaw):
 class CompositeSlotineLi(SlotineLi):
     """`SlotineLi` with estimates that the error of predicting the torque drives too.
 
-        p^' = Gamma (Y' s - composite W' (W p^ - LP(torque)) / (1 + tr(W Gamma W')))
+        p^' = Gamma (Y' s - composite W' (W p^ - LP(torque)) / (p1 + tr(W Gamma W')))
 
     W is the low-pass filtered regressor of the torque, with the momentum's difference in place of
-    acceleration: torque = d/dt (M v) + G - C'v + friction.
+    acceleration: torque = d/dt (M v) + G - C'v + friction. p1 of the nominal arm gives the
+    normalisation its unit. The prediction takes the torque as the known drive applies it.
 
     Sensors: position and velocity. Source: Slotine and Li, "Composite adaptive control of robot
     manipulators", Automatica 25(4), 1989.
@@ -166,14 +168,20 @@ class CompositeSlotineLi(SlotineLi):
         filtering: bandwidth of the filter of the prediction [rad/s].
     """
 
-    composite: float = number(3.0, unit="1/s", low=0, tune=(0.1, 100.0))
+    composite: float = number(30.0, unit="1/s", low=0, tune=(0.3, 300.0))
     filtering: float = number(20.0, unit="rad/s", above=0)
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The drive, by which the prediction pairs a motion with the torque of its time."""
+        return Drive.of(self.interface)
 
     def initial(self, observation: Array) -> State:
         """Return the state before the first sample, with the estimates of `SlotineLi`."""
         n, (q, v) = len(observation), self.read(observation, "position", "velocity")
         estimate, w, zeros = super().initial(observation).estimate, np.zeros((n, 2, 9)), np.zeros((n, 2))
-        return CompositeState(estimate, q, v, w, zeros, zeros, np.zeros(n, dtype=bool))
+        hold = self.drive.hold(self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        return CompositeState(estimate, q, v, w, zeros, hold, np.zeros(n, dtype=bool))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -187,13 +195,13 @@ class CompositeSlotineLi(SlotineLi):
         keep = np.where(state.started, np.exp(-self.filtering * dt), 1.0)[:, None]
         w = keep[..., None] * state.regressor + (1.0 - keep[..., None]) * np.concatenate([mean, friction], axis=-1)
         rotors = np.array(self.interface.nominal.rotor) * (v - v0) / dt
-        filtered = keep * state.filtered + (1.0 - keep) * (state.applied - rotors)
+        filtered = keep * state.filtered + (1.0 - keep) * (state.acting.mean - rotors)
         missed = np.einsum("nij,nj->ni", w, estimate) - filtered
-        size = 1.0 + np.einsum("nij,nij,j->n", w, w, self.rates)[:, None]
+        size = self.interface.nominal.lumped[0] + np.einsum("nij,nij,j->n", w, w, self.rates)[:, None]
         prediction = -self.composite * np.einsum("nij,ni->nj", w, missed) / size
         torque, estimate = self.adapt(observation, estimate, prediction)
-        applied, started = self.interface.saturate(torque), np.ones_like(state.started)
-        return torque, CompositeState(estimate, q, v, w, filtered, applied, started)
+        acting, started = self.drive.act(state.acting, self.interface.saturate(torque)), np.ones_like(state.started)
+        return torque, CompositeState(estimate, q, v, w, filtered, acting, started)
 
 
 @dataclass(frozen=True)

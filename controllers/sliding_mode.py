@@ -19,9 +19,9 @@ class SuperTwisting(TorqueLaw):
         a = r'' + slope e' + k1 |s|^(1/2) sign(s) + z,    z' = k2 sign(s),    s = e' + slope e
         torque = M a + C v + G
 
-    k1 = 1.5 L^(1/2) and k2 = 1.1 L. A sampled sign chatters: within the boundary layer it is
-    replaced by s / layer, which gives up the finite-time convergence. z pauses where the torque
-    saturates.
+    k1 = 1.5 L^(1/2) and k2 = 1.1 L. A sampled sign chatters: within the boundary layer the law is
+    linear, s' = -k1 layer^(-1/2) s - z and z' = k2 s / layer, which gives up the finite-time
+    convergence. Its damping ratio is 0.72 for every gain. z pauses where the torque saturates.
 
     Sensors: position and velocity. Source: Levant, "Sliding order and sliding accuracy in sliding
     mode control", Int. J. Control 58(6), 1993.
@@ -33,8 +33,8 @@ class SuperTwisting(TorqueLaw):
     """
 
     slope: Pair | float = pair(15.0, unit="1/s", above=0, tune=(2.0, 80.0))
-    bound: Pair | float = pair(30.0, unit="rad/s^3", above=0, tune=(5.0, 5000.0))
-    layer: float = number(0.1, unit="rad/s", low=0, tune=(0.005, 1.0))
+    bound: Pair | float = pair(90.0, unit="rad/s^3", above=0, tune=(5.0, 5000.0))
+    layer: float = number(0.3, unit="rad/s", low=0, tune=(0.01, 5.0))
 
     def initial(self, observation: Array) -> State:
         """Return the state: z [n x 2], zero."""
@@ -47,7 +47,8 @@ class SuperTwisting(TorqueLaw):
         slope, bound = np.array(self.slope), np.array(self.bound)
         s = r_dot - v + slope * (r - q)
         sign = np.sign(s) if self.layer == 0.0 else np.clip(s / self.layer, -1.0, 1.0)
-        a = r_ddot + slope * (r_dot - v) + 1.5 * np.sqrt(bound * np.abs(s)) * sign + state.integral
+        size = np.maximum(np.abs(s), self.layer)
+        a = r_ddot + slope * (r_dot - v) + 1.5 * np.sqrt(bound * size) * sign + state.integral
         torque = inverse_dynamics(self.interface.nominal, q, v, a)
         pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, sign)
         change = np.where(pause, 0.0, 1.1 * bound * sign * self.interface.control_dt)

@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
+from controllers.parts import Acting
 from controllers.policy import State
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
@@ -26,9 +27,9 @@ class TimeDelay(ComputedTorque):
         torque(t) = torque(t - L) + Mbar (a - q''(t - L)),    a = r'' + w^2 (r - q) + 2 w (r' - v)
 
     L is the control interval, q''(t - L) = (v(t) - v(t - L)) / L, and torque(t - L) the torque
-    within its limits. The constant diagonal Mbar is all that the law uses of the model, besides the
-    gravity torque at an episode's start. A small Mbar acts as a low-pass filter, which noise and a
-    delay of the drive require.
+    within its limits. Mbar = (1 - exp(-bandwidth L)) diag(M) of the stretched nominal arm is all
+    that the law uses of the model, besides the gravity torque at an episode's start. A small Mbar
+    acts as a low-pass filter, which noise and a delay of the drive require.
 
     Sensors: position and velocity. Source: Youcef-Toumi and Ito, "A time delay controller for
     systems with unknown dynamics", J. Dyn. Sys. Meas. Control 112(1), 1990; Hsia, Lasky and Guo,
@@ -37,11 +38,12 @@ class TimeDelay(ComputedTorque):
 
     Args:
         frequency: w [rad/s], per joint: both poles of the tracking error are -w.
-        inertia: Mbar as a share of the diagonal of the stretched nominal arm's inertia, per joint.
+        bandwidth: of the estimate that the last torque is [rad/s], per joint: for a joint alone it
+            nears the torque that is missing with the time constant 1 / bandwidth, at every rate.
     """
 
-    frequency: Pair | float = pair(6.0, unit="rad/s", above=0, tune=(2.0, 40.0))
-    inertia: Pair | float = pair(0.07, above=0, tune=(0.005, 1.0))
+    frequency: Pair | float = pair(8.0, unit="rad/s", above=0, tune=(2.0, 40.0))
+    bandwidth: Pair | float = pair(15.0, unit="rad/s", above=0, tune=(2.0, 200.0))
 
     def initial(self, observation: Array) -> State:
         """Return the state: the last velocity, and the torque that holds the nominal arm still."""
@@ -52,15 +54,16 @@ class TimeDelay(ComputedTorque):
         """Return the torque [n x 2] N m and the next state."""
         q, v = self.read(observation, "position", "velocity")
         change = self.acceleration(observation, q, v) - (v - state.velocity) / self.interface.control_dt
-        torque = state.applied + np.array(self.inertia) * self.stretched * change
+        share = -np.expm1(-np.array(self.bandwidth) * self.interface.control_dt)
+        torque = state.applied + share * self.stretched * change
         return torque, TimeDelayState(v, self.interface.saturate(torque))
 
 
 class TdeState(NamedTuple):
-    """State of `ComputedTorqueTde`, each array [n x 2]."""
+    """State of `ComputedTorqueTde`."""
 
-    missed: Array  # d [N m]
-    applied: Array  # the last torque within its limits [N m]
+    missed: Array  # d [n x 2] N m
+    acting: Acting
 
 
 @dataclass(frozen=True)
@@ -70,9 +73,9 @@ class ComputedTorqueTde(ComputedTorque):
         torque = M a + C v + G + d,    a = r'' + w^2 (r - q) + 2 w (r' - v)
         d = LP(torque_0 - (M a_0 + C v + G))
 
-    a_0 is the measured acceleration and torque_0 the torque applied up to it. Both pass the same
-    low-pass filter LP. Without the filter the law is torque = torque_0 + M (a - a_0), also known as
-    incremental nonlinear dynamic inversion.
+    a_0 is the measured acceleration and torque_0 the torque of that time, by the known drive. Both
+    pass the same low-pass filter LP. Without the filter the law is torque = torque_0 + M (a - a_0),
+    also known as incremental nonlinear dynamic inversion.
 
     Sensors: position, velocity and acceleration. Source: Hsia, "A new technique for robust control
     of servo systems", IEEE TIE 36(1), 1989; Sieberling, Chu and Mulder, "Robust flight control
@@ -92,7 +95,9 @@ class ComputedTorqueTde(ComputedTorque):
     def initial(self, observation: Array) -> State:
         """Return the state: d, zero, and the torque that holds the nominal arm still."""
         (q,) = self.read(observation, "position")
-        return TdeState(np.zeros_like(q), self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        return TdeState(
+            np.zeros_like(q), self.drive.hold(self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -100,6 +105,6 @@ class ComputedTorqueTde(ComputedTorque):
         nominal = self.interface.nominal
         # d = d + (1 - exp(-g dt)) (torque_0 - (M a_0 + C v + G) - d)
         share = -np.expm1(-np.array(self.bandwidth) * self.interface.control_dt)
-        missed = state.missed + share * (state.applied - inverse_dynamics(nominal, q, v, a) - state.missed)
+        missed = state.missed + share * (state.acting.torque - inverse_dynamics(nominal, q, v, a) - state.missed)
         torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + missed
-        return torque, TdeState(missed, self.interface.saturate(torque))
+        return torque, TdeState(missed, self.drive.act(state.acting, self.interface.saturate(torque)))

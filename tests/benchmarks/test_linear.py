@@ -133,7 +133,7 @@ def test_a_pause_of_the_motion_is_a_point_of_rest():
 @pytest.mark.parametrize(
     ("policy", "options", "reason"),
     [
-        ("sliding-mode", {}, "no derivative"),
+        ("sliding-mode@layer=0", {}, "no derivative"),
         ("adaptive-flm", {}, "does not follow"),
         ("oracle-flm", {}, "reads the true state"),
         ("pid-flm", {"encoder": {"latency": 1}}, "latency"),
@@ -157,9 +157,9 @@ def test_a_law_that_does_not_plan_at_every_sample_has_no_margins():
 
 def test_the_command_prints_and_draws(tmp_path, capsys):
     picture = tmp_path / "margins.png"
-    line = ["margins", "cascade-flm", "sliding-mode", "--at", "-1", "0.5", "--plot", str(picture)]
+    line = ["margins", "cascade-flm", "sliding-mode@layer=0", "--at", "-1", "0.5", "--plot", str(picture)]
     assert cli.main(line) == 0
     printed = capsys.readouterr().out
     assert " ms " in printed
-    assert "no margins of sliding-mode: the law has no derivative" in printed
+    assert "no margins of sliding-mode@layer=0: the law has no derivative" in printed
     assert picture.stat().st_size > 10_000

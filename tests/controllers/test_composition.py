@@ -58,7 +58,7 @@ def test_with_an_exact_model_the_prediction_is_the_true_motion(action, delay, la
     observation, _ = env.reset(seed=1)
     state, predicted, true = law.initial(observation[None]), [], []
     for _ in range(60):
-        queue, present = state.queue, state.torque
+        queue, present = state.acting.queue, state.acting.torque
         q, v = law.read(observation[None], "position", "velocity")
         predicted.append(law._drive.predict(env.interface.nominal, q, v, 0.0 * q, present, law._drive.coming(queue)))
         true.append((env.truth.position, env.truth.velocity, env.truth.applied_torque))

@@ -14,7 +14,7 @@ EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
 def test_the_torque_has_the_mean_of_a_gaussian_process():
     """k' (K + s^2 I)^-1 y over all samples, kernel of random cosines and time (Rasmussen and Williams 2006, (2.25))."""
     env = TwoLinkArmEnv(parameter_error={"radius": 0.3}, actuator=None, action="torque", reference=EXCITING)
-    policy = controllers.make("computed-torque-gp", env, memory=0.5, noise=2.0)
+    policy = controllers.make("computed-torque-gp", env, memory=0.5, noise=0.2)
     frequencies, phases = policy.spectrum
     observation, _ = env.reset(seed=0)
     state, rows, targets = None, [], []
@@ -26,18 +26,18 @@ def test_the_torque_has_the_mean_of_a_gaussian_process():
         rows.append(np.cos(np.concatenate(reference) @ frequencies + phases) * np.sqrt(2 / len(phases)))
         if step:
             model = inverse_dynamics(env.interface.nominal, q, 0.5 * (v + last), (v - last) / 0.01)
-            targets.append((torque - model) / policy.stretched)
+            targets.append((torque - model) / policy.weight)
         else:
             targets.append(np.zeros(2))
         torque, state = policy.predict(observation, state)
         z, last = np.array(rows), v
         time = 0.01 * np.arange(len(z))
         kernel = SIGNAL**2 * z @ z.T * np.exp(-np.abs(time[:, None] - time) / 0.5)
-        mean = kernel[-1] @ np.linalg.solve(kernel + 2.0**2 * np.eye(len(z)), np.array(targets))
+        mean = kernel[-1] @ np.linalg.solve(kernel + 0.2**2 * np.eye(len(z)), np.array(targets))
         plain = inverse_dynamics(
             env.interface.nominal, q, v, policy.acceleration(observation[None], q[None], v[None])[0]
         )
-        np.testing.assert_allclose(torque, plain + policy.stretched * mean, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(torque, plain + policy.weight * mean, rtol=1e-6, atol=1e-6)
         observation = env.step(torque)[0]
 
 

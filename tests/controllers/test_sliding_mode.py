@@ -68,6 +68,30 @@ def test_super_twisting_rejects_a_perturbation_better_than_computed_torque():
     assert yielded > 10 * left
 
 
+STILL = {"kind": "minimum-jerk", "points": (POSE,)}
+
+
+def test_the_law_is_linear_within_its_layer():
+    """Exact model, 1 kHz: e' = s - slope e, s' = -k1 s / layer^1/2 - z, z' = k2 s / layer, from e = 0.02."""
+    slope, bound, layer, e = 10.0, 50.0, 0.5, 0.02
+    env = TwoLinkArmEnv(
+        reference=STILL, initial_error=(-e, 0.0), control_dt=1e-3, physics_dt=1e-3, actuator=None, action="torque"
+    )
+    policy = controllers.make("sliding-mode", env, slope=slope, bound=bound, layer=layer)
+    errors, _ = tracking(policy, env, 1000)
+    k1, k2 = 1.5 * np.sqrt(bound / layer), 1.1 * bound / layer
+    rates = [[-slope, 1.0, 0.0], [0.0, -k1, -1.0], [0.0, k2, 0.0]]
+    expected = response(rates, [e, slope * e, 0.0], 1e-3, 1000)
+    assert np.abs(errors[:, 0] - expected).max() < 0.02 * e
+
+
+def test_no_limit_cycle_is_left_behind_a_delay():
+    """The damping does not vanish at s = 0."""
+    env = TwoLinkArmEnv(reference=STILL, initial_error=(-0.05, 0.02), actuator={"delay_samples": 1, "lag": 0.01})
+    errors, _ = tracking(controllers.make("sliding-mode", env), env, 600)
+    assert np.abs(errors[-50:]).max() < 1e-9
+
+
 def test_the_boundary_layer_reduces_chatter():
     scenario = scenarios.get("noise-1")
     variation = {}

@@ -114,17 +114,18 @@ def test_time_delay_control_is_stable_up_to_its_limit_of_inertia(frequency):
     largest = np.linalg.eigvals(np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), stretched)).real.max()
     limit = 2.0 / (1.0 + frequency * 0.01)
     for share, stable in ((0.9, True), (1.1, False)):
-        error = last_error("time-delay", 0.5, inertia=share * limit * 0.5 / largest, frequency=frequency)
+        bandwidth = -np.log1p(-share * limit * 0.5 / largest) / 0.01
+        error = last_error("time-delay", 0.5, bandwidth=bandwidth, frequency=frequency)
         assert (error < 1e-3) if stable else (error > 1e-2)
 
 
 def test_time_delay_control_differences_the_velocity():
     """tau = tau_0 + Mbar (a - (v - v_0) / L), whatever the sensors' noise."""
     env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
-    policy = controllers.make("time-delay", env, frequency=8.0, inertia=(0.1, 0.2))
+    policy = controllers.make("time-delay", env, frequency=8.0, bandwidth=(10.0, 20.0))
     observation, _ = env.reset(seed=0)
     state, before, v0 = None, gravity_torque(env.interface.nominal, policy.read(observation, "position")[0]), None
-    inertia = np.diagonal(inertia_matrix(env.interface.nominal, (0.0, 0.0))) * (0.1, 0.2)
+    inertia = np.diagonal(inertia_matrix(env.interface.nominal, (0.0, 0.0))) * (1.0 - np.exp([-0.1, -0.2]))
     for _ in range(50):
         q, v, r, dr, ddr = policy.read(
             observation, "position", "velocity", "reference_position", "reference_velocity", "reference_acceleration"
