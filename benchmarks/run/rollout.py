@@ -160,7 +160,9 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
 
     It has position, velocity and acceleration.
     """
-    bare = ("plant", "parameter_error", "noise", "friction", "disturbance", "joint", "actuator", "constraints")
+    bare = (
+        "plant", "parameter_error", "noise", "friction", "disturbance", "joint", "actuator", "datasheet", "constraints",
+    )  # fmt: skip
     limits = {"position": 1e9, "velocity": 1e9}
     calm = scenario.replace(**dict.fromkeys(bare), events=(), initial_error=0.0, initial_velocity=0.0, limits=limits)
     env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
