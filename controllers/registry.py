@@ -4,7 +4,8 @@ It has the built-in laws of `catalogue.py`, the policies of installed packages (
 group `fbl_gym.policies`), and those that a program registers itself. LAW+PART, such as
 "computed-torque+kalman+predictor", is a law composed with parts (`composition.py`). POLICY@tuned
 is a built-in law, composed or not, with the gains of `tuned/POLICY.json`; POLICY@servo has those of
-`tuned/servo/POLICY.json`, for a class of robots.
+`tuned/servo/POLICY.json`, for a class of robots. Where LAW+PART has no such file, it has the gains
+of LAW, and the part its defaults.
 """
 
 import importlib
@@ -19,7 +20,7 @@ from typing import Any
 
 from controllers import catalogue
 from controllers.composition import PARTS, completed, compose
-from controllers.gains import TUNINGS, read_gains, split_gains
+from controllers.gains import TUNINGS, read_gains, split_gains, stored_gains
 from controllers.policy import ACCESS, Policy
 from fbl_gym.checks import check_choice, check_choices, unknown
 from fbl_gym.interface import Interface
@@ -63,7 +64,7 @@ class LawName:
     @property
     def file(self) -> Path:
         """The file of the tuned gains."""
-        return tuned_folder(self.tuned) / f"{'+'.join((self.law, *self.parts))}.json"
+        return stored_gains("+".join((self.law, *self.parts)), tuned_folder(self.tuned))
 
     def __str__(self) -> str:
         return "+".join((self.law, *self.parts)) + f"@{self.tuned}" * bool(self.tuned)
@@ -196,16 +197,16 @@ def tuned(tuning: str = "tuned") -> tuple[str, ...]:
 def tuned_gains(name: str) -> dict[str, float]:
     """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@tuned"."""
     parsed = LawName.parse(name)
-    known = tuned(parsed.tuned or "tuned")
-    if name not in known and parsed.tuned in CLASSES:
+    exists = parsed.tuned and parsed.file.is_file()
+    if not exists and parsed.tuned in CLASSES:
         law = name.rpartition("@")[0]
         raise ValueError(
             f"{law} has no gains for the class {parsed.tuned} yet: `fbl-gym tune {law} --class {parsed.tuned}` finds some, "
             f"for {law}@results/gains"
         )
-    if name not in known:
-        raise unknown("tuned policy", name, known)
-    gains: dict[str, float] = json.loads(LawName.parse(name).file.read_text())["gains"]
+    if not exists:
+        raise unknown("tuned policy", name, tuned(parsed.tuned or "tuned"))
+    gains: dict[str, float] = json.loads(parsed.file.read_text())["gains"]
     return gains
 
 

@@ -226,7 +226,7 @@ def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
         ("pid-flm+kalman+eso", "give one observer, got kalman and eso"),
         ("pid-flm+eso+eso", "parts must differ, got eso, eso"),
         ("oracle-flm+kalman", "parts go with a subclass of TorqueLaw, got 'OracleFlm'"),
-        ("pid-flm+kalman@tuned", "unknown policy 'pid-flm.kalman@tuned'"),
+        ("computed-torque-ilc+kalman@tuned", "unknown policy 'computed-torque-ilc.kalman@tuned'"),
     ],
 )
 def test_a_wrong_composition_is_named(name, message):

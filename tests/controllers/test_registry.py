@@ -139,7 +139,7 @@ def test_gains_of_a_class(tmp_path, monkeypatch):
     env = TwoLinkArmEnv("geared-nominal")
     assert controllers.make("pd-gravity@geared", env).frequency == (3.0, 3.0)
     assert controllers.make("pd-gravity@tuned", env).frequency == (4.0, 4.0)
-    for name in ("pd-gravity@servo", "pd-gravity+springs@geared"):
+    for name in ("pd-gravity@servo", "pd-gravity+springs@servo"):
         for use in (lambda text: controllers.make(text, env), resolve):
             with pytest.raises(ValueError, match=r"no gains for the class .*fbl-gym tune pd-gravity.* --class"):
                 use(name)
