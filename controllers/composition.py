@@ -245,7 +245,8 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
         *parts: names out of `PARTS`: at most one observer, "predictor", "springs" and "barrier".
 
     Raises:
-        ValueError: the law is no `TorqueLaw`, or a part is unknown or given twice.
+        ValueError: the law is no `TorqueLaw`, a part is unknown or given twice, or the composed law
+            needs the name of a gain.
     """
     if not (inspect.isclass(law) and issubclass(law, TorqueLaw)):
         raise ValueError(f"parts go with a subclass of TorqueLaw, got {getattr(law, '__name__', law)!r}")
@@ -255,7 +256,7 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
     observers = [part for part in parts if part in OBSERVERS]
     if len(observers) > 1:
         raise ValueError(f"give one observer, got {' and '.join(observers)}")
-    fields = []
+    fields: list[tuple[str, Any, Any]] = []
     for prefix, cls in (("", law), *((part, PARTS[part]) for part in parts)):
         known = declarations(cls)
         for field in dataclasses.fields(cls):
@@ -265,10 +266,16 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
                 copy = dataclasses.field(default=field.default, default_factory=field.default_factory)
             else:
                 continue
-            fields.append((gain_name(prefix, field.name), field.type, copy))
+            name = gain_name(prefix, field.name)
+            if name in vars(Composed) or name in (other for other, *_ in fields):
+                raise ValueError(
+                    f"a law with parts has a {name} of its own, so a gain of {law.__name__} needs another name"
+                )
+            fields.append((name, field.type, copy))
     return dataclasses.make_dataclass(
         "+".join((law.__name__, *parts)), fields, bases=(Composed,), frozen=True,
         namespace={
+            **{name: getattr(law, name) for name in ("uses", "packages", "data_files") if hasattr(law, name)},
             "_law": law, "_parts": parts, "access": law.access, "preview": law.preview, "__module__": __name__,
             "__doc__": f"`{law.__name__}` with {' and '.join(parts) or 'an observer of the missing sensors'}.",
         },
@@ -289,4 +296,4 @@ def gain_name(part: str, name: str) -> str:
         part: name of the part; empty: the law.
         name: of the gain in the part's class.
     """
-    return f"{part}_{name}".lstrip("_")
+    return f"{part}_{name}" if part else name

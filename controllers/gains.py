@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.composition import PARTS
 from fbl_gym.scenarios.classes import CLASSES
 
 TUNINGS = ("tuned", *CLASSES)
@@ -32,6 +33,20 @@ def gains_file(law: str, path: str | Path) -> Path:
     return Path(path) if str(path).endswith(".json") else Path(path) / name
 
 
+def with_fewer_parts(law: str) -> list[str]:
+    """Return the name of a law with all its parts, then with one less at a time, last with none."""
+    names = [law]
+    while names[-1].rpartition("+")[2] in PARTS and "+" in names[-1]:
+        names.append(names[-1].rpartition("+")[0])
+    return names
+
+
+def stored_gains(law: str, path: str | Path) -> Path:
+    """Return the file as `gains_file`; where a folder has none for LAW+PART, that of LAW."""
+    files = [gains_file(name, path) for name in with_fewer_parts(law)]
+    return next((file for file in files if file.is_file()), files[0])
+
+
 def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
     """Return the gains of a law, of NAME=VALUE, a file or a folder each; the last value counts.
 
@@ -39,13 +54,16 @@ def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
     """
     gains: dict[str, Any] = {}
     for text in given:
+        before = with_fewer_parts(text)[-1]
+        if before != text and not Path(text).exists():
+            raise ValueError(f"the parts of a law come before its gains: {law}{text.removeprefix(before)}@{before}")
         if "=" in text:
             gains.update([parse_gain(text)])
             continue
         if text.isdigit():
             gains["seed"] = int(text)
             continue
-        path = gains_file(law, text)
+        path = stored_gains(law, text)
         try:
             data = json.loads(path.read_text(encoding="utf-8"))
             values = {
@@ -64,12 +82,18 @@ def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
 def expect_law(law: str, path: Path, data: Mapping[str, Any]) -> None:
     """Refuse the gains of a file that names another law.
 
-    A law in a file is the same law where one of both paths ends with the other.
+    A law in a file is the same law where one of both paths ends with the other. The gains of a law
+    are also those of the law with parts, whose gains are then the defaults.
     """
     tuned = data.get("policy", law)
-    parts = zip(*(reversed([x for x in Path(name).parts if x != ".."]) for name in (str(tuned), law)), strict=False)
-    if any(one != other for one, other in parts):
+    if not any(_is_same(str(tuned), name) for name in with_fewer_parts(law)):
         raise ValueError(f"{path} has the gains of {tuned}, not of {law}: name another file or folder")
+
+
+def _is_same(law: str, other: str) -> bool:
+    """Return True if one of two paths ends with the other."""
+    parts = zip(*(reversed([x for x in Path(name).parts if x != ".."]) for name in (law, other)), strict=False)
+    return all(one == two for one, two in parts)
 
 
 def split_gains(text: str) -> tuple[str, tuple[str, ...]]:

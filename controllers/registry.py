@@ -4,7 +4,8 @@ It has the built-in laws of `catalogue.py`, the policies of installed packages (
 group `fbl_gym.policies`), and those that a program registers itself. LAW+PART, such as
 "computed-torque+kalman+predictor", is a law composed with parts (`composition.py`). POLICY@servo
 is a built-in law, composed or not, with the gains of `tuned/servo/POLICY.json`, which are for a
-class of robots. POLICY@tuned has the gains for the class of the robot that it is made for.
+class of robots. POLICY@tuned has the gains for the class of the robot that it is made for. Where
+LAW+PART has no such file, it has the gains of LAW, and the part its defaults.
 """
 
 import importlib
@@ -19,7 +20,7 @@ from typing import Any
 
 from controllers import catalogue
 from controllers.composition import PARTS, completed, compose
-from controllers.gains import TUNINGS, read_gains, split_gains
+from controllers.gains import TUNINGS, read_gains, split_gains, stored_gains
 from controllers.policy import ACCESS, Policy
 from fbl_gym.checks import check_choice, check_choices, unknown
 from fbl_gym.interface import Interface
@@ -64,7 +65,7 @@ class LawName:
     def files(self) -> dict[str, Path]:
         """The files of the tuned gains, by the class of robots."""
         classes = CLASSES if self.tuned == "tuned" else (self.tuned,)
-        paths = {robot: TUNED / robot / f"{self.law_and_parts}.json" for robot in classes}
+        paths = {robot: stored_gains(self.law_and_parts, TUNED / robot) for robot in classes}
         return {robot: path for robot, path in paths.items() if path.is_file()}
 
     @property

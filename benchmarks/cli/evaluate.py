@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", type=common.csv_path, metavar="FILE", help="write all metrics of all runs: .csv")
     parser.add_argument(
         "--trace", type=common.trace_file, metavar="FILE",
-        help="write all signals of all seeds of one policy: .npz or .csv",
+        help="write all signals of all seeds of one policy, also readings and its state: .npz or .csv",
     )  # fmt: skip
     common.add_metrics(parser)
     common.add_trust(parser)
@@ -58,7 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
     traces: dict[str, list[Trace]] = {}
     for policy in policies:
         spec = resolve_isolated(policy)
-        traces[policy] = run_trials(spec, scenario, range(arguments.seeds), arguments.trials)
+        traces[policy] = run_trials(
+            spec, scenario, range(arguments.seeds), arguments.trials, detailed=arguments.trace is not None
+        )
         Store(arguments.store).record_access(spec, scenario)
     runs = {policy: [measured(trace, more) for trace in trials] for policy, trials in traces.items()}
     last = {policy: trials[-1] for policy, trials in traces.items()}

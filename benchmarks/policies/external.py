@@ -22,6 +22,7 @@ from typing import Any
 from benchmarks.policies.digest import PACKAGES, closure, code_digest
 from benchmarks.policies.name import PolicyName
 from controllers import registry
+from controllers.composition import compose
 from fbl_gym.checks import unknown
 
 ATTRIBUTE = "make_policy"
@@ -33,7 +34,7 @@ class Untrusted(ValueError):
 
 
 class NotFound(ValueError):
-    """There is no such module, or no such factory in it."""
+    """There is no such module, no such factory in it, or none that goes with these parts."""
 
 
 _TRUSTED: set[str] = set()
@@ -84,7 +85,10 @@ def load(name: PolicyName) -> Callable[..., Any]:
     factory: Callable[..., Any] | None = getattr(module, name.attribute or ATTRIBUTE, None)
     if not callable(factory):
         raise NotFound(_no_factory(name.source, name.attribute, module))
-    return factory
+    try:
+        return compose(factory, *name.parts) if name.parts else factory
+    except ValueError as problem:
+        raise NotFound(f"{name.text}: {problem}") from None
 
 
 def _no_factory(source: str, name: str, module: ModuleType) -> str:

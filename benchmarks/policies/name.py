@@ -6,9 +6,10 @@ The text is one of:
   package;
 - "cascade-flm@servo", with the gains for a class of robots, or "cascade-flm@tuned", with those for
   the class of the robot at hand;
-- "cascade-flm+kalman+predictor", a law composed with parts, also with "@tuned";
-- a law with gains at the end, "cascade-flm@K=30" or "my_law.py@K=30,20@F=10", or with those of a
-  file: "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
+- "cascade-flm+kalman+predictor" or "my_law.py+barrier", a law composed with parts, also with
+  "@tuned";
+- a law with gains at the end, after its parts: "cascade-flm@K=30", "my_law.py@K=30,20@F=10", or
+  those of a file: "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
 - "ppo-memory@2", a shipped agent of one training seed; "ppo-memory" is that with the smallest
   validation error, and on a board all of them (`benchmarks.run.suite.members`);
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
@@ -21,6 +22,7 @@ A registered name wins over a file or folder of the same name.
 
 import dataclasses
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +31,7 @@ from typing import Any
 from benchmarks.rl.agent import DESCRIPTION
 from benchmarks.rl.policy import shipped
 from controllers import registry
-from controllers.gains import TUNINGS, gains_file, read_gains
+from controllers.gains import TUNINGS, read_gains, stored_gains
 from controllers.registry import LawName
 from fbl_gym.checks import check_choice
 
@@ -73,16 +75,18 @@ class PolicyName:
         law = LawName.parse(text)
         if law.law in registry.names():
             return cls(text, "name", law.law, parts=law.parts, tuned=law.tuned)
-        source, _, attribute = text.rpartition(":")  # a path may contain colons, as on Windows
+        composed = re.fullmatch(r"(.+\.py(?::\w+)?|[^:]+:\w+)((?:\+[\w-]+)+)", text)
+        code, parts = (composed[1], tuple(composed[2][1:].split("+"))) if composed else (text, ())
+        source, _, attribute = code.rpartition(":")  # a path may contain colons, as on Windows
         if not source or not attribute.isidentifier():
-            source, attribute = text, ""
+            source, attribute = code, ""
         if text.endswith(".zip"):
             return cls(text, "archive", text)
         if source.endswith(".py"):
-            return cls(text, "file", source, attribute)
+            return cls(text, "file", source, attribute, parts)
         if ("/" in text or os.sep in text) and (Path(text) / DESCRIPTION).is_file():
             return cls(text, "agent", text)
-        return cls(text, "module", source, attribute) if ":" in text else cls(text, "name", text)
+        return cls(text, "module", source, attribute, parts) if ":" in text else cls(text, "name", text)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "PolicyName":
@@ -112,7 +116,7 @@ class PolicyName:
     @property
     def gains_files(self) -> list[Path]:
         """The files among the gains."""
-        return [gains_file(self.code.text, gain).resolve() for gain in self.gains if "=" not in gain]
+        return [stored_gains(self.code.text, gain).resolve() for gain in self.gains if "=" not in gain]
 
     @property
     def tuned_files(self) -> dict[str, Path]:

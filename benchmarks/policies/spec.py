@@ -114,7 +114,7 @@ class PolicySpec:
         """All that distinguishes this policy from others, but not the place of an external one."""
         name = self.parsed
         return {
-            "policy": name.code.text if name.form == "name" else f"external:{name.attribute}",
+            "policy": name.code.text if name.form == "name" else f"external:{'+'.join((name.attribute, *name.parts))}",
             "access": self.access,
             "code": self.digest,
             "uses": dict(self.uses),
@@ -279,7 +279,7 @@ def _coded(name: PolicyName) -> PolicySpec:
         external.forget(Path(name.source))
     try:
         factory = _factory(name)
-        modules = external.sources(name) if is_external else _files(getattr(factory, "law", factory).__module__)
+        modules = external.sources(name) if is_external else _files(getattr(factory, "_law", factory).__module__)
         if not modules:
             raise BadDeclaration(f"{name.text} must be Python code in files, since its key follows them")
         spec = _declared(spec, factory, next(iter(modules.values())).parent)

@@ -61,6 +61,7 @@ def run_trials(
     limits: CallLimits | None = None,
     *,
     check: bool = False,
+    detailed: bool = False,
 ) -> list[Trace]:
     """Return the traces of `rollout_trials`; code of an external policy runs in a fresh process.
 
@@ -71,17 +72,18 @@ def run_trials(
         trials: in a row.
         limits: of time and memory.
         check: an external policy must keep its promises on the scenario first.
+        detailed: the traces have their `details`.
     """
-    arguments = policy, scenario, tuple(seeds), trials, check and policy.external
+    arguments = policy, scenario, tuple(seeds), trials, check and policy.external, detailed
     return [Trace(scenario=scenario, **signals) for signals in policy.call(_run, *arguments, limits=limits)]
 
 
 def _run(
-    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int, check: bool
+    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int, check: bool, detailed: bool
 ) -> list[dict[str, Any]]:
     """Return the fields of each trial's trace, but the scenario."""
     with threadpool_limits(1):
         if check and (reason := broken(policy, scenario)):
             raise Failed(reason)
-        traces = map(vars, rollout_trials(policy, scenario, seeds, trials))
+        traces = map(vars, rollout_trials(policy, scenario, seeds, trials, detailed=detailed))
         return [{name: signal for name, signal in trace.items() if name != "scenario"} for trace in traces]

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -13,6 +13,7 @@ from benchmarks.policies.spec import PolicySpec, resolve
 from fbl_gym.envs.env import TwoLinkArmEnv
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import Array
+from fbl_gym.options import SENSORS
 from fbl_gym.scenarios import Scenario
 
 
@@ -39,6 +40,9 @@ class Trace:
         event_times: of each seed's first episode [n x number of events] s.
         watched: the signals of `rollout`'s argument `watch`, by name; [T x n x ...], from sample 1
             on.
+        details: with `detailed`, the readings of the sensors, the motion of the motors, and the
+            arrays of the policy's state, by name [T + 1 x n x ...]. NaN in the first sample of the
+            state: the others are those after the decision that led to the sample.
     """
 
     scenario: Scenario
@@ -56,6 +60,7 @@ class Trace:
     lengths: Array = field(default_factory=lambda: np.empty((0, 2)))
     event_times: Array = field(default_factory=lambda: np.empty((0, 0)))
     watched: dict[str, Array] = field(default_factory=dict)
+    details: dict[str, Array] = field(default_factory=dict)
 
 
 def make_env(policy: PolicySpec, scenario: Scenario, lanes: int | None, action: str | None = None) -> Any:
@@ -70,6 +75,9 @@ def make_env(policy: PolicySpec, scenario: Scenario, lanes: int | None, action: 
 
 Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
 """A signal to record after each step: a function of the environment, the policy and its state."""
+
+LARGEST = 16
+"""Most numbers of a lane in an array of a policy's state that is recorded."""
 
 _SIGNALS = ("position", "velocity", "reference", "command", "torque", "disturbance")
 
@@ -100,11 +108,13 @@ def rollout_trials(
     trials: int,
     gains: Mapping[str, Any] | None = None,
     watch: Mapping[str, Watch] | None = None,
+    detailed: bool = False,
 ) -> list[Trace]:
     """Run an arm and a motion for each seed several times in a row, and return each trial's trace.
 
     The policy's state goes on from trial to trial, with `episode_start` at the first step of each,
     as in stable-baselines3. A run that diverged takes part in the next trial again.
+    With `detailed`, the traces have their `details`.
     """
     n, steps = len(seeds), scenario.steps
     spec = resolve(policy)
@@ -123,6 +133,7 @@ def rollout_trials(
         starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
         observation, _ = env.reset(seed=list(seeds) if trial == 0 else None)
         _record(signals, 0, env)
+        details = [_details(env, observation, ())] if detailed else []
         lengths, event_times = np.array(env.truth.lengths), env.truth.event_times
         for k in range(steps):
             begin = time.perf_counter()
@@ -133,6 +144,8 @@ def rollout_trials(
             starts, ended = ended, terminated | truncated
             alive[k + 1] = alive[k] & ~terminated
             _record(signals, k + 1, env)
+            if detailed:
+                details.append(_details(env, observation, state))
             for name, signal in (watch or {}).items():
                 watched[name].append(signal(env, actor, state))
         # The statistics of a lane that diverged need the reference to the end of its episode, and
@@ -148,6 +161,10 @@ def rollout_trials(
             lengths=lengths,
             event_times=event_times,
             watched={name: np.array(rows) for name, rows in watched.items()},
+            details={
+                name: np.array([row.get(name, np.full_like(last, np.nan)) for row in details])
+                for name, last in (details[-1] if detailed else {}).items()
+            },
             **signals,
         )
         traces.append(trace)
@@ -160,7 +177,9 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
 
     It has position, velocity and acceleration.
     """
-    bare = ("plant", "parameter_error", "noise", "friction", "disturbance", "joint", "actuator", "constraints")
+    bare = (
+        "plant", "parameter_error", "noise", "friction", "disturbance", "joint", "actuator", "datasheet", "constraints",
+    )  # fmt: skip
     limits = {"position": 1e9, "velocity": 1e9}
     calm = scenario.replace(**dict.fromkeys(bare), events=(), initial_error=0.0, initial_velocity=0.0, limits=limits)
     env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
@@ -172,6 +191,23 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
         if k < scenario.steps:
             env.step(np.zeros((len(seeds), 2)))
     return motion
+
+
+def _details(env: TwoLinkArmVectorEnv, observation: Array, state: Any) -> dict[str, Array]:
+    """Return `Trace.details` of one sample."""
+    truth, layout = env.truth, env.interface.layout
+    readings = {f"measured_{name}": observation[:, layout[name]].copy() for name in SENSORS if name in layout}
+    motors = {"motor_position": truth.motor_position, "motor_velocity": truth.motor_velocity}
+    return readings | motors | dict(_named("state", state, env.num_envs))
+
+
+def _named(name: str, state: Any, lanes: int) -> Iterator[tuple[str, Array]]:
+    """Yield the arrays of a policy's state with at most `LARGEST` numbers of each lane, by name."""
+    if isinstance(state, tuple):
+        for i, part in enumerate(state):
+            yield from _named(f"{name}_{getattr(state, '_fields', range(len(state)))[i]}", part, lanes)
+    elif isinstance(state, np.ndarray) and len(state) == lanes and state.size <= LARGEST * lanes:
+        yield name, np.array(state, dtype=float)
 
 
 def _record(signals: dict[str, Array], k: int, env: TwoLinkArmVectorEnv) -> None:

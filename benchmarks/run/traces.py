@@ -9,34 +9,51 @@ import numpy as np
 
 from benchmarks.files import replacing
 from benchmarks.run.rollout import Trace
+from fbl_gym.model.arm import Array
 
-SIGNALS = {
-    "position": "position_rad",
-    "velocity": "velocity_rad_s",
-    "reference": "reference_rad",
-    "torque": "torque_Nm",
-    "disturbance": "disturbance_Nm",
-    "payload": "payload_kg",
+UNITS = {
+    "position": "rad",
+    "velocity": "rad_s",
+    "reference": "rad",
+    "command": "Nm",
+    "torque": "Nm",
+    "disturbance": "Nm",
+    "payload": "kg",
+    "measured_position": "rad",
+    "measured_velocity": "rad_s",
+    "measured_acceleration": "rad_s2",
+    "motor_position": "rad",
+    "motor_velocity": "rad_s",
 }
-"""The name with its unit of each signal in a file."""
+"""The unit of each signal in a file, at the end of its name. A policy's state has none."""
 
 FORMATS = (".npz", ".csv")
 
 
-def arrays(trace: Trace) -> dict[str, Any]:
-    """Return the signals of a trace, [T + 1 x n x 2] or [T + 1 x n], by their names in a file.
+def signals(trace: Trace) -> dict[str, Array]:
+    """Return the signals of a trace, [T + 1 x n x ...], by name, and then its `details`.
 
     From the sample at which a run diverged on, all but the reference are NaN.
 
     Args:
         trace: with T steps of n seeds.
     """
-    signals: dict[str, Any] = {"time_s": trace.time, "seed": np.array(trace.seeds), "alive": trace.alive}
-    for name, column in SIGNALS.items():
-        signal = getattr(trace, name)
+    named = {name: getattr(trace, name) for name in UNITS if hasattr(trace, name)} | trace.details
+    for name, signal in named.items():
         alive = trace.alive.reshape(trace.alive.shape + (1,) * (signal.ndim - 2))
-        signals[column] = signal if name == "reference" else np.where(alive, signal, np.nan)
-    return signals
+        named[name] = signal if name == "reference" else np.where(alive, signal, np.nan)
+    return named
+
+
+def arrays(trace: Trace) -> dict[str, Any]:
+    """Return the `signals` of a trace by their names in a file, such as "position_rad"."""
+    named = {_column(name): signal for name, signal in signals(trace).items()}
+    return {"time_s": trace.time, "seed": np.array(trace.seeds), "alive": trace.alive} | named
+
+
+def _column(name: str, *indices: int) -> str:
+    """Return the name of a signal in a file, with the place of a number in it, counted from 1."""
+    return "_".join([name, *(str(i + 1) for i in indices), *([UNITS[name]] if name in UNITS else [])])
 
 
 def table(trace: Trace) -> dict[str, Any]:
@@ -47,18 +64,15 @@ def table(trace: Trace) -> dict[str, Any]:
     Args:
         trace: to be written.
     """
-    signals = arrays(trace)
     samples, lanes = trace.alive.shape
     columns = {
-        "seed": np.repeat(signals.pop("seed"), samples),
-        "time_s": np.tile(signals.pop("time_s"), lanes),
-        "alive": signals.pop("alive").T.ravel(),
+        "seed": np.repeat(np.array(trace.seeds), samples),
+        "time_s": np.tile(trace.time, lanes),
+        "alive": trace.alive.T.ravel(),
     }
-    for name, signal in signals.items():
-        if signal.ndim == 2:
-            columns[name] = signal.T.ravel()
-        for joint in (0, 1) if signal.ndim == 3 else ():
-            columns[name.replace("_", f"_{joint + 1}_", 1)] = signal[..., joint].T.ravel()
+    for name, signal in signals(trace).items():
+        for place in np.ndindex(signal.shape[2:]):
+            columns[_column(name, *place)] = signal[:, :, *place].T.ravel()
     return columns
 
 

@@ -15,7 +15,7 @@ from fbl_gym.scenarios import Scenario
 _LANE = np.zeros(1, dtype=np.int64)
 _SIGNALS = ("position", "velocity", "acceleration")
 _ABSENT = (
-    "parameter_error", "noise", "encoder", "friction", "disturbance", "joint", "constraints", "plant",
+    "parameter_error", "noise", "encoder", "friction", "disturbance", "joint", "datasheet", "constraints", "plant",
 )  # fmt: skip
 
 

@@ -190,6 +190,8 @@ def _make_interface(scenario: Scenario, action: str, settings: Settings, preview
     datasheet = scenario.actuator.datasheet(scenario)
     for option in (scenario.noise, scenario.encoder, scenario.joint):
         datasheet |= {} if option is None else option.datasheet(scenario)
+    if scenario.datasheet is not None:
+        datasheet = scenario.datasheet.datasheet(datasheet)
     return Interface(
         nominal=scenario.arm, layout=layout, control_dt=scenario.control_dt, action=action, action_limit=bound,
         resolution=tuple(settings["quantization"][0].tolist()), constraints=scenario.constraints, **datasheet,

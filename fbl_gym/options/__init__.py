@@ -6,6 +6,7 @@ single number for both. Most numbers may vary: each episode draws them from a `D
 """
 
 from fbl_gym.options.actuator import Actuator
+from fbl_gym.options.datasheet import Datasheet
 from fbl_gym.options.disturbance import (
     ArrayDisturbance,
     PiecewiseConstantDisturbance,
@@ -30,7 +31,7 @@ from fbl_gym.options.reward import Reward
 from fbl_gym.options.sensors import SENSORS, Encoder, Noise, SensorError
 
 __all__ = [
-    "EVENTS", "PARAMETERS", "SENSORS", "WORLDS", "Actuator", "ArrayDisturbance", "ArrayReference", "Constraints",
+    "EVENTS", "PARAMETERS", "SENSORS", "WORLDS", "Actuator", "ArrayDisturbance", "ArrayReference", "Constraints", "Datasheet",
     "DriveChange", "Drop", "ElasticJoint", "Encoder", "Event", "FilteredSteps", "FourierReference", "Friction",
     "FrictionChange", "Knock", "Limits", "MinimumJerk", "MuJoCo", "Noise", "ParameterError", "Payload", "PickUp",
     "PiecewiseConstantDisturbance", "PulseDisturbance", "Reward", "SensorError", "SineDisturbance", "SineReference",

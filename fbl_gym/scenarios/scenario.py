@@ -19,6 +19,7 @@ from fbl_gym.options import (
     SENSORS,
     Actuator,
     Constraints,
+    Datasheet,
     ElasticJoint,
     Encoder,
     Event,
@@ -76,6 +77,7 @@ class Scenario(Record):
         disturbance: torque tau_d of equation (1).
         actuator: torque limits, delay and lag; None: an ideal drive without limits.
         joint: springs between motors and links; None: rigid joints.
+        datasheet: what policies are told of drive, sensors and joint; None: the truth.
         events: changes of the real arm at a time.
         sensors: the measured signals; they include "position".
         reference: motion that the arm follows.
@@ -109,6 +111,7 @@ class Scenario(Record):
         Actuator(), _actuator, "an Actuator, a dict of its fields, its torque_limit or None", classes=(Actuator,)
     )
     joint: ElasticJoint | None = record(ElasticJoint, None, scalar="stiffness")
+    datasheet: Datasheet | None = record(Datasheet, None)
     events: tuple[Event, ...] = events()
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     reference: Reference = one_of(REFERENCES, MinimumJerk())
@@ -139,7 +142,7 @@ class Scenario(Record):
         self.check_multiple("duration", self.duration, "control_dt", least=1)
         for option in (
             self.parameter_error, self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint,
-            self.reference, self.disturbance,
+            self.reference, self.disturbance, self.datasheet,
         ):  # fmt: skip
             if option is not None:
                 option.check(self)

@@ -227,7 +227,7 @@ def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
         ("pid-flm+kalman+eso", "give one observer, got kalman and eso"),
         ("pid-flm+eso+eso", "parts must differ, got eso, eso"),
         ("oracle-flm+kalman", "parts go with a subclass of TorqueLaw, got 'OracleFlm'"),
-        ("pid-flm+kalman@tuned", "pid-flm.kalman has no tuned gains"),
+        ("computed-torque-ilc+kalman@tuned", "computed-torque-ilc.kalman has no tuned gains"),
     ],
 )
 def test_a_wrong_composition_is_named(name, message):

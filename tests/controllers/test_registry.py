@@ -142,7 +142,7 @@ def test_gains_of_a_class(tmp_path, monkeypatch):
     assert controllers.make("pd-gravity@tuned", env).frequency == (3.0, 3.0)
     assert controllers.make("pd-gravity@direct", env).frequency == (4.0, 4.0)
     assert controllers.make("pd-gravity@tuned", TwoLinkArmEnv("direct-nominal")).frequency == (4.0, 4.0)
-    for name in ("pd-gravity@servo", "pd-gravity+springs@geared"):
+    for name in ("pd-gravity@servo", "pd-gravity+springs@servo"):
         for use in (lambda text: controllers.make(text, env), resolve):
             with pytest.raises(ValueError, match=r"no tuned gains for the class .*fbl-gym tune pd-gravity.* --class"):
                 use(name)

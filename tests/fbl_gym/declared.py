@@ -27,6 +27,7 @@ BASES = {
 OUTER = {
     "events[friction]": {"friction": {"viscous": 1.0}},
     "limits.command": {"action": "acceleration"},
+    "datasheet": {"joint": {"stiffness": 1e3, "rotor_inertia": 0.5}},
 }
 """Options beside which others act, by the start of their path."""
 

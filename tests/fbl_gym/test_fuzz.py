@@ -40,6 +40,8 @@ RANGES = {
     "actuator": {"torque_limit": (0.1, 1e5), "lag": (0, 10), "delay_samples": (0, 3), "gain": (0, 2)},
     "actuator.r": {"rate_limit": (1e-3, 1e6), "ripple": (0, 50), "ripple_order": (0.1, 500)},
     "joint": {"stiffness": (1, 1e5), "rotor_inertia": (0.01, 5), "damping": (0, 50), "backlash": (0, 0.5)},
+    "datasheet": {"delay lag latency": (0, 0.1), "position_noise velocity_noise acceleration_noise": (0, 1)},
+    "datasheet.": {"rate_limit stiffness damping rotor_inertia backlash": (1e-3, 1e3)},
     "events": {"mass": (0, 20), "factor": (0, 4), "impulse": (-20, 20)},
     "reference": {"low": (-5, -3), "high": (1, 5), "centre": (-3, 3), "amplitude": (0, 3), "phase": (-7, 7)},
     "reference.": {"move_time period": (0.12, 1), "hold_time": (0, 0.2), "bandwidth": (0.1, 50), "dt": (0.003, 0.1)},
@@ -187,6 +189,10 @@ def make_valid(options):
             joint["stiffness"] = 1.0 if joint["stiffness"] != 1.0 else 0.01
             if joint["stiffness"] == 0.01:
                 del options["joint"]
+    if "datasheet" in options:
+        springs = ("stiffness", "damping", "rotor_inertia", "backlash") if "joint" not in options else ()
+        unread = {"velocity", "acceleration"}.difference(sensors)
+        options["datasheet"] = without(options["datasheet"], *springs, *(f"{sensor}_noise" for sensor in unread))
     if "joint" not in options and "friction" in options:
         try:
             Scenario(**{name: options[name] for name in PLANT if name in options})

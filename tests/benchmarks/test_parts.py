@@ -1,0 +1,98 @@
+"""Parts of a law in names: of registered laws and of a user's file, before the gains."""
+
+import json
+
+import pytest
+
+import controllers
+from benchmarks.policies.name import PolicyName
+from benchmarks.policies.spec import resolve
+from benchmarks.run.rollout import rollout
+from controllers.composition import compose
+from controllers.policy import TorqueLaw
+from controllers.registry import tuned_gains
+from fbl_gym import TwoLinkArmEnv, scenarios
+from fbl_gym.records import tuning_ranges
+
+LAW = """
+from dataclasses import dataclass
+import controllers
+from fbl_gym.records import number
+
+@dataclass(frozen=True)
+class Law(controllers.TorqueLaw):
+    frequency: float = number(8.0, above=0, tune=(2.0, 40.0))
+    {gain}: float = number(2.0, above=0)
+
+    def torque(self, observation, state):
+        q, v, r = self.read(observation, "position", "velocity", "reference_position")
+        return 30.0 * (self.frequency**2 * (r - q) - 2 * self.frequency * v), state
+
+def function(interface):
+    return Law(interface)
+
+make_policy = Law
+"""
+TASK = scenarios.get("everything-2").replace(duration=0.5)
+
+
+@pytest.fixture
+def law(tmp_path, monkeypatch):
+    """Write a law into a file of the current folder, and return the file's name."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "parted.py").write_text(LAW.format(gain="observer"))
+    return "parted.py"
+
+
+@pytest.mark.parametrize("factory", ["", ":Law"])
+def test_a_law_of_a_file_with_parts_runs_and_can_be_tuned(law, factory):
+    spec = resolve(f"{law}{factory}+kalman+predictor@frequency=5@kalman_bandwidth=60")
+    assert (spec.parsed.form, spec.parsed.parts, spec.problem) == ("file", ("kalman", "predictor"), "")
+    assert {"frequency", "kalman_bandwidth", "predictor_lead"} <= tuning_ranges(spec.factory()).keys()
+    assert (rollout(spec, TASK, range(2)).position != rollout(f"{law}@frequency=5", TASK, range(2)).position).any()
+    assert spec.identity["policy"] != resolve(law).identity["policy"]
+
+
+def test_a_plus_in_a_path_is_no_part():
+    for text, form in (("./a+b/law.py", "file"), ("a+barrier.py", "file"), ("a+b/model.zip", "archive")):
+        assert (PolicyName.parse(text).form, PolicyName.parse(text).parts) == (form, ())
+
+
+@pytest.mark.parametrize(
+    ("end", "error"),
+    [
+        ("+barier", "unknown part 'barier'; did you mean 'barrier'"),
+        (":function+barrier", "parts go with a subclass of TorqueLaw, got 'function'"),
+        ("@frequency=3+barrier", r"parts of a law come before its gains: parted.py\+barrier@frequency=3"),
+        ("@my_gains+barrier", r"parts of a law come before its gains: parted.py\+barrier@my_gains"),
+    ],
+)
+def test_wrong_parts_are_named(law, end, error):
+    with pytest.raises(ValueError, match=error):
+        resolve(law + end)
+
+
+def test_gains_of_the_law_are_also_those_of_the_law_with_parts(law, tmp_path):
+    assert tuned_gains("sliding-mode+barrier@tuned") == tuned_gains("sliding-mode@tuned")
+    assert tuned_gains("sliding-mode+predictor+barrier@tuned") == tuned_gains("sliding-mode+predictor@tuned")
+    policy = controllers.make("sliding-mode+kalman@tuned", TwoLinkArmEnv())
+    assert policy.kalman_bandwidth == compose(TorqueLaw, "kalman").kalman_bandwidth
+    (tmp_path / "parted.py.json").write_text(json.dumps({"policy": law, "gains": {"frequency": 3.0}}))
+    assert resolve(f"{law}+kalman@{tmp_path}").parsed.given_gains == {"frequency": 3.0}
+    (tmp_path / "parted.py+kalman.json").write_text(
+        json.dumps({"policy": f"{law}+kalman", "gains": {"frequency": 4.0}})
+    )
+    assert resolve(f"{law}+kalman@{tmp_path}").parsed.given_gains == {"frequency": 4.0}
+    with pytest.raises(ValueError, match=r"has the gains of parted.py\+kalman, not of parted.py"):
+        resolve(f"{law}@parted.py+kalman.json")
+
+
+def test_the_key_of_a_law_with_parts_follows_the_code_of_the_law():
+    assert resolve("computed-torque+kalman").digest != resolve("sliding-mode+kalman").digest
+
+
+@pytest.mark.parametrize("gain", ["_observer", "kalman_bandwidth", "needs"])
+def test_a_gain_with_a_name_of_the_composed_law_is_refused(law, tmp_path, gain):
+    (tmp_path / law).write_text(LAW.format(gain=gain))
+    with pytest.raises(ValueError, match=f"has a {gain} of its own, so a gain of Law needs another name"):
+        resolve(f"{law}+kalman")

@@ -1,0 +1,90 @@
+"""`datasheet`: what policies are told of drive, sensors and springs, where the truth is another."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.cli.show import options
+from benchmarks.run.suite import with_option
+from controllers import make
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+
+TRUTH = {
+    "actuator": {"delay": 0.02, "lag": {"uniform": [0.002, 0.004]}, "torque_limit": (2000, 800)},
+    "joint": {"stiffness": {"uniform": [3e3, 5e3]}, "rotor_inertia": 0.5},
+    "noise": {"position": 1e-3, "velocity": 1e-2},
+}
+TOLD = {
+    "delay": (0.01, {"delay": (0.01, 0.01)}),
+    "lag": (0.001, {"lag": (0.001, 0.001)}),
+    "rate_limit": (100.0, {"rate_limit": (100.0, 100.0)}),
+    "latency": (0.003, {"latency": 0.003}),
+    "velocity_noise": (0.5, {"noise_std": ((1e-3, 1e-3), (0.5, 0.5), (0.0, 0.0))}),
+    "stiffness": ((1e3, 2e3), {"stiffness": ((1e3, 2e3), (1e3, 2e3))}),
+    "damping": (3.0, {"damping": ((3.0, 3.0), (3.0, 3.0))}),
+    "rotor_inertia": (0.7, {"rotor_inertia": (0.7, 0.7)}),
+    "backlash": (0.01, {"backlash": (0.01, 0.01)}),
+}
+
+
+def motion(told):
+    """Return the observations, truths and interface of an episode under fixed torques."""
+    env = TwoLinkArmVectorEnv(3, **TRUTH, datasheet=told)
+    rows = [env.reset(seed=5)[0]]
+    for k in range(40):
+        rows.append(env.step(np.full((3, 2), 0.3 * math.sin(k)))[0].copy())
+    return np.array(rows), env.truth, env.interface
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_a_datasheet_changes_the_interface_and_no_bit_of_the_arm(name):
+    value, stated = TOLD[name]
+    rows, truth, interface = motion(None)
+    rows_told, truth_told, told = motion({name: value})
+    assert told == dataclasses.replace(interface, **stated) != interface
+    np.testing.assert_array_equal(rows_told, rows)
+    for field, values in vars(truth).items():
+        np.testing.assert_array_equal(getattr(truth_told, field), values, err_msg=field)
+
+
+def errors(told, law):
+    """Return the mean error of a law at a delay of 20 ms [rad]."""
+    env = TwoLinkArmEnv(duration=2.0, actuator={"delay": 0.02}, datasheet=told)
+    policy, state, sizes = make(law, env), None, []
+    observation, _ = env.reset(seed=0)
+    while True:
+        action, state = policy.predict(observation, state, deterministic=True)
+        observation, _, _, truncated, _ = env.step(action)
+        sizes.append(np.abs(env.truth.reference - env.truth.position).mean())
+        if truncated:
+            return np.mean(sizes)
+
+
+def test_a_predictor_trusts_the_datasheet_and_an_oracle_does_not():
+    assert errors({"delay": 0.01}, "computed-torque+predictor") > 1.5 * errors(None, "computed-torque+predictor")
+    assert errors({"delay": 0.0}, "oracle-flm") == errors(None, "oracle-flm")
+
+
+def test_a_file_a_sweep_and_show_have_it(tmp_path):
+    (tmp_path / "told.toml").write_text('base = "hardware-delay-2"\n[datasheet]\ndelay = 0.001\n')
+    task = scenarios.get(str(tmp_path / "told.toml"))
+    assert task.actuator == scenarios.get("hardware-delay-2").actuator
+    assert ("datasheet.delay", "0.001", "s") in list(options(task))
+    assert with_option(task, "datasheet.delay", 0.002).datasheet.delay == 0.002
+    assert with_option(Scenario(), "datasheet.lag", 0.002).datasheet.lag == 0.002
+
+
+@pytest.mark.parametrize(
+    ("told", "error"),
+    [
+        ({"stiffness": 1e3}, "datasheet.stiffness is of elastic joints, but the scenario has no joint"),
+        ({"velocity_noise": 0.1}, "datasheet.velocity_noise is given, but sensors=.* has no velocity"),
+        ({"gain": 1.0}, "unknown field of datasheet 'gain'"),
+        ({"delay": -1.0}, "datasheet: delay must be a finite number not below 0, got -1"),
+    ],
+)
+def test_a_datasheet_without_effect_is_refused(told, error):
+    with pytest.raises(ValueError, match=error):
+        Scenario(sensors=("position",), datasheet=told)
