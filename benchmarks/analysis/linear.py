@@ -1,9 +1,10 @@
 """Linear analysis: the sampled loop of a policy and an arm, linearised, and its margins.
 
-The plant is the real arm over one control interval, with the drive's delay and lag. The law is the
-policy's map from measured signals and its state to a torque and its next state; its derivatives are
-difference quotients of `predict`. A margin is the smallest gain, phase or delay at the plant's
-input at which an eigenvalue of the closed loop leaves the unit circle.
+The plant is the real arm over one control interval, with springs, the drive's delay and lag, and
+the encoders. The law is the policy's map from measured signals and its state to a torque and its
+next state; its derivatives are difference quotients of `predict`. A margin is the smallest gain,
+phase or delay at the plant's input at which an eigenvalue of the closed loop leaves the unit
+circle.
 """
 
 import dataclasses
@@ -22,8 +23,8 @@ from fbl_gym.checks import Pair, check_number, check_pair
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
-from fbl_gym.options import ArrayReference, Friction, Payload
-from fbl_gym.records import ends, middle
+from fbl_gym.options import ArrayReference, Encoder, Friction, Payload
+from fbl_gym.records import ends
 from fbl_gym.scenarios import Scenario, as_scenario
 
 POINT: Pair = (-1.0, 0.5)
@@ -98,9 +99,12 @@ class LinearLoop:
     Attributes:
         control_dt: sample time [s].
         delay, lag: of the drive [s].
-        stiffness: derivative of the acceleration by (q, v), [2 x 4].
-        inverse_inertia: derivative of the acceleration by the commanded torque, [2 x 2]; the
-            drive's gain is part of it.
+        motion: derivative of the arm's state's rate by the state, [n x n]. The state is (q, v) of
+            the links; with elastic joints, those of the motors follow.
+        drive: its derivative by the commanded torque, [n x 2]; the drive's gain is part of it.
+        measured: index in the state of the position that the encoders read.
+        encoder: latency and difference [samples], and the low-pass filter's share of a new value;
+            difference 0: the velocity is measured.
         matrices: A, B, C, D of K.
         readings: names of y, as in `Layout.names`.
         action_scale: torque of an action of 1, [2] N m.
@@ -109,8 +113,10 @@ class LinearLoop:
     control_dt: float
     delay: float
     lag: float
-    stiffness: Array
-    inverse_inertia: Array
+    motion: Array
+    drive: Array
+    measured: int
+    encoder: tuple[int, int, float]
     matrices: tuple[Array, Array, Array, Array]
     readings: tuple[str, ...]
     action_scale: Array
@@ -118,15 +124,15 @@ class LinearLoop:
     def plant(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
         """Return A, B, C of P.
 
-        Its state is (q, v), the drive's torque if it lags, and the past commands. A delay of k + f
-        intervals splits an interval: in its first part f the command is one sample older (Franklin,
-        Powell and Workman, "Digital Control of Dynamic Systems", 1998, §4.3.4).
+        Its state is that of the arm, the drive's torque if it lags, the past commands, and the past
+        readings that the encoders still use. A delay of k + f intervals splits an interval: in its
+        first part f the command is one sample older (Franklin, Powell and Workman, "Digital Control
+        of Dynamic Systems", 1998, §4.3.4).
         """
-        a = np.block([[np.zeros((2, 2)), np.eye(2)], [self.stiffness]])
-        b = np.vstack([np.zeros((2, 2)), self.inverse_inertia])
+        a, b, size = self.motion, self.drive, len(self.motion)
         if self.lag > 0.0:
-            a = np.block([[a, b], [np.zeros((2, 4)), -np.eye(2) / self.lag]])
-            b = np.vstack([np.zeros((4, 2)), np.eye(2) / self.lag])
+            a = np.block([[a, b], [np.zeros((2, size)), -np.eye(2) / self.lag]])
+            b = np.vstack([np.zeros((size, 2)), np.eye(2) / self.lag])
         whole, part = divmod((self.delay + more_delay) / self.control_dt + 1e-9, 1.0)
         early, early_input = _hold(a, b, part * self.control_dt)
         late, late_input = _hold(a, b, (1.0 - part) * self.control_dt)
@@ -139,17 +145,28 @@ class LinearLoop:
         inputs[:, 2 * k : 2 * k + 2], inputs[:, 2 * k + 2 : 2 * k + 4] = late_input, late @ early_input
         shift = np.eye(2 * past, 2 * (past + 1))
         both = np.vstack([np.hstack([late @ early, inputs]), np.hstack([np.zeros((len(shift), n)), shift])])
+        b, both = both[:, n : n + 2], np.delete(both, [n, n + 1], axis=1)
 
-        outputs = {name: np.zeros((2, len(both))) for name in MEASURED}
-        outputs["position"][:, :2] = outputs["velocity"][:, 2:4] = np.eye(2)
+        # The last readings of position and velocity, the newest first, are states, too.
+        (latency, difference, share), length = self.encoder, len(both)
+        a = block_diag(both, np.eye(4 * max(latency, difference), k=-4))
+        readings = np.zeros((4 + len(a) - length, len(a)))
+        readings[4:, length:] = np.eye(len(a) - length)
+        readings[:4, self.measured : self.measured + 4] = np.eye(4)
+        if difference:
+            change = readings[:2] - readings[4 * difference : 4 * difference + 2]
+            readings[2:4] = (1.0 - share) * readings[6:8] + share / (difference * self.control_dt) * change
+        a[length : length + 4] = readings[: len(a) - length][:4]
+
+        outputs = {"position": readings[4 * latency :][:2], "velocity": readings[4 * latency + 2 :][:2]}
         # An accelerometer reads at the end of an interval, under the torque of that interval.
-        outputs["acceleration"][:, :4] = self.stiffness
-        acting = 4 if self.lag > 0.0 else n + 2 * k
-        outputs["acceleration"][:, acting : acting + 2] = self.inverse_inertia
-        outputs["previous_actions"] = np.zeros((2 * past, len(both)))
-        outputs["previous_actions"][:, n:] = np.diag(np.tile(1.0 / self.action_scale, past))
+        outputs["acceleration"], outputs["previous_actions"] = np.zeros((2, len(a))), np.zeros((2 * past, len(a)))
+        outputs["acceleration"][:, :size] = self.motion[2:4]
+        acting = size if self.lag > 0.0 else n + 2 * k
+        outputs["acceleration"][:, acting : acting + 2] += self.drive[2:4]
+        outputs["previous_actions"][:, n:length] = np.diag(np.tile(1.0 / self.action_scale, past))
         rows = [outputs[name[: name.index("[")]][int(name[name.index("[") + 1 : -1])] for name in self.readings]
-        return np.delete(both, [n, n + 1], axis=1), both[:, n : n + 2], np.array(rows)
+        return a, np.vstack([b, np.zeros((len(a) - length, 2))]), np.array(rows)
 
     def _series(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
         """Return A, B, C of K P, the loop that is cut open at the plant's input."""
@@ -276,32 +293,27 @@ def linearize(
 
 
 def _calm(scenario: Scenario) -> Scenario:
-    """Return the scenario without noise, rounding, disturbance, dry friction, changing payload."""
-    if scenario.joint is not None:
-        raise NotLinear("the joints are elastic, which the loop does not describe")
+    """Return the scenario without noise, disturbance, dry friction, ripple and the like."""
     encoder, drive = scenario.encoder, scenario.actuator
-    if ends(drive.jitter)[1] > 0.0 or ends(drive.ripple)[1] > 0.0:
-        raise NotLinear("the drive has jitter or ripple, which the loop does not describe")
-    if encoder is not None and (encoder.latency or encoder.difference is not None):
-        raise NotLinear("the encoder has a latency or computes the velocity, which the loop does not describe")
+    if ends(drive.jitter)[1] > 0.0:
+        raise NotLinear("the drive has jitter, which no fixed loop has: replace it by a part of the delay")
+    if encoder is not None:
+        encoder = dataclasses.replace(encoder, counts=None, dropout=0.0)
     error = scenario.parameter_error
     if error is not None and isinstance(error.payload, Payload):
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
-    calm = dict.fromkeys(("noise", "encoder", "disturbance", "constraints"))
-    return scenario.replace(parameter_error=error, friction=friction, **calm)
+    calm = dict.fromkeys(("noise", "disturbance", "constraints"))
+    drive = dataclasses.replace(drive, ripple=0.0)
+    return scenario.replace(parameter_error=error, friction=friction, encoder=encoder, actuator=drive, **calm)
 
 
 def _loop(
     scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any
 ) -> LinearLoop:
     """Linearise at a true state, and at an observation [size] with the policy's state."""
-    viscous, arm = truth.viscous, with_rotors(truth.lumped, truth.rotor)
-
-    def acceleration(x: Array) -> Array:
-        return forward_dynamics(arm, x[:, :2], x[:, 2:], truth.applied_torque - viscous * x[:, 2:])
-
-    layout, drive = interface.layout, scenario.actuator
+    layout, (motion, drive) = interface.layout, _motion(scenario, truth)
+    encoder = scenario.encoder or Encoder()
     entries = np.concatenate([np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout])
     step, point = _law(actor, interface, observation, entries, state)
     m, slope = len(entries), _derivative(step, point)
@@ -309,10 +321,16 @@ def _loop(
         raise NotLinear("the law changes from sample to sample")
     loop = LinearLoop(
         control_dt=scenario.control_dt,
-        delay=middle(drive.delay) + middle(drive.delay_samples) * scenario.control_dt,
-        lag=middle(drive.lag),
-        stiffness=_derivative(acceleration, np.concatenate([truth.position[0], truth.velocity[0]])),
-        inverse_inertia=np.linalg.inv(inertia_matrix(arm, truth.position)[0]) * truth.gain[0],
+        delay=float(truth.delay[0]),
+        lag=float(truth.lag[0]),
+        motion=motion,
+        drive=drive * truth.gain[0],
+        measured=4 if scenario.joint is not None and scenario.joint.encoder == "motor" else 0,
+        encoder=(
+            encoder.latency,
+            encoder.difference or 0,
+            1.0 - np.exp(-2 * np.pi * (encoder.low_pass or np.inf) * scenario.control_dt),
+        ),
         matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
         readings=tuple(layout.names[i] for i in entries),
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
@@ -321,19 +339,45 @@ def _loop(
     return loop
 
 
+def _motion(scenario: Scenario, truth: Truth) -> tuple[Array, Array]:
+    """Return the derivatives of the state's rate by the state and by the drives' torque.
+
+    The equations are those of `options/joints.py`. A tooth that is pressed stays pressed.
+    """
+    springs, applied = scenario.joint is not None, truth.applied_torque
+    gap = 0.5 * truth.backlash * np.sign(truth.motor_position - truth.position)
+    if springs and np.any(np.abs(truth.motor_position - truth.position) < np.abs(gap) + 2 * max(STEPS)):
+        raise NotLinear("a joint is within the gap of its backlash, where motor and link do not touch")
+    arm = truth.lumped if springs else with_rotors(truth.lumped, truth.rotor)
+
+    def rate(x: Array) -> Array:
+        q, v, torque = x[:, :2], x[:, 2:4], applied - truth.viscous * x[:, -2:]
+        if not springs:
+            return np.hstack([v, forward_dynamics(arm, q, v, torque)])
+        spring = truth.stiffness * (x[:, 4:6] - q - gap) + truth.damping * (x[:, 6:] - v)
+        return np.hstack([v, forward_dynamics(arm, q, v, spring), x[:, 6:], (torque - spring) / truth.rotor])
+
+    point, inverse = [truth.position, truth.velocity], np.linalg.inv(inertia_matrix(arm, truth.position)[0])
+    if springs:
+        point, inverse = [*point, truth.motor_position, truth.motor_velocity], np.diag(1.0 / truth.rotor[0])
+    motion = _derivative(rate, np.concatenate(point, axis=1)[0])
+    return motion, np.vstack([np.zeros((len(motion) - 2, 2)), inverse])
+
+
 def _law(
     actor: Any, interface: Interface, observation: Array, entries: Array, state: Any
 ) -> tuple[Callable[..., Array], Array]:
     """Return a policy as a function of lanes, and the point at which it is linearised.
 
-    The function maps entries of the observation, and the state's floating-point parts, to the
-    torque and the next state.
+    The function maps entries of the observation, and the state's finite floating-point parts, to
+    the torque and the next state.
     """
     layout, m = interface.layout, len(entries)
     parts = [np.asarray(part) for part in leaves(state or ())]
     if any(part.shape[:1] != (1,) for part in parts):
         raise NotLinear("the policy's state has no row for each lane")
-    real = [i for i, part in enumerate(parts) if part.dtype.kind == "f"]
+    # An infinite part is a limit that does not act.
+    real = [i for i, part in enumerate(parts) if part.dtype.kind == "f" and np.isfinite(part).all()]
     cuts = np.cumsum([m, *(parts[i].size for i in real)])
     if cuts[-1] > MOST_NUMBERS:
         raise NotLinear(f"the policy's state has too many numbers, {cuts[-1] - m}")
@@ -367,7 +411,7 @@ def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, sl
     a, b, c = loop.plant(1.5 * loop.control_dt)
     m, centre = len(c), step(point[None])[0]
     x, states = np.zeros(len(a)), np.zeros(len(point) - m)
-    x[:4] = 1e-6, -1e-6, 1e-5, 2e-5
+    x[: len(loop.motion)] = [1e-6, -1e-6, 1e-5, 2e-5] * (len(loop.motion) // 4)
     largest = 0.0
     for _ in range(100):
         inputs = np.concatenate([c @ x, states])
