@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from benchmarks.cli.common import add_scenario, command_line
+from benchmarks.cli.common import command_line
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.training_settings import TrainingSettings
@@ -29,7 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--history", type=int, default=0, metavar="N", help="number of earlier steps that the agent observes (0)"
     )
     parser.add_argument("--base", metavar="LAW", help="law under a residual (computed-torque at 15 rad/s)")
-    parser.add_argument("--drive", action="store_true", help="let the agent observe the drive's stated delay and lag")
+    parser.add_argument(
+        "--drive",
+        action="store_true",
+        help="let the agent observe the drive's stated delay and lag, and the class of robots",
+    )
+    parser.add_argument(
+        "--period", type=float, default=0.0, metavar="S", help="time between two decisions of the agent [s] (each step)"
+    )
     parser.add_argument(
         "--sensors", nargs="+", choices=SENSORS, default=SENSORS, help="sensors that the agent observes (all)"
     )
@@ -39,7 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--context", action="store_true", help="let the agent observe the true parameters (privileged access)"
     )
-    add_scenario(parser, "everything-2", "or a tier (practice), for training and validation, ")
+    parser.add_argument(
+        "--scenario", nargs="+", default=["everything-2"], metavar="S",
+        help="to train and validate on: scenarios, .toml files, or tiers such as servo-practice (everything-2)",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="training seed (0)")
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--steps", type=int, metavar="N", help="steps of all arms together (from the hyperparameters)")
@@ -52,9 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Train an agent; return the exit status."""
-    name = arguments.scenario
-    names = scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,)
-    tasks = tuple(map(scenarios.get, names))
+    tasks = tuple(
+        scenarios.get(task)
+        for name in arguments.scenario
+        for task in (scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,))
+    )
     settings = TrainingSettings(
         arguments.algorithm,
         _adapter(arguments, tasks[0]),
@@ -79,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _adapter(arguments: argparse.Namespace, scenario: scenarios.Scenario) -> AdapterSettings:
-    names = ("history", "drive", "context", "sensors")
+    names = ("history", "drive", "period", "context", "sensors")
     options: dict[str, Any] = {name: getattr(arguments, name) for name in names}
     if arguments.scales is not None:
         options["scales"] = arguments.scales
@@ -87,7 +99,7 @@ def _adapter(arguments: argparse.Namespace, scenario: scenarios.Scenario) -> Ada
         law: Any = controllers.make(arguments.base, TwoLinkArmVectorEnv(1, scenario).interface)
         gains = {name: value for name, value in vars(law).items() if name in law.__dataclass_fields__}
         del gains["interface"]
-        options |= {"base": arguments.base.removesuffix("@tuned"), "gains": gains}
+        options |= {"base": arguments.base, "gains": {} if arguments.base.endswith("@tuned") else gains}
     return AdapterSettings(arguments.interface, **options)
 
 

@@ -10,13 +10,14 @@ import numpy as np
 
 import controllers
 from controllers.policy import State, TorqueLaw
-from controllers.registry import is_composed
+from controllers.registry import LawName, is_composed
 from fbl_gym.checks import check_choice, check_number
 from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.records import Record, choice, choices, declared, number, pair, whole
+from fbl_gym.scenarios.classes import CLASSES
 
 ACTIONS = ("torque", "acceleration", "residual")
 
@@ -28,10 +29,13 @@ CONTEXT = ("m1", "m2", "L1", "L2", "payload")
 DRIVE_SCALE = 0.05
 """Scale of the drive's delay and lag in the agent's observation [s]."""
 
+GATE = 0.1
+"""Share of a torque limit within which a residual fades, so that the law alone brakes there."""
+
 
 def _check_base(name: str, value: Any) -> str:
     if not is_composed(value):
-        check_choice(name, value, controllers.names())
+        check_choice(name, LawName.parse(value).law, controllers.names())
     return str(value)
 
 
@@ -61,14 +65,18 @@ class AdapterSettings(Record):
             "torque": the torque is `torque` times the action.
             "acceleration": `acceleration` times the action goes through the nominal linearisation.
             "residual": `residual` times the action, times the nominal inertia, is added to the
-            torque of `base`.
+            torque of `base`. It fades where that torque is within `GATE` of a limit.
         torque: largest torque per joint.
         acceleration: largest acceleration of both joints.
         residual: largest residual acceleration of both joints.
-        base: name of the law under the residual, which may have parts.
-        gains: of the law `base`, written out, so that an agent keeps the law of its training.
+        base: name of the law under the residual, which may have parts. With @tuned, it has the
+            gains for the class of each robot.
+        gains: of any other law `base`, written out, so that an agent keeps the law of its training.
         history: number of earlier steps whose errors and actions the agent observes, latest first.
-        drive: True if the agent observes the delay and lag that the drive's datasheet states.
+        drive: True if the agent observes the delay and lag that the drive's datasheet states, and
+            the class of the robot.
+        period: time between two decisions of the agent; 0: each step. The law under it decides at
+            each step.
         context: True if the agent observes `true_parameters`. Its access is then "privileged".
         sensors: the sensors that the agent observes, which the environment must have.
         scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
@@ -82,6 +90,7 @@ class AdapterSettings(Record):
     gains: Mapping[str, Any] = declared((("frequency", 15.0),), _check_gains, "a dict of gains")
     history: int = whole(0)
     drive: bool = declared(False, _check_flag, "True or False")
+    period: float = number(0.0, unit="s", low=0)
     context: bool = declared(False, _check_flag, "True or False")
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
@@ -114,7 +123,9 @@ class AdapterState(NamedTuple):
     """State of an `AgentAdapter`."""
 
     history: Array  # of errors and actions [n x ...]
-    base: State = ()  # of the law under the residual
+    base: State  # of the law under the residual
+    action: Array  # of the agent's last decision [n x 2]
+    age: Array  # of the episode, in steps [n]
 
 
 class AgentAdapter:
@@ -128,7 +139,10 @@ class AgentAdapter:
         self.settings, self.interface = settings, interface
         self._errors = ErrorScales(interface, settings.sensors, settings.scales)
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
-        self._drive = np.array([*interface.delay, *interface.lag] if settings.drive else []) / DRIVE_SCALE
+        drive = np.array([*interface.delay, *interface.lag]) / DRIVE_SCALE
+        robot = [float(interface.robot_class == name) for name in CLASSES]
+        self._drive = np.array([*drive, *robot] if settings.drive else [])
+        self.hold = max(1, round(settings.period / interface.control_dt))
         context_size = len(CONTEXT) if settings.context else 0
         self.size = self._errors.size + settings.history * self._step_size + len(self._drive) + context_size
         self._base: TorqueLaw | None = None
@@ -140,8 +154,15 @@ class AgentAdapter:
 
     def initial(self, observation: Array) -> State:
         """Return the state at the start of an episode."""
-        history = np.zeros((len(observation), self.settings.history * self._step_size))
-        return AdapterState(history, () if self._base is None else self._base.initial(observation))
+        n = len(observation)
+        history = np.zeros((n, self.settings.history * self._step_size))
+        base = () if self._base is None else self._base.initial(observation)
+        return AdapterState(history, base, np.zeros((n, 2)), np.zeros(n, dtype=int))
+
+    def decides(self, state: State) -> Array:
+        """Return True for the lanes [n] in which the agent decides now."""
+        decides: Array = state.age % self.hold == 0
+        return decides
 
     def context(self, env: Any, lanes: int) -> Array:
         """Return the true parameters of an environment now [n x 5]; without context [n x 0]."""
@@ -161,18 +182,30 @@ class AgentAdapter:
         return np.concatenate([self._errors(observation), state.history, drive, context], axis=-1)
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m of the agent's action [n x 2], and the next state."""
-        action = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
+        """Return the torque [n x 2] N m and the next state.
+
+        Args:
+            action: of the agent [n x 2], which counts in the lanes of `decides`.
+            observation: of the environment [n x size].
+            state: of the adapter.
+        """
+        decides = self.decides(state)[:, None]
+        action = np.where(decides, np.clip(np.asarray(action, dtype=float), -1.0, 1.0), state.action)
         history = state.history
         if self.settings.history:
-            history = np.concatenate([self._errors(observation), action, history[:, : -self._step_size]], axis=-1)
+            later = np.concatenate([self._errors(observation), action, history[:, : -self._step_size]], axis=-1)
+            history = np.where(decides, later, history)
+        after = AdapterState(history, state.base, action, state.age + 1)
         nominal = self.interface.nominal
         if self.settings.action == "acceleration":
             q, v = (observation[:, self.interface.layout[name]] for name in ("position", "velocity"))
-            return inverse_dynamics(nominal, q, v, self.settings.acceleration * action), AdapterState(history)
+            return inverse_dynamics(nominal, q, v, self.settings.acceleration * action), after
         if self._base is None:
-            return np.array(self.settings.torque) * action, AdapterState(history)
+            return np.array(self.settings.torque) * action, after
         torque, base = self._base.torque(observation, state.base)
+        torque = self.interface.saturate(torque)
         inertia = inertia_matrix(nominal, observation[:, self.interface.layout["position"]])
         residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
-        return self.interface.saturate(torque) + residual, AdapterState(history, base)
+        if (limit := self.interface.torque_limit) is not None:
+            residual *= np.clip((1.0 - np.abs(torque) / np.array(limit)) / GATE, 0.0, 1.0)
+        return torque + residual, after._replace(base=base)

@@ -76,8 +76,10 @@ class Agent(TorqueLaw):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        context = self.adapter.context(self.env, len(observation))
-        action = self.actor(self.adapter.observe(observation, state, context))
+        action = state.action
+        if self.adapter.decides(state).any():
+            context = self.adapter.context(self.env, len(observation))
+            action = self.actor(self.adapter.observe(observation, state, context))
         return self.adapter.torque(action, observation, state)
 
 

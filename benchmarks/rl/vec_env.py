@@ -26,7 +26,11 @@ def check_same_step(env: VectorEnv) -> None:
 
 
 class VectorAdapter(VectorWrapper):
-    """A wrapper with an agent's observations and actions, for an environment in SAME_STEP mode."""
+    """A wrapper with an agent's observations and actions, for an environment in SAME_STEP mode.
+
+    A step lasts until the agent's next decision, and its reward is the mean one. Where an episode
+    ends within a step, the law under the agent begins the next one alone.
+    """
 
     def __init__(self, env: VectorEnv, settings: AdapterSettings) -> None:
         super().__init__(env)
@@ -46,6 +50,24 @@ class VectorAdapter(VectorWrapper):
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Take one step with the agent's actions [n x 2], as Gymnasium's `VectorEnv.step`."""
+        self._state = self._state._replace(age=np.zeros_like(self._state.age))  # the agent decides in every lane
+        observed, rewards, terminated, truncated, infos = self._step(actions)
+        for _ in range(self._adapter.hold - 1):
+            self._state = self._state._replace(age=np.maximum(self._state.age, 1))
+            observed, more, *ends, last = self._step(actions)
+            fresh = ~np.logical_or(terminated, truncated)
+            rewards = rewards + np.where(fresh, more, 0.0)
+            if "final_obs" in last:
+                done = last["_final_obs"] & fresh
+                if "final_obs" in infos:
+                    done, last["_final_obs"] = last["_final_obs"] & fresh, infos["_final_obs"] | done
+                    last["final_obs"] = np.where(done, last["final_obs"], infos["final_obs"])
+                infos = {**infos, **last}
+            terminated, truncated = (np.where(fresh, b, a) for a, b in zip((terminated, truncated), ends, strict=True))
+        return observed, rewards / self._adapter.hold, terminated, truncated, infos
+
+    def _step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Take one step of the environment."""
         torque, state = self._adapter.torque(actions, self._observation, self._state)
         q, v = (self._observation[:, self._interface.layout[name]] for name in ("position", "velocity"))
         self._observation, rewards, terminated, truncated, infos = self.env.step(

@@ -208,7 +208,8 @@ class ArmBatch:
 
     def field(self, name: str) -> Array:
         """Return a field of the blocks now, [lanes] or [lanes x ...]."""
-        rows = np.moveaxis(self._blocks[name], -1, 1)  # [blocks x lanes of a block x ...]
+        rows = self._blocks[name]
+        rows = rows.transpose(0, rows.ndim - 1, *range(1, rows.ndim - 1))  # [blocks x lanes of a block x ...]
         return rows.reshape(-1, *rows.shape[2:])[: self.lanes].copy()
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:

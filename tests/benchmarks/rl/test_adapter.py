@@ -6,9 +6,11 @@ import pytest
 from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
 from benchmarks.rl.agent import Agent
 from benchmarks.rl.vec_env import VectorAdapter
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
+
+MOTION = ("position", "velocity")
 
 
 @pytest.mark.parametrize(
@@ -112,8 +114,51 @@ def test_an_agent_observes_the_drive_and_its_own_sensors_only():
         adapter = AgentAdapter(settings, env.interface)
         observation = env.reset(seed=0)[0][None]
         observed = adapter.observe(observation, adapter.initial(observation), np.empty((1, 0)))
-        assert observed.shape == (1, adapter.size) == (1, 14)
-        np.testing.assert_allclose(observed[0, -4:], [0.4, 0.4, 0.2, 0.6])
+        assert observed.shape == (1, adapter.size) == (1, 17)
+        np.testing.assert_allclose(observed[0, -7:], [0.4, 0.4, 0.2, 0.6, 1.0, 0.0, 0.0])
+
+
+def test_an_agent_decides_once_in_a_period_and_its_law_at_each_step():
+    """In training as in use."""
+    scenario = scenarios.get("servo-practice-delay-3").replace(duration=1.0)
+    settings = AdapterSettings("residual", base="pd-gravity", gains={}, history=2, period=0.05, sensors=MOTION)
+    alone, trained = (TwoLinkArmVectorEnv(3, scenario, autoreset_mode="SameStep") for _ in range(2))
+    agent = Agent(alone.interface, settings, random_actor(settings, alone.interface))
+    env = VectorAdapter(trained, settings)
+    observation, state = alone.reset(seed=7)[0], None
+    seen, _ = env.reset(seed=7)
+    for _ in range(19):
+        seen, mean, *_ = env.step(agent.actor(seen))
+        rewards, decided = [], []
+        for _ in range(5):
+            action, state = agent.predict(observation, state)
+            observation, reward, *_ = alone.step(action)
+            rewards.append(reward)
+            decided.append(state.action)
+        np.testing.assert_array_equal(decided, decided[:1] * 5)
+        np.testing.assert_allclose(np.mean(rewards, axis=0), mean, atol=1e-12)
+        np.testing.assert_array_equal(alone.truth.position, trained.truth.position)
+
+
+def test_an_episode_that_ends_within_a_period_ends_once():
+    scenario = scenarios.get("servo-practice-nominal").replace(duration=0.07)
+    env = VectorAdapter(
+        TwoLinkArmVectorEnv(2, scenario, autoreset_mode="SameStep"), AdapterSettings(period=0.05, sensors=MOTION)
+    )
+    env.reset(seed=1)
+    ends = [env.step(np.zeros((2, 2))) for _ in range(2)]
+    assert [truncated.tolist() for *_, truncated, _ in ends] == [[False] * 2, [True] * 2]
+    assert np.stack(ends[1][4]["final_obs"]).shape == (2, env.single_observation_space.shape[0])
+
+
+def test_a_residual_fades_at_the_torque_limits():
+    env = TwoLinkArmEnv("servo-nominal")
+    observation = env.reset(seed=0)[0][None].copy()
+    observation[:, env.interface.layout["reference_position"]] += 3.0
+    adapter = AgentAdapter(AdapterSettings("residual", base="pd-gravity", gains={}, sensors=MOTION), env.interface)
+    law, _ = adapter.torque(np.zeros((1, 2)), observation, adapter.initial(observation))
+    assert (np.abs(law) >= env.interface.torque_limit).all()
+    np.testing.assert_array_equal(adapter.torque(np.ones((1, 2)), observation, adapter.initial(observation))[0], law)
 
 
 def test_an_agent_is_not_applicable_without_its_sensors():
