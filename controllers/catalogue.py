@@ -13,7 +13,8 @@ LAWS = (
     ("adaptive-robust-flm", "adaptive:AdaptiveRobustFlm", "estimator, schedule, cascade and Kalman filter (§3 and §4)"),
     ("adaptive-flm-ls", "adaptive_ls:AdaptiveFlmLs", "the robust controller with a model fitted by least squares"),
     # comparators
-    ("adrc", "adrc:Adrc", "active disturbance rejection on the position sensor alone"),
+    ("computed-torque-eso", "adrc:ComputedTorqueEso", "computed torque on an extended state observer, position alone"),
+    ("ladrc", "adrc:Ladrc", "linear active disturbance rejection: no model but the diagonal of the inertia (Gao)"),
     ("time-delay", "time_delay:TimeDelay", "time-delay control: last torque and acceleration replace the model"),
     ("lqg", "lqg:Lqg", "optimal regulator with integral action on a Kalman filter"),
     ("rbf-adaptive", "rbf_adaptive:RbfAdaptive", "neural adaptive control with radial basis functions (Lewis)"),

@@ -1,6 +1,6 @@
 """Check of the board's intervals: how often do they hold the numbers of other seeds?
 
-`python -m benchmarks.analysis.coverage 512 --policies adrc@tuned l1-adaptive@tuned` runs the
+`python -m benchmarks.analysis.coverage 512 --policies lqg@tuned l1-adaptive@tuned` runs the
 board's cells with 512 test seeds, makes a board of each 32 of them, and counts how many of its
 intervals hold the numbers of all the others. 95 % of them should.
 """

@@ -1,6 +1,6 @@
 """The check of `recommend` on drawn arms: is its first choice good in another world?
 
-`python -m benchmarks.analysis.drawn_arms 20 --policies adrc@tuned l1-adaptive@tuned` prints a line
+`python -m benchmarks.analysis.drawn_arms 20 --policies lqg@tuned l1-adaptive@tuned` prints a line
 for each arm, and the share of good choices.
 """
 

@@ -114,11 +114,11 @@ def test_the_real_arm_and_the_drive_s_lag_are_those_of_the_environment():
     step, error = 2.5e-4, {"ratio": {"m1": 1.3, "m2": 0.7}, "payload": 5.0}
     options = {"arm": {"gravity": 0.0, "rotor": (4.0, 1.0)}, "parameter_error": error, "friction": {"viscous": 20.0}}
     lag = 0.01
-    delay = linearize("adrc", Scenario(actuator={"lag": lag}, **options))[0].margins().delay
-    assert delay < linearize("adrc")[0].margins().delay - 0.005
+    delay = linearize("computed-torque", Scenario(actuator={"lag": lag}, **options))[0].margins().delay
+    assert delay < linearize("computed-torque")[0].margins().delay - 0.003
     below, above = math.floor(0.98 * delay / step) * step, math.ceil(1.02 * delay / step) * step
-    assert settles("adrc", actuator={"lag": lag, "delay": below}, **options)
-    assert not settles("adrc", actuator={"lag": lag, "delay": above}, **options)
+    assert settles("computed-torque", actuator={"lag": lag, "delay": below}, **options)
+    assert not settles("computed-torque", actuator={"lag": lag, "delay": above}, **options)
 
 
 def test_a_drive_of_half_the_gain_allows_twice_the_gain():

@@ -1,5 +1,7 @@
 """The extended state observer against its poles, and active disturbance rejection against its error equation."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -7,7 +9,7 @@ from scipy.linalg import expm
 import controllers
 from controllers.parts import Eso
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.model.arm import inertia_matrix
+from fbl_gym.model.arm import gravity_torque, inertia_matrix
 from tests.controllers.closed_loop import tracking
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
@@ -56,7 +58,7 @@ def test_the_estimate_of_a_constant_disturbance_follows_its_step_response():
 def test_the_error_obeys_its_linear_equation():
     """Exact model: the observer has nothing to find, and e'' + 2 w e' + w^2 e = 0."""
     env = TwoLinkArmEnv(actuator=None, action="torque", reference=STILL, initial_error=(-0.2, 0.0), **FAST)
-    errors, _ = run(controllers.make("adrc", env, controller_bandwidth=5.0), env, 2000)
+    errors, _ = run(controllers.make("computed-torque-eso", env, controller_bandwidth=5.0), env, 2000)
     step, x, expected = expm(np.array([[0.0, 1.0], [-25.0, -10.0]]) * 1e-3), np.array([0.2, 0.0]), []
     for _ in range(2001):
         expected.append(x[0])
@@ -70,7 +72,7 @@ def test_a_load_is_rejected_with_a_position_sensor_alone():
     env = TwoLinkArmEnv(
         sensors=("position",), reference=STILL, disturbance={"kind": "array", "torque": (tuple(load),)}, duration=20.0
     )
-    error, f = run(controllers.make("adrc", env), env, 1000)
+    error, f = run(controllers.make("computed-torque-eso", env), env, 1000)
     np.testing.assert_allclose(
         f[-1], -np.linalg.solve(inertia_matrix(env.interface.nominal, (-1.0, 0.5)), load), rtol=1e-3
     )
@@ -82,7 +84,32 @@ def test_saturation_is_not_taken_for_a_disturbance():
     """Driven by the torque within its limits, the observer of an exact model sees nothing while the torque is cut off."""
     options = {"reference": STILL, "initial_error": (-1.0, 0.0)}
     tight = TwoLinkArmEnv(**options, actuator={"torque_limit": (330.0, 120.0)})
-    error, f = run(controllers.make("adrc", tight), tight, 900)
+    error, f = run(controllers.make("computed-torque-eso", tight), tight, 900)
     missing = 10.0**2 * 1.0  # what is asked for at the start [rad/s^2]
     assert np.abs(f).max() < 0.05 * missing
     assert np.abs(error[-1]).max() < 1e-4
+
+
+def test_without_a_model_the_weight_is_found():
+    """At rest f = -b0 G for b0 = (M^-1)_ii of the stretched arm, and no error is left."""
+    env = TwoLinkArmEnv(sensors=("position",), reference=STILL)
+    error, f = run(controllers.make("ladrc", env), env, 900)
+    nominal = env.interface.nominal
+    b0 = np.diagonal(np.linalg.inv(inertia_matrix(nominal, (0.0, 0.0))))
+    np.testing.assert_allclose(f[-1], -b0 * gravity_torque(nominal, (-1.0, 0.5)), rtol=1e-3)
+    assert np.abs(error[-1]).max() < 1e-4
+    assert np.abs(error).max() > 1e-3
+
+
+def test_ladrc_knows_one_number_of_each_joint():
+    """With another gravity in the nominal model, the torque is the same."""
+    env = TwoLinkArmEnv()
+    light = dataclasses.replace(env.interface, nominal=dataclasses.replace(env.interface.nominal, gravity=0.0))
+    observation, _ = env.reset(seed=0)
+    laws, states = [controllers.make("ladrc", interface) for interface in (env.interface, light)], [None, None]
+    for _ in range(20):
+        (action, states[0]), (other, states[1]) = (
+            law.predict(observation, state) for law, state in zip(laws, states, strict=True)
+        )
+        np.testing.assert_array_equal(action, other)
+        observation = env.step(action)[0]

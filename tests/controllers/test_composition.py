@@ -180,7 +180,7 @@ def test_a_missing_sensor_is_estimated():
     assert law.frequency == (9.0, 9.0)
     assert error("computed-torque", sensors=("position",)) < 1.2 * error("computed-torque")
     assert not isinstance(controllers.make("computed-torque", TwoLinkArmEnv()), Composed)
-    assert not isinstance(controllers.make("adrc", env), Composed)
+    assert not isinstance(controllers.make("computed-torque-eso", env), Composed)
 
 
 def test_a_composition_has_the_gains_of_law_and_parts():

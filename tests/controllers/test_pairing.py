@@ -15,7 +15,7 @@ ESTIMATES = {
     "computed-torque-dob": (lambda state: state.disturbance / INERTIA, 0.01),
     "computed-torque-tde": (lambda state: state.missed / INERTIA, 1e-9),
     "l1-adaptive": (lambda state: state.filtered, 1.0),
-    "adrc": (lambda state: state.memory[..., 2], 1.0),
+    "computed-torque-eso": (lambda state: state.memory[..., 2], 1.0),
 }
 
 
