@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 from benchmarks.analysis.board import assemble
 from benchmarks.cli import transfer
-from benchmarks.cli.common import add_metrics, add_run, count, policy_name, run_all, trust
+from benchmarks.cli.common import add_metrics, add_run, add_tex, command_line, count, policy_name, run_all, trust
 from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.name import PolicyName
 from benchmarks.report import terminal
+from benchmarks.report.latex import write_board
 from benchmarks.report.terminal import Screen
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import SUITES, Cell, Suite, load
@@ -65,12 +66,15 @@ def limits_of(arguments: argparse.Namespace) -> CallLimits:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
     transfer.add_world(parser)
+    add_tex(parser)
     add_run(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
     suite, store = suite_of(arguments), Store(arguments.store)
+    if arguments.world and arguments.tex:
+        raise ValueError("--tex is for one board, and --world prints several: give one of the two")
     if arguments.world:
         return transfer.compare(suite, arguments)
     cells, stopped = suite.cells, None
@@ -82,7 +86,11 @@ def run(arguments: argparse.Namespace) -> int:
     results = results_of(cells, store)
     if any(result.rows for result in results):
         try:
-            terminal.leaderboard(Screen(), assemble(results, cells))
+            board = assemble(results, cells)
+            terminal.leaderboard(Screen(), board)
+            if arguments.tex is not None:
+                write_board(arguments.tex, board, command_line())
+                say(f"table: {arguments.tex}")
         except ValueError as problem:
             if stopped is None:
                 raise
