@@ -82,6 +82,7 @@ def _file(text: str, endings: Sequence[str]) -> Path:
 
 picture = partial(_file, endings=(".png", ".svg", ".pdf"))
 trace_file = partial(_file, endings=FORMATS)
+tex_path = partial(_file, endings=(".tex",))
 csv_path = partial(_file, endings=(".csv",))
 toml_path = partial(_file, endings=(".toml",))
 
@@ -138,6 +139,10 @@ def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
     parser.add_argument(
         "--columns", type=int, choices=(1, 2), default=2, help="width of the figure in columns of a journal (2)"
     )
+
+
+def add_tex(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--tex", type=tex_path, metavar="FILE", help="write the table for LaTeX (booktabs): .tex")
 
 
 def add_metrics(parser: argparse.ArgumentParser) -> None:

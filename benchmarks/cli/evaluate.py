@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from rich.table import Table
 
 from benchmarks.analysis.statistics import geometric_mean, interval, resample, tail_mean, wins
 from benchmarks.cli import common
+from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.report import terminal
 from benchmarks.report.export import csv_file
+from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
 from benchmarks.run.cell import measured, run_trials
 from benchmarks.run.metrics import counted_errors, summarize
@@ -43,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--trace", type=common.trace_file, metavar="FILE",
         help="write all signals of all seeds of one policy, also readings and its state: .npz or .csv",
     )  # fmt: skip
+    common.add_tex(parser)
     common.add_metrics(parser)
     common.add_trust(parser)
     common.add_store(parser)
@@ -67,17 +69,28 @@ def run(arguments: argparse.Namespace) -> int:
     title = f"{scenario.name}, {arguments.seeds} seeds"
     screen = terminal.Screen()
     if arguments.trials > 1:
-        screen.print(_trials_table(title, traces, runs))
+        title = f"error % on {title}: median (worst 5 %)"
+        lines = _trials_table(traces, runs)
         draw = partial(plot_lines, f"Error over trials of {scenario.name}", [_trials_panel(runs)])
     elif len(policies) > 1:
-        screen.print(_comparison(title, {policy: rows for policy, (rows,) in runs.items()}, scenario, more))
+        lines = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario, more)
         draw = partial(plot_comparison, last, f"Tracking errors on {scenario.name}")
     else:
         (trace,), ((rows,),) = last.values(), runs.values()
         title = f"{policies[0]} on {title}"
-        terminal.evaluation(screen, title, rows, 1e6 * trace.decision_time, more)
-        screen.say(scenario.description)
+        lines = terminal.evaluation(rows, 1e6 * trace.decision_time, more)
         draw = partial(plot_trace, trace, title)
+    alone = len(policies) == 1 and arguments.trials == 1
+    screen.print(terminal.table(title, *lines, "left" if alone else "right"))
+    if alone:
+        screen.say(scenario.description)
+    for policy in policies:
+        for path in PolicyName.parse(policy).gains_of_other_arms(scenario.arm):
+            screen.say(f"{policy}: {path} has the gains of another arm than that of {scenario.name}")
+    if arguments.tex is not None:
+        width = 3 if alone else len(lines[0])  # without the meaning of the metrics
+        write_table(arguments.tex, lines[0][:width], [row[:width] for row in lines[1]], common.command_line())
+        screen.say(f"table: {arguments.tex}")
     if arguments.plot is not None:
         draw(arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
@@ -98,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _comparison(title: str, runs: Mapping[str, Rows], scenario: Scenario, more: Sequence[common.Metric]) -> Table:
+def _comparison(runs: Mapping[str, Rows], scenario: Scenario, more: Sequence[common.Metric]) -> terminal.Lines:
     """Return a table of several policies, each compared with the first."""
     errors = {policy: [counted_errors(rows)] for policy, rows in runs.items()}
     first = next(iter(runs))
@@ -112,10 +125,10 @@ def _comparison(title: str, runs: Mapping[str, Rows], scenario: Scenario, more: 
         values = (error, worst, 100 * mean["diverged"], *(mean[name] for name in ("variation", *names)))
         share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})"
         lines.append((policy, *map("{:.3g}".format, values), share if policy != first else ""))
-    return terminal.table(title, header, lines)
+    return header, lines
 
 
-def _trials_table(title: str, traces: Mapping[str, list[Trace]], runs: Mapping[str, list[Rows]]) -> Table:
+def _trials_table(traces: Mapping[str, list[Trace]], runs: Mapping[str, list[Rows]]) -> terminal.Lines:
     """Return a table with a row for each trial and a column for each policy."""
     columns = []
     for policy, trials in runs.items():
@@ -124,8 +137,7 @@ def _trials_table(title: str, traces: Mapping[str, list[Trace]], runs: Mapping[s
             f"{np.median(error):.3g} ({tail:.3g})" + f", {lost} diverged" * (lost > 0)
             for error, tail, lost in zip(errors, tail_mean(errors), diverged, strict=True)
         ])  # fmt: skip
-    rows = ((str(trial), *cells) for trial, cells in enumerate(zip(*columns, strict=True), 1))
-    return terminal.table(f"error % on {title}: median (worst 5 %)", ("trial", *runs), rows)
+    return ("trial", *runs), [(str(trial), *cells) for trial, cells in enumerate(zip(*columns, strict=True), 1)]
 
 
 def _trials_panel(runs: Mapping[str, list[Rows]]) -> Panel:

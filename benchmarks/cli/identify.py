@@ -28,7 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--start", default="servo-nominal", metavar="SCENARIO",
         help="a similar arm with the true lengths: a name or a TOML file (servo-nominal)",
     )  # fmt: skip
-    parser.add_argument("--out", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml")
+    parser.add_argument(
+        "--toml", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml"
+    )
     parser.add_argument(
         "--signals", nargs="+", default=(), metavar="SIGNAL=COLUMNS",
         help="the columns of time, position, torque (commanded) and velocity, such as time=t torque=u1,u2",
@@ -80,11 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
             screen.print(
                 table("stiffness [N m/rad]; joint.stiffness takes it", ("joint", "estimate", "5 %", "95 %"), rows)
             )
-        if arguments.out is not None:
-            base = result.reached(arguments.start, arguments.out)
-            result.write(arguments.out, result.text(fit, runs, start, base, command_line()))
-            scenarios.get(str(arguments.out))
-            screen.say(f"scenario: {arguments.out}")
+        if arguments.toml is not None:
+            base = result.reached(arguments.start, arguments.toml)
+            result.write(arguments.toml, result.text(fit, runs, start, base, command_line()))
+            scenarios.get(str(arguments.toml))
+            screen.say(f"scenario: {arguments.toml}")
     if judged:
         _validate(arguments, judged, parameters, parameters_of(start), screen)
     return 0

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.cli import transfer
-from benchmarks.cli.common import add_metrics, add_run, count, policy_name, run_all, trust
+from benchmarks.cli.common import add_metrics, add_run, add_tex, command_line, count, policy_name, run_all, trust
 from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.name import PolicyName
 from benchmarks.report import terminal
+from benchmarks.report.latex import write_board
 from benchmarks.report.terminal import Screen
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import SHORT_SEEDS, SUITES, Cell, Suite, expand, load
@@ -77,12 +78,15 @@ def limits_of(arguments: argparse.Namespace) -> CallLimits:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
     transfer.add_world(parser)
+    add_tex(parser)
     add_run(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
     suites, store = suites_of(arguments), Store(arguments.store)
+    if arguments.tex and (arguments.world or len(suites) > 1):
+        raise ValueError("--tex is for one board, such as that of --suite servo, and without --world")
     if arguments.world:
         return max(transfer.compare(suite, arguments) for suite in suites)
     cells, stopped = [cell for suite in suites for cell in suite.cells], None
@@ -94,7 +98,11 @@ def run(arguments: argparse.Namespace) -> int:
     results = results_of(cells, store)
     if any(result.rows for result in results):
         try:
-            terminal.leaderboards(Screen(), boards_of(suites, store))
+            boards = boards_of(suites, store)
+            terminal.leaderboards(Screen(), boards)
+            if arguments.tex is not None:
+                write_board(arguments.tex, boards[suites[0].name], command_line())
+                say(f"table: {arguments.tex}")
         except ValueError as problem:
             if stopped is None:
                 raise

@@ -39,7 +39,7 @@ COMMANDS: dict[str, Command] = {
         "pid-flm lqg --over noise.position=1e-4:1e-2:log:5 --scenario nominal --seeds 8",
         "finished cells are kept"),
     "identify": Command("identify", "turn the logs of a robot into a scenario, check it against logs, plan a motion to log",
-        "run-1.csv run-2.csv --start my_arm.toml --out identified.toml"),
+        "run-1.csv run-2.csv --start my_arm.toml --toml identified.toml"),
     "recommend": Command("recommend", "name the policies to use on an arm: a scenario and conditions around it",
         "servo-nominal --policies pd-gravity computed-torque --seeds 4"),
     "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),

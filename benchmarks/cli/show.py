@@ -86,10 +86,14 @@ def follows(scenario: Scenario) -> dict[str, str]:
     samples = 0.5 + middle(drive.delay_samples)
     samples += 0.0 if encoder is None else encoder.latency + 0.5 * (encoder.difference or 0)
     dead = samples * scenario.control_dt + middle(drive.delay) + 0.5 * ends(drive.jitter)[1] + middle(drive.lag)
+    low, high = (1e3 * delay for delay in drive.datasheet(scenario)["delay"])
     facts = {
         "class of robots": scenario.robot_class,
         "weight (largest torque of gravity)": _both(weight, "N m"),
         "inertia of the stretched links": _both(np.array([stretched[0, 0], p2]), "kg m^2"),
+        "delay of a command: delay, delay_samples, jitter": f"{low:.3g} to {high:.3g} ms"
+        if low < high
+        else f"{low:.3g} ms",
         "dead time": f"{1e3 * dead:.3g} ms",
     }
     if joint is not None:
@@ -99,7 +103,13 @@ def follows(scenario: Scenario) -> dict[str, str]:
     if drive.torque_limit is not None:
         q, v, a = reference_motion(scenario, SEEDS)
         share = 100 * np.abs(_needed(scenario, q, v, a)) / np.array(drive.torque_limit)
-        facts["torque limit / weight"] = _both(np.array(drive.torque_limit) / np.maximum(weight, 1e-12), "")
+        if weight.min() > 0.0:
+            facts["torque limit / weight"] = _both(np.array(drive.torque_limit) / weight, "")
+        if scenario.friction is not None:
+            dry = [ends(coulomb)[1] for coulomb in scenario.friction.coulomb]  # type: ignore[union-attr]
+            facts["largest Coulomb friction"] = _both(
+                100 * np.array(dry) / np.array(drive.torque_limit), "% of the limit"
+            )
         facts["largest torque of the nominal motion"] = _both(share.max(axis=(0, 1)), "% of the limit")
         facts["its largest velocity"] = _both(np.abs(v).max(axis=(0, 1)), "rad/s")
     return facts

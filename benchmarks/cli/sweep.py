@@ -13,6 +13,8 @@ from benchmarks.cli.common import (
     add_policies,
     add_run,
     add_scenario,
+    add_tex,
+    command_line,
     count,
     csv_path,
     run_all,
@@ -20,6 +22,7 @@ from benchmarks.cli.common import (
 )
 from benchmarks.cli.names import options
 from benchmarks.report.export import csv_file
+from benchmarks.report.latex import write_table
 from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.store import Store
@@ -67,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write all metrics of all runs: .csv (results/sweep.csv)",
     )
     add_plot(parser, "the errors (a .png beside --csv)")
+    add_tex(parser)
     add_metrics(parser)
     add_run(parser, seeds=32)
 
@@ -110,5 +114,12 @@ def run(arguments: argparse.Namespace) -> int:
         lines.append(Line(np.array(values[0]), median, name, low=low, high=high))
     panel = Panel("", label, "error [%]", tuple(lines), (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
+    if arguments.tex is not None:
+        header = ("policy", *(f"{names[0]} {value:g}" for value in values[0]))
+        texts = ([f"{median:.3g} ({low:.3g}–{high:.3g})" for low, median, high in bands] for bands in curves.values())
+        write_table(
+            arguments.tex, header, [(name, *row) for name, row in zip(curves, texts, strict=True)], command_line()
+        )
+        say(f"table: {arguments.tex}, medians (10 to 90 % of the seeds) of the error [%]")
     say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0

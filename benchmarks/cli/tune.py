@@ -1,6 +1,7 @@
 """The command `fbl-gym tune`."""
 
 import argparse
+import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -99,6 +100,7 @@ def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Tas
     name = task.policy.name
     study = tune(task, arguments.trials * len(task.ranges), arguments.storage)
     best = summary(task, study, judging, judge(judging, study, arguments.candidates), command)
+    best["arms"] = [dataclasses.asdict(arm) for arm in dict.fromkeys(scenario.arm for scenario in task.scenarios)]
     path = write_gains(best, registry.TUNED / arguments.robot if arguments.ship else arguments.out)
     verdict, defaults = best["judged"]["best"], best["judged"]["defaults"]
     numbers = {gain: ",".join(f"{x:g}" for x in np.ravel(value)) for gain, value in best["gains"].items()}

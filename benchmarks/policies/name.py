@@ -21,6 +21,7 @@ A registered name wins over a file or folder of the same name.
 """
 
 import dataclasses
+import json
 import os
 import re
 from collections.abc import Mapping
@@ -34,6 +35,7 @@ from controllers import registry
 from controllers.gains import TUNINGS, read_gains, stored_gains
 from controllers.registry import LawName
 from fbl_gym.checks import check_choice
+from fbl_gym.model.arm import ArmParameters
 
 FORMS = ("name", "file", "module", "agent", "archive")
 
@@ -117,6 +119,11 @@ class PolicyName:
     def gains_files(self) -> list[Path]:
         """The files among the gains."""
         return [stored_gains(self.code.text, gain).resolve() for gain in self.gains if "=" not in gain]
+
+    def gains_of_other_arms(self, arm: ArmParameters) -> list[Path]:
+        """Return the files of gains that are tuned for other arms than this one, as they state."""
+        stated = {path: json.loads(path.read_text(encoding="utf-8")).get("arms") for path in self.gains_files}
+        return [path for path, arms in stated.items() if arms and arm not in (ArmParameters(**each) for each in arms)]
 
     @property
     def tuned_files(self) -> dict[str, Path]:

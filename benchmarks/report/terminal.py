@@ -19,6 +19,9 @@ from benchmarks.text import visible
 
 Justify: TypeAlias = Literal["left", "right"]
 
+Lines: TypeAlias = tuple[Sequence[str], Sequence[Sequence[str]]]
+"""The header and the rows of a table."""
+
 MEANING = (
     "score: 0 for the motionless baseline, 100 for the best law that knows the truth. error: geometric mean of the mean "
     "absolute tracking error in % of the reference's amplitude. diverged: share of runs, with its upper bound. effort: torque "
@@ -118,10 +121,8 @@ def _board(board: Board, policy: Column, selected: Sequence[Column]) -> Table:
     return table
 
 
-def evaluation(
-    console: Console, title: str, rows: list[dict[str, float]], decision_us: float, more: Sequence[Metric] = ()
-) -> None:
-    """Print the metrics of one policy on one scenario: mean and largest value over the seeds."""
+def evaluation(rows: list[dict[str, float]], decision_us: float, more: Sequence[Metric] = ()) -> Lines:
+    """Return the metrics of one policy on one scenario: mean and largest value over the seeds."""
     errors = counted_errors(rows)
     mean = f"{np.exp(np.log(errors).mean()):.4g}"
     lines = [("error", mean, f"{max(errors):.4g}", "the board's error: geometric mean over the seeds [%]")]
@@ -129,4 +130,4 @@ def evaluation(
         known = [row[name] for row in rows if not np.isnan(row[name])]
         lines.append((name, value, f"{max(known):.4g}" if known else "-", meaning))
     lines.append(("decision_us", f"{decision_us:.3g}", "", "wall time of one decision of one lane [us]"))
-    console.print(table(title, ("metric", "mean", "largest", "meaning"), lines, "left"))
+    return ("metric", "mean", "largest", "meaning"), lines

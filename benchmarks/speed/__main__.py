@@ -22,7 +22,7 @@ def main() -> None:
     """Measure, print and write the speed of the environments."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__)
     parser.add_argument("--rounds", type=int, default=7, metavar="N", help="number of rounds (7)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the measurements as JSON")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the measurements as JSON")
     parser.add_argument("--baseline", type=Path, metavar="FILE", help="compare the ratios with those of such a file")
     parser.add_argument(
         "--decisions", nargs="*", metavar="POLICY",
@@ -47,10 +47,10 @@ def main() -> None:
         stored = json.loads(arguments.baseline.read_text(encoding="utf-8"))
         for name, change in compare(rows, stored["contestants"]).items():
             print(f"{name:<42} {change:.2f} times its ratio in {arguments.baseline}")
-    if arguments.out is not None:
+    if arguments.json is not None:
         document = {"contestants": rows, **provenance(f"python -m benchmarks.speed {' '.join(sys.argv[1:])}")}
-        write_text(arguments.out, json.dumps(document, indent=1) + "\n")
-        print(f"written: {arguments.out}")
+        write_text(arguments.json, json.dumps(document, indent=1) + "\n")
+        print(f"written: {arguments.json}")
 
 
 if __name__ == "__main__":

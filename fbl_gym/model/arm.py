@@ -45,6 +45,36 @@ LEAST_INERTIA = 1e-12
 
 
 @dataclass(frozen=True)
+class Links(Record):
+    """Two links as data sheets describe them, each number in its unit.
+
+    Args:
+        mass: of each link.
+        length: of each link.
+        centre: distance of each centre of mass from the link's joint; negative for a link with a
+            counterweight.
+        inertia: of each link about its centre of mass.
+        rotor: inertia of each joint's rotor, reflected to the joint.
+        gravity: acceleration of gravity.
+    """
+
+    mass: Pair | float = pair(unit="kg", above=0)
+    length: Pair | float = pair(unit="m", above=0)
+    centre: Pair | float = pair(unit="m")
+    inertia: Pair | float = pair(unit="kg m^2", low=0)
+    rotor: Pair | float = pair(0.0, unit="kg m^2", low=0)
+    gravity: float = number(STANDARD_GRAVITY, unit="m/s^2", low=0)
+
+    @property
+    def arm(self) -> ArmParameters:
+        """Return the arm of these links."""
+        (m1, m2), (L1, L2) = self.mass, self.length  # type: ignore[misc]
+        centre = [c / x for c, x in zip(self.centre, (L1, L2), strict=True)]  # type: ignore[arg-type]
+        inertia = [i / (m * x * x) for i, m, x in zip(self.inertia, (m1, m2), (L1, L2), strict=True)]  # type: ignore[arg-type]
+        return ArmParameters(m1, m2, L1, L2, self.gravity, centre, inertia, self.rotor)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
 class ArmParameters(Record):
     """Two links in a vertical plane, or in a horizontal one with gravity=0.
 
@@ -95,22 +125,8 @@ class ArmParameters(Record):
         rotor: Pair | float = 0.0,
         gravity: float = STANDARD_GRAVITY,
     ) -> ArmParameters:
-        """Return the arm of links as data sheets describe them, one number per link.
-
-        Args:
-            mass: [kg].
-            length: [m].
-            centre: distance of each centre of mass from the link's joint [m].
-            inertia: about each centre of mass [kg m^2].
-            rotor: rotor inertias, reflected to the joints [kg m^2].
-            gravity: acceleration of gravity [m/s^2].
-        """
-        try:
-            fractions = [c / x for c, x in zip(centre, length, strict=True)]
-            shares = [i / (m * x * x) for i, m, x in zip(inertia, mass, length, strict=True)]
-        except ZeroDivisionError:
-            raise ValueError(f"mass and length must be greater than 0, got mass={mass} and length={length}") from None
-        return ArmParameters(*mass, *length, gravity, fractions, shares, rotor)  # type: ignore[arg-type]
+        """Return the arm of links as data sheets describe them; see `Links`."""
+        return Links(mass, length, centre, inertia, rotor, gravity).arm
 
     @staticmethod
     def from_lumped(

@@ -10,10 +10,14 @@ of robots and the arm is another one, torques and payloads follow it.
 
     [arm]
     m1 = 12.0
+
+An arm with the fields of `Links`, in kg, m and kg m^2, replaces the arm of the base.
 """
 
+import dataclasses
 import re
 import tomllib
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,10 +25,15 @@ from typing import Any
 from fbl_gym.checks import unknown
 from fbl_gym.records import build, merged
 from fbl_gym.scenarios import classes
-from fbl_gym.scenarios.scenario import Scenario
+from fbl_gym.scenarios.scenario import Scenario, as_arm
 
 Named = Callable[[str], Scenario]
 """The function `scenarios.get`."""
+
+FARTHEST = 1.5
+"""Centres of mass farther from a link's joint, in its lengths, are taken for a mistake of units.
+
+Counterweights, and arms that logs identify, may lie somewhat outside of their links."""
 
 _FILE = re.compile(r"(?P<path>.+\.toml)(:(?P<entry>[^:@]+))?(@(?P<world>.+))?$")
 
@@ -89,10 +98,20 @@ def from_table(
             raise ValueError(f"base must be a name, or a .toml file without a world, got {base!r}")
         if base and not file:
             parent = named(base)
+        if isinstance(arm, Mapping) and arm.keys() & {"mass", "length"}:
+            fields["arm"] = dataclasses.asdict(as_arm("arm", arm))
         if base in classes.MEMBERS and "arm" in fields:
             arm = merged(parent.to_dict()["arm"], fields["arm"])
             parent = classes.get(str(base), build("scenario", {"arm": arm}, Scenario).arm)
         fields.setdefault("description", f"{parent.name} with other options")
-        return build("scenario", merged(parent.to_dict(), fields), Scenario)
+        scenario = build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:
         raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
+    for link, share in enumerate(scenario.arm.centre, 1):  # type: ignore[arg-type]
+        if "arm" in fields and abs(share) > FARTHEST:
+            warnings.warn(
+                f"{path or scenario.name}: the centre of mass of link {link} is {share:.3g} link lengths from its joint; "
+                "beside m1 and L1, arm.centre is a share of the length; beside arm.mass, it is in m",
+                stacklevel=2,
+            )
+    return scenario

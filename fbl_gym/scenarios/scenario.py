@@ -12,7 +12,7 @@ from typing import Any, Literal
 from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.exact import MAX_STEPS
 from fbl_gym.interface import class_of
-from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters
+from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
 from fbl_gym.model.urdf import load_urdf
 from fbl_gym.options import (
@@ -38,12 +38,15 @@ from fbl_gym.options.references import REFERENCES, Reference
 from fbl_gym.records import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
 
 
-def _arm(name: str, value: Any) -> ArmParameters:
+def as_arm(name: str, value: Any) -> ArmParameters:
+    """Return an arm from itself, its name or file, or its fields or those of `Links`."""
     if isinstance(value, str) and ".urdf" in value:
         return load_urdf(value)
     if isinstance(value, str):
         known = ARMS | REAL_ARMS
         value = known[check_choice(name, value, known)]
+    if isinstance(value, Mapping) and value.keys() & {"mass", "length"}:
+        return build(name, value, Links).arm
     return build(name, value, ArmParameters)
 
 
@@ -97,8 +100,8 @@ class Scenario(Record):
     description: str = "the nominal arm: nothing varies but the way-points"
     arm: ArmParameters = declared(
         TABLE_1,
-        _arm,
-        "an ArmParameters, a dict of its fields, the path of a .urdf file (or FILE.urdf:TIP), "
+        as_arm,
+        "an ArmParameters, a dict of its fields or of those of Links, the path of a .urdf file (or FILE.urdf:TIP), "
         + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
         classes=(ArmParameters,),
     )

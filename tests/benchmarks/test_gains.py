@@ -1,14 +1,16 @@
 """A law's text may end in gains: numbers, a file, or a folder with a file for each law."""
 
+import dataclasses
 import json
 
 import pytest
 
+from benchmarks import cli
 from benchmarks.policies import external
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import Changed, resolve
 from benchmarks.run.suite import Cell
-from fbl_gym import TwoLinkArmEnv
+from fbl_gym import SECTION_2_2, TABLE_1, TwoLinkArmEnv
 
 LAW = """
 from controllers.simple import PdGravity
@@ -85,3 +87,15 @@ def test_wrong_gains_are_refused(text, message, folder):
     (folder / "law.json").write_text('{"gains": {"kp": "x"}}')
     with pytest.raises(ValueError, match=message):
         resolve(text)
+
+
+def test_gains_of_another_arm_are_named(folder, capsys):
+    arm = dataclasses.asdict(TABLE_1)
+    (folder / "told.json").write_text(json.dumps({"gains": {"frequency": 8.0}, "arms": [arm]}))
+    name = PolicyName.parse("pd-gravity@told.json")
+    assert name.gains_of_other_arms(TABLE_1) == []
+    assert name.gains_of_other_arms(SECTION_2_2) == [folder / "told.json"]
+    assert PolicyName.parse("pd-gravity@gains.json").gains_of_other_arms(SECTION_2_2) == []
+    for scenario, names in (("nominal", False), ("section-2-2/nominal", True)):
+        assert cli.main(["evaluate", "pd-gravity@told.json", "--scenario", scenario, "--seeds", "1"]) == 0
+        assert ("told.json has the gains of another arm" in capsys.readouterr().out) == names

@@ -242,7 +242,7 @@ def test_the_command_writes_a_scenario_with_distributions(files, tmp_path, monke
     monkeypatch.setattr(fitting, "FOLDS", 2)
     assert cli.main(["identify", "--plan", "plan.csv", "--start", "dfki-c1"]) == 0
     assert scenarios.get("plan.toml").reference.kind == "array"
-    command = ["identify", *map(str, files[:2]), "--start", "dfki-c1", "--out", "my_arm.toml"]
+    command = ["identify", *map(str, files[:2]), "--start", "dfki-c1", "--toml", "my_arm.toml"]
     assert cli.main([*command, "--validate", str(files[2]), "--plot", "fit.png"]) == 0
     text = capsys.readouterr().out
     assert (tmp_path / "fit.png").stat().st_size > 1000

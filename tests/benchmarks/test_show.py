@@ -33,6 +33,10 @@ def test_what_follows_is_right():
         actuator={"delay_samples": 1, "delay": 0.002, "lag": 0.004}, encoder={"difference": 1, "latency": 1}
     )
     assert follows(late)["dead time"] == "36 ms"
+    assert follows(late)["delay of a command: delay, delay_samples, jitter"] == "12 ms"
+    flat = Scenario(arm={"gravity": 0.0}, friction={"coulomb": {"uniform": (1, 20)}})
+    assert follows(flat)["largest Coulomb friction"] == "1, 2.5 % of the limit"
+    assert "torque limit / weight" not in follows(flat)
     stiff = {"stiffness": (1e9, 4e4), "rotor_inertia": 1.0}
     modes = follows(Scenario(joint=stiff, physics_dt=1e-6, duration=0.01))["modes of the stretched links, motors held"]
     assert float(modes.split(",")[0]) == pytest.approx(np.sqrt(4e4 / 3.75) / (2 * np.pi), rel=0.01)

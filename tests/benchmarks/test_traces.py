@@ -9,7 +9,7 @@ import controllers
 from benchmarks import cli
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
-TASK = "hardware-elastic-2"
+TASK = "servo-elastic-2"
 
 
 @pytest.fixture(scope="module")

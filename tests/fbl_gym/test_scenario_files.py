@@ -1,5 +1,7 @@
 """A scenario in a TOML file changes a base, and an error names the file and the key."""
 
+import warnings
+
 import gymnasium as gym
 import pytest
 
@@ -106,3 +108,41 @@ def test_the_torques_of_a_tier_follow_the_arm(tmp_path):
     assert scenario.actuator == expected.actuator
     assert scenario.parameter_error == expected.parameter_error
     assert scenario.control_dt == 0.005
+
+
+SHEET = """
+base = "geared-friction-2"
+[arm]
+mass = [3.0, 1.5]
+length = [0.4, 0.3]
+centre = [0.18, 0.12]
+inertia = [0.04, 0.01]
+"""
+
+
+def test_an_arm_may_be_in_kg_m_and_kg_m2(tmp_path):
+    """It replaces the base's arm, whose rotors it does not have; p1 to p5 by hand."""
+    (tmp_path / "sheet.toml").write_text(SHEET)
+    (tmp_path / "rotors.toml").write_text('base = "sheet.toml"\n[arm]\nrotor = [0.3, 0.1]\n')
+    scenario, second = (scenarios.get(str(tmp_path / name)) for name in ("sheet.toml", "rotors.toml"))
+    p2, p3 = 1.5 * 0.12**2 + 0.01, 1.5 * 0.4 * 0.12
+    lumped = 3 * 0.18**2 + 0.04 + 1.5 * 0.4**2, p2, p3, (3 * 0.18 + 1.5 * 0.4) * 9.81, 1.5 * 0.12 * 9.81
+    assert scenario.arm.lumped == pytest.approx(lumped)
+    assert (scenario.arm.rotor, second.arm.rotor) == ((0.0, 0.0), (0.3, 0.1))
+    assert second.arm.lumped == pytest.approx(lumped)
+    assert scenario.friction != scenarios.get("geared-friction-2").friction  # it follows the arm
+    plain = {"base": "geared-friction-2", "arm": {"mass": (3, 1.5), "length": (0.4, 0.3)}}
+    for more, message in (({}, "arm must give centre and inertia"), ({"m1": 1.0}, "unknown field of arm 'm1'")):
+        with pytest.raises(ValueError, match=message):
+            as_scenario({**plain, "arm": {**plain["arm"], **more}})
+
+
+@pytest.mark.parametrize(("centre", "warns"), [("[4.5, 0.5]", True), ("[-0.3, 1.1]", False)])
+def test_a_centre_far_beyond_its_link_warns(tmp_path, centre, warns):
+    """A counterweight behind the joint, and a centre just beyond the end, do not."""
+    (tmp_path / "far.toml").write_text(f'base = "nominal"\n[arm]\ncentre = {centre}\n')
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        scenarios.get(str(tmp_path / "far.toml"))
+    texts = [str(warning.message) for warning in caught]
+    assert bool(texts) == warns
+    assert all("far.toml: the centre of mass of link 1 is 4.5 link lengths from its joint" in text for text in texts)
