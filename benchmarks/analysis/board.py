@@ -277,6 +277,15 @@ class Board:
         """The geometric mean of each policy's errors in the tier that ranks [p]."""
         return statistics.interval(self._mean_errors(self.errors[:, self.main]))
 
+    def mrad(self, some: Sequence[int]) -> Array:
+        """Return the geometric mean of each policy's errors in some scenarios [p] mrad.
+
+        As in `errors`, an error below the encoder's resolution counts as the resolution.
+        """
+        runs = self.runs["error_mrad"] * self.errors / self.runs["error_pct"]
+        logs = np.log(runs[:, some]).mean(axis=(-1, -2))
+        return np.asarray(np.exp(self.average(logs[None])[0]))
+
     def _mean_errors(self, errors: Array) -> Array:
         """Return the geometric mean of errors [m x ... x s x n] of each policy, [b x p x ...]."""
         return np.exp(self.average(statistics.mean(np.log(errors), self.counts)))

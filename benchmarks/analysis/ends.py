@@ -23,6 +23,9 @@ from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
+from fbl_gym.model.arm import inertia_matrix
+from fbl_gym.records import ends as ends_of
+from fbl_gym.scenarios.classes import CLASSES
 
 LOST, TIMES = 0.01, 2.0
 """A policy ends where it loses so large a share of its runs, or errs so many times its best."""
@@ -43,49 +46,50 @@ class Axis:
     scenario: Callable[[float], Scenario]
 
 
-def _delayed(milliseconds: float) -> Scenario:
-    return _nominal(actuator=dataclasses.replace(_NOMINAL.actuator, delay=1e-3 * milliseconds))
+_DELAYS = {"servo": (0, 5, 10, 20, 30, 40, 60), "direct": (0, 2, 4, 7, 10, 15, 20), "geared": (0, 1, 2, 4, 6, 9, 12)}
+"""Further delays in each class of robots [ms]."""
 
 
-def _rubbed(times: float) -> Scenario:
-    friction = _NOMINAL.friction
+def axes(robot: str) -> tuple[Axis, ...]:
+    """Return what is pushed on the nominal arm of a class of robots."""
+    nominal = scenarios.get(f"{robot}-nominal")
+    friction, drive, error = nominal.friction, nominal.actuator, nominal.parameter_error
     assert friction is not None
-    levels = {name: scaled_pair(getattr(friction, name), times) for name in ("viscous", "coulomb", "stiction")}
-    return _nominal(friction=dataclasses.replace(friction, **levels))
+    assert error is not None
+    inertia = inertia_matrix(nominal.arm.lumped, (0.0, 0.0)).diagonal()
 
+    def delayed(milliseconds: float) -> Scenario:
+        late = ends_of(drive.delay)[1] + 1e-3 * milliseconds
+        return nominal.replace(actuator=dataclasses.replace(drive, delay=late))
 
-def _loaded(share: float) -> Scenario:
-    return _nominal(parameter_error={"radius": 0.1, "payload": {"mass": share * _NOMINAL.arm.m2}})
+    def rubbed(times: float) -> Scenario:
+        levels = {name: scaled_pair(getattr(friction, name), times) for name in ("viscous", "coulomb", "stiction")}
+        return nominal.replace(friction=dataclasses.replace(friction, **levels))
 
+    def loaded(share: float) -> Scenario:
+        return nominal.replace(parameter_error=dataclasses.replace(error, payload={"mass": share * nominal.arm.m2}))
 
-def _springy(encoder: Literal["link", "motor"]) -> Callable[[float], Scenario]:
-    springs = scenarios.get("servo-elastic-2")
-    assert springs.joint is not None
-    joint = springs.joint
+    def springy(encoder: Literal["link", "motor"]) -> Callable[[float], Scenario]:
+        def at(frequency: float) -> Scenario:
+            """Return springs; each stretched joint vibrates at a frequency [Hz] on a held motor."""
+            stiffness = tuple(inertia * (2 * np.pi * frequency) ** 2)
+            joint = {
+                "stiffness": stiffness, "damping": tuple(0.04 * np.sqrt(stiffness * inertia)), "encoder": encoder,
+                "rotor_inertia": tuple(0.3 * inertia) if min(nominal.rotor) == 0 else nominal.rotor,
+            }  # fmt: skip
+            return nominal.replace(joint=joint, physics_dt=2e-4)
 
-    def at(frequency: float) -> Scenario:
-        """Return springs on which the links vibrate at a frequency [Hz] while motors are held."""
-        stiffness = scaled_pair(joint.stiffness, (frequency / 7.0) ** 2)  # of severity 2: 7 Hz
-        return springs.replace(
-            joint=dataclasses.replace(joint, stiffness=stiffness, encoder=encoder), physics_dt=2.5e-4
-        )
+        return at
 
-    return at
-
-
-def _nominal(**changes: object) -> Scenario:
-    return _NOMINAL.replace(**changes)
-
-
-_NOMINAL = scenarios.get("servo-nominal")
-AXES = (
-    Axis("further delay [ms]", (0, 5, 10, 20, 30, 40, 50, 60, 80), _delayed),
-    Axis("springs, encoder on the link [Hz]", (40, 20, 12, 8, 5, 4, 3, 2.5, 2), _springy("link")),
-    Axis("springs, encoder on the motor [Hz]", (40, 20, 12, 8, 5, 4, 3, 2.5, 2), _springy("motor")),
-    Axis("friction [times]", (1, 2, 4, 8, 16, 32), _rubbed),
-    Axis("payload [times the second link]", (0, 0.25, 0.5, 1, 2, 4), _loaded),
-    Axis("rate [Hz]", (200, 100, 50, 40, 25, 20), lambda hertz: _nominal(control_dt=1 / hertz)),
-)  # fmt: skip
+    stiffnesses = (40, 20, 12, 8, 5, 4, 3, 2)
+    return (
+        Axis("further delay [ms]", _DELAYS[robot], delayed),
+        Axis("springs, encoder on the link [Hz]", stiffnesses, springy("link")),
+        Axis("springs, encoder on the motor [Hz]", stiffnesses, springy("motor")),
+        Axis("friction [times]", (1, 2, 4, 8, 16, 32), rubbed),
+        Axis("payload [times the second link]", (0, 0.25, 0.5, 1, 2, 4), loaded),
+        Axis("rate [times]", (2, 1, 0.5, 0.25), lambda times: nominal.replace(control_dt=nominal.control_dt / times)),
+    )
 
 
 def end(results: Sequence[Result], values: Sequence[float]) -> str:
@@ -112,23 +116,25 @@ def end(results: Sequence[Result], values: Sequence[float]) -> str:
 def main(argv: Sequence[str] | None = None) -> None:
     """Print a row for each policy."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.analysis.ends", description=__doc__)
+    parser.add_argument("robot", choices=tuple(CLASSES), metavar="CLASS", help=f"class of robots: {', '.join(CLASSES)}")
     parser.add_argument("policies", nargs="+", metavar="POLICY", help="as for fbl-gym leaderboard")
     parser.add_argument("--seeds", type=int, default=64, metavar="N", help="test seeds 0 to N-1 (64)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
     arguments = parser.parse_args(argv)
+    pushed = axes(arguments.robot)
     store, seeds = Store(arguments.store), tuple(SPLITS["test"][: arguments.seeds])
     specs = {policy: resolve_isolated(policy) for policy in arguments.policies}
     cells = {
         (policy, axis.title, value): Cell(
             specs[policy], axis.scenario(value).replace(name=f"{axis.title.partition(' [')[0]} {value:g}"), seeds
         )
-        for policy in arguments.policies for axis in AXES for value in axis.values
+        for policy in arguments.policies for axis in pushed for value in axis.values
     }  # fmt: skip
     results = {result.cell.id: result for _, result in run_cells([*cells.values()], store, workers=arguments.workers)}
-    print("| policy | " + " | ".join(axis.title for axis in AXES) + " |\n" + "| --- " * (1 + len(AXES)) + "|")
+    print("| policy | " + " | ".join(axis.title for axis in pushed) + " |\n" + "| --- " * (1 + len(pushed)) + "|")
     for policy in arguments.policies:
-        ends = [end([results[cells[policy, a.title, v].id] for v in a.values], a.values) for a in AXES]
+        ends = [end([results[cells[policy, a.title, v].id] for v in a.values], a.values) for a in pushed]
         print(f"| `{policy}` | " + " | ".join(ends) + " |")
 
 

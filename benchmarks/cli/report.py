@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_folder(parser, "--out", "results/report", "the report")
     parser.add_argument(
         "--readme", type=Path, metavar="FILE",
-        help="put the first five rows between the markers `<!-- leaderboard -->` of this file, "
+        help="put the first rows of each board between the markers `<!-- leaderboard -->` of this file, "
         "and all rows into docs/results/board.md beside it",
     )  # fmt: skip
 
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(out / "test_accesses.csv", "".join(["policy,scenario,test_accesses\n", *accesses]))
     if arguments.readme is not None:
         text = arguments.readme.read_text(encoding="utf-8")
-        write_text(arguments.readme, markdown.replace_between(text, markdown.first_rows(boards)))
+        write_text(arguments.readme, markdown.replace_between(text, markdown.over_boards(boards, short=True)))
         write_text(arguments.readme.parent / "docs" / "results" / "board.md", markdown.board_page(boards))
     errors = [error for board in boards.values() for error in (*board.incomplete.values(), *board.failed.values())]
     return 1 if any(board.lacking for board in boards.values()) or any(map(counts, errors)) else 0

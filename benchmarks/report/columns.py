@@ -79,33 +79,44 @@ class Column:
         return self.best * max(self.best * x for x in values) if self.best and len(set(values)) > 1 else None
 
 
-def over_all(boards: Mapping[str, Board]) -> tuple[list[str], list[list[str]]]:
-    """Return a table of several boards, as header and rows: the score and rank of each policy.
+def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> tuple[list[str], list[list[str]]]:
+    """Return a table of several boards: header, and rows with rank, score and error of a policy.
 
-    The policies with the best mean of scores come first, those that a board lacks or does not rank
-    last.
+    The policies with the best mean of scores come first, those that a board lacks last.
+
+    Args:
+        boards: by name.
+        rows: names of policies; empty: all that are ranked.
     """
-    places: dict[str, dict[str, tuple[float, str]]] = {}
+    texts: dict[str, dict[str, str]] = {}
+    scores: dict[str, float] = {}
     for name, board in boards.items():
         for place, i in enumerate(board.ranked):
             score = math.nan if board.score is None else float(board.score.value[i])
-            low, high = (round(float(end[place])) for end in (board.rank.low, board.rank.high))
-            text = f"{score:.1f} ({low}–{high})" if low < high else f"{score:.1f} ({low})"
-            places.setdefault(board.policies[i], {})[name] = score, text
-    means = {
-        policy: sum(score for score, _ in found.values()) / len(boards) if len(found) == len(boards) else math.nan
-        for policy, found in places.items()
-    }
-    order = sorted(places, key=lambda policy: (math.isnan(means[policy]), -means[policy]))
-    rows = [
-        [
-            policy,
-            *(places[policy][name][1] if name in places[policy] else "–" for name in boards),
-            f"{means[policy]:.1f}",
-        ]
+            low, high = (f"{end[place]:.0f}" for end in (board.rank.low, board.rank.high))
+            rank = low if low == high else f"{low}–{high}"
+            texts.setdefault(board.policies[i], {})[name] = f"{rank} · {score:.1f} · {number(board.error.value[i])} %"
+            scores[board.policies[i]] = scores.get(board.policies[i], 0.0) + score / len(boards)
+    order = sorted(rows or texts, key=lambda policy: (len(texts[policy]) < len(boards), -scores[policy]))
+    body = [
+        [policy, *(texts[policy].get(name, "–").replace("nan", "–") for name in boards),
+         f"{scores[policy]:.1f}" if len(texts[policy]) == len(boards) else "–"]
         for policy in order
-    ]
-    return ["policy", *boards, "mean"], [[cell.replace("nan", "–") for cell in row] for row in rows]
+    ]  # fmt: skip
+    return ["policy", *boards, "mean score"], body
+
+
+def leaders(board: Board) -> tuple[list[str], list[list[str]]]:
+    """Return a table of the policy that leads each family: header, and rows with its error."""
+    rows = []
+    for family, estimate in board.family_errors.items():
+        first, second, *_ = sorted(board.ranked, key=lambda i: estimate.value[i])[:2] * 2
+        rows.append([
+            family, board.policies[first], f"{number(estimate.value[first])} %",
+            f"{number(board.mrad(board.families[family])[first])} mrad", board.policies[second],
+            f"{number(estimate.value[second])} %",
+        ])  # fmt: skip
+    return ["family", "first", "error", "", "second", "error"], rows
 
 
 def number(x: float) -> str:
@@ -172,6 +183,10 @@ def columns(board: Board) -> list[Column]:
         estimated(
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
             "reference's amplitude, half its range.", board.error, best=-1, tables=ALL, ends="interval",
+        ),
+        Column(
+            "mrad", "mrad", f"Geometric mean, over all runs {here}, of the mean absolute tracking error of both joints [mrad].",
+            board.mrad(board.main).tolist(), best=-1,
         ),
         Column(
             "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,

@@ -4,8 +4,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import ALL, ALL_BUT_README, Column, columns, over_all
+from benchmarks.report.columns import ALL, ALL_BUT_README, Column, columns, leaders, over_all
 from benchmarks.run.suite import PAPER
+from fbl_gym.scenarios.classes import CLASSES
 
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 """The lines of a file between which the leaderboard is written."""
@@ -34,26 +35,26 @@ def plain(text: str) -> str:
 
 def leaderboard(board: Board) -> str:
     """Return the board as a table, the best policy first, and its remarks."""
+    selected = [column for column in columns(board) if column.tables in (ALL, ALL_BUT_README)]
+    rows = [[_cell(column, i) for column in selected] for i in board.order]
     remarks = "".join(f"\n{plain(remark)}\n" for remark in board.remarks)
-    return _table(board, board.order, ALL, ALL_BUT_README) + remarks
+    return table([plain(column.title) for column in selected], rows) + remarks
 
 
-def first_rows(boards: Mapping[str, Board]) -> str:
-    """Return a short table of each board, by name: the first five rows, and the paper's laws."""
-    texts = []
-    for name, board in boards.items():
-        rows = [i for i in board.order if i in board.order[:ROWS] or board.specs[i].parsed.law in PAPER]
-        gaps = "".join(f"\n{plain(gap)}\n" for gap in board.gaps)
-        texts.append(f"**{plain(name)}**\n\n" * (len(boards) > 1) + _table(board, rows, ALL) + gaps)
-    return "\n".join(texts)
+def over_boards(boards: Mapping[str, Board], *, short: bool = False) -> str:
+    """Return a table of rank, score and error on each board, by name, with the boards' gaps.
 
-
-def _table(board: Board, rows: Iterable[int], *tables: str) -> str:
-    """Return the table of some rows, with the columns that belong to some tables."""
-    selected = [column for column in columns(board) if column.tables in tables]
-    return table(
-        [plain(column.title) for column in selected], [[_cell(column, i) for column in selected] for i in rows]
-    )
+    A short one has the first rows of each board, and the paper's laws.
+    """
+    chosen = {
+        board.policies[i]: None
+        for board in boards.values()
+        for i in board.order
+        if i in board.order[:ROWS] or board.specs[i].parsed.law in PAPER
+    }
+    header, rows = over_all(boards, tuple(chosen) if short else ())
+    gaps = "".join(f"\n{plain(name)}: {plain(gap)}\n" for name, board in boards.items() for gap in board.gaps)
+    return table(header, [[code(policy), *map(plain, cells)] for policy, *cells in rows]) + gaps
 
 
 def _cell(column: Column, i: int) -> str:
@@ -75,12 +76,15 @@ def board_page(boards: Mapping[str, Board]) -> str:
     """Return a page of the documentation with every row of some boards, by name."""
     parts = ["# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns.\n"]
     if len(boards) > 1:
-        header, rows = over_all(boards)
-        rows = [[code(policy), *map(plain, cells)] for policy, *cells in rows]
-        parts.append(f"## Over all\n\nScore, and ranks in brackets, on each board.\n\n{table(header, rows)}")
-    parts += [
-        f"## {plain(name)}\n\n`fbl-gym leaderboard --suite {name}`: {len(board.scenarios)} scenarios, {len(board.seeds)} seeds "
-        f"each. The board is {board.version}, a hash of its policies, scenarios, seeds and code.\n\n{leaderboard(board)}"
-        for name, board in boards.items()
-    ]
+        parts.append(f"## Over all\n\nRank, score and error on each board.\n\n{over_boards(boards)}")
+    for name, board in boards.items():
+        header, rows = leaders(board)
+        about = f" Robots: {CLASSES[name].text}." if name in CLASSES else ""
+        parts.append(
+            f"## {plain(name)}\n\n`fbl-gym leaderboard --suite {name}`: {len(board.scenarios)} scenarios, "
+            f"{len(board.seeds)} seeds each.{about} The board is {board.version}, a hash of its policies, scenarios, "
+            f"seeds and code.\n\n"
+            f"Which policy leads in each family:\n\n{table(header, [[*map(plain, row)] for row in rows])}\n"
+            f"{leaderboard(board)}"
+        )
     return "\n".join(parts)

@@ -63,7 +63,7 @@ def leaderboards(console: Console, boards: Mapping[str, Board]) -> None:
             console.print(f"\n[bold]{escape(name)}[/bold]")
         leaderboard(console, board)
     if len(boards) > 1:
-        console.print(table("over all: score and rank on each board", *over_all(boards)))
+        console.print(table("rank, score and error on each board", *over_all(boards)))
 
 
 def leaderboard(console: Console, board: Board) -> None:

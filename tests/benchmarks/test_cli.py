@@ -138,7 +138,7 @@ def test_the_board_on_a_terminal_fits_into_it(board, width):
     assert "…" not in shown
     assert max(map(len, shown.splitlines())) <= width
     rows = [line.split() for line in shown.splitlines() if line.lstrip().startswith("slotine-li@tuned")]
-    assert sum(len(row) - 1 for row in rows) == 14 + len(board.families)
+    assert sum(len(row) - 1 for row in rows) == 15 + len(board.families)
 
 
 def test_a_list_has_a_line_each(capsys, monkeypatch):

@@ -13,7 +13,7 @@ from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell, Suite
 from fbl_gym import scenarios
-from fbl_gym.scenarios.classes import families
+from fbl_gym.scenarios.classes import CLASSES, families
 
 FAMILIES = tuple(families("servo"))
 NAMES = ("servo-nominal", "servo-noise-2")
@@ -69,7 +69,11 @@ def test_where_a_row_ends():
     assert ends.end([of(1.0), of(2.1), of(9.0)], (1, 2, 4)) == "2: 2.1 ×"
     assert ends.end([of(1.0), of(1.5, lost=0.5)], (1, 2)) == "2: 50 % lost"
     assert ends.end([dataclasses.replace(result, rows=(), error="no")], (1,)) == "1: fails"
-    for axis in ends.AXES:
+
+
+@pytest.mark.parametrize("robot", CLASSES)
+def test_each_push_is_another_scenario(robot):
+    for axis in ends.axes(robot):
         assert len({str(axis.scenario(value).to_dict()) for value in axis.values}) == len(axis.values)
 
 
