@@ -108,7 +108,7 @@ SHORT = {
     "sweep": ["--seeds", "1", "--workers", "1"],
     "tune": ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--workers", "1"],
     "record": ["--episodes", "2"],
-    "recommend": ["--seeds", "2", "--policies", "pd-gravity", "computed-torque", "--workers", "1"],
+    "recommend": ["--seeds", "2", "--minutes", "0", "--policies", "pd-gravity", "computed-torque", "--workers", "1"],
 }
 """Arguments that make a command short."""
 

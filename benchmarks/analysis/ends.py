@@ -77,7 +77,7 @@ def axes(robot: str) -> tuple[Axis, ...]:
                 "stiffness": stiffness, "damping": tuple(0.04 * np.sqrt(stiffness * inertia)), "encoder": encoder,
                 "rotor_inertia": tuple(0.3 * inertia) if min(nominal.rotor) == 0 else nominal.rotor,
             }  # fmt: skip
-            return nominal.replace(joint=joint, physics_dt=2e-4)
+            return nominal.replace(joint=joint, physics_dt=1e-4)
 
         return at
 

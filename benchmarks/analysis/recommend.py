@@ -1,9 +1,10 @@
 """The policies to use on an arm that is described by a scenario.
 
-Policies run in the scenario and in conditions around it. In each of these, one kind of uncertainty
-is twice as large. The order is that of the mean logarithm of the errors, plus the divergence
-penalty of the score; a condition costs at most as much as the motionless baseline. The
-scenario itself counts as much as all its conditions together.
+Policies run in the scenario. The best laws among them may be tuned for it. The best policies then
+run in conditions around it. In each of these, one kind of uncertainty is twice as large. The order
+is that of the mean logarithm of the errors, plus the divergence penalty of the score; a condition
+costs at most as much as the motionless baseline. The scenario itself counts as much as all its
+conditions together.
 """
 
 import dataclasses
@@ -13,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+import controllers
 from benchmarks.analysis.statistics import proportion, tail_mean
 from benchmarks.analysis.transfer import Runs
-from benchmarks.policies.spec import names, resolve_isolated
+from benchmarks.policies.spec import resolve_isolated
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell, Suite
@@ -23,13 +25,17 @@ from benchmarks.seeds import SPLITS
 from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.options import SensorError
 from fbl_gym.records import Distribution, ends, scaled
-from fbl_gym.scenarios import Scenario, conditions
+from fbl_gym.scenarios import Scenario
+from fbl_gym.scenarios.classes import CLASSES, LEAST, conditions
 
 Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
 """Runs cells and returns their results by id. A failed one has an error."""
 
 SCREENED = 8
 """Policies that go on from the scenario alone to its conditions."""
+
+Tune = Callable[[Sequence[str]], Sequence[str]]
+"""Tunes the laws of some policies, the best first, and names those with new gains."""
 
 SAFE_DIVERGED = 0.01
 """A policy is not safe if the lower bound of its share of diverged runs is above this one."""
@@ -38,9 +44,19 @@ SAFE_ERROR = 0.5
 """A policy is not safe if it errs more than this share of the motionless baseline."""
 
 RULE = (
-    f"safe: in the scenario itself, at most {100 * SAFE_DIVERGED:g} % of the runs diverge (lower bound of Clopper and "
-    f"Pearson's 95 % interval), and the error is below {SAFE_ERROR:g} of that of the motionless baseline"
+    f"safe: in the scenario itself, and in all conditions together, at most {100 * SAFE_DIVERGED:g} % of the runs diverge "
+    f"(lower bound of Clopper and Pearson's 95 % interval), and the error is below {SAFE_ERROR:g} of that of the "
+    "motionless baseline"
 )
+
+SPRINGY = 25.0
+"""Joints of which one alone vibrates at a lower rate [Hz] count as elastic."""
+
+MUCH_FRICTION = 0.14
+"""Dry friction above this share of the arm's weight is that of the class `geared`."""
+
+BETWEEN = 0.5
+"""An arm is between two classes if the distances of both differ by no more than that."""
 
 KINDS = (
     "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "saturation"
@@ -48,24 +64,74 @@ KINDS = (
 """What a condition pushes; "everything" pushes all but the saturation, half as far."""
 
 
+@dataclass(frozen=True)
+class Likeness:
+    """What a robot has in common with the classes of robots.
+
+    The distance of a class is half the number of doublings between both rates, and 1 each for
+    another side of the encoders and another amount of friction.
+
+    Attributes:
+        classes: the nearest class, and the next one if the arm is between both.
+        text: the class in one line, and the reasons.
+    """
+
+    classes: tuple[str, ...]
+    text: str
+
+    @classmethod
+    def of(cls, base: Scenario) -> "Likeness":
+        """Return the likeness of a scenario's arm."""
+        p1, p2, p3, _, _ = base.arm.lumped
+        inertia = np.array([p1 + p2 + 2 * p3, p2])
+        weight = np.maximum(np.abs(gravity_torque(base.arm, (0.0, 0.0))), LEAST * inertia)
+        fast, friction, joint = ("servo", "direct"), base.friction, base.joint
+        sides: tuple[str, ...] = fast
+        reasons = [f"{1 / base.control_dt:.0f} Hz"]
+        if joint is None:
+            reasons.append("rigid joints")
+        else:
+            stiffness = np.array([ends(k)[0] for k in joint.stiffness])  # type: ignore[union-attr]
+            rate = float(np.sqrt(stiffness / inertia).min() / (2 * np.pi))
+            sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
+            reasons.append(f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s")
+        levels: tuple[str, ...] = tuple(CLASSES)
+        if friction is not None:
+            both = [np.array([np.mean(ends(x)) for x in level]) for level in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
+            share = float(np.mean(sum(both) / weight))
+            levels = ("geared",) if share > MUCH_FRICTION else fast
+            reasons.append(f"dry friction of {100 * share:.0f} % of the weight")
+        distances = {
+            robot: abs(np.log2(base.control_dt / kind.times[0])) / 2 + (robot not in sides) + (robot not in levels)
+            for robot, kind in CLASSES.items()
+        }
+        near = sorted(distances, key=lambda robot: distances[robot])[:2]
+        between = distances[near[1]] - distances[near[0]] <= BETWEEN
+        name = f"between {near[0]} and {near[1]}" if between else near[0]
+        return cls(tuple(near) if between else (near[0],), f"class: {name} ({', '.join(reasons)})")
+
+
 def around(base: Scenario) -> dict[str, Scenario]:
     """Return the conditions around a scenario, by name; the first one is the scenario itself.
 
-    What a scenario does not have, such as noise, comes in the size of the class `servo`. Rigid
+    What a scenario does not have, such as noise, comes in the size of its class of robots. Rigid
     joints stay rigid: no stiffness can be guessed.
     """
-    scenarios = {"as described": base}
+    scenarios, robot = {"as described": base}, Likeness.of(base).classes[0]
     for kind in KINDS:
-        if (changed := push(base, kind, 2.0)) != base:
+        if (changed := push(base, kind, 2.0, robot)) != base:
             scenarios[kind] = changed.replace(name=f"{base.name}+{kind.replace(' ', '-')}")
     everything = base
     for kind in KINDS[:-1]:
-        everything = push(everything, kind, 1.5)
+        everything = push(everything, kind, 1.5, robot)
     return scenarios | {"everything": everything.replace(name=f"{base.name}+everything")}
 
 
-def push(base: Scenario, kind: str, factor: float) -> Scenario:
-    """Return a scenario in which one of `KINDS` of uncertainty is larger by a factor above 1."""
+def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
+    """Return a scenario in which one of `KINDS` of uncertainty is larger by a factor above 1.
+
+    `robot` is the class whose sizes are taken where the scenario has none.
+    """
     more, actuator, error = factor - 1.0, base.actuator, base.parameter_error
     match kind:
         case "parameters":
@@ -82,16 +148,19 @@ def push(base: Scenario, kind: str, factor: float) -> Scenario:
             delay = factor * late[0] + more * late[1] if any(late) else more * base.control_dt
             changes = {"actuator": _replaced(actuator, delay=round(delay / base.physics_dt) * base.physics_dt)}
         case "lag":
-            changes = {"actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or 0.01 * more)}
+            changes = {
+                "actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or more * CLASSES[robot].lag[1])
+            }
         case "friction" if base.friction is None:
-            usual = conditions(base.arm, "servo")["friction"]
-            changes = {"friction": {name: scaled_pair(value, more) for name, value in usual.items()}}
+            usual = conditions(base.arm, robot)["friction"]
+            levels = {name: value if name == "v_s" else scaled_pair(value, more) for name, value in usual.items()}
+            changes = {"friction": levels}
         case "friction":
-            levels = ("viscous", "coulomb", "stiction")
-            larger = {name: scaled_pair(getattr(base.friction, name), factor) for name in levels}
+            grows = ("viscous", "coulomb", "stiction")
+            larger = {name: scaled_pair(getattr(base.friction, name), factor) for name in grows}
             changes = {"friction": _replaced(base.friction, **larger)}
         case "disturbance" if base.disturbance is None:
-            usual = conditions(base.arm, "servo", "disturbance", 2)["disturbance"]
+            usual = conditions(base.arm, robot, "disturbance", 2)["disturbance"]
             changes = {"disturbance": usual | {"amplitude": scaled_pair(usual["amplitude"], more)}}
         case "disturbance":
             amplitude = getattr(base.disturbance, "amplitude", None)
@@ -100,7 +169,9 @@ def push(base: Scenario, kind: str, factor: float) -> Scenario:
             changes = {"disturbance": _replaced(base.disturbance, amplitude=scaled_pair(amplitude, factor))}
         case "noise":
             noise = getattr(base.noise, "position", None) or SensorError()
-            sigma = scaled_pair(noise.sigma, factor) if ends(noise.sigma)[1] > 0 else 3e-4 * more
+            usual = conditions(base.arm, robot, "noise", 2)["noise"]
+            given = ends(noise.sigma)[1] > 0
+            sigma = scaled_pair(noise.sigma, factor) if given else usual["position"] * more
             changes = {"noise": _replaced(base.noise, position=_replaced(noise, sigma=sigma))}
         case "elastic":
             if base.joint is None:
@@ -147,14 +218,15 @@ def _payload(scenario: Scenario) -> float:
     return ends(getattr(payload, "mass", payload or 0.0))[1]
 
 
-def candidates() -> list[str]:
+def candidates(robots: Sequence[str]) -> list[str]:
     """Return the policies that are tried by default: all of those that do not know the truth.
 
-    `nmpc` is left out, since its decisions take longest, and `computed-torque-ilc`, since it
-    learns over trials.
+    Laws also have the gains for some classes of robots. `nmpc` is left out, since its decisions
+    take longest, and `computed-torque-ilc`, since it learns over trials.
     """
     without = ("nmpc", "zero", "computed-torque-ilc")
-    return [name for name in names() if (spec := resolve_isolated(name)).ranked and spec.parsed.source not in without]
+    known = (*controllers.names(), *(name for robot in robots for name in controllers.tuned(robot)))
+    return [name for name in known if (spec := resolve_isolated(name)).ranked and spec.parsed.source not in without]
 
 
 @dataclass(frozen=True)
@@ -169,6 +241,8 @@ class Choice:
         diverged: number of diverged runs.
         runs: number of runs.
         diverged_bound: upper bound of the share of diverged runs.
+        errors_pct: error in each condition [%], the geometric mean of the runs.
+        lost: number of diverged runs in each condition.
         effort: variation of the torque, relative to that of the calmest policy that is recommended.
     """
 
@@ -179,6 +253,8 @@ class Choice:
     diverged: int
     runs: int
     diverged_bound: float
+    errors_pct: tuple[float, ...]
+    lost: tuple[int, ...]
     effort: float
 
 
@@ -207,29 +283,31 @@ class Recommendation:
         return any(choice.safe for choice in self.choices)
 
 
-def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run) -> Recommendation:
+def recommend(
+    base: Scenario, policies: Sequence[str], number: int, run: Run, tune: Tune | None = None
+) -> Recommendation:
     """Return the best three of some policies on the arm of a scenario, on a number of test seeds.
+
+    With `tune`, the laws with new gains compete, too.
 
     Raises:
         ValueError: every policy failed.
     """
-    suite = Suite("recommend", tuple(policies), (base,), number)
-    (base,), first = suite.scenarios, suite.cells
-    around_base, results = around(base), dict(run(first))
-    working = [cell.policy for cell in first if not results[cell.id].error]
-    if not working:
-        raise ValueError(f"every policy failed, the first one with: {results[first[0].id].error}")
-    levels = Runs.of([[results[f"{spec.name}/{base.name}"]] for spec in working]).levels[:, 0]
-    screened = [working[i] for i in np.argsort(levels)[:SCREENED]]
-    cells = {
-        spec.name: [Cell(spec, scenario, first[0].seeds) for scenario in around_base.values()] for spec in screened
-    }
-    results |= run([cell for row in cells.values() for cell in row])
+    cells = Suite("recommend", tuple(policies), (base,), number).cells
+    results = dict(run(cells))
+    names = _best(cells, results)
+    if tune is not None and (tuned := tune(names)):
+        more = Suite("recommend", tuple(tuned), (base,), number).cells
+        results |= run(more)
+        names = _best([*cells, *more], results)
+    around_base = around(base)
+    cells = Suite("recommend", tuple(names[:SCREENED]), tuple(around_base.values()), number).cells
+    results |= run(cells)
     failed = {result.cell.policy.name: result.error for result in results.values() if result.error}
-    complete = [name for name in cells if name not in failed]
-    table = [[results[cell.id] for cell in cells[name]] for name in complete]
+    complete = [name for name in names[:SCREENED] if name not in failed]
+    table = [[results[f"{name}/{scenario.name}"] for scenario in around_base.values()] for name in complete]
     runs = Runs.of(table)
-    safe = [is_safe(row[0]) for row in table]
+    safe = [is_safe(row[:1]) and is_safe(row) for row in table]
     levels = np.minimum(runs.levels, np.log(_metric(table, "baseline_error_pct")).mean(axis=-1))
     levels = levels[:, 0] + levels[:, 1:].mean(axis=1)
     order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
@@ -242,7 +320,8 @@ def recommend(base: Scenario, policies: Sequence[str], number: int, run: Run) ->
         choices.append(
             Choice(
                 complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors)), diverged, count,
-                float(proportion(diverged, count).high), float(variation[i] / calmest),
+                float(proportion(diverged, count).high), tuple(np.exp(runs.logs[i].mean(axis=-1)).tolist()),
+                tuple(int(lost) for lost in runs.diverged[i].sum(axis=-1)), float(variation[i] / calmest),
             )
         )  # fmt: skip
     overturned = _overturned(runs, complete, best[0], tuple(around_base))
@@ -254,13 +333,22 @@ def _metric(table: Sequence[Sequence[Result]], name: str) -> Array:
     return np.array([[[run[name] for run in result.rows] for result in row] for row in table])
 
 
-def is_safe(result: Result) -> bool:
-    """Return True if a policy is safe by `RULE`, from its result in the scenario itself."""
+def is_safe(results: Sequence[Result]) -> bool:
+    """Return True if a policy is safe by `RULE`, from its results in some conditions together."""
     diverged, error, baseline = (
-        _metric([[result]], name)[0, 0] for name in ("diverged", "error_pct", "baseline_error_pct")
+        _metric([results], name)[0].ravel() for name in ("diverged", "error_pct", "baseline_error_pct")
     )
     share = proportion(diverged.sum(), len(diverged)).low
     return bool(share <= SAFE_DIVERGED and np.log(error / baseline).mean() < np.log(SAFE_ERROR))
+
+
+def _best(cells: Sequence[Cell], results: Mapping[str, Result]) -> list[str]:
+    """Return the policies that did not fail, the best in the scenario first."""
+    working = [results[cell.id] for cell in cells if not results[cell.id].error]
+    if not working:
+        raise ValueError(f"every policy failed, the first one with: {results[cells[0].id].error}")
+    levels = Runs.of([[result] for result in working]).levels[:, 0]
+    return [working[i].cell.policy.name for i in np.argsort(levels)]
 
 
 def _overturned(

@@ -3,13 +3,18 @@
 import argparse
 import dataclasses
 import json
+from collections.abc import Sequence
 from functools import partial
 
+from rich.progress import Progress
+
 from benchmarks.analysis import recommend
-from benchmarks.analysis.recommend import RULE, Recommendation
-from benchmarks.cli.common import add_run, policy_name, results_by_id, trust
+from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
+from benchmarks.cli.common import add_run, command_line, policy_name, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
-from fbl_gym.scenarios import as_scenario
+from benchmarks.tuning.brief import tune_briefly
+from fbl_gym.checks import check_number
+from fbl_gym.scenarios import Scenario, as_scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--policies", nargs="+", type=policy_name, metavar="POLICY",
         help="to choose from (the laws, with tuned gains where there are some, and the agents)",
     )  # fmt: skip
+    parser.add_argument(
+        "--minutes", type=float, default=5.0, metavar="M",
+        help="time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none (5)",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_run(parser, seeds=16)
 
@@ -29,15 +38,35 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command and return its exit status: 1 if no policy is safe."""
     if arguments.seeds < 2:
         raise ValueError(f"--seeds must be at least 2 for an interval, got {arguments.seeds}")
+    seconds = 60.0 * check_number("--minutes", arguments.minutes, low=0, high=1e6)
     trust(arguments)
-    policies, run_cells = arguments.policies or recommend.candidates(), partial(results_by_id, arguments=arguments)
-    base = as_scenario(arguments.scenario)
-    result = recommend.recommend(base, policies, arguments.seeds, run_cells)
+    base, run_cells = as_scenario(arguments.scenario), partial(results_by_id, arguments=arguments)
+    likeness = Likeness.of(base)
+    policies = arguments.policies or recommend.candidates(likeness.classes)
+    if not arguments.json:
+        Screen().say(likeness.text)
+    tune = partial(_tune, base, seconds, arguments.workers) if seconds else None
+    result = recommend.recommend(base, policies, arguments.seeds, run_cells, tune)
     if arguments.json:
-        print(json.dumps({**dataclasses.asdict(result), "safe": result.safe, "rule": RULE}, indent=1))
+        print(
+            json.dumps(
+                {**dataclasses.asdict(result), "classes": likeness.classes, "safe": result.safe, "rule": RULE}, indent=1
+            )
+        )
     else:
         _print(result)
     return 0 if result.safe else 1
+
+
+def _tune(base: Scenario, seconds: float, workers: int, policies: Sequence[str]) -> list[str]:
+    """Tune the laws of some policies, and show the progress."""
+    with Progress(*Progress.get_default_columns(), console=Screen(stderr=True)) as progress:
+        bar = progress.add_task("tuning", total=1.0)
+
+        def report(share: float, news: str) -> None:
+            progress.update(bar, completed=share, description=f"tuning, {news}")
+
+        return tune_briefly(base, policies, seconds, report, workers=workers, command=command_line())
 
 
 def _print(result: Recommendation) -> None:
@@ -56,7 +85,13 @@ def _print(result: Recommendation) -> None:
     ]
     header = ("policy", "error", "worst 5 %", "diverged (bound)", "effort")
     screen.print(table(f"{result.scenario}, {len(result.conditions)} conditions", header, rows))
-    screen.say(f"conditions: {', '.join(result.conditions)}")
+    lines = []
+    for k, condition in enumerate(result.conditions):
+        cells = (
+            f"{each.errors_pct[k]:.3g} %" + f", {each.lost[k]} diverged" * (each.lost[k] > 0) for each in result.choices
+        )
+        lines.append((condition, *cells))
+    screen.print(table("error by condition", ("condition", *(choice.policy for choice in result.choices)), lines))
     first = result.choices[0].policy
     for condition, (policy, error, reference) in result.overturned.items():
         screen.say(f"{condition}: {policy} is better, {error:.3g} % against {reference:.3g} % of {first}")

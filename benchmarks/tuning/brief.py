@@ -1,0 +1,146 @@
+"""Brief tuning of several laws for one arm, within a given time; of `fbl-gym recommend`.
+
+The time is divided into rounds. Each law of a round has as much time as the others, and only the
+better half goes on to the next round. The trials begin with the default gains and those for the
+arm's class of robots, and are kept in a database: the next call goes on with them.
+"""
+
+import math
+import re
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import controllers
+from benchmarks.analysis.recommend import Likeness, around
+from benchmarks.policies.isolation import Failed, run_parallel
+from benchmarks.policies.spec import resolve
+from benchmarks.run.store import provenance
+from benchmarks.seeds import SPLITS
+from benchmarks.tuning.search import STORAGE, Task, finished, open_study, tune, write_gains
+from controllers.registry import tuned_gains
+from fbl_gym.options import FourierReference
+from fbl_gym.scenarios import Scenario, held_out_reason
+from fbl_gym.scenarios.classes import CLASSES
+
+ROUNDS = (8, 4, 2)
+"""Number of laws in each round."""
+
+SEEDS = SPLITS["tuning"][:8]
+"""Seeds of a trial, in each of its scenarios."""
+
+
+def practice(base: Scenario) -> Scenario:
+    """Return the scenario, with another motion if its own is for judging alone."""
+    if not held_out_reason(base):
+        return base
+    move_time = CLASSES[Likeness.of(base).classes[0]].move_time
+    motion = FourierReference(amplitude=(1.5, 2.0), frequency=0.24 / move_time, harmonics=4)
+    return base.replace(reference=motion, duration=min(base.duration, 4.8), events=(), plant=None)
+
+
+def tasks_of(base: Scenario, policies: Sequence[str]) -> list[Task]:
+    """Return a task for each law with gains to tune, of the policies in their order.
+
+    Its scenarios are the arm as described, and with everything larger at once.
+    """
+    conditions = around(practice(base))
+    scenarios = conditions["as described"], conditions["everything"]
+    tasks: dict[str, Task] = {}
+    for spec in map(resolve, policies):
+        if not spec.parsed.gains and spec.parsed.form not in ("agent", "archive"):
+            try:
+                tasks.setdefault(spec.parsed.law, Task(resolve(spec.parsed.law), scenarios, SEEDS))
+            except ValueError:  # nothing to tune
+                continue
+    return list(tasks.values())
+
+
+def tune_briefly(
+    base: Scenario,
+    policies: Sequence[str],
+    seconds: float,
+    report: Callable[[float, str], None],
+    *,
+    workers: int,
+    command: str,
+    storage: str = STORAGE,
+    folder: Path = Path("results/gains"),
+) -> list[str]:
+    """Tune the first laws with gains for a scenario, and name those with other gains.
+
+    New gains of a law are written as FOLDER/SCENARIO/LAW.json.
+
+    Args:
+        base: the scenario.
+        policies: those whose laws are tuned, the best first.
+        seconds: time for all laws together; a trial that has begun is finished.
+        report: called with the share that is done, and a law with its objective.
+        workers: number of processes.
+        command: the command that was typed, for the record.
+        storage: database of the trials, as for `tune`.
+        folder: for the gains.
+    """
+    every, end = tasks_of(base, policies)[: ROUNDS[0]], time.monotonic() + seconds
+    tasks, done, units = every, 0, sum(min(number, len(every)) for number in ROUNDS)
+    for task in tasks:
+        open_study(task, storage)  # here, since no two processes may create a database at once
+    for k, number in enumerate(ROUNDS if tasks else ()):
+        tasks, values = tasks[:number], {}
+        turns = math.ceil(len(tasks) / workers) * (len(ROUNDS) - k)
+        work = partial(_trials, storage, max(end - time.monotonic(), 0.0) / turns)
+        for task, value in run_parallel(work, tasks, min(workers, len(tasks))):
+            name = task.policy.name
+            values[name], done = math.inf if isinstance(value, Failed) else value, done + 1
+            report(done / units, f"{name}: {values[name]:.2f}")
+        tasks = sorted(tasks, key=lambda task: values[task.policy.name])
+    folder /= re.sub(r"[^\w.+-]+", "_", base.name or "arm")
+    return [name for task in every if (name := write_best(task, storage, folder, command)) not in policies]
+
+
+def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
+    """Write the gains of a law's best trial into a folder, and return the policy's name.
+
+    If the default gains or those for a class are best, nothing is written, and the name is theirs.
+    """
+    trials, law = finished(open_study(task, storage)), task.policy.name
+    best = min(trials, key=lambda trial: trial.value or 0.0, default=None)
+    if best is None or not best.params:
+        return law
+    if shipped := next((name for name, gains in _starts(task).items() if gains == best.params), None):
+        return shipped
+    gains = {name: float(f"{value:.4g}") for name, value in best.params.items()}
+    effort = task.effort(len(trials), sum(trial.user_attrs.get("cpu_s", 0.0) for trial in trials))
+    data = {"policy": law, "gains": gains, "objective": best.value, "trials": effort, **provenance(command)}
+    return f"{law}@{write_gains(data, folder).parent}"
+
+
+def _starts(task: Task) -> dict[str, dict[str, Any]]:
+    """Return the gains for classes of robots that are within the search of a law, by policy."""
+    law, ranges = task.policy.name, task.ranges
+    names = [f"{law}@{robot}" for robot in CLASSES if f"{law}@{robot}" in controllers.tuned(robot)]
+    shipped = {name: tuned_gains(name) for name in names}
+    return {
+        name: gains
+        for name, gains in shipped.items()
+        if {*gains} == {*ranges} and all(map(np.isscalar, gains.values()))
+    }
+
+
+def _trials(storage: str, seconds: float, task: Task) -> float:
+    """Go on with a law's trials for some time, one at least; return the best objective."""
+    end, study = time.monotonic() + seconds, open_study(task, storage)
+    while True:
+        try:
+            study = tune(task, len(finished(study)) + 1, storage)
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+            study = open_study(task, storage)  # gains that the law refuses are a failed trial
+        if len(study.trials) == 1:
+            for gains in _starts(task).values():
+                study.enqueue_trial(gains, skip_if_exists=True)
+        if time.monotonic() >= end:
+            return min((trial.value or 0.0 for trial in finished(study)), default=math.inf)
