@@ -29,6 +29,11 @@ LAWS = (
     ("slotine-li-composite", "passivity:CompositeSlotineLi", "slotine-li, driven by the prediction error too"),
     ("sliding-mode", "sliding_mode:SuperTwisting", "super-twisting on the nominal linearisation (Levant)"),
     ("integral-sliding-mode", "sliding_mode:IntegralSlidingMode", "computed torque with integral sliding mode (Utkin)"),
+    (
+        "terminal-sliding-mode",
+        "sliding_mode:TerminalSlidingMode",
+        "nonsingular terminal sliding mode and observer (Feng)",
+    ),
     ("nmpc", "nmpc:Nmpc", "nonlinear predictive control with a disturbance estimate and preview (needs casadi)"),
     ("spong-robust", "passivity:SpongRobust", "Spong's robust law with a bound for each parameter"),
     ("oracle-flm", "oracle:OracleFlm", "feedback linearisation with the true arm, state and loads"),

@@ -1,10 +1,10 @@
-"""Super-twisting and integral sliding mode on the nominal linearisation."""
+"""Super-twisting, integral and terminal sliding mode on the nominal linearisation."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.computed_torque import ComputedTorque
+from controllers.computed_torque import ComputedTorque, ComputedTorqueDob
 from controllers.feedback_linearization import winds_up
 from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
@@ -90,3 +90,39 @@ class IntegralSlidingMode(ComputedTorque):
         torque = inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v) + extra)
         left = forward_dynamics(self.interface.nominal, q, v, self.interface.saturate(torque)) - extra
         return torque, IntegralState(state.integral + self.interface.control_dt * left)
+
+
+@dataclass(frozen=True)
+class TerminalSlidingMode(ComputedTorqueDob):
+    """Nonsingular terminal sliding mode with the disturbance observer of `ComputedTorqueDob`.
+
+        torque = M a + C v + G + d^,    s = e + |e'|^power sign(e') / w
+        a = r'' + w / power |e'|^(2 - power) sign(e') + bound sat(w^2 s / bound)
+
+    On s = 0 the error is gone in finite time, and a has no negative power of e', so it is never
+    singular. Speeds are counted in rad/s. The observer takes off the model's errors, so the sliding
+    mode bears those of the observer alone. With power = 1 and a large bound the law is
+    `ComputedTorqueDob`.
+
+    Sensors: position and velocity. Source: Feng, Yu and Man, "Non-singular terminal sliding mode
+    control of rigid manipulators", Automatica 38(12), 2002; with an observer: Chen,
+    Ballance, Gawthrop and O'Reilly, "A nonlinear disturbance observer for robotic manipulators",
+    IEEE TIE 47(4), 2000.
+
+    Args:
+        frequency: w [rad/s], per joint.
+        power: of e' in s.
+        bound: of the error of d^, as an acceleration [rad/s^2], per joint. The boundary layer is
+            |s| < bound / w^2.
+    """
+
+    power: float = number(1.2, low=1, high=1.9, tune=(1.02, 1.8))
+    bound: Pair | float = pair(20.0, unit="rad/s^2", above=0, tune=(1.0, 200.0))
+
+    def acceleration(self, observation: Array, q: Array, v: Array) -> Array:
+        """Return a, the desired acceleration [n x 2] rad/s^2."""
+        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        w, bound, rate = np.array(self.frequency), np.array(self.bound), r_dot - v
+        s = r - q + np.sign(rate) * np.abs(rate) ** self.power / w
+        ahead = w / self.power * np.sign(rate) * np.abs(rate) ** (2.0 - self.power)
+        return r_ddot + ahead + np.clip(w**2 * s, -bound, bound)

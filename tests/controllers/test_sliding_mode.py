@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_are
 
 import controllers
@@ -112,3 +113,29 @@ def test_integral_sliding_mode_keeps_the_nominal_error_equation():
     expected = np.outer(response([[0.0, 1.0], [-36.0, -12.0]], [1.0, 0.0], 1e-3, 2000), errors[0])
     plain, _ = tracking(controllers.make("computed-torque", env, frequency=6.0), env, 2000)
     assert np.abs(errors - expected).max() < 0.06 * np.abs(plain - expected).max()
+
+
+def test_terminal_sliding_mode_follows_its_equation():
+    """Exact model, 1 kHz, from rest: e'' = -w / p |e'|^(2-p) sign(e') - bound sat(w^2 s / bound), by scipy's solver."""
+    w, power, bound, e0 = 8.0, 1.4, 5.0, 0.2
+    env = TwoLinkArmEnv(
+        reference=STILL, initial_error=(-e0, 0.0), control_dt=1e-3, physics_dt=1e-3, actuator=None, action="torque"
+    )
+    law = controllers.make("terminal-sliding-mode", env, frequency=w, power=power, bound=bound)
+    errors, _ = tracking(law, env, 1500)
+
+    def rates(_, x):
+        e, rate = x
+        s = e + np.sign(rate) * abs(rate) ** power / w
+        return rate, -w / power * np.sign(rate) * abs(rate) ** (2 - power) - np.clip(w**2 * s, -bound, bound)
+
+    expected = solve_ivp(rates, (0.0, 1.5), (e0, 0.0), t_eval=1e-3 * np.arange(1501), rtol=1e-8, atol=1e-10).y[0]
+    assert np.abs(errors[:, 0] - expected).max() < 0.01 * e0
+
+
+def test_terminal_sliding_mode_of_power_one_is_computed_torque():
+    """Within the layer e'' + 2 w e' + w^2 e = 0, with the same observer."""
+    scenario = scenarios.get("payload-2").replace(duration=1.0)
+    terminal = rollout("terminal-sliding-mode", scenario, [0], {"frequency": 9.0, "power": 1.0, "bound": 1e6})
+    computed = rollout("computed-torque-dob", scenario, [0], {"frequency": 9.0})
+    np.testing.assert_allclose(terminal.position, computed.position, atol=1e-9)
