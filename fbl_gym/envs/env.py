@@ -94,7 +94,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
       `sensors`, `reference`, `control_dt`, `physics_dt`, `duration`, `initial_error`,
       `initial_velocity`, `limits`, `constraints`, `plant`, `drawn_per`. Each is a record or the
       plain data that makes one. Most numbers may be a `Distribution`, drawn per episode, or once
-      for each seed with `drawn_per="seed"`. None switches an option off. `fbl-gym list options` prints their fields.
+      for each seed with `drawn_per="seed"`. None switches an option off. `fbl-gym list
+      options` prints their fields.
     * `action`: "normalized", "torque" or "acceleration".
     * `reward`: a `Reward` or a dict of its fields.
     * `preview`: number of coming samples of the reference in the observation.
