@@ -15,7 +15,8 @@ class Datasheet(Record):
     """What policies are told in place of the truth, as fields of `Interface`.
 
     A field that is None is told as it is: with the range of a number that varies. The real arm
-    does not depend on these fields, and oracles do not read them.
+    does not depend on these fields, and oracles do not read them. The number of previous actions in
+    an observation remains that of the real drive.
 
     Args:
         delay: from command to torque, with the delay of `actuator.delay_samples`.

@@ -101,8 +101,8 @@ class Scenario(Record):
     arm: ArmParameters = declared(
         TABLE_1,
         as_arm,
-        "an ArmParameters, a dict of its fields or of those of Links, the path of a .urdf file (or FILE.urdf:TIP), "
-        + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
+        "an ArmParameters, a dict of its fields, or of mass, length, centre and inertia in kg, m and kg m^2 (`Links`), "
+        "the path of a .urdf file (or FILE.urdf:TIP), " + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
         classes=(ArmParameters,),
     )
     parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio")
