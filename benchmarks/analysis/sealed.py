@@ -15,7 +15,6 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.analysis.drawn_arms import draw_arm
 from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.runner import run as run_cells
@@ -23,6 +22,7 @@ from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell, load
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario
+from fbl_gym.model.arm import ArmParameters
 from fbl_gym.scenarios import conditions
 from fbl_gym.scenarios.hardware import FAMILIES
 
@@ -40,6 +40,14 @@ def draw(version: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
     return Scenario(name=f"sealed-{family}", **options), tuple(
         random.choice(SPLITS["sealed"], 32, replace=False).tolist()
     )
+
+
+def draw_arm(rng: np.random.Generator) -> ArmParameters:
+    """Return an arm of links of 1 to 30 kg and 0.2 to 1 m, between rods and point masses."""
+    mass, length = np.exp(rng.uniform(np.log(1.0), np.log(30.0), 2)), rng.uniform(0.2, 1.0, 2)
+    point = rng.uniform(0.0, 1.0, 2)
+    shape = {"centre": tuple(0.5 + 0.5 * point), "inertia": tuple((1.0 - point) / 12.0)}
+    return ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
 
 
 def tau(board: Board, rows: Sequence[int], sealed: Runs) -> dict[str, float]:

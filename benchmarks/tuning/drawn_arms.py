@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.analysis.recommend import Likeness, candidates, recommend
+from benchmarks.analysis.sealed import draw_arm
 from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.run.runner import run as run_cells
@@ -21,7 +22,6 @@ from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell, Suite
 from benchmarks.tuning.brief import tasks_of, tune_briefly, write_best
 from benchmarks.tuning.search import Task, open_study, tune
-from fbl_gym.model.arm import ArmParameters
 from fbl_gym.scenarios import Scenario
 from fbl_gym.scenarios.classes import CLASSES, conditions, families
 
@@ -43,14 +43,6 @@ def draw(number: int) -> Scenario:
     arm = draw_arm(rng)
     family, severity = str(rng.choice([*families(robot)])), int(rng.integers(1, 4))
     return Scenario(name=f"drawn-{number}-{robot}-{family}-{severity}", **conditions(arm, robot, family, severity))
-
-
-def draw_arm(rng: np.random.Generator) -> ArmParameters:
-    """Return an arm of links of 1 to 30 kg and 0.2 to 1 m, between rods and point masses."""
-    mass, length = np.exp(rng.uniform(np.log(1.0), np.log(30.0), 2)), rng.uniform(0.2, 1.0, 2)
-    point = rng.uniform(0.0, 1.0, 2)
-    shape = {"centre": tuple(0.5 + 0.5 * point), "inertia": tuple((1.0 - point) / 12.0)}
-    return ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
 
 
 def search(task: Task) -> None:
