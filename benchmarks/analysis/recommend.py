@@ -264,7 +264,8 @@ class Recommendation:
 
     Attributes:
         scenario: its name.
-        choices: up to three safe policies; if there is none, the best ones that are not safe.
+        choices: up to three safe policies of different laws; if there is none, the best ones that
+            are not safe.
         conditions: names of the conditions.
         overturned: conditions in which another policy errs less than the first choice, by disjoint
             intervals, each with that policy and both errors [%].
@@ -311,7 +312,10 @@ def recommend(
     levels = np.minimum(runs.levels, np.log(_metric(table, "baseline_error_pct")).mean(axis=-1))
     levels = levels[:, 0] + levels[:, 1:].mean(axis=1)
     order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
-    best = order[:3]
+    laws: dict[str, int] = {}
+    for i in order:
+        laws.setdefault(table[i][0].cell.policy.parsed.law, i)
+    best = [*laws.values()][:3]
     variation = np.median(_metric(table, "variation"), axis=(1, 2))
     calmest = min(filter(None, variation[best]), default=1.0)  # a policy without a torque has none
     choices = []

@@ -18,7 +18,7 @@ import numpy as np
 import controllers
 from benchmarks.analysis.recommend import Likeness, around
 from benchmarks.policies.isolation import Failed, run_parallel
-from benchmarks.policies.spec import resolve
+from benchmarks.policies.spec import resolve, resolve_isolated
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
 from benchmarks.tuning.search import STORAGE, Task, finished, open_study, tune, write_gains
@@ -35,7 +35,7 @@ SEEDS = SPLITS["tuning"][:8]
 
 
 def practice(base: Scenario) -> Scenario:
-    """Return the scenario, with another motion if its own is for judging alone."""
+    """Return the scenario; if it is for judging alone, with another motion, events and engine."""
     if not held_out_reason(base):
         return base
     move_time = CLASSES[Likeness.of(base).classes[0]].move_time
@@ -44,15 +44,15 @@ def practice(base: Scenario) -> Scenario:
 
 
 def tasks_of(base: Scenario, policies: Sequence[str]) -> list[Task]:
-    """Return a task for each law with gains to tune, of the policies in their order.
+    """Return a task for each built-in law with gains to tune, of the policies in their order.
 
     Its scenarios are the arm as described, and with everything larger at once.
     """
     conditions = around(practice(base))
     scenarios = conditions["as described"], conditions["everything"]
     tasks: dict[str, Task] = {}
-    for spec in map(resolve, policies):
-        if not spec.parsed.gains and spec.parsed.form not in ("agent", "archive"):
+    for spec in map(resolve_isolated, policies):
+        if not spec.parsed.gains and not spec.external:
             try:
                 tasks.setdefault(spec.parsed.law, Task(resolve(spec.parsed.law), scenarios, SEEDS))
             except ValueError:  # nothing to tune

@@ -72,7 +72,7 @@ class _Scale:
 
     Attributes:
         weight: largest torque of gravity on each joint [2] N m, or that of an acceleration of
-            `LEAST` of the stretched links, where it is larger.
+            `LEAST` of the stretched links and rotors, where it is larger.
         inertia: of the stretched links about each joint [2] kg m^2.
         reach: inertia that a motion of both joints meets, with the rotors [2] kg m^2.
     """
@@ -83,7 +83,7 @@ class _Scale:
         self.inertia = np.array([p1 + p2 + 2 * p3, p2])
         rotor = np.array(arm.rotor)
         self.rotor = np.where(rotor > 0, rotor, 0.3 * self.inertia)
-        self.weight = np.maximum([abs(p4) + abs(p5), abs(p5)], LEAST * self.inertia)
+        self.weight = np.maximum([abs(p4) + abs(p5), abs(p5)], LEAST * (self.inertia + np.array(arm.rotor)))
         self.reach = np.array([self.inertia[0], p2 + p3]) + rotor
 
     def friction(self, factor: float = 1.0) -> dict[str, Any]:
