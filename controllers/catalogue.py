@@ -25,6 +25,7 @@ LAWS = (
     ("l1-adaptive", "l1_adaptive:L1Adaptive", "L1 adaptive control on the nominal linearisation (Hovakimyan, Cao)"),
     ("computed-torque-gp", "gaussian_process:ComputedTorqueGp", "computed torque and an online Gaussian process"),
     ("computed-torque-ilc", "iterative_learning:ComputedTorqueIlc", "computed torque that learns over repeated trials"),
+    ("computed-torque-adaptive", "adaptive_computed_torque:AdaptiveComputedTorque", "adaptive computed torque (Craig)"),
     ("slotine-li", "passivity:SlotineLi", "adaptive passivity-based control of the lumped parameters"),
     ("slotine-li-composite", "passivity:CompositeSlotineLi", "slotine-li, driven by the prediction error too"),
     ("sliding-mode", "sliding_mode:SuperTwisting", "super-twisting on the nominal linearisation (Levant)"),
