@@ -121,6 +121,13 @@ class Composed(TorqueLaw):
         name = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
         return OBSERVERS[name](self.interface.control_dt, **self._gains(name))
 
+    @cached_property
+    def _estimates(self) -> bool:
+        """True if an estimate is needed, for a predictor or in place of a sensor."""
+        wanted = (name for name in SENSORS if name in self._inside.interface.layout)
+        named = {"predictor", *OBSERVERS}.intersection(self._parts)
+        return bool(named) or any(name not in self.interface.layout for name in wanted)
+
     def _gains(self, part: str) -> dict[str, Any]:
         """Return the gains of a part that is named."""
         names = declarations(PARTS[part]) if part in self._parts else ()
@@ -153,6 +160,8 @@ class Composed(TorqueLaw):
             torque = due + self._predictor.gain * (self.interface.saturate(torque) - due)
         measured = self.measured_motion(observation)
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
+        if not self._estimates:
+            return torque, state._replace(bend=bend, inside=inside)
         acting = self._drive.act(state.acting, torque)
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], acting.mean)
         return torque, ComposedState(acting, self._observer.predict(estimate, u), bend, inside)
@@ -172,9 +181,11 @@ class Composed(TorqueLaw):
         present = state.acting.torque
         layout, arm, inside = self.interface.layout, self.interface.nominal, self._inside.interface
         motion = {name: self.read(observation, name)[0] for name in SENSORS if name in layout}
-        estimate = self._observer.correct(state.memory, motion["position"], motion.get("velocity"))
-        # An arm that diverges may carry an estimate away; its numbers stay finite.
-        estimate = clip(estimate, -self._bounds, self._bounds)
+        estimate = state.memory
+        if self._estimates:
+            estimate = self._observer.correct(state.memory, motion["position"], motion.get("velocity"))
+            # An arm that diverges may carry an estimate away; its numbers stay finite.
+            estimate = clip(estimate, -self._bounds, self._bounds)
         estimated = dict(zip(SENSORS, estimate.transpose(2, 0, 1), strict=False))
         if any(part in OBSERVERS for part in self._parts):
             motion.pop("velocity", None)

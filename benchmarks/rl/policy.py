@@ -48,8 +48,7 @@ def _factory(name: str, summary: str) -> Callable[..., Agent]:
 
 
 ppo_torque = _factory("ppo-torque", "PPO on torques, without memory; trained on everything-2")
-ppo_residual = _factory("ppo-residual", "PPO with memory on top of computed-torque-dob; trained for the class servo")
-ppo_residual_predictor = _factory("ppo-residual-predictor", "ppo-residual on computed-torque-dob+predictor")
+ppo_servo = _factory("ppo-servo", "PPO with memory on top of computed-torque-dob@servo; trained for the class servo")
 ppo_memory = _factory("ppo-memory", "PPO on torques that observes its last steps and actions; trained on everything-2")
 ppo_context = _factory("ppo-context", "PPO on torques that observes the true parameters; trained on everything-2")
 sac = _factory("sac", "SAC on torques; trained on everything-2")

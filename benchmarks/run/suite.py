@@ -319,7 +319,7 @@ NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac"
 _SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque
 _SLOW = ("nmpc",)  # it takes as long as all others together
 _PLANNED = "oracle-planned"  # it only differs from oracle-elastic where drives reach their limits
-_AGENTS = ("ppo-residual", "ppo-residual-predictor")  # they were trained for servos
+_AGENTS = ("ppo-servo",)  # they were trained for servos
 
 SUITES: dict[str, SuiteSpec] = {
     spec.name: spec

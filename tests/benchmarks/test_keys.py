@@ -37,8 +37,8 @@ def test_the_key_follows_policy_scenario_and_seeds():
     others = [
         Cell("cascade-flm", cell.scenario, cell.seeds),
         Cell("pid-flm@tuned", cell.scenario, cell.seeds),
-        Cell("ppo-residual@1", cell.scenario, cell.seeds),
-        Cell("ppo-residual@2", cell.scenario, cell.seeds),
+        Cell("ppo-servo@1", cell.scenario, cell.seeds),
+        Cell("ppo-servo@2", cell.scenario, cell.seeds),
         Cell("pid-flm", cell.scenario.replace(noise={"position": 1e-9}), cell.seeds),
         Cell("pid-flm", cell.scenario.replace(control_dt=0.02), cell.seeds),
         Cell("pid-flm", cell.scenario, (0, 1)),
@@ -174,7 +174,7 @@ def test_the_key_follows_the_package_of_an_external_policy(tmp_path, monkeypatch
 
 
 def test_built_in_policies_are_built_in():
-    for name in (*names(), "ppo-residual@1"):
+    for name in (*names(), "ppo-servo@1"):
         assert not resolve(name).external
     assert set(resolve("pid-flm").configuration) == {"kp", "ki", "kd"}
 
@@ -342,7 +342,7 @@ def edit(monkeypatch, module):
 def test_an_edit_of_the_law_that_a_policy_uses_makes_its_results_stale(form, tmp_path, monkeypatch):
     """The folder of a residual agent names its base law, and a law lists those that it uses by name."""
     if form == "folder":
-        shutil.copytree(SHIPPED / "ppo-residual" / "0", tmp_path / "agent")
+        shutil.copytree(SHIPPED / "ppo-servo" / "0", tmp_path / "agent")
         description = json.loads((tmp_path / "agent" / "agent.json").read_text())
         description["interface"] |= {"base": "sliding-mode", "gains": {}}
         (tmp_path / "agent" / "agent.json").write_text(json.dumps(description))
@@ -358,9 +358,9 @@ def test_an_edit_of_the_law_that_a_policy_uses_makes_its_results_stale(form, tmp
 
 
 def test_a_shipped_agent_depends_on_its_base_law(monkeypatch):
-    before = resolve("ppo-residual@1")
+    before = resolve("ppo-servo@1")
     edit(monkeypatch, "controllers.computed_torque")
-    assert resolve("ppo-residual@1").identity != before.identity
+    assert resolve("ppo-servo@1").identity != before.identity
 
 
 def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
@@ -384,7 +384,7 @@ def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
 
 def test_a_name_of_the_package_wins_over_a_folder_of_that_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    agent = file_of("benchmarks.rl.policy").parent / "agents" / "ppo-residual" / "1"
+    agent = file_of("benchmarks.rl.policy").parent / "agents" / "ppo-servo" / "1"
     for name in ("oracle-flm", "mine"):
         (tmp_path / name).mkdir()
         for file in agent.iterdir():
@@ -427,7 +427,7 @@ def test_an_agent_has_a_key_without_the_packages_of_other_policies():
     code = (
         "import sys; sys.modules |= dict.fromkeys(('casadi', 'torch', 'mujoco', 'pygame'))\n"
         "from benchmarks.policies.spec import resolve\n"
-        "print(resolve('ppo-residual').digest)"
+        "print(resolve('ppo-servo').digest)"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == resolve("ppo-residual").digest
+    assert result.stdout.strip() == resolve("ppo-servo").digest

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from benchmarks.rl.policy import SHIPPED
+from benchmarks.rl.policy import SHIPPED, best_seed
 from benchmarks.run.suite import SHORT_SEEDS, SUITES, Suite, load, members
 from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
@@ -26,7 +26,7 @@ def test_suites(tmp_path):
     board = {scenario.name for scenario in load("servo").scenarios}
     assert board == {*scenarios.in_tier("servo", [2]), *scenarios.in_tier("servo-surprise")}
     assert "ppo-torque" not in load("servo").policy_names
-    assert "ppo-residual" in load("servo").policy_names
+    assert "ppo-servo" in load("servo").policy_names
     short = load("geared").build(("zero",), short=True)
     assert (len(short.scenarios), short.seeds) == (3, SHORT_SEEDS)
     assert "computed-torque-tde@tuned" in load("servo").policy_names
@@ -89,16 +89,17 @@ def rows_of(*policies):
 
 def test_an_agent_stands_for_its_training_seeds_on_a_board():
     """The first has the smallest validation error; a training seed that is asked for has a row too."""
-    agent = "ppo-residual-predictor"
+    agent = "ppo-servo"
     rows = rows_of("zero", agent, f"{agent}@2")
-    assert list(rows) == ["zero", f"{agent}@1", f"{agent}@0", f"{agent}@2"]
+    first = best_seed(agent)
+    assert list(rows) == ["zero", *(f"{agent}@{seed}" for seed in (first, *(k for k in range(3) if k != first)))]
     assert rows["zero"] == ("zero",)
     assert (rows[f"{agent}@0"], rows[f"{agent}@2"]) == ((agent,), (agent, f"{agent}@2"))
     assert rows_of(*load("ideal").build([agent], ["nominal"]).policies) == rows_of(agent)
 
 
 def test_a_folder_needs_the_sensors_of_its_agent():
-    (spec,) = members([str(SHIPPED / "ppo-residual" / "0")])
+    (spec,) = members([str(SHIPPED / "ppo-servo" / "0")])
     assert spec.needs == ("position", "velocity")
 
 

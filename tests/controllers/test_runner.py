@@ -64,7 +64,7 @@ def drive(runner, scenario, seed=3):
         "computed-torque-dob+predictor@tuned",
         "computed-torque+kalman@kalman_bandwidth=60",
         "lqg@tuned",
-        "ppo-residual@1",
+        "ppo-servo@1",
     ],
 )
 def test_torques_are_those_of_a_rollout(policy, world):
