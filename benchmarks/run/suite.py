@@ -54,8 +54,11 @@ class Cell:
     @cached_property
     def identity(self) -> dict[str, Any]:
         """All that the cell's numbers depend on, as plain data."""
+        policy = self.policy.identity
+        others = {f"gains of {robot}" for robot in CLASSES if robot != self.scenario.robot_class}
         return {
-            **self.policy.identity,
+            **policy,
+            "data": {name: value for name, value in policy["data"].items() if name not in others},
             "scenario": plain_options(self.scenario, "description"),
             "seeds": list(self.seeds),
             **({"metrics": {metric.name: metric.digest for metric in self.metrics}} if self.metrics else {}),

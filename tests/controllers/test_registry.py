@@ -8,6 +8,7 @@ import pytest
 
 import controllers
 from benchmarks.policies.spec import resolve
+from benchmarks.run.suite import Cell
 from controllers import registry
 from fbl_gym import Interface, TwoLinkArmEnv
 
@@ -150,14 +151,19 @@ def test_gains_of_a_class(tmp_path, monkeypatch):
         controllers.make("pd-gravity@tuned", TwoLinkArmEnv("servo-nominal"))
 
 
+TASKS = ("direct-nominal", "geared-nominal")
+
+
 def test_results_follow_the_gains_of_every_class(tmp_path, monkeypatch):
     monkeypatch.setattr(registry, "TUNED", tmp_path)
     monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
     for robot in ("geared", "direct"):
         (tmp_path / robot).mkdir()
         (tmp_path / robot / "pd-gravity.json").write_text('{"gains": {"frequency": 3.0}}')
-    first = resolve("pd-gravity@tuned").identity
+    first, cells = resolve("pd-gravity@tuned").identity, [Cell("pd-gravity@tuned", task, (0,)).key for task in TASKS]
     (tmp_path / "geared" / "pd-gravity.json").write_text('{"gains": {"frequency": 5.0}}')
     monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
     second = resolve("pd-gravity@tuned").identity
     assert {name for name in first if first[name] != second[name]} == {"data"}
+    same = [Cell("pd-gravity@tuned", task, (0,)).key == key for task, key in zip(TASKS, cells, strict=True)]
+    assert same == [True, False]  # a cell follows those of its own class
