@@ -44,13 +44,13 @@ def leaderboard(board: Board) -> str:
 def over_boards(boards: Mapping[str, Board], *, short: bool = False) -> str:
     """Return a table of rank, score and error on each board, by name, with the boards' gaps.
 
-    A short one has the first rows of each board, and the paper's laws.
+    A short one has the first rows of each board, and the paper's laws with tuned gains.
     """
     chosen = {
         board.policies[i]: None
         for board in boards.values()
         for i in board.order
-        if i in board.order[:ROWS] or board.specs[i].parsed.law in PAPER
+        if i in board.order[:ROWS] or (board.specs[i].parsed.law in PAPER and board.specs[i].tuning == "tuned")
     }
     header, rows = over_all(boards, tuple(chosen) if short else ())
     gaps = "".join(f"\n{plain(name)}: {plain(gap)}\n" for name, board in boards.items() for gap in board.gaps)
