@@ -50,7 +50,8 @@ def over_boards(boards: Mapping[str, Board], *, short: bool = False) -> str:
         board.policies[i]: None
         for board in boards.values()
         for i in board.order
-        if i in board.order[:ROWS] or (board.specs[i].parsed.law in PAPER and board.specs[i].tuning == "tuned")
+        if i in board.ranked
+        and (i in board.order[:ROWS] or (board.specs[i].parsed.law in PAPER and board.specs[i].tuning == "tuned"))
     }
     header, rows = over_all(boards, tuple(chosen) if short else ())
     gaps = "".join(f"\n{plain(name)}: {plain(gap)}\n" for name, board in boards.items() for gap in board.gaps)

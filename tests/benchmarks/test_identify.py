@@ -261,13 +261,15 @@ def test_the_command_writes_a_scenario_with_distributions(files, tmp_path, monke
 def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch):
     """The velocity of the log is a difference, and there is no noise of a velocity to switch off."""
     monkeypatch.setattr(fitting, "FOLDS", 2)
-    start = scenarios.get("servo-practice-nominal")
+    path = tmp_path / "robot.toml"
+    path.write_text('base = "servo-practice-nominal"\nduration = 8.0\nfriction.load = 0.0\n')
+    start = scenarios.get(str(path))
     cli.main(
         [
             "evaluate",
             "pd-gravity",
             "--scenario",
-            "servo-practice-nominal",
+            str(path),
             "--seeds",
             "1",
             "--trace",
@@ -276,7 +278,7 @@ def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch):
     )
     runs = [read(tmp_path / "run.csv")]
     assert runs[0].difference == 1
-    (tmp_path / "arm.toml").write_text(result.text(identify(runs, start), runs, start, "servo-practice-nominal", ""))
+    (tmp_path / "arm.toml").write_text(result.text(identify(runs, start), runs, start, str(path), ""))
     assert scenarios.get(str(tmp_path / "arm.toml")).noise.velocity is None
 
 

@@ -109,7 +109,7 @@ def test_an_arm_that_stays_is_not_safe():
 def test_brief_tuning_improves_a_law_and_goes_on(tmp_path):
     storage, folder, news = f"sqlite:///{tmp_path / 'tuning.db'}", tmp_path / "gains", []
     arguments = {"workers": 1, "command": "", "storage": storage, "folder": folder}
-    policies = ["ppo-residual", "pd-gravity", "zero", "pd-gravity@damping=1"]
+    policies = ["ppo-servo", "pd-gravity", "zero", "pd-gravity@damping=1"]
     names = brief.tune_briefly(BASE, policies, 3.0, lambda *part: news.append(part), **arguments)
     assert news[-1][0] == 1.0
     (task,) = brief.tasks_of(BASE, policies)

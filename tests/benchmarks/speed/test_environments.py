@@ -25,7 +25,7 @@ def test_the_command_prints_and_stores_the_measurements(monkeypatch, tmp_path, c
     contestants = {"peer": (lambda: 1, ""), "arm": (lambda: 8, "peer")}
     monkeypatch.setattr(environments, "_contestants", lambda: contestants)
     monkeypatch.setattr(environments, "ROUND_S", 0.01)
-    for arguments in (["--out", str(path)], ["--baseline", str(path)]):
+    for arguments in (["--json", str(path)], ["--baseline", str(path)]):
         monkeypatch.setattr(sys, "argv", ["speed", "--rounds", "1", *arguments])
         __main__.main()
     stored = json.loads(path.read_text())
