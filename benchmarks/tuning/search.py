@@ -230,8 +230,9 @@ def at_edge(summary: Mapping[str, Any], near: float = 0.05) -> dict[str, tuple[f
     """
     found = {}
     for gain, (low, high) in summary["ranges"].items():
-        place = np.log(np.array(summary["gains"][gain]) / low) / np.log(high / low)
-        if np.any((place < near) | (place > 1.0 - near)):
+        value, margin = np.array(summary["gains"][gain]), (high / low) ** near
+        searched = (value >= low) & (value <= high)  # a default may lie outside
+        if np.any(searched & ((value < low * margin) | (value > high / margin))):
             found[gain] = (low, high)
     return found
 

@@ -234,8 +234,8 @@ def test_gains_of_another_law_with_the_same_file_name_are_refused(tmp_path, monk
 
 
 def test_a_gain_at_the_edge_of_its_range_is_named():
-    found = {"gains": {"kp": 2.1, "ki": 20.0, "kd": np.array([5.0, 79.0])}}
-    ranges = {"ranges": {"kp": [2.0, 200.0], "ki": [2.0, 200.0], "kd": [1.0, 80.0]}}
+    found = {"gains": {"kp": 2.1, "ki": 20.0, "kd": np.array([5.0, 79.0]), "default": 0.0}}
+    ranges = {"ranges": {"kp": [2.0, 200.0], "ki": [2.0, 200.0], "kd": [1.0, 80.0], "default": [1.0, 9.0]}}
     assert at_edge(found | ranges) == {"kp": (2.0, 200.0), "kd": (1.0, 80.0)}
 
 
