@@ -31,8 +31,8 @@ class L1Adaptive(ComputedTorque):
     Each joint of the nominally linearised arm is v' = u + f: u is the nominal acceleration under
     the torque within its limits as the known drive applies it, and f all the rest. v^ is the
     predictor's velocity, and C(s) = bandwidth / (s + bandwidth) the filter that gives the method
-    its robustness. The law is
-    close to a disturbance observer of that bandwidth, and a constant load leaves a small error.
+    its robustness. The law is close to a disturbance observer of that bandwidth, and a constant
+    load leaves a small error.
 
     Sensors: position and velocity. Source: Hovakimyan and Cao, "L1 Adaptive Control Theory", 2010,
     §3.3 (piecewise constant adaptive law).

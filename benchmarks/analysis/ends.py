@@ -1,8 +1,9 @@
-"""Where each row ends: how far one thing can be pushed before a policy loses runs or its accuracy.
+"""The end of each row: how far one thing can be pushed before a policy loses runs or its accuracy.
 
-`python -m benchmarks.analysis.ends lqg@tuned l1-adaptive@tuned` prints a table in Markdown. Each
-column pushes one thing from mild to severe, and the entry is the first value at which the policy
-loses 1 % of its runs, or errs twice as much as at the mildest value.
+`python -m benchmarks.analysis.ends servo lqg@tuned l1-adaptive@tuned` prints a table in Markdown,
+on the nominal arm of a class of robots. Each column pushes one thing from mild to severe, and the
+entry is the first value at which the policy loses 1 % of its runs, or errs twice as much as at the
+mildest value.
 """
 
 import argparse

@@ -66,7 +66,7 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Likeness:
-    """What a robot has in common with the classes of robots.
+    """The classes of robots that a robot is most like.
 
     The distance of a class is half the number of doublings between both rates, and 1 each for
     another side of the encoders and another amount of friction.

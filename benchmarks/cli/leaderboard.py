@@ -57,7 +57,7 @@ def suites_of(arguments: argparse.Namespace) -> list[Suite]:
     if arguments.scenarios and not arguments.suite:
         classes = {scenario.robot_class for scenario in expand(arguments.scenarios)}
         names = [classes.pop() if len(classes) == 1 else "servo"]
-    suites = []
+    suites: list[Suite] = []
     for name in names:
         spec = load(name)
         for policy in spec.policies if spec.file and not arguments.policies else ():
@@ -67,6 +67,9 @@ def suites_of(arguments: argparse.Namespace) -> list[Suite]:
             arguments.policies, arguments.scenarios, arguments.seeds, short=arguments.short, more=arguments.policy,
             metrics=arguments.metrics, limits=limits_of(arguments),
         ))  # fmt: skip
+    taken = [suite.name for suite in suites]
+    if len(set(taken)) < len(taken):
+        raise ValueError(f"--suite must give suites of different names, got {', '.join(taken)}")
     return suites
 
 

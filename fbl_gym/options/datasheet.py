@@ -12,7 +12,7 @@ _SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash")
 
 @dataclass(frozen=True)
 class Datasheet(Record):
-    """What policies are told in place of the truth, as fields of `Interface`.
+    """The statements that policies get in place of the truth, as fields of `Interface`.
 
     A field that is None is told as it is: with the range of a number that varies. The real arm
     does not depend on these fields, and oracles do not read them. The number of previous actions in

@@ -1,4 +1,4 @@
-"""What tuning may use, and scenarios of any arm."""
+"""Scenarios that tuning may use, and scenarios of any arm."""
 
 import dataclasses
 
