@@ -28,6 +28,7 @@ lint: .venv/ready-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+	$(BIN)/zizmor --offline --quiet .github
 
 docs: .venv/ready-dev
 	$(BIN)/sphinx-build -q -E -W --keep-going -b html docs build/docs

@@ -9,15 +9,5 @@ from controllers.registry import access, factory, kind, make, names, register, s
 from controllers.runner import Runner
 
 __all__ = [
-    "Policy",
-    "Runner",
-    "TorqueLaw",
-    "access",
-    "factory",
-    "kind",
-    "make",
-    "names",
-    "register",
-    "summary",
-    "tuned",
-]
+    "Policy", "Runner", "TorqueLaw", "access", "factory", "kind", "make", "names", "register", "summary", "tuned",
+]  # fmt: skip

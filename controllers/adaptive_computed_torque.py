@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.passivity import TURN, SlotineLi, SlotineLiState, friction_regressor
+from controllers.passivity import SlotineLi, SlotineLiState, friction_regressor
 from controllers.policy import State
 from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
 
@@ -39,7 +39,7 @@ class AdaptiveComputedTorque(SlotineLi):
         slope, estimate, rotor = np.array(self.slope), state.estimate, np.array(self.interface.nominal.rotor)
         s = r_dot - v + slope * (r - q)
         a = r_ddot + slope * (r_dot - v) + self.damping * s
-        friction = friction_regressor(v, TURN)
+        friction = friction_regressor(v)
         y, measured = (np.concatenate([regressor(q, v, x), friction], axis=-1) for x in (a, acceleration))
         torque = np.einsum("nij,nj->ni", y, estimate) + rotor * a
         inertia = inertia_matrix(with_rotors(estimate[:, :5], rotor), q)

@@ -4,24 +4,23 @@ LAWS = (
     # name, module:class, summary
     ("zero", "simple:Zero", "no torque at all"),
     ("pd-gravity", "simple:PdGravity", "PD with the nominal gravity torque"),
-    # the paper's controllers, and the adaptive one made robust to noise
+    # the paper's controllers
     ("pid-flm", "pid:PidFlm", "the paper's PID through nominal feedback linearisation (§2.2)"),
     ("cascade-flm", "cascade:CascadeFlm", "the paper's cascade: inner velocity PI, outer P with feed-forward (§3.1)"),
     ("robust-flm", "kalman:RobustFlm", "the paper's robust controller: the cascade behind a Kalman filter (§3)"),
     ("adaptive-flm", "adaptive:AdaptiveFlm", "the paper's adaptive controller: three-sample estimator, cascade (§4)"),
     ("adaptive-flm-scheduled", "adaptive:AdaptiveFlmScheduled", "adaptive-flm with the paper's gain schedule (§4.2)"),
     ("adaptive-robust-flm", "adaptive:AdaptiveRobustFlm", "estimator, schedule, cascade and Kalman filter (§3 and §4)"),
-    ("adaptive-flm-ls", "adaptive_ls:AdaptiveFlmLs", "the robust controller with a model fitted by least squares"),
     # comparators
     ("computed-torque-eso", "adrc:ComputedTorqueEso", "computed torque on an extended state observer, position alone"),
     ("ladrc", "adrc:Ladrc", "linear active disturbance rejection: no model but the diagonal of the inertia (Gao)"),
-    ("time-delay", "time_delay:TimeDelay", "time-delay control: last torque and acceleration replace the model"),
     ("lqg", "lqg:Lqg", "optimal regulator with integral action on a Kalman filter"),
+    ("h-infinity", "h_infinity:HInfinity", "H-infinity loop shaping, position alone (McFarlane, Glover)"),
     ("rbf-adaptive", "rbf_adaptive:RbfAdaptive", "neural adaptive control with radial basis functions (Lewis)"),
     ("pid-gravity", "simple:PidGravity", "PID with the nominal gravity torque"),
     ("computed-torque", "computed_torque:ComputedTorque", "plain computed torque, critically damped"),
     ("computed-torque-dob", "computed_torque:ComputedTorqueDob", "computed torque with a momentum observer"),
-    ("computed-torque-tde", "time_delay:ComputedTorqueTde", "computed torque with time-delay estimation"),
+    ("computed-torque-tde", "computed_torque:ComputedTorqueTde", "computed torque with time-delay estimation"),
     ("l1-adaptive", "l1_adaptive:L1Adaptive", "L1 adaptive control on the nominal linearisation (Hovakimyan, Cao)"),
     ("computed-torque-gp", "gaussian_process:ComputedTorqueGp", "computed torque and an online Gaussian process"),
     ("computed-torque-ilc", "iterative_learning:ComputedTorqueIlc", "computed torque that learns over repeated trials"),
@@ -38,7 +37,6 @@ LAWS = (
     ("nmpc", "nmpc:Nmpc", "nonlinear predictive control with a disturbance estimate and preview (needs casadi)"),
     ("spong-robust", "passivity:SpongRobust", "Spong's robust law with a bound for each parameter"),
     ("oracle-flm", "oracle:OracleFlm", "feedback linearisation with the true arm, state and loads"),
-    ("oracle-predictive", "oracle:OraclePredictive", "oracle-flm through delay and lag, both known"),
     ("oracle-elastic", "oracle:OracleElastic", "optimal regulator on the true arm, springs and drives included"),
     ("oracle-planned", "planned:OraclePlanned", "oracle-elastic along the feasible motion closest to the reference"),
 )

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.parts import OBSERVERS, Acting, Barrier, Drive, Observer, Predictor, Springs
+from controllers.parts import OBSERVERS, Acting, Barrier, Drive, Predictor, Springs
 from controllers.policy import Policy, State, TorqueLaw, reference_at
 from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, clip, make_layout
@@ -72,7 +72,7 @@ class Composed(TorqueLaw):
         limits = Limits(position=position / 2, velocity=velocity / 2, acceleration=acceleration)
         layout = make_layout(sensors, limits, outer.action_limit, "", 0, self._preview_samples)
         inner = dataclasses.replace(outer, layout=layout)
-        if self._predictor is not None:
+        if "predictor" in self._parts:
             inner = dataclasses.replace(inner, delay=(0.0, 0.0), lag=(0.0, 0.0), latency=0.0)
         gains = {field.name: getattr(self, field.name) for field in dataclasses.fields(self._law)}
         return self._law(**{**gains, "interface": inner})
@@ -101,25 +101,12 @@ class Composed(TorqueLaw):
         return Drive.of(self.interface)
 
     @cached_property
-    def _predictor(self) -> Predictor | None:
-        """The predictor; None: there is none."""
-        return Predictor(self._drive, **self._gains("predictor")) if "predictor" in self._parts else None
-
-    @cached_property
-    def _barrier(self) -> Barrier | None:
-        """The safety filter; None: there is none."""
-        return Barrier(self._inside.interface, **self._gains("barrier")) if "barrier" in self._parts else None
-
-    @cached_property
-    def _springs(self) -> Springs | None:
-        """The reference of the motors; None: that of the links remains."""
-        return Springs(self.interface, **self._gains("springs")) if "springs" in self._parts else None
-
-    @cached_property
-    def _observer(self) -> Observer:
-        """The observer that is named, or else the default one."""
-        name = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
-        return OBSERVERS[name](self.interface.control_dt, **self._gains(name))
+    def _made(self) -> dict[str, Any]:
+        """The parts by name; "observer" is the one that is named, or the default one."""
+        observer = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
+        first = {"predictor": self._drive, "springs": self.interface, "barrier": self._inside.interface}
+        made = {name: PARTS[name](first[name], **self._gains(name)) for name in self._parts if name in first}
+        return {**made, "observer": OBSERVERS[observer](self.interface.control_dt, **self._gains(observer))}
 
     @cached_property
     def _estimates(self) -> bool:
@@ -148,23 +135,25 @@ class Composed(TorqueLaw):
         (q,) = self.read(observation, "position")
         v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
         hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        return ComposedState(self._drive.hold(hold), self._observer.initial(q, v), np.full((len(q), 2, 2), np.inf))
+        return ComposedState(
+            self._drive.hold(hold), self._made["observer"].initial(q, v), np.full((len(q), 2, 2), np.inf)
+        )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         seen, estimate, due, bend = self._look(observation, state)
         torque, inside = self._inside.torque(seen, state.inside)
-        if self._barrier is not None:
-            torque = self._barrier.filtered(torque, *self._inside.measured_motion(seen))
-        if self._predictor is not None:
-            torque = due + self._predictor.gain * (self.interface.saturate(torque) - due)
+        if "barrier" in self._made:
+            torque = self._made["barrier"].filtered(torque, *self._inside.measured_motion(seen))
+        if "predictor" in self._made:
+            torque = due + self._made["predictor"].gain * (self.interface.saturate(torque) - due)
         measured = self.measured_motion(observation)
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
         if not self._estimates:
             return torque, state._replace(bend=bend, inside=inside)
         acting = self._drive.act(state.acting, torque)
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], acting.mean)
-        return torque, ComposedState(acting, self._observer.predict(estimate, u), bend, inside)
+        return torque, ComposedState(acting, self._made["observer"].predict(estimate, u), bend, inside)
 
     def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array, Array]:
         """Return all that the law inside depends on.
@@ -183,7 +172,7 @@ class Composed(TorqueLaw):
         motion = {name: self.read(observation, name)[0] for name in SENSORS if name in layout}
         estimate = state.memory
         if self._estimates:
-            estimate = self._observer.correct(state.memory, motion["position"], motion.get("velocity"))
+            estimate = self._made["observer"].correct(state.memory, motion["position"], motion.get("velocity"))
             # An arm that diverges may carry an estimate away; its numbers stay finite.
             estimate = clip(estimate, -self._bounds, self._bounds)
         estimated = dict(zip(SENSORS, estimate.transpose(2, 0, 1), strict=False))
@@ -191,28 +180,25 @@ class Composed(TorqueLaw):
             motion.pop("velocity", None)
             del motion["position"]
         q, v, a = ((estimated | motion)[name] for name in SENSORS)
-        ahead, due = 0.0, present
-        if self._predictor is not None:
+        ahead, due, predictor = 0.0, present, self._made.get("predictor")
+        if predictor is not None:
             missed = a - forward_dynamics(arm, q, v, present)
             f = estimate[..., 3]
             q, v, due = self._drive.predict(arm, q, v, f, present, self._drive.coming(state.acting.queue))
-            q, v, torque = self._drive.predict(
-                arm, q, v, f, due, [(self._predictor.lateness, state.acting.queue[:, 0])]
-            )
+            q, v, torque = self._drive.predict(arm, q, v, f, due, [(predictor.lateness, state.acting.queue[:, 0])])
             a = forward_dynamics(arm, q, v, torque) + missed
-            ahead = self._drive.delay - self.interface.latency + self._predictor.lateness
+            ahead = self._drive.delay - self.interface.latency + predictor.lateness
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
-        if self._predictor is None:
+        if predictor is None:
             reference = [observation[:, layout[name]] for name in self._reference]
         else:
             times = ahead + inside.control_dt * np.arange(1 + self._preview_samples, dtype=float)
             reference = [reference_at(self.interface, observation, times).reshape(len(observation), -1)]
         bend = state.bend
-        if self._springs is not None:
-            motion_of_motors, bend = self._springs.moved(
-                np.concatenate(reference, axis=-1).reshape(len(q), -1, 6), bend
-            )
-            reference = [motion_of_motors.reshape(len(q), -1)]
+        if "springs" in self._made:
+            links = np.concatenate(reference, axis=-1).reshape(len(q), -1, 6)
+            motors, bend = self._made["springs"].moved(links, bend)
+            reference = [motors.reshape(len(q), -1)]
         seen = np.concatenate([*signals, *reference], axis=-1)
         return clip(seen, *inside.layout.bounds), estimate, due, bend
 

@@ -1,8 +1,8 @@
-"""Computed torque, the textbook law for a known model, alone and with a disturbance observer."""
+"""Computed torque, the textbook law for a known model, alone and with disturbance estimates."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -100,3 +100,54 @@ class ComputedTorqueDob(ComputedTorque):
         torque = inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v)) + disturbance
         acting = self.drive.act(state.acting, self.interface.saturate(torque))
         return torque, DobState(disturbance, momentum, drift, acting)
+
+
+class TdeState(NamedTuple):
+    """State of `ComputedTorqueTde`."""
+
+    missed: Array  # d [n x 2] N m
+    acting: Acting
+
+
+@dataclass(frozen=True)
+class ComputedTorqueTde(ComputedTorque):
+    """Computed torque with time-delay estimation of the torque that the nominal model misses.
+
+        torque = M a + C v + G + d,    a = r'' + w^2 (r - q) + 2 w (r' - v)
+        d = LP(torque_0 - (M a_0 + C v + G))
+
+    a_0 is the measured acceleration and torque_0 the torque of that time, by the known drive. Both
+    pass the same low-pass filter LP. Without the filter the law is torque = torque_0 + M (a - a_0),
+    also known as incremental nonlinear dynamic inversion.
+
+    Sensors: position, velocity and acceleration. Source: Hsia, "A new technique for robust control
+    of servo systems", IEEE TIE 36(1), 1989; Sieberling, Chu and Mulder, "Robust flight control
+    using incremental nonlinear dynamic inversion and angular acceleration prediction", JGCD 33(6),
+    2010.
+
+    Args:
+        frequency: w [rad/s], per joint: both poles of the tracking error are -w.
+        bandwidth: g of the filter [rad/s], per joint. Sensor noise and light arms limit it.
+    """
+
+    frequency: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 40.0))
+    bandwidth: Pair | float = pair(12.0, unit="rad/s", above=0, tune=(5.0, 200.0))
+
+    needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: d, zero, and the torque that holds the nominal arm still."""
+        (q,) = self.read(observation, "position")
+        return TdeState(
+            np.zeros_like(q), self.drive.hold(self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        )
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
+        q, v, a = self.read(observation, "position", "velocity", "acceleration")
+        nominal = self.interface.nominal
+        # d = d + (1 - exp(-g dt)) (torque_0 - (M a_0 + C v + G) - d)
+        share = -np.expm1(-np.array(self.bandwidth) * self.interface.control_dt)
+        missed = state.missed + share * (state.acting.torque - inverse_dynamics(nominal, q, v, a) - state.missed)
+        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + missed
+        return torque, TdeState(missed, self.drive.act(state.acting, self.interface.saturate(torque)))

@@ -5,8 +5,6 @@ from functools import cached_property, lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from filterpy.common import Q_discrete_white_noise
-from filterpy.kalman import KalmanFilter
 
 from controllers.cascade import CascadeFlm
 from controllers.policy import State
@@ -57,6 +55,12 @@ def gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
     in Python", ch. 8). The gain does not depend on the data, so all joints and lanes share it. The
     sigmas are per sample, in rad/s^2 and rad.
     """
+    try:  # filterpy brings matplotlib, and few programs filter
+        from filterpy.common import Q_discrete_white_noise
+        from filterpy.kalman import KalmanFilter
+    except ModuleNotFoundError as problem:
+        text = "the Kalman filter needs filterpy, which is not installed: pip install 'fbl-gym[bench]'"
+        raise ModuleNotFoundError(text, name=problem.name) from None
     kalman = KalmanFilter(dim_x=2, dim_z=1)
     kalman.F = np.array([[1.0, dt], [0.0, 1.0]])
     kalman.H = np.array([[1.0, 0.0]])

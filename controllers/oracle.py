@@ -1,4 +1,4 @@
-"""The three oracles, which read the real arm from `env.truth`. They are not ranked."""
+"""Oracles, which read the real arm from `env.truth`. They are not ranked."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -86,33 +86,6 @@ class OracleFlm(_Oracle):
         load = inverse_dynamics(dataclasses.replace(arm, elastic=False).links, truth.position, v, a)
         dry = arm.dry(v) * np.sign(truth.reference_velocity)
         return load + (truth.viscous * v + dry) + truth.disturbance, state
-
-
-@dataclass(frozen=True)
-class OraclePredictive(OracleFlm):
-    """The oracle through delay and lag: `oracle-flm` on the predicted state.
-
-        wanted = M a + C v + G + friction + d,    a = r'' + kp (r - q) + kd (r' - v)
-        command = torque + (wanted - torque) / (1 - exp(-dt / lag))
-
-    q, v and the torque on the joints are predicted with the true arm to the time at which the
-    command begins to act, and the reference is that of the same time, from the preview. The command
-    inverts the lag: the torque is the wanted one after a control interval. Elastic joints count as
-    rigid.
-    """
-
-    preview: ClassVar[float] = PREVIEW
-
-    def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m that the drives are asked for; there is no state."""
-        arm = dataclasses.replace(arm, elastic=False)
-        q, v, present = arm.predicted()
-        positions, velocities, accelerations = self.ahead(observation, arm, np.array([0.0, 0.5 * arm.dt]))
-        r, r_dot = positions[:, 0], velocities[:, 0]
-        a = accelerations[:, 1] + np.array(self.kp) * (r - q) + np.array(self.kd) * (r_dot - v)
-        wanted = inverse_dynamics(arm.links, q, v, a) + arm.friction(v, r_dot + 10.0 * (r - q)) + arm.truth.disturbance
-        lag = np.maximum(arm.truth.lag, 1e-9)[:, None]
-        return present + (wanted - present) / -np.expm1(-arm.dt / lag), ()
 
 
 COSINES = np.linspace(-1.0, 1.0, 5)

@@ -50,12 +50,12 @@ def drift_regressor(q: Array, v: Array) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
 
-def friction_regressor(v: Array, turn: float) -> Array:
-    """Return Y [n x 2 x 4] with Y p = viscous friction v + Coulomb friction tanh(v / turn).
+def friction_regressor(v: Array) -> Array:
+    """Return Y [n x 2 x 4] with Y p = viscous friction v + Coulomb friction tanh(v / TURN).
 
     p has both joints' viscous friction, then both joints' Coulomb friction.
     """
-    return np.concatenate([v[..., None] * np.eye(2), np.tanh(v / turn)[..., None] * np.eye(2)], axis=-1)
+    return np.concatenate([v[..., None] * np.eye(2), np.tanh(v / TURN)[..., None] * np.eye(2)], axis=-1)
 
 
 class SlotineLiState(NamedTuple):
@@ -77,7 +77,34 @@ class CompositeState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SlotineLi(TorqueLaw):
+class _Sliding(TorqueLaw):
+    """Base of the laws along a reference motion: v_r = r' + slope e, a_r = r'' + slope e'.
+
+    Args:
+        slope: of the sliding surface s = e' + slope e [1/s], per joint.
+        damping: K over the nominal inertia [1/s].
+    """
+
+    slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
+    damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
+
+    def surface(self, observation: Array) -> tuple[Array, ...]:
+        """Return q, v_r, a_r and s, [n x 2] each, and Y of the lumped parameters [n x 2 x 5]."""
+        q, v = self.read(observation, "position", "velocity")
+        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        slope = np.array(self.slope)
+        v_r, a_r = r_dot + slope * (r - q), r_ddot + slope * (r_dot - v)
+        return q, v_r, a_r, v_r - v, slotine_li_regressor(q, v, v_r, a_r)
+
+    def along(self, y: Array, p: Array, q: Array, a_r: Array, s: Array) -> Array:
+        """Return the torque Y p + K s, and that of known rotors [n x 2] N m."""
+        nominal = self.interface.nominal
+        gain = self.damping * inertia_matrix(nominal, q)
+        return np.einsum("nij,nj->ni", y, p) + np.einsum("nij,nj->ni", gain, s) + np.array(nominal.rotor) * a_r
+
+
+@dataclass(frozen=True)
+class SlotineLi(_Sliding):
     """Slotine and Li's adaptive law, with friction among the unknowns.
 
         torque = Y p^ + K s,    p^' = Gamma Y' s,    s = e' + slope e
@@ -94,8 +121,6 @@ class SlotineLi(TorqueLaw):
     manipulators", Int. J. Robotics Research 6(3), 1987; "Applied Nonlinear Control", 1991, §9.2.
 
     Args:
-        slope: of the sliding surface [1/s], per joint.
-        damping: K over the nominal inertia [1/s].
         adaptation: gain of the lumped parameters' estimates.
         friction: gain of the friction's estimates [1/s^2]; 0: no friction is estimated. Along a
             motion in one direction it acts as an integrator: s'' + damping s' + friction s = 0 for
@@ -103,8 +128,6 @@ class SlotineLi(TorqueLaw):
         reach: largest factor between an estimate and its nominal value.
     """
 
-    slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
-    damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
     adaptation: float = number(1.0, low=0, tune=(0.1, 300.0))
     friction: float = number(3.0, unit="1/s^2", low=0, tune=(0.5, 50.0))
     reach: float = number(16.0, above=1)
@@ -137,14 +160,9 @@ class SlotineLi(TorqueLaw):
 
         `prediction` [n x 9] is added to Y's: p^' = Gamma (Y's + prediction).
         """
-        q, v = self.read(observation, "position", "velocity")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        slope, nominal = np.array(self.slope), self.interface.nominal
-        v_r, a_r = r_dot + slope * (r - q), r_ddot + slope * (r_dot - v)
-        s = v_r - v
-        y = np.concatenate([slotine_li_regressor(q, v, v_r, a_r), friction_regressor(v_r, TURN)], axis=-1)
-        gain = self.damping * inertia_matrix(nominal, q)
-        torque = np.einsum("nij,nj->ni", y, estimate) + np.einsum("nij,nj->ni", gain, s) + np.array(nominal.rotor) * a_r
+        q, v_r, a_r, s, y = self.surface(observation)
+        y = np.concatenate([y, friction_regressor(v_r)], axis=-1)
+        torque = self.along(y, estimate, q, a_r, s)
         change = self.rates * (np.einsum("nij,ni->nj", y, s) + prediction)
         free = np.all(self.interface.saturate(torque) == torque, axis=-1, keepdims=True)
         return torque, np.clip(estimate + self.interface.control_dt * np.where(free, change, 0.0), *self.box)
@@ -191,7 +209,7 @@ class CompositeSlotineLi(SlotineLi):
         # Over the interval that ends now, torque = d/dt (M v) + (G - C'v) + friction.
         mean = 0.5 * (drift_regressor(q, v) + drift_regressor(q0, v0))
         mean += (momentum_regressor(q, v) - momentum_regressor(q0, v0)) / dt
-        friction = 0.5 * (friction_regressor(v, TURN) + friction_regressor(v0, TURN))
+        friction = 0.5 * (friction_regressor(v) + friction_regressor(v0))
         keep = np.where(state.started, np.exp(-self.filtering * dt), 1.0)[:, None]
         w = keep[..., None] * state.regressor + (1.0 - keep[..., None]) * np.concatenate([mean, friction], axis=-1)
         rotors = np.array(self.interface.nominal.rotor) * (v - v0) / dt
@@ -205,7 +223,7 @@ class CompositeSlotineLi(SlotineLi):
 
 
 @dataclass(frozen=True)
-class SpongRobust(TorqueLaw):
+class SpongRobust(_Sliding):
     """Spong's robust law, with a bound for each lumped parameter.
 
         torque = Y (p^ + u) + K s,    s = e' + slope e
@@ -218,28 +236,18 @@ class SpongRobust(TorqueLaw):
     IEEE TAC 37(11), 1992.
 
     Args:
-        slope: of the surface s = e' + slope e [1/s], per joint.
-        damping: K over the nominal inertia [1/s].
         bound: largest deviation of a lumped parameter, as a share of the nominal one.
         epsilon: width of the boundary layer over the nominal inertia p1 [1/s^3]. A small one tracks
             closer and chatters more.
     """
 
-    slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
-    damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
     bound: float = number(1.0, low=0, tune=(0.1, 8.0))
     epsilon: float = number(20.0, unit="1/s^3", above=0, tune=(0.03, 100.0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
-        q, v = self.read(observation, "position", "velocity")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        slope, nominal = np.array(self.slope), self.interface.nominal.lumped
-        v_r, a_r = r_dot + slope * (r - q), r_ddot + slope * (r_dot - v)
-        s = v_r - v
-        y = slotine_li_regressor(q, v, v_r, a_r)
+        q, _, a_r, s, y = self.surface(observation)
+        nominal = self.interface.nominal.lumped
         power = np.einsum("nij,ni->nj", y, s) * nominal
         u = self.bound * nominal * np.clip(power / (self.epsilon * nominal[0]), -1.0, 1.0)
-        gain = self.damping * inertia_matrix(self.interface.nominal, q)
-        torque = np.einsum("nij,nj->ni", y, nominal + u) + np.einsum("nij,nj->ni", gain, s)
-        return torque + np.array(self.interface.nominal.rotor) * a_r, state
+        return self.along(y, nominal + u, q, a_r, s), state

@@ -1,4 +1,4 @@
-"""Compiled least squares and linear systems of a few unknowns, one system for each lane.
+"""Compiled least squares of a few unknowns, one system for each lane.
 
 `numpy.linalg` passes the lanes to LAPACK one by one, which is slow and differs in the last bits
 between machines. Here the inner loops run over lanes and vectorise, and a lane has the same bits
@@ -118,79 +118,3 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
         if not rich[lane]:
             solution[lane] = np.nan
     return solution, rich
-
-
-@cached_njit
-def accumulate(
-    a: Array, b: Array, rows: Array, target: Array, keep: float, weight: float, where: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Return the next sums of weighted least squares, changed in the lanes `where`.
-
-    They are keep a + weight rows'rows [n x k x k] and keep b + weight rows'target [n x k], of rows
-    [n x m x k] and target [n x m].
-    """
-    n, m, k = rows.shape
-    a, b = a.copy(), b.copy()
-    for lane in range(n):
-        if where[lane]:
-            for i in range(k):
-                for j in range(k):
-                    product = 0.0
-                    for s in range(m):
-                        product += rows[lane, s, i] * rows[lane, s, j]
-                    a[lane, i, j] = keep * a[lane, i, j] + weight * product
-                product = 0.0
-                for s in range(m):
-                    product += rows[lane, s, i] * target[lane, s]
-                b[lane, i] = keep * b[lane, i] + weight * product
-    return a, b
-
-
-@cached_njit
-def _lower(a: Array, first: int, lanes: int) -> Array:
-    """Return the lower triangles of some matrices of a [n x k x k], as a block [k x k x lanes]."""
-    k = a.shape[1]
-    part = np.empty((k, k, lanes))
-    for lane in range(lanes):
-        for i in range(k):
-            for j in range(i + 1):
-                part[i, j, lane] = a[first + lane, i, j]
-    return part
-
-
-@cached_njit
-def exceeds(a: Array, floor: float) -> NDArray[np.bool_]:
-    """Return where the smallest eigenvalue of a symmetric a [n x k x k] exceeds `floor`, [n]."""
-    n, k, _ = a.shape
-    above = np.ones(n, dtype=np.bool_)
-    for first in range(0, n, LANES):
-        lanes = min(LANES, n - first)
-        part = _lower(a, first, lanes)
-        for i in range(k):
-            part[i, i] -= floor
-        _factor(part, above[first : first + lanes])
-    return above
-
-
-@cached_njit
-def solve(a: Array, b: Array) -> Array:
-    """Return the x of a x = b [n x k], for a symmetric, positive definite a [n x k x k]."""
-    n, k = b.shape
-    solution = np.empty((n, k))
-    for first in range(0, n, LANES):
-        lanes = min(LANES, n - first)
-        part, x = _lower(a, first, lanes), b[first : first + lanes].T.copy()
-        _factor(part, np.ones(lanes, dtype=np.bool_))
-        # L y = b, then U x = y
-        for i in range(k):
-            for j in range(i):
-                for lane in range(lanes):
-                    x[i, lane] -= part[i, j, lane] * x[j, lane]
-        for i in range(k - 1, -1, -1):
-            for j in range(i + 1, k):
-                for lane in range(lanes):
-                    x[i, lane] -= part[i, j, lane] * x[j, lane]
-            for lane in range(lanes):
-                x[i, lane] /= part[i, i, lane]
-                solution[first + lane, i] = x[i, lane]
-    return solution

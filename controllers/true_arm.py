@@ -12,9 +12,6 @@ from controllers.parts import runge_kutta
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 
-TURN = 0.02
-"""Speed over which the friction of a wanted motion changes its sign [rad/s]."""
-
 
 def diagonal(x: Array) -> Array:
     """Return matrices with x [... x 2] on their diagonals, [... x 2 x 2]."""
@@ -64,10 +61,6 @@ class TrueArm:
         truth = self.truth
         gear = truth.load_friction * np.abs(truth.applied_torque)
         return truth.coulomb + gear + truth.stiction * np.exp(-(v**2) / truth.v_s)
-
-    def friction(self, v: Array, wanted: Array) -> Array:
-        """Return the friction at a velocity, its dry part along a wanted velocity [n x 2] N m."""
-        return self.truth.viscous * v + self.dry(v) * np.clip(wanted / TURN, -1.0, 1.0)
 
     def spring(self, stretch: Array, rate: Array) -> Array:
         """Return the torque of the springs on the links [n x 2] N m."""

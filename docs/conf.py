@@ -6,6 +6,8 @@ import os
 import re
 from pathlib import Path
 
+from docutils import nodes
+
 from benchmarks.cli import COMMANDS, prepare
 from benchmarks.cli.names import options
 from fbl_gym import TwoLinkArmEnv, __version__
@@ -33,6 +35,60 @@ OPTIONS = Path(__file__).parent / "reference" / "options.md"
 if OPTIONS.read_text(encoding="utf-8") != options_page():
     OPTIONS.write_text(options_page(), encoding="utf-8")
 
+PUBLIC = {
+    "fbl_gym.model.arm": "",
+    "fbl_gym.interface": ":exclude-members: Constraints, Limits",
+    "fbl_gym.kernel.batch": ":members: Truth",
+    "fbl_gym.envs.error_scales": "",
+    "fbl_gym.scenarios": ":members: families, arms, family, names, get, in_world\n   :exclude-members: Scenario",
+    "controllers.policy": ":exclude-members: State",
+    "controllers.registry": "",
+    "controllers.runner": "",
+    "controllers.gains": "",
+    "controllers.feedback_linearization": "",
+    "controllers.kalman": "",
+    "controllers.estimator": "",
+    "controllers.gain_scheduling": "",
+    "benchmarks.run.rollout": "",
+    "benchmarks.run.metrics": "",
+    "benchmarks.run.suite": "",
+    "benchmarks.run.store": "",
+    "benchmarks.run.cell": "",
+    "benchmarks.run.runner": "",
+    "benchmarks.run.traces": "",
+    "benchmarks.analysis.statistics": "",
+    "benchmarks.analysis.board": "",
+    "benchmarks.policies.spec": "",
+    "benchmarks.policies.external": "",
+    "benchmarks.policies.configuration": "",
+    "benchmarks.policies.digest": "",
+    "benchmarks.run.contract": "",
+    "benchmarks.analysis.transfer": "",
+    "benchmarks.report.columns": "",
+    "benchmarks.tuning.search": "",
+}
+"""The public modules, each with its options of `automodule`."""
+
+API = Path(__file__).parent / "reference" / "api"
+API.mkdir(exist_ok=True)
+for module, chosen in PUBLIC.items():
+    page = f"{module}\n{'=' * len(module)}\n\n.. automodule:: {module}\n   {chosen}\n"
+    if not (file := API / f"{module}.rst").exists() or file.read_text(encoding="utf-8") != page:
+        file.write_text(page, encoding="utf-8")
+
+
+def without_mail(_app, doctree) -> None:
+    """Turn `LAW@tuned`, which docutils takes for an address of mail, into text again."""
+    for link in list(doctree.findall(nodes.reference)):
+        if link.get("refuri", "").startswith("mailto:"):
+            link.replace_self(link.children)
+
+
+def setup(app) -> None:
+    """Add what `without_mail` does to the build."""
+    app.connect("doctree-read", without_mail)
+
+
 project, author, release = "fbl-gym", "The fbl-gym authors", __version__
 copyright = author
 extensions = [
@@ -43,6 +99,7 @@ extensions = [
     "sphinx.ext.viewcode",
 ]
 html_theme = "furo"
+html_static_path, html_css_files = ["static"], ["tables.css"]
 html_title = f"fbl-gym {release}"
 myst_enable_extensions = ["dollarmath", "amsmath", "substitution"]
 os.environ["COLUMNS"] = "100"  # of the commands' help

@@ -11,6 +11,9 @@ ROOT = Path(__file__).resolve().parents[1]
 IS_COMMAND = sys.argv[0].endswith("fbl-gym") or sys.orig_argv[1:3] == ["-m", "fbl_gym"]
 """True in the command line, which finds its own packages."""
 
+IS_OVERVIEW = IS_COMMAND and sys.argv[1:] in ([], ["-h"], ["--help"], ["--version"])
+"""True in a command line that prints the list of commands, for which nothing else is imported."""
+
 
 def _report(kind: type[BaseException], *problem: Any) -> None:
     """Report the end of a command; one that is stopped while it is imported, in one line."""

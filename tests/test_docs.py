@@ -59,7 +59,7 @@ SHORTER = {
     "replace(duration=3.0)": "replace(duration=0.5)",
     "range(task.steps)": "range(500)",
     "range(10, 14)": "range(1)",
-    '"computed-torque-dob", "sliding-mode", "adaptive-flm-ls", "lqg"': "",
+    '"computed-torque-dob", "sliding-mode", "lqg"': "",
 }
 """What makes the Python of a page short."""
 
@@ -118,6 +118,7 @@ ELSEWHERE = ("reproduce", "train", "curves")
 
 LONG_PAGES = (
     "docs/start/a-day-with-a-robot.md", "docs/start/your-robot.md", "docs/how-to/identify.md", "docs/results/mujoco.md",
+    "docs/start/examples.md",
 )  # fmt: skip
 
 

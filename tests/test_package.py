@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+COMMAND = "import sys; sys.argv = ['fbl-gym', '--version']; sys.orig_argv = []; import fbl_gym.__main__"
 
 
 def python(code, **options):
@@ -74,6 +75,18 @@ def test_the_sdist_has_all_that_the_readme_names(tmp_path):
     assert {"Makefile", "constraints.txt", "pyproject.toml", *links} <= names
 
 
+def test_the_readme_of_the_index_has_no_dead_link():
+    """Its links follow from one URL, and are words without one."""
+    pytest.importorskip("hatchling")
+    code = "import sys, hatch_build as h; t = open('README.md').read(); print({}, h.readme(t, {!r}, 'v1'))"
+    with_url = python(code.format("h.links('https://github.com/a/b', 'v1')", "https://github.com/a/b"), cwd=ROOT)
+    without = python(code.format("h.links('', 'v1')", ""), cwd=ROOT)
+    assert re.findall(r"\]\((?!https:)", with_url) == re.findall(r"\]\((?!https:)", without) == []
+    assert "https://github.com/a/b/raw/v1/docs/pictures/arm.gif" in with_url
+    assert "https://a.github.io/b/" in with_url
+    assert "github.com/a/b" not in without
+
+
 def test_importing_brings_no_graphics_and_no_learning():
     code = "import sys, fbl_gym, controllers, benchmarks.cli; print([m for m in sys.modules if '.' not in m])"
     loaded = set(ast.literal_eval(python(code)))
@@ -86,7 +99,15 @@ def test_importing_brings_no_graphics_and_no_learning():
         "plotly",
         "control",
         "optuna",
+        "filterpy",
     }
+
+
+def test_the_list_of_commands_imports_nothing():
+    """And the package alone imports no compiler."""
+    show = "; import sys; print([m for m in sys.modules if '.' not in m])"
+    assert not {"numpy", "gymnasium"} & set(ast.literal_eval(python(COMMAND + show).splitlines()[-1]))
+    assert not {"numba", "scipy"} & set(ast.literal_eval(python("import fbl_gym" + show)))
 
 
 def test_the_environment_is_found_by_module_prefix():

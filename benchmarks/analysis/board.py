@@ -450,74 +450,70 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     """
     tasks = _by_name(result.cell.scenario for result in results if result.rows)
     specs = _by_name(cell.policy for cell in (*(result.cell for result in results), *expected))
-    rows: dict[str, tuple[PolicySpec, ...]] = {}
-    names = dict.fromkeys(cell.scenario.name for cell in expected)
-    wanted: dict[str, set[str]] = {}
-    for one in expected:
-        wanted.setdefault(one.policy.name, set()).add(one.scenario.name)
-    partial = {policy: some for policy, some in wanted.items() if len(some) < len(names)}
-    for spec in specs.values():
-        if spec.name in partial:
-            continue
-        for row in spec.rows or (spec.name,):
-            rows[row] = (*rows.get(row, ()), spec)
     stored: dict[str, dict[str, Result]] = {name: {} for name in specs}
     for result in results:
         stored[result.cell.policy.name][result.cell.scenario.name] = result
+    wanted: dict[str, set[str]] = {}
+    for one in expected:
+        wanted.setdefault(one.policy.name, set()).add(one.scenario.name)
+    names = dict.fromkeys(one.scenario.name for one in expected)
+    partial = {policy: some for policy, some in wanted.items() if len(some) < len(names)}
+
+    rows: dict[str, tuple[PolicySpec, ...]] = {}
+    for spec in specs.values():
+        for row in () if spec.name in partial else spec.rows or (spec.name,):
+            rows[row] = (*rows.get(row, ()), spec)
     incomplete: dict[str, str] = {}
     for row, members in rows.items():
         for spec in members:
             if reason := _lack(stored[spec.name], tasks):
                 incomplete.setdefault(row, reason if len(members) == 1 else f"{spec.name}: {reason}")
+    rows = {row: members for row, members in rows.items() if row not in incomplete}
     for policy, some in partial.items():
         if reason := _lack(stored[policy], some):
             incomplete[policy] = f"{reason}, where it may be the ceiling"
-    absent = [name for name in names if name not in tasks]
-    gap = f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else ""
-    complete = {row: members for row, members in rows.items() if row not in incomplete}
-    if not complete:
+    if not rows:
         reasons = "; ".join(f"{row}: {reason}" for row, reason in incomplete.items()) or "the store has no cell"
         raise ValueError(f"there is no policy with a result for every scenario: {reasons}")
-    baselines = {r.cell.scenario.name: [_motionless(row) for row in r.rows] for r in results if r.rows}
-    failed, table, decision = {}, [], []
-    for i, members in enumerate(complete.values()):
-        for k, task in enumerate(tasks):
-            if errors := [error for spec in members if (error := stored[spec.name][task].error)]:
-                failed[i, k] = errors[0]
-        for spec in members:
-            row = [
-                baselines[task] if (i, k) in failed else stored[spec.name][task].rows for k, task in enumerate(tasks)
-            ]
-            table.append(row)
-        decision.append(np.median([r.decision_us for spec in members for r in stored[spec.name].values() if r.rows]))
+
     cell = min((result.cell for result in results), key=lambda cell: len(cell.seeds))
-    count = len(cell.seeds)
-    runs = {
-        name: np.array([[[run[name] for run in one[:count]] for one in row] for row in table]) for name in cell.columns
-    }
-    flags = {
-        k: np.array([[run["diverged"] for run in row[k]] for row in table])
-        for k in range(len(tasks)) if len(table[0][k]) > count
-    }  # fmt: skip
-    used = [*partial, *(spec.name for members in complete.values() for spec in members)]
+
+    def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, Array]:
+        return {name: np.array([row[name] for row in rows]) for name in cell.columns}
+
+    still = {r.cell.scenario.name: [_motionless(row) for row in r.rows] for r in results if r.rows}
+    failed, table, decision, count = {}, [], [], len(cell.seeds)
+    for i, members in enumerate(rows.values()):
+        own = [stored[spec.name] for spec in members]
+        for k, task in enumerate(tasks):
+            if errors := [given[task].error for given in own if given[task].error]:
+                failed[i, k] = errors[0]
+        for given in own:
+            table.append([columns(still[x] if (i, k) in failed else given[x].rows) for k, x in enumerate(tasks)])
+        decision.append(np.median([result.decision_us for given in own for result in given.values() if result.rows]))
+    used = [*partial, *(spec.name for members in rows.values() for spec in members)]
     keys = sorted(result.cell.key for policy in used for result in stored[policy].values())
-    version = hashlib.sha256("".join(keys).encode()).hexdigest()[:12]
+    absent = [name for name in names if name not in tasks]
     return Board(
-        complete,
-        tuple(tasks),
-        cell.seeds,
-        runs,
-        np.array(decision),
-        incomplete,
-        gap,
-        failed,
-        cell.metrics,
-        flags,
-        version,
-        {k: {
-            policy: {name: np.array([run[name] for run in of[:count]]) for name in cell.columns}
-            for policy in partial if task in stored[policy] and (of := stored[policy][task].rows)
-        } for k, task in enumerate(tasks)},
+        rows=rows,
+        scenarios=tuple(tasks),
+        seeds=cell.seeds,
+        runs={name: np.array([[x[name][:count] for x in row] for row in table]) for name in cell.columns},
+        decision_us=np.array(decision),
+        incomplete=incomplete,
+        lacking=f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else "",
+        failed=failed,
+        metrics=cell.metrics,
+        flags={
+            k: np.array([row[k]["diverged"] for row in table])
+            for k, task in enumerate(tasks) if len(still[task]) > count
+        },
+        version=hashlib.sha256("".join(keys).encode()).hexdigest()[:12],
+        partial={
+            k: {policy: columns(stored[policy][task].rows[:count])
+                for policy in partial if task in stored[policy] and stored[policy][task].rows}
+            for k, task in enumerate(tasks)
+        },
     )  # fmt: skip
 
 

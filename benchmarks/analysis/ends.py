@@ -9,10 +9,8 @@ mildest value.
 import argparse
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -32,27 +30,15 @@ LOST, TIMES = 0.01, 2.0
 """A policy ends where it loses so large a share of its runs, or errs so many times its best."""
 
 
-@dataclass(frozen=True)
-class Axis:
-    """A thing that is pushed.
-
-    Attributes:
-        title: with the unit.
-        values: from mild to severe.
-        scenario: function that returns the scenario of a value.
-    """
-
-    title: str
-    values: tuple[float, ...]
-    scenario: Callable[[float], Scenario]
-
-
 _DELAYS = {"servo": (0, 5, 10, 20, 30, 40, 60), "direct": (0, 2, 4, 7, 10, 15, 20), "geared": (0, 1, 2, 4, 6, 9, 12)}
 """Further delays in each class of robots [ms]."""
 
 
-def axes(robot: str) -> tuple[Axis, ...]:
-    """Return what is pushed on the nominal arm of a class of robots."""
+def axes(robot: str) -> dict[str, dict[float, Scenario]]:
+    """Return what is pushed on the nominal arm of a class of robots, by title and by value.
+
+    The values are from mild to severe.
+    """
     nominal = scenarios.get(f"{robot}-nominal")
     friction, drive, error = nominal.friction, nominal.actuator, nominal.parameter_error
     assert friction is not None
@@ -70,38 +56,34 @@ def axes(robot: str) -> tuple[Axis, ...]:
     def loaded(share: float) -> Scenario:
         return nominal.replace(parameter_error=dataclasses.replace(error, payload={"mass": share * nominal.arm.m2}))
 
-    def springy(encoder: Literal["link", "motor"]) -> Callable[[float], Scenario]:
-        def at(frequency: float) -> Scenario:
-            """Return springs; each stretched joint vibrates at a frequency [Hz] on a held motor."""
-            stiffness = tuple(inertia * (2 * np.pi * frequency) ** 2)
-            joint = {
-                "stiffness": stiffness, "damping": tuple(0.04 * np.sqrt(stiffness * inertia)), "encoder": encoder,
-                "rotor_inertia": tuple(0.3 * inertia) if min(nominal.rotor) == 0 else nominal.rotor,
-            }  # fmt: skip
-            return nominal.replace(joint=joint, physics_dt=1e-4)
-
-        return at
+    def springy(frequency: float, encoder: str) -> Scenario:
+        """Return springs; each stretched joint vibrates at a frequency [Hz] on a held motor."""
+        stiffness = tuple(inertia * (2 * np.pi * frequency) ** 2)
+        joint = {
+            "stiffness": stiffness, "damping": tuple(0.04 * np.sqrt(stiffness * inertia)), "encoder": encoder,
+            "rotor_inertia": tuple(0.3 * inertia) if min(nominal.rotor) == 0 else nominal.rotor,
+        }  # fmt: skip
+        return nominal.replace(joint=joint, physics_dt=1e-4)
 
     stiffnesses = (40, 20, 12, 8, 5, 4, 3, 2)
-    return (
-        Axis("further delay [ms]", _DELAYS[robot], delayed),
-        Axis("springs, encoder on the link [Hz]", stiffnesses, springy("link")),
-        Axis("springs, encoder on the motor [Hz]", stiffnesses, springy("motor")),
-        Axis("friction [times]", (1, 2, 4, 8, 16, 32), rubbed),
-        Axis("payload [times the second link]", (0, 0.25, 0.5, 1, 2, 4), loaded),
-        Axis("rate [times]", (2, 1, 0.5, 0.25), lambda times: nominal.replace(control_dt=nominal.control_dt / times)),
-    )
+    return {
+        "further delay [ms]": {x: delayed(x) for x in _DELAYS[robot]},
+        "springs, encoder on the link [Hz]": {x: springy(x, "link") for x in stiffnesses},
+        "springs, encoder on the motor [Hz]": {x: springy(x, "motor") for x in stiffnesses},
+        "friction [times]": {x: rubbed(x) for x in (1, 2, 4, 8, 16, 32)},
+        "payload [times the second link]": {x: loaded(x) for x in (0, 0.25, 0.5, 1, 2, 4)},
+        "rate [times]": {x: nominal.replace(control_dt=nominal.control_dt / x) for x in (2, 1, 0.5, 0.25)},
+    }
 
 
-def end(results: Sequence[Result], values: Sequence[float]) -> str:
+def end(results: Mapping[float, Result]) -> str:
     """Return the first value at which a policy ends, and why; "–": it does not end.
 
     Args:
-        results: of the policy, one for each value.
-        values: from mild to severe.
+        results: of the policy, by the value, from mild to severe.
     """
     first = None
-    for result, value in zip(results, values, strict=True):
+    for value, result in results.items():
         if result.error:
             return f"{value:g}: fails"
         lost = float(np.mean([row["diverged"] for row in result.rows]))
@@ -127,15 +109,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     store, seeds = Store(arguments.store), tuple(SPLITS["test"][: arguments.seeds])
     specs = {policy: resolve_isolated(policy) for policy in arguments.policies}
     cells = {
-        (policy, axis.title, value): Cell(
-            specs[policy], axis.scenario(value).replace(name=f"{axis.title.partition(' [')[0]} {value:g}"), seeds
-        )
-        for policy in arguments.policies for axis in pushed for value in axis.values
+        (policy, title, value): Cell(spec, task.replace(name=f"{title.partition(' [')[0]} {value:g}"), seeds)
+        for policy, spec in specs.items() for title, tasks in pushed.items() for value, task in tasks.items()
     }  # fmt: skip
     results = {result.cell.id: result for _, result in run_cells([*cells.values()], store, workers=arguments.workers)}
-    print("| policy | " + " | ".join(axis.title for axis in pushed) + " |\n" + "| --- " * (1 + len(pushed)) + "|")
+    print("| policy | " + " | ".join(pushed) + " |\n" + "| --- " * (1 + len(pushed)) + "|")
     for policy in arguments.policies:
-        ends = [end([results[cells[policy, a.title, v].id] for v in a.values], a.values) for a in pushed]
+        ends = [end({x: results[cells[policy, title, x].id] for x in pushed[title]}) for title in pushed]
         print(f"| `{policy}` | " + " | ".join(ends) + " |")
 
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag, expm
+from scipy.linalg import block_diag
+from scipy.signal import cont2discrete
 from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.spec import PolicySpec, resolve
@@ -60,10 +61,12 @@ class NotLinear(ValueError):
 
 
 @dataclass(frozen=True)
-class JointMargins:
-    """Margins of one torque channel, with the loop of the other joint closed.
+class Margins:
+    """Margins of a closed loop; each pair is of the torques of both joints, one opened at a time.
 
     Attributes:
+        delay: smallest added delay of both torques at which the loop is unstable [s]; inf: none
+            up to 1 s.
         gain_lower: largest factor below 1 at which the loop is unstable; 0: none down to 0.001.
         gain_upper: smallest factor above 1 at which the loop is unstable; inf: none up to 1,000.
         phase: [degrees]; inf: none.
@@ -71,25 +74,12 @@ class JointMargins:
         complementary: peak of |T|, T = L / (1 + L).
     """
 
-    gain_lower: float
-    gain_upper: float
-    phase: float
-    sensitivity: float
-    complementary: float
-
-
-@dataclass(frozen=True)
-class Margins:
-    """Margins of a closed loop.
-
-    Attributes:
-        joints: those of each torque channel.
-        delay: smallest added delay of both torques at which the loop is unstable [s]; inf: none
-            up to 1 s.
-    """
-
-    joints: tuple[JointMargins, JointMargins]
     delay: float
+    gain_lower: Pair
+    gain_upper: Pair
+    phase: Pair
+    sensitivity: Pair
+    complementary: Pair
 
 
 @dataclass(frozen=True)
@@ -134,8 +124,9 @@ class LinearLoop:
             a = np.block([[a, b], [np.zeros((2, size)), -np.eye(2) / self.lag]])
             b = np.vstack([np.zeros((size, 2)), np.eye(2) / self.lag])
         whole, part = divmod((self.delay + more_delay) / self.control_dt + 1e-9, 1.0)
-        early, early_input = _hold(a, b, part * self.control_dt)
-        late, late_input = _hold(a, b, (1.0 - part) * self.control_dt)
+        unused = np.zeros((0, len(a))), np.zeros((0, 2))
+        early, early_input, *_ = cont2discrete((a, b, *unused), part * self.control_dt)
+        late, late_input, *_ = cont2discrete((a, b, *unused), (1.0 - part) * self.control_dt)
 
         # Inputs: the commands of now and of the last samples, as many as act or are observed.
         # The past ones are states.
@@ -203,27 +194,19 @@ class LinearLoop:
             # Fine within the first samples, where a part of a sample matters most.
             delays = self.control_dt * np.append(np.arange(0.1, 4.0, 0.1), np.geomspace(4.0, 1e4, 160))
             delay = _edge(lambda x: self.is_stable(more_delay=x), 0.0, delays[delays <= LONGEST_DELAY])
-            return Margins((self._joint_margins(0), self._joint_margins(1)), delay)
+            return Margins(delay, *zip(self._joint_margins(0), self._joint_margins(1), strict=True))
 
-    def _joint_margins(self, joint: int) -> JointMargins:
+    def _joint_margins(self, joint: int) -> tuple[float, ...]:
+        """Return the fields of `Margins` after the first, of one joint."""
+
         def stable(factor: complex) -> bool:
             return self.is_stable([factor if i == joint else 1.0 for i in (0, 1)])
 
         sensitivity = 1.0 / (1.0 + self.response(joint)[1])
-        return JointMargins(
-            gain_lower=1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAIN_FACTORS),
-            gain_upper=_edge(stable, 1.0, GAIN_FACTORS),
-            phase=_edge(lambda x: stable(np.exp(-1j * np.radians(x))), 0.0, np.arange(2.0, 181.0, 2.0)),
-            sensitivity=np.abs(sensitivity).max(),
-            complementary=np.abs(1.0 - sensitivity).max(),
-        )
-
-
-def _hold(a: Array, b: Array, time: float) -> tuple[Array, Array]:
-    """Return exp(A t) and the response to an input held for t (Franklin et al., §4.3.3)."""
-    n, m = b.shape
-    both = expm(np.block([[a, b], [np.zeros((m, n + m))]]) * time)
-    return both[:n, :n], both[:n, n:]
+        lower = 1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAIN_FACTORS)
+        upper = _edge(stable, 1.0, GAIN_FACTORS)
+        phase = _edge(lambda x: stable(np.exp(-1j * np.radians(x))), 0.0, np.arange(2.0, 181.0, 2.0))
+        return lower, upper, phase, np.abs(sensitivity).max(), np.abs(1.0 - sensitivity).max()
 
 
 def _edge(stable: Callable[[float], bool], inside: float, grid: Array) -> float:

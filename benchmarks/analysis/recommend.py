@@ -105,10 +105,10 @@ class Likeness:
             robot: abs(np.log2(base.control_dt / kind.times[0])) / 2 + (robot not in sides) + (robot not in levels)
             for robot, kind in CLASSES.items()
         }
-        near = sorted(distances, key=lambda robot: distances[robot])[:2]
-        between = distances[near[1]] - distances[near[0]] <= BETWEEN
-        name = f"between {near[0]} and {near[1]}" if between else near[0]
-        return cls(tuple(near) if between else (near[0],), f"class: {name} ({', '.join(reasons)})")
+        first, second = sorted(distances, key=distances.__getitem__)[:2]
+        if distances[second] - distances[first] <= BETWEEN:
+            return cls((first, second), f"class: between {first} and {second} ({', '.join(reasons)})")
+        return cls((first,), f"class: {first} ({', '.join(reasons)})")
 
 
 def around(base: Scenario) -> dict[str, Scenario]:
@@ -151,22 +151,15 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             changes = {
                 "actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or more * CLASSES[robot].lag[1])
             }
-        case "friction" if base.friction is None:
-            usual = conditions(base.arm, robot)["friction"]
-            levels = {name: value if name == "v_s" else scaled_pair(value, more) for name, value in usual.items()}
-            changes = {"friction": levels}
         case "friction":
-            grows = ("viscous", "coulomb", "stiction")
-            larger = {name: scaled_pair(getattr(base.friction, name), factor) for name in grows}
-            changes = {"friction": _replaced(base.friction, **larger)}
-        case "disturbance" if base.disturbance is None:
-            usual = conditions(base.arm, robot, "disturbance", 2)["disturbance"]
-            changes = {"disturbance": usual | {"amplitude": scaled_pair(usual["amplitude"], more)}}
+            usual = conditions(base.arm, robot)["friction"]
+            levels = ("viscous", "coulomb", "stiction", *(["load"] if base.friction is None else []))
+            changes = {"friction": _larger(base.friction, usual, levels, factor)}
         case "disturbance":
-            amplitude = getattr(base.disturbance, "amplitude", None)
-            if amplitude is None:
+            if base.disturbance is not None and not hasattr(base.disturbance, "amplitude"):
                 return base
-            changes = {"disturbance": _replaced(base.disturbance, amplitude=scaled_pair(amplitude, factor))}
+            usual = conditions(base.arm, robot, "disturbance", 2)["disturbance"]
+            changes = {"disturbance": _larger(base.disturbance, usual, ("amplitude",), factor)}
         case "noise":
             noise = getattr(base.noise, "position", None) or SensorError()
             usual = conditions(base.arm, robot, "noise", 2)["noise"]
@@ -201,6 +194,13 @@ def _scarce_torque(base: Scenario, episodes: int = 8) -> tuple[float, float]:
 def _replaced(record: Any, **changes: Any) -> Any:
     """Return a record with other fields, or their plain data where there is no record."""
     return changes if record is None else dataclasses.replace(record, **changes)
+
+
+def _larger(record: Any, usual: dict[str, Any], names: Sequence[str], factor: float) -> Any:
+    """Return a record with some fields times a factor; without one, the usual times factor - 1."""
+    if record is None:
+        return usual | {name: scaled_pair(usual[name], factor - 1.0) for name in names}
+    return dataclasses.replace(record, **{name: scaled_pair(getattr(record, name), factor) for name in names})
 
 
 def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
@@ -294,19 +294,22 @@ def recommend(
     Raises:
         ValueError: every policy failed.
     """
-    cells = Suite("recommend", tuple(policies), (base,), number).cells
-    results = dict(run(cells))
-    names = _best(cells, results)
+    results: dict[str, Result] = {}
+
+    def measured(names: Sequence[str], *tasks: Scenario) -> list[Result]:
+        cells = Suite("recommend", tuple(names), tasks, number).cells
+        results.update(run(cells))
+        return [results[cell.id] for cell in cells]
+
+    screened = measured(policies, base)
+    names = _best(screened)
     if tune is not None and (tuned := tune(names)):
-        more = Suite("recommend", tuple(tuned), (base,), number).cells
-        results |= run(more)
-        names = _best([*cells, *more], results)
-    around_base = around(base)
-    cells = Suite("recommend", tuple(names[:SCREENED]), tuple(around_base.values()), number).cells
-    results |= run(cells)
+        names = _best([*screened, *measured(tuned, base)])
+    tasks = around(base)
+    measured(names[:SCREENED], *tasks.values())
     failed = {result.cell.policy.name: result.error for result in results.values() if result.error}
     complete = [name for name in names[:SCREENED] if name not in failed]
-    table = [[results[f"{name}/{scenario.name}"] for scenario in around_base.values()] for name in complete]
+    table = [[results[f"{name}/{task.name}"] for task in tasks.values()] for name in complete]
     runs = Runs.of(table)
     safe = [is_safe(row[:1]) and is_safe(row) for row in table]
     levels = np.minimum(runs.levels, np.log(_metric(table, "baseline_error_pct")).mean(axis=-1))
@@ -328,8 +331,8 @@ def recommend(
                 tuple(int(lost) for lost in runs.diverged[i].sum(axis=-1)), float(variation[i] / calmest),
             )
         )  # fmt: skip
-    overturned = _overturned(runs, complete, best[0], tuple(around_base))
-    return Recommendation(base.name, tuple(choices), tuple(around_base), overturned, failed)
+    overturned = _overturned(runs, complete, best[0], tuple(tasks))
+    return Recommendation(base.name, tuple(choices), tuple(tasks), overturned, failed)
 
 
 def _metric(table: Sequence[Sequence[Result]], name: str) -> Array:
@@ -346,11 +349,11 @@ def is_safe(results: Sequence[Result]) -> bool:
     return bool(share <= SAFE_DIVERGED and np.log(error / baseline).mean() < np.log(SAFE_ERROR))
 
 
-def _best(cells: Sequence[Cell], results: Mapping[str, Result]) -> list[str]:
+def _best(results: Sequence[Result]) -> list[str]:
     """Return the policies that did not fail, the best in the scenario first."""
-    working = [results[cell.id] for cell in cells if not results[cell.id].error]
+    working = [result for result in results if not result.error]
     if not working:
-        raise ValueError(f"every policy failed, the first one with: {results[cells[0].id].error}")
+        raise ValueError(f"every policy failed, the first one with: {results[0].error}")
     levels = Runs.of([[result] for result in working]).levels[:, 0]
     return [working[i].cell.policy.name for i in np.argsort(levels)]
 

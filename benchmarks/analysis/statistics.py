@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from fbl_gym.checks import check_whole
 from fbl_gym.model.arm import Array
@@ -155,7 +155,9 @@ def ranks(draws: Array) -> Estimate:
     Rank 1 has the smallest number of a draw [b x p], and ties share their mean. Bounds and median
     are ranks that occurred. The first draw, that of the data, is left out.
     """
-    rank = stats.rankdata(draws[1:], axis=-1)
+    from scipy.stats import rankdata  # takes as long to import as all that `evaluate` needs
+
+    rank = rankdata(draws[1:], axis=-1)
     low, median, high = np.quantile(rank, (TAIL, 0.5, 1 - TAIL), axis=0, method="inverted_cdf")
     return Estimate(median, low, high)
 
@@ -193,6 +195,6 @@ def proportion(count: ArrayLike, runs: ArrayLike) -> Estimate:
     if np.any((k < 0) | (k > n) | (n < 1)):
         raise ValueError(f"count must lie between 0 and runs, and runs be positive, got {count!r} of {runs!r}")
     with np.errstate(invalid="ignore"):
-        low = np.where(k > 0, stats.beta.ppf(TAIL, k, n - k + 1), 0.0)
-        high = np.where(k < n, stats.beta.ppf(1 - TAIL, k + 1, n - k), 1.0)
+        low = np.where(k > 0, special.betaincinv(k, n - k + 1, TAIL), 0.0)
+        high = np.where(k < n, special.betaincinv(k + 1, n - k, 1 - TAIL), 1.0)
     return Estimate(k / n, low, high)

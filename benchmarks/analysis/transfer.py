@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from benchmarks.analysis.statistics import DIVERGENCE_PENALTY, PRIOR_LOST, TAIL
 from benchmarks.run.metrics import counted_errors
@@ -48,7 +48,7 @@ class Runs:
         """
         means = self.logs.mean(axis=1)
         runs = means.shape[-1]
-        half = stats.t.ppf(1 - TAIL, runs - 1) * means.std(axis=-1, ddof=1) / np.sqrt(runs)
+        half = special.stdtrit(runs - 1, 1 - TAIL) * means.std(axis=-1, ddof=1) / np.sqrt(runs)
         return means.mean(axis=-1) - half, means.mean(axis=-1) + half
 
     def __getitem__(self, part: Any) -> "Runs":
@@ -87,11 +87,8 @@ def compare_orders(first: Runs, second: Runs) -> Agreement:
         clear.append((low[:, None] > high[None, :]) | (high[:, None] < low[None, :]))
     pairs = np.triu_indices(int(ordered.sum()), 1)
     products, both = (signs[0] * signs[1])[pairs], (clear[0] & clear[1])[pairs]
-    nan = float("nan")
-    return Agreement(
-        float(products.mean()) if products.size else nan, len(products),
-        float(products[both].mean()) if both.any() else nan, int(both.sum()),
-    )  # fmt: skip
+    tau, clear_tau = (float(x.mean()) if x.size else float("nan") for x in (products, products[both]))
+    return Agreement(tau, len(products), clear_tau, int(both.sum()))
 
 
 def compare_halves(runs: Runs) -> Agreement:

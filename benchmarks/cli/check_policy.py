@@ -1,13 +1,11 @@
 """The command `fbl-gym check-policy`."""
 
 import argparse
-from dataclasses import astuple
-from itertools import starmap
 from typing import Any
 
 from benchmarks.cli.common import add_policy, add_trust, trust
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
-from benchmarks.run.contract import Check, check
+from benchmarks.run.contract import check
 from benchmarks.text import say
 
 
@@ -20,11 +18,11 @@ def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
     broken: dict[str, list[str]] = {}
     policy = resolve_isolated(arguments.policy)
-    for checked in starmap(Check, policy.call(_check, policy)):
-        if checked.kept:
-            say(f"ok      {checked.promise}: {checked.detail}")
+    for promise, kept, detail in policy.call(_check, policy):
+        if kept:
+            say(f"ok      {promise}: {detail}")
         else:
-            broken.setdefault(checked.detail, []).append(checked.promise)
+            broken.setdefault(detail, []).append(promise)
     # One mistake often breaks several promises.
     for detail, promises in broken.items():
         if len(promises) == 1:
@@ -37,4 +35,4 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check(policy: PolicySpec) -> list[tuple[Any, ...]]:
-    return [*map(astuple, check(policy))]
+    return [*map(tuple, check(policy))]

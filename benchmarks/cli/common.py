@@ -1,13 +1,12 @@
 """Arguments and output that several commands share."""
 
 import argparse
-import importlib
 import os
 import sys
-import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rich.progress import track
 
@@ -20,7 +19,6 @@ from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
-from benchmarks.run.traces import FORMATS
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_number
@@ -45,46 +43,36 @@ def positive(text: str) -> float:
 
 def episodes(text: str) -> int:
     """Return a number of test seeds."""
-    if (number := count(text)) > len(SPLITS["test"]):
-        raise argparse.ArgumentTypeError(
-            f"must be at most {len(SPLITS['test'])}, the test seeds there are, got {text!r}"
-        )
+    if (number := count(text)) > (most := len(SPLITS["test"])):
+        raise argparse.ArgumentTypeError(f"must be at most {most}, the test seeds there are, got {text!r}")
     return number
 
 
 def policy_name(text: str) -> str:
-    """Return the text that names a policy. A path must exist."""
+    """Return the text that names a policy. A path must be that of code or of an agent."""
     name = PolicyName.parse(text)
-    if ("/" in name.source or os.sep in name.source) and name.form != "file":
-        if not Path(name.source).exists():
-            raise argparse.ArgumentTypeError(f"must be a name, or a file or folder that exists, got {text!r}")
-        if Path(name.source).is_dir() and name.form == "name":
-            raise argparse.ArgumentTypeError(f"must be a folder with an agent.json, got {text!r}")
+    if ("/" in name.source or os.sep in name.source) and name.form == "name":
+        raise argparse.ArgumentTypeError(
+            f"must be a name, an existing file, or a folder with an agent.json, got {text!r}"
+        )
     return text
 
 
 def _file(text: str, endings: Sequence[str]) -> Path:
     path = Path(text)
     if path.suffix not in endings:
-        raise argparse.ArgumentTypeError(
-            f"must end in {' or '.join(filter(None, (', '.join(endings[:-1]), endings[-1])))}, got {text!r}"
-        )
+        raise argparse.ArgumentTypeError(f"must end in {' or '.join(endings)}, got {text!r}")
     folder = next(parent for parent in path.absolute().parents if parent.exists())
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as problem:
-        raise argparse.ArgumentTypeError(
-            f"must be a file that can be written, got {text!r}: {folder}: {problem.strerror}"
-        ) from None
+    if not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise argparse.ArgumentTypeError(f"must be a file that can be written, got {text!r}: none can be in {folder}")
     return path
 
 
 picture = partial(_file, endings=(".png", ".svg", ".pdf"))
-trace_file = partial(_file, endings=FORMATS)
 tex_path = partial(_file, endings=(".tex",))
 csv_path = partial(_file, endings=(".csv",))
 toml_path = partial(_file, endings=(".toml",))
+film = partial(_file, endings=(".mp4", ".gif"))
 
 
 def metrics(text: str) -> tuple[Metric, ...]:
@@ -98,19 +86,19 @@ def metrics(text: str) -> tuple[Metric, ...]:
         raise argparse.ArgumentTypeError(text) from None
 
 
-def film(text: str) -> Path:
-    """Return a file that a film can be written to."""
-    path = _file(text, (".mp4", ".gif"))
-    importlib.import_module("benchmarks.report.video")  # if its extra is missing, the error comes before the work
-    return path
-
-
 def command_line() -> str:
     """Return the command that started this process, as one could type it."""
     return " ".join(["fbl-gym", *sys.argv[1:]])
 
 
 # Arguments that several commands have.
+
+
+def add_option(
+    parser: argparse.ArgumentParser, name: str, kind: Callable[[str], Any], default: Any, metavar: str, meaning: str
+) -> None:
+    """Add an option with a value, whose help ends in its default."""
+    parser.add_argument(name, type=kind, default=default, metavar=metavar, help=f"{meaning} ({default})")
 
 
 def add_policy(parser: argparse.ArgumentParser) -> None:
@@ -121,17 +109,15 @@ def add_policy(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_policies(parser: argparse.ArgumentParser, nargs: str = "+", use: str = "one or more") -> None:
+def add_policies(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "policies", nargs=nargs, type=policy_name, metavar="POLICY", help=f"{use}, as for `fbl-gym evaluate`"
+        "policies", nargs="+", type=policy_name, metavar="POLICY", help="one or more, as for `fbl-gym check-policy`"
     )
 
 
-def add_scenario(parser: argparse.ArgumentParser, default: str = "nominal", use: str = "") -> None:
-    parser.add_argument(
-        "--scenario", default=default, metavar="S",
-        help=f"{use}a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME ({default})",
-    )  # fmt: skip
+def add_scenario(parser: argparse.ArgumentParser) -> None:
+    meaning = "a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME"
+    add_option(parser, "--scenario", str, "nominal", "S", meaning)
 
 
 def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
@@ -151,14 +137,10 @@ def add_metrics(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_folder(parser: argparse.ArgumentParser, option: str, default: str, use: str) -> None:
-    parser.add_argument(option, type=Path, default=Path(default), metavar="DIR", help=f"folder of {use} ({default})")
-
-
 def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
     """Add the arguments of a run of cells; the number of seeds too, where there is a default."""
     if seeds is not None:
-        parser.add_argument("--seeds", type=episodes, default=seeds, metavar="N", help=f"test seeds 0 to N-1 ({seeds})")
+        add_option(parser, "--seeds", episodes, seeds, "N", "test seeds 0 to N-1")
     cores = os.cpu_count() or 1
     parser.add_argument("--workers", type=count, default=cores, metavar="N", help="processes (one per core)")
     parser.add_argument(
@@ -170,7 +152,7 @@ def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
 
 
 def add_store(parser: argparse.ArgumentParser) -> None:
-    add_folder(parser, "--store", "results/board", "results")
+    add_option(parser, "--store", Path, Path("results/board"), "DIR", "folder of results")
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:

@@ -1,11 +1,8 @@
 """The command `fbl-gym doctor`."""
 
 import argparse
-import os
-import platform
 import sys
 import time
-from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,10 +11,9 @@ import numpy as np
 import controllers
 from benchmarks.cli.parser import EXTRAS
 from benchmarks.run.rollout import rollout
-from fbl_gym import TwoLinkArmVectorEnv, __version__, scenarios
+from benchmarks.run.store import provenance
+from fbl_gym import TwoLinkArmVectorEnv, scenarios
 from fbl_gym.neighbours import ROOT
-
-PACKAGES = ("gymnasium", "numpy", "scipy", "numba", "filterpy")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,9 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    print(f"fbl-gym {__version__}, Python {platform.python_version()} ({sys.executable})")
-    print(f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
-    print("  ".join(f"{name} {metadata.version(name)}" for name in PACKAGES))
+    about = provenance("")
+    print(f"Python {about['python']} ({sys.executable}) on {about['machine']}")
+    print("  ".join(f"{name} {version}" for name, version in about["packages"].items()))
     for extra, modules in EXTRAS.items():
         lacking = [module for module in modules if find_spec(module) is None]
         print(f"extra {extra:<8} {'installed' if not lacking else 'lacks ' + ', '.join(lacking)}")
@@ -70,7 +66,7 @@ def _compile() -> None:
     env = TwoLinkArmVectorEnv(32, threads=2)
     observation, _ = env.reset(seed=0)
     _ = env.truth
-    for name in ("adaptive-flm", "adaptive-flm-ls", "ppo-memory"):  # together they use all compiled code
+    for name in ("adaptive-flm", "ppo-memory"):  # together they use all compiled code
         policy, state = controllers.make(name, env), None
         for _ in range(300):  # until the arms have moved enough to be estimated
             action, state = policy.predict(observation, state)

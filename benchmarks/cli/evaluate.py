@@ -17,7 +17,6 @@ from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_l
 from benchmarks.run.cell import measured, run_trials
 from benchmarks.run.metrics import counted_errors, summarize
 from benchmarks.run.rollout import Trace
-from benchmarks.run.store import Store
 from benchmarks.run.traces import export
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array
@@ -29,25 +28,20 @@ Rows = list[dict[str, float]]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_policies(parser)
     common.add_scenario(parser)
-    parser.add_argument(
-        "--seeds", type=common.episodes, default=16, metavar="N", help="test seeds 0 to N-1, an arm each (16)"
-    )
-    parser.add_argument(
-        "--trials", type=common.count, default=1, metavar="K", help="repeat each arm's motion in K episodes in a row (1)"
-    )  # fmt: skip
+    common.add_option(parser, "--seeds", common.episodes, 16, "N", "test seeds 0 to N-1, an arm each")
+    common.add_option(parser, "--trials", common.count, 1, "K", "repeat each arm's motion in K episodes in a row")
     common.add_plot(parser, "the signals of one policy, the errors of several, or the errors over the trials")
     parser.add_argument(
         "--video", type=common.film, metavar="FILE", help="film the first seed, side by side: .mp4 or .gif (extra: render)"
     )  # fmt: skip
     parser.add_argument("--csv", type=common.csv_path, metavar="FILE", help="write all metrics of all runs: .csv")
     parser.add_argument(
-        "--trace", type=common.trace_file, metavar="FILE",
-        help="write all signals of all seeds of one policy, also readings and its state: .npz or .csv",
+        "--trace", type=common.csv_path, metavar="FILE",
+        help="write all signals of all seeds of one policy, also readings and its state: .csv",
     )  # fmt: skip
     common.add_tex(parser)
     common.add_metrics(parser)
     common.add_trust(parser)
-    common.add_store(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -56,14 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
     policies = list(dict.fromkeys(arguments.policies))
     if arguments.trace is not None and (len(policies) > 1 or arguments.trials > 1):
         raise ValueError(f"--trace is for one policy and one trial, got {len(policies)} and {arguments.trials}")
+    if arguments.video is not None:
+        from benchmarks.report.video import write_video  # the extra `render`: its error comes before the work
     scenario, more = scenarios.get(arguments.scenario), arguments.metrics
     traces: dict[str, list[Trace]] = {}
     for policy in policies:
         spec = resolve_isolated(policy)
-        traces[policy] = run_trials(
-            spec, scenario, range(arguments.seeds), arguments.trials, detailed=arguments.trace is not None
-        )
-        Store(arguments.store).record_access(spec, scenario)
+        detailed = arguments.trace is not None
+        traces[policy] = run_trials(spec, scenario, range(arguments.seeds), arguments.trials, detailed=detailed)
     runs = {policy: [measured(trace, more) for trace in trials] for policy, trials in traces.items()}
     last = {policy: trials[-1] for policy, trials in traces.items()}
     title = f"{scenario.name}, {arguments.seeds} seeds"
@@ -95,8 +89,6 @@ def run(arguments: argparse.Namespace) -> int:
         draw(arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
     if arguments.video is not None:
-        from benchmarks.report.video import write_video  # the extra `render`
-
         write_video(last, arguments.video)
         screen.say(f"video: {arguments.video}")
     if arguments.trace is not None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.cli.common import add_plot, command_line, csv_path, positive, toml_path
-from benchmarks.files import replacing
+from benchmarks.cli.common import add_option, add_plot, command_line, csv_path, positive, toml_path
+from benchmarks.files import replacing, write_text
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors, stiffness
-from benchmarks.identification.model import PARAMETERS, parameters_of, windows
+from benchmarks.identification.model import parameters_of, windows
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
 from fbl_gym import scenarios
@@ -24,10 +24,8 @@ HORIZONS = (0.1, 0.5, 1.0)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files of one arm, which may end in .gz")
-    parser.add_argument(
-        "--start", default="servo-nominal", metavar="SCENARIO",
-        help="a similar arm with the true lengths: a name or a TOML file (servo-nominal)",
-    )  # fmt: skip
+    meaning = "a similar arm with the true lengths: a name or a TOML file"
+    add_option(parser, "--start", str, "servo-nominal", "SCENARIO", meaning)
     parser.add_argument(
         "--toml", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml"
     )
@@ -50,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--amplitude", nargs=2, type=positive, default=(1.0, 1.0), metavar=("A1", "A2"),
         help="largest distance of the planned motion from hanging, in rad (1 1)",
     )  # fmt: skip
-    parser.add_argument("--speed", type=positive, default=5.0, metavar="V", help="its largest velocity, in rad/s (5)")
+    add_option(parser, "--speed", positive, 5.0, "V", "its largest velocity, in rad/s")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -84,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
         if arguments.toml is not None:
             base = result.reached(arguments.start, arguments.toml)
-            result.write(arguments.toml, result.text(fit, runs, start, base, command_line()))
+            write_text(arguments.toml, result.text(fit, runs, start, base, command_line()))
             scenarios.get(str(arguments.toml))
             screen.say(f"scenario: {arguments.toml}")
     if judged:
@@ -95,12 +93,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _print(fit: Fit, screen: Screen) -> None:
     rows = [
         (name, f"{value:.4g}", f"{low:.4g} - {high:.4g}", f"needs {fit.weak[name]}" if name in fit.weak else "")
-        for name, value, (low, high) in zip(PARAMETERS, fit.parameters, fit.interval(), strict=True)
-        if name in fit.free
+        for name, value, (low, high) in fit.estimates()
     ]
-    screen.print(
-        table("identified arm", ("number", "estimate", "90 % interval", "hardly told by these logs"), rows, "left")
-    )
+    header = ("number", "estimate", "90 % interval", "hardly told by these logs")
+    screen.print(table("identified arm", header, rows, "left"))
     trials = ", ".join(
         f"{term} {100 * ratio - 100:+.0f} % ({'stays' if TERMS[term][0] in fit.free else 'left out'})"
         for term, ratio in fit.trials.items()
@@ -150,11 +146,9 @@ def _validate(
         time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
         panels: list[Panel] = []
         for j in (0, 1):
-            lines = (
-                Line(time, log.position[:, j], "measured", "0.5", "-"),
-                Line(x.ravel(), y[j], "simulated", "#D55E00", "-"),
-            )
-            panels.insert(j, Panel(f"joint {j + 1}", "time [s]", "angle [rad]", lines))
+            real = Line(time, log.position[:, j], "measured", "0.5", "-")
+            model = Line(x.ravel(), y[j], "simulated", "#D55E00", "-")
+            panels.insert(j, Panel(f"joint {j + 1}", "time [s]", "angle [rad]", (real, model)))
             residual = Line(x.ravel(), 1e3 * (y - z)[j], "_", "#0072B2", "-")
             panels.append(Panel("", "time [s]", "residual [mrad]", (residual,)))
         plot_lines(f"Rollouts of 0.5 s on {log.name}", panels, arguments.plot, arguments.columns)
@@ -173,7 +167,7 @@ def _plan(arguments: argparse.Namespace, start: scenarios.Scenario, screen: Scre
         np.savetxt(beside, rows, "%.8g", delimiter=",", header=",".join(header), comments="")
     path, every = arguments.plan.with_suffix(".toml"), max(1, round(0.02 / start.control_dt))
     points = ", ".join(f"[{q1:.5f}, {q2:.5f}]" for q1, q2 in motion["position"][::every])
-    result.write(
+    write_text(
         path,
         f'base = "{result.reached(arguments.start, path)}"\ndescription = "a motion that excites the arm"\n'
         f"duration = {motion['time'][-1]:g}\n"

@@ -23,11 +23,9 @@ from fbl_gym.scenarios.classes import CLASSES
 def add_suite(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that choose cells, and the limits of a cell."""
     parser.add_argument(
-        "--suite",
-        nargs="+",
-        metavar="S",
+        "--suite", nargs="+", metavar="S",
         help=f"{', '.join(SUITES)}, or TOML files, each a board (all classes of robots, or that of --scenarios)",
-    )
+    )  # fmt: skip
     parser.add_argument("--short", action="store_true", help=f"a few scenarios of each class, with {SHORT_SEEDS} seeds")
     parser.add_argument(
         "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
@@ -92,29 +90,22 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError("--tex is for one board, such as that of --suite servo, and without --world")
     if arguments.world:
         return max(transfer.compare(suite, arguments) for suite in suites)
-    cells, stopped = [cell for suite in suites for cell in suite.cells], None
+    cells = [cell for suite in suites for cell in suite.cells]
     try:
         for _ in run_all(cells, arguments, limits_of(arguments)):
             pass
     except KeyboardInterrupt as stop:
-        stopped = stop
+        done = f"{len(results_of(cells, store))} of {len(cells)} cells in {arguments.store}"
+        say(f"fbl-gym: stopped with {done}; the same command goes on from there", sys.stderr)
+        return stopped_status(stop)
     results = results_of(cells, store)
     if any(result.rows for result in results):
-        try:
-            boards = boards_of(suites, store)
-            terminal.leaderboards(Screen(), boards)
-            if arguments.tex is not None:
-                write_board(arguments.tex, boards[suites[0].name], command_line())
-                say(f"table: {arguments.tex}")
-        except ValueError as problem:
-            if stopped is None:
-                raise
-            say(f"fbl-gym: {problem}", sys.stderr)  # no policy is complete yet
+        boards = boards_of(suites, store)
+        terminal.leaderboards(Screen(), boards)
+        if arguments.tex is not None:
+            write_board(arguments.tex, boards[suites[0].name], command_line())
+            say(f"table: {arguments.tex}")
         say(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
-    if stopped is not None:
-        done = f"{len(results)} of {len(cells)} cells in {arguments.store}"
-        say(f"fbl-gym: stopped with {done}; the same command goes on from there", sys.stderr)
-        return stopped_status(stopped)
     return 1 if any(counts(result.error) for result in results) else 0
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.analysis.linear import LinearLoop, NotLinear, linearize
-from benchmarks.cli.common import add_plot, add_policies, add_scenario
+from benchmarks.cli.common import add_option, add_plot, add_policies, add_scenario
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.report.plot import plot_loops
 from benchmarks.report.terminal import Screen, table
@@ -16,7 +16,7 @@ from fbl_gym.checks import Pair
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_policies(parser)
     add_scenario(parser)
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the real arm, where it is drawn (0)")
+    add_option(parser, "--seed", int, 0, "N", "of the real arm, where it is drawn")
     parser.add_argument(
         "--at", nargs=2, type=float, default=(-1.0, 0.5), metavar=("Q1", "Q2"), help="where the arm rests, in rad (-1 0.5)"
     )  # fmt: skip
@@ -47,14 +47,13 @@ def run(arguments: argparse.Namespace) -> int:
             reasons.append(f"no margins of {policy}: {problem}")
             continue
         loops[policy] = loop
-        joints = margins.joints
         rows.append((
             policy,
-            f"{max(j.gain_lower for j in joints):.2f} - {min(j.gain_upper for j in joints):.2f}",
-            f"{min(j.phase for j in joints):.0f} deg",
+            f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}",
+            f"{min(margins.phase):.0f} deg",
             f"{1e3 * margins.delay:.1f} ms",
-            f"{max(j.sensitivity for j in joints):.2f}",
-            f"{max(j.complementary for j in joints):.2f}",
+            f"{max(margins.sensitivity):.2f}",
+            f"{max(margins.complementary):.2f}",
         ))  # fmt: skip
     screen = Screen()
     header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")

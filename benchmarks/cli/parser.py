@@ -15,7 +15,6 @@ from typing import NoReturn
 
 from benchmarks.text import say, visible
 from fbl_gym import __version__
-from fbl_gym.checks import nearest, unknown
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ COMMANDS: dict[str, Command] = {
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("matplotlib", "rich", "threadpoolctl"),
+    "bench": ("filterpy", "matplotlib", "rich", "threadpoolctl"),
     "analysis": ("optuna", "plotly"),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"),
     "render": ("imageio_ffmpeg", "pygame"),
@@ -174,6 +173,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Exit with a message of argparse, which quotes the wrong text."""
+        from fbl_gym.checks import nearest  # imports NumPy, which the list of commands does without
+
         option = re.search(r"unrecognized arguments: (-\S+)", message)
         choice = re.search(r"argument (\S+): invalid choice: '([^']*)'", message)
         if option:
@@ -200,6 +201,8 @@ def _overview() -> argparse.ArgumentParser:
 def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Namespace], int]]:
     """Return the parser of a command's arguments and the function that runs the command."""
     if name not in COMMANDS:
+        from fbl_gym.checks import unknown
+
         raise unknown("command", name, COMMANDS)
     command = COMMANDS[name]
     module = importlib.import_module(f"benchmarks.cli.{command.module}")

@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from benchmarks.analysis import recommend
 from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
-from benchmarks.cli.common import add_run, command_line, policy_name, results_by_id, trust
+from benchmarks.cli.common import add_option, add_run, command_line, policy_name, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
 from benchmarks.tuning.brief import tune_briefly
 from fbl_gym.checks import check_number
@@ -26,10 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--policies", nargs="+", type=policy_name, metavar="POLICY",
         help="to choose from (the laws, with tuned gains where there are some, and the agents)",
     )  # fmt: skip
-    parser.add_argument(
-        "--minutes", type=float, default=5.0, metavar="M",
-        help="time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none (5)",
-    )  # fmt: skip
+    meaning = "time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none"
+    add_option(parser, "--minutes", float, 5.0, "M", meaning)
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_run(parser, seeds=16)
 
@@ -48,11 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     tune = partial(_tune, base, seconds, arguments.workers) if seconds else None
     result = recommend.recommend(base, policies, arguments.seeds, run_cells, tune)
     if arguments.json:
-        print(
-            json.dumps(
-                {**dataclasses.asdict(result), "classes": likeness.classes, "safe": result.safe, "rule": RULE}, indent=1
-            )
-        )
+        more = {"classes": likeness.classes, "safe": result.safe, "rule": RULE}
+        print(json.dumps(dataclasses.asdict(result) | more, indent=1))
     else:
         _print(result)
     return 0 if result.safe else 1
@@ -85,12 +80,14 @@ def _print(result: Recommendation) -> None:
     ]
     header = ("policy", "error", "worst 5 %", "diverged (bound)", "effort")
     screen.print(table(f"{result.scenario}, {len(result.conditions)} conditions", header, rows))
-    lines = []
-    for k, condition in enumerate(result.conditions):
-        cells = (
-            f"{each.errors_pct[k]:.3g} %" + f", {each.lost[k]} diverged" * (each.lost[k] > 0) for each in result.choices
-        )
-        lines.append((condition, *cells))
+    columns = [
+        [
+            f"{error:.3g} %" + f", {lost} diverged" * (lost > 0)
+            for error, lost in zip(each.errors_pct, each.lost, strict=True)
+        ]
+        for each in result.choices
+    ]
+    lines = zip(result.conditions, *columns, strict=True)
     screen.print(table("error by condition", ("condition", *(choice.policy for choice in result.choices)), lines))
     first = result.choices[0].policy
     for condition, (policy, error, reference) in result.overturned.items():

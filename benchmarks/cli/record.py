@@ -7,7 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cli.common import add_policy, add_scenario, add_trust, command_line, count, refuse_judged, trust
+from benchmarks.cli.common import (
+    add_option,
+    add_policy,
+    add_scenario,
+    add_trust,
+    command_line,
+    count,
+    refuse_judged,
+    trust,
+)
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.rl.training_settings import SEEDS_PER_RUN, training_seeds
 from benchmarks.text import say
@@ -27,14 +36,10 @@ def folder(text: str) -> Path:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_policy(parser)
     add_scenario(parser)
-    parser.add_argument("--episodes", type=count, default=100, metavar="N", help="number of episodes (100)")
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="K", help=f"training seed, with {SEEDS_PER_RUN} episode seeds (0)"
-    )
-    parser.add_argument(
-        "--noise", type=float, default=0.0, metavar="S",
-        help="standard deviation of noise on the actions, as a share of their bound (0)",
-    )  # fmt: skip
+    add_option(parser, "--episodes", count, 100, "N", "number of episodes")
+    add_option(parser, "--seed", int, 0, "K", f"training seed, with {SEEDS_PER_RUN} episode seeds")
+    meaning = "standard deviation of noise on the actions, as a share of their bound"
+    add_option(parser, "--noise", float, 0.0, "S", meaning)
     parser.add_argument(
         "--observation", choices=("tracking", "raw"), default="tracking",
         help="the environment whose observations are recorded (tracking)",
@@ -59,10 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     policy = resolve_isolated(arguments.policy)
     fields = policy.call(_record, policy, scenario, seeds, arguments.noise, arguments.observation)
     episodes = [EpisodeBuffer(**episode) for episode in fields]
-    write(
-        episodes, arguments.out, scenario, arguments.observation,
-        algorithm_name=policy.name, description=command_line(),
-    )  # fmt: skip
+    about = {"algorithm_name": policy.name, "description": command_line()}
+    write(episodes, arguments.out, scenario, arguments.observation, **about)
     errors = [episode.infos["reference"] - episode.infos["position"] for episode in episodes]
     terminated = sum(bool(episode.terminations[-1]) for episode in episodes)
     say(

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks.cli.common import add_folder, add_store, add_trust, command_line
+from benchmarks.cli.common import add_option, add_store, add_trust, command_line
 from benchmarks.cli.leaderboard import add_suite, boards_of, counts, results_of, suites_of
 from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
     add_trust(parser)
     add_store(parser)
-    add_folder(parser, "--out", "results/report", "the report")
+    add_option(parser, "--out", Path, Path("results/report"), "DIR", "folder of the report")
     parser.add_argument(
         "--readme", type=Path, metavar="FILE",
         help="put the first rows of each board between the markers `<!-- leaderboard -->` of this file, "
@@ -30,7 +30,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the report; return 1 if results are missing."""
     suites, store, out = suites_of(arguments), Store(arguments.store), arguments.out
     if not results_of([cell for suite in suites for cell in suite.cells], store):
-        raise ValueError(_lacking(store))
+        raise ValueError(
+            f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments"
+        )
     boards = boards_of(suites, store)
     terminal.leaderboards(terminal.Screen(), boards)
     for suite in suites:
@@ -44,21 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
             print(
                 "fbl-gym: the report is incomplete, see above; `fbl-gym leaderboard` computes the rest", file=sys.stderr
             )
-    accesses = [f"{law},{scenario},{count}\n" for (law, scenario), count in store.test_accesses().items()]
-    write_text(out / "test_accesses.csv", "".join(["policy,scenario,test_accesses\n", *accesses]))
     if arguments.readme is not None:
         text = arguments.readme.read_text(encoding="utf-8")
         write_text(arguments.readme, markdown.replace_between(text, markdown.over_boards(boards, short=True)))
         write_text(arguments.readme.parent / "docs" / "results" / "board.md", markdown.board_page(boards))
     errors = [error for board in boards.values() for error in (*board.incomplete.values(), *board.failed.values())]
     return 1 if any(board.lacking for board in boards.values()) or any(map(counts, errors)) else 0
-
-
-def _lacking(store: Store) -> str:
-    """Return the error of a store without a result of the suite, which names what it has."""
-    cells = [result.cell for result in store.results()]
-    policies = " ".join(sorted({cell.policy.name for cell in cells}))
-    tasks = " ".join(sorted({cell.scenario.name for cell in cells}))
-    seeds = ", ".join(map(str, sorted({len(cell.seeds) for cell in cells})))
-    stored = f"; it has --policies {policies} --scenarios {tasks} --seeds {seeds}" if cells else ""
-    return f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments first{stored}"

@@ -1,17 +1,18 @@
 """`fbl-gym reproduce`."""
 
 import argparse
+from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.cli.common import add_folder
+from benchmarks.cli.common import add_option
 from benchmarks.paper.claims import SHORT, load, measure_claim, save, select
 from benchmarks.report.terminal import Screen, table
 from benchmarks.text import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_folder(parser, "--out", "results/paper", "the results")
+    add_option(parser, "--out", Path, Path("results/paper"), "DIR", "folder of the results")
     parser.add_argument(
         "--only", nargs="+", default=(), metavar="CLAIM",
         help="measure these claims only; other claims in DIR stay. `fbl-gym list claims` lists the names; figure-4b means "
@@ -35,9 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
             save(arguments.out, claims)
             progress.advance(task)
     header = ("figure", "claim", "paper", "measured in the first case", "at stated values", "at favourable open values")
-    rows = [
-        (c.figure, c.claim, c.paper, c.cases[0][2], c.at_stated, c.at_best) for c in (claims[name] for name in names)
-    ]
+    measured = [claims[name] for name in names]
+    rows = [(c.figure, c.claim, c.paper, c.cases[0][2], c.at_stated, c.at_best) for c in measured]
     Screen().print(table("The paper's claims, measured", header, rows, "left"))
     say(f"claims and plots: {arguments.out}")
     return 0

@@ -60,11 +60,9 @@ def _words(value: Any) -> str:
     if isinstance(value, Distribution):
         kind = next(kind for kind, numbers in vars(value).items() if numbers is not None)
         numbers = [f"{x:.4g}" for x in value.values]
-        return (
-            "one of " + ", ".join(numbers)
-            if kind == "choice"
-            else f"{numbers[0]} to {numbers[1]}, {kind.replace('_', '-')}"
-        )
+        if kind == "choice":
+            return "one of " + ", ".join(numbers)
+        return f"{numbers[0]} to {numbers[1]}, {kind.replace('_', '-')}"
     if isinstance(value, tuple):
         if len(value) == 2 and value[0] == value[1]:
             return _words(value[0])
@@ -86,14 +84,12 @@ def follows(scenario: Scenario) -> dict[str, str]:
     samples = 0.5 + middle(drive.delay_samples)
     samples += 0.0 if encoder is None else encoder.latency + 0.5 * (encoder.difference or 0)
     dead = samples * scenario.control_dt + middle(drive.delay) + 0.5 * ends(drive.jitter)[1] + middle(drive.lag)
-    low, high = (1e3 * delay for delay in drive.datasheet(scenario)["delay"])
+    delays = dict.fromkeys(f"{1e3 * delay:.3g}" for delay in drive.datasheet(scenario)["delay"])
     facts = {
         "class of robots": scenario.robot_class,
         "weight (largest torque of gravity)": _both(weight, "N m"),
         "inertia of the stretched links": _both(np.array([stretched[0, 0], p2]), "kg m^2"),
-        "delay of a command: delay, delay_samples, jitter": f"{low:.3g} to {high:.3g} ms"
-        if low < high
-        else f"{low:.3g} ms",
+        "delay of a command: delay, delay_samples, jitter": f"{' to '.join(delays)} ms",
         "dead time": f"{1e3 * dead:.3g} ms",
     }
     if joint is not None:
@@ -101,15 +97,14 @@ def follows(scenario: Scenario) -> dict[str, str]:
         modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(stretched, np.diag(stiffness))).real) / (2 * np.pi)
         facts["modes of the stretched links, motors held"] = _both(np.sort(modes), "Hz")
     if drive.torque_limit is not None:
+        limit = np.array(drive.torque_limit)
         q, v, a = reference_motion(scenario, SEEDS)
-        share = 100 * np.abs(_needed(scenario, q, v, a)) / np.array(drive.torque_limit)
+        share = 100 * np.abs(_needed(scenario, q, v, a)) / limit
         if weight.min() > 0.0:
-            facts["torque limit / weight"] = _both(np.array(drive.torque_limit) / weight, "")
+            facts["torque limit / weight"] = _both(limit / weight, "")
         if scenario.friction is not None:
-            dry = [ends(coulomb)[1] for coulomb in scenario.friction.coulomb]  # type: ignore[union-attr]
-            facts["largest Coulomb friction"] = _both(
-                100 * np.array(dry) / np.array(drive.torque_limit), "% of the limit"
-            )
+            dry = np.array([ends(coulomb)[1] for coulomb in scenario.friction.coulomb])  # type: ignore[union-attr]
+            facts["largest Coulomb friction"] = _both(100 * dry / limit, "% of the limit")
         facts["largest torque of the nominal motion"] = _both(share.max(axis=(0, 1)), "% of the limit")
         facts["its largest velocity"] = _both(np.abs(v).max(axis=(0, 1)), "rad/s")
     return facts
@@ -117,10 +112,8 @@ def follows(scenario: Scenario) -> dict[str, str]:
 
 def _needed(scenario: Scenario, q: Array, v: Array, a: Array) -> Array:
     """Return the torque of a motion of the nominal arm with the friction's middle [N m]."""
-    torque, friction = (
-        inverse_dynamics(dataclasses.replace(scenario.arm, rotor=scenario.rotor), q, v, a),
-        scenario.friction,
-    )
+    friction = scenario.friction
+    torque = inverse_dynamics(dataclasses.replace(scenario.arm, rotor=scenario.rotor), q, v, a)
     if friction is None:
         return torque
     numbers = {name: np.array([middle(x) for x in getattr(friction, name)]) for name in ("viscous", "coulomb", "load")}

@@ -7,19 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import (
-    add_metrics,
-    add_plot,
-    add_policies,
-    add_run,
-    add_scenario,
-    add_tex,
-    command_line,
-    count,
-    csv_path,
-    run_all,
-    trust,
-)
+from benchmarks.cli import common
 from benchmarks.cli.names import options
 from benchmarks.report.export import csv_file
 from benchmarks.report.latex import write_table
@@ -40,7 +28,7 @@ def over(text: str) -> Over:
     try:
         if ":" in values:
             low, high, scale, number = values.split(":")
-            ends = float(low), float(high), count(number)
+            ends = float(low), float(high), common.count(number)
             points = {"log": lambda: np.geomspace(*ends), "lin": lambda: np.linspace(*ends)}[scale]().tolist()
         else:
             scale, points = "lin", [float(value) for value in values.split(",")]
@@ -55,29 +43,24 @@ def over(text: str) -> Over:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_policies(parser)
+    common.add_policies(parser)
     parser.add_argument(
         "--over", type=over, action="append", required=True, metavar="OPTION=VALUES",
         help="an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
         "given more than once, all combinations of values",
     )  # fmt: skip
-    add_scenario(parser)
-    parser.add_argument(
-        "--csv",
-        type=csv_path,
-        default=Path("results/sweep.csv"),
-        metavar="FILE",
-        help="write all metrics of all runs: .csv (results/sweep.csv)",
-    )
-    add_plot(parser, "the errors (a .png beside --csv)")
-    add_tex(parser)
-    add_metrics(parser)
-    add_run(parser, seeds=32)
+    common.add_scenario(parser)
+    runs = "write all metrics of all runs: .csv"
+    common.add_option(parser, "--csv", common.csv_path, Path("results/sweep.csv"), "FILE", runs)
+    common.add_plot(parser, "the errors (a .png beside --csv)")
+    common.add_tex(parser)
+    common.add_metrics(parser)
+    common.add_run(parser, seeds=32)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure each policy at each value, and write all runs and a figure."""
-    trust(arguments)
+    common.trust(arguments)
     names, scales, values = zip(*arguments.over, strict=True)
     if any(f"{one}.".startswith(f"{other}.") for one, other in itertools.permutations(names, 2)):
         raise ValueError(f"--over must name options that are no part of each other, got {' '.join(names)}")
@@ -91,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds, arguments.metrics)
     store, cells = Store(arguments.store), suite.cells
     failed = 0
-    for result in run_all(cells, arguments):
+    for result in common.run_all(cells, arguments):
         if result.error:
             failed += 1
             say(f"fbl-gym: {result.cell.id} failed: {result.error}", sys.stderr)
@@ -116,10 +99,11 @@ def run(arguments: argparse.Namespace) -> int:
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
     if arguments.tex is not None:
         header = ("policy", *(f"{names[0]} {value:g}" for value in values[0]))
-        texts = ([f"{median:.3g} ({low:.3g}–{high:.3g})" for low, median, high in bands] for bands in curves.values())
-        write_table(
-            arguments.tex, header, [(name, *row) for name, row in zip(curves, texts, strict=True)], command_line()
-        )
+        rows = [
+            (name, *(f"{median:.3g} ({low:.3g}–{high:.3g})" for low, median, high in bands))
+            for name, bands in curves.items()
+        ]
+        write_table(arguments.tex, header, rows, common.command_line())
         say(f"table: {arguments.tex}, medians (10 to 90 % of the seeds) of the error [%]")
     say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if failed else 0

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from benchmarks.cli.common import command_line
+from benchmarks.cli.common import add_option, command_line
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.training_settings import TrainingSettings
@@ -25,15 +25,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("algorithm", choices=tuple(ALGORITHMS), help="algorithm of stable-baselines3 or sb3-contrib")
     parser.add_argument("--interface", choices=ACTIONS, default="torque", help="meaning of the agent's action (torque)")
-    parser.add_argument(
-        "--history", type=int, default=0, metavar="N", help="number of earlier steps that the agent observes (0)"
-    )
+    add_option(parser, "--history", int, 0, "N", "number of earlier steps that the agent observes")
     parser.add_argument("--base", metavar="LAW", help="law under a residual (computed-torque at 15 rad/s)")
     parser.add_argument(
-        "--drive",
-        action="store_true",
-        help="let the agent observe the drive's stated delay and lag, and the class of robots",
-    )
+        "--drive", action="store_true", help="let the agent observe the drive's stated delay and lag, and the class of robots"
+    )  # fmt: skip
     parser.add_argument(
         "--period", type=float, default=0.0, metavar="S", help="time between two decisions of the agent [s] (each step)"
     )
@@ -50,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scenario", nargs="+", default=["everything-2"], metavar="S",
         help="to train and validate on: scenarios, .toml files, or tiers such as servo-practice (everything-2)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="K", help="training seed (0)")
+    add_option(parser, "--seed", int, 0, "K", "training seed")
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--steps", type=int, metavar="N", help="steps of all arms together (from the hyperparameters)")
     length.add_argument("--minutes", type=float, metavar="M", help="processor time instead of steps")
@@ -67,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         for name in arguments.scenario
         for task in (scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,))
     )
+    given = _hyperparameters(arguments.hyperparameters, arguments.algorithm) if arguments.hyperparameters else {}
     settings = TrainingSettings(
         arguments.algorithm,
         _adapter(arguments, tasks[0]),
@@ -74,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.seed,
         arguments.steps,
         arguments.minutes,
-        _hyperparameters(arguments.hyperparameters, arguments.algorithm) if arguments.hyperparameters else {},
+        given,
     )
     import torch  # the extra `rl`
 
@@ -83,8 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     torch.set_num_threads(1)  # small networks learn fastest so
     history = f"-history-{arguments.history}" if arguments.history else ""
     context = "-context" if arguments.context else ""
-    default = f"runs/{arguments.algorithm}-{arguments.interface}{history}{context}-{arguments.seed}"
-    folder = arguments.out or Path(default)
+    name = f"{arguments.algorithm}-{arguments.interface}{history}{context}-{arguments.seed}"
+    folder = arguments.out or Path("runs", name)
     train(settings, folder, command_line(), 40 if len(tasks) == 1 else 15)
     say(f"agent: {folder}")
     return 0

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.identification.logs import Log, smooth
-from benchmarks.identification.model import INDEX, Windows, parameters_of, regress, windows
+from benchmarks.identification.model import INDEX, PARAMETERS, Windows, parameters_of, regress, windows
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
 
@@ -77,10 +77,14 @@ class Fit:
     weak: dict[str, str]
     trials: dict[str, float]
 
-    def interval(self, level: float = 0.9) -> Array:
-        """Return both ends of the interval of each parameter, which is not below 0 [16 x 2]."""
-        tail = 0.5 * (1.0 - level)
-        return np.maximum(np.quantile(self.draws, (tail, 1.0 - tail), axis=0), 0.0).T
+    def interval(self) -> Array:
+        """Return both ends of each parameter's 90 % interval, which is not below 0 [16 x 2]."""
+        return np.maximum(np.quantile(self.draws, (0.05, 0.95), axis=0), 0.0).T
+
+    def estimates(self) -> list[tuple[str, float, Array]]:
+        """Return name, estimate and interval [2] of each estimated parameter."""
+        rows = zip(PARAMETERS, self.parameters, self.interval(), strict=True)
+        return [row for row in rows if row[0] in self.free]
 
 
 @dataclass(frozen=True)

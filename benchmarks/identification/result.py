@@ -3,13 +3,13 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import mode
 
 import numpy as np
 
-from benchmarks.files import replacing
 from benchmarks.identification.fit import Fit
 from benchmarks.identification.logs import Log
-from benchmarks.identification.model import INDEX, PARAMETERS, V_S
+from benchmarks.identification.model import INDEX, V_S
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.scenarios import Scenario
 
@@ -49,28 +49,22 @@ def text(fit: Fit, logs: Sequence[Log], start: Scenario, base: str, command: str
         return f"[{spread(f'{name} 1')}, {spread(f'{name} 2')}]"
 
     lumped = [INDEX[name] for name in fit.free if name[0] == "p"]
-    ratios = [
-        (fit.parameters[i] / max(low, 1e-9), high / fit.parameters[i])
-        for i, (low, high) in zip(lumped, intervals[lumped], strict=True)
-    ]
-    radius = min(max(max(pair) for pair in ratios) - 1.0, MAX_RADIUS)
+    middle, (low, high) = fit.parameters[lumped], intervals[lumped].T
+    radius = min(np.maximum(middle / np.maximum(low, 1e-9), high / middle).max() - 1.0, MAX_RADIUS)
     sample = logs[0].sample
     control = round(sample, 4 if sample > 1e-3 else 5)
     steps = int(np.ceil(control / start.physics_dt - 1e-9))
     zero = np.sqrt(3.0) * np.sqrt((fit.zero**2).mean(axis=0))
-    arm = arm_of(fit.parameters, start.arm)
-    fields = "\n".join(
-        f"{name} = {list(value) if isinstance(value, tuple) else value}" for name, value in vars(arm).items()
-    )
+    arm = vars(arm_of(fit.parameters, start.arm)).items()
+    fields = "\n".join(f"{name} = {list(value) if isinstance(value, tuple) else value}" for name, value in arm)
     counts = np.median([log.counts for log in logs], axis=0)
-    difference = max((log.difference for log in logs), key=[log.difference for log in logs].count)
+    difference = mode(log.difference for log in logs)
     encoder = [f"counts = [{counts[0]:.6g}, {counts[1]:.6g}]"] if (counts > 0).all() else []
     encoder += [f"difference = {difference}"] if difference else []
     estimates = "\n".join(
-        f"# {name:10} {fit.parameters[INDEX[name]]:.4g} [{intervals[INDEX[name]][0]:.4g}, {intervals[INDEX[name]][1]:.4g}]"
+        f"# {name:10} {value:.4g} [{low:.4g}, {high:.4g}]"
         + (f", hardly told by these logs: needs {fit.weak[name]}" if name in fit.weak else "")
-        for name in PARAMETERS
-        if name in fit.free
+        for name, value, (low, high) in fit.estimates()
     )
     return f"""# {command}
 # Estimates with 90 % intervals; inertias in kg m^2, torques in N m, times in s. p1 includes rotor 1, from
@@ -102,12 +96,6 @@ delay_samples = 0
 [arm]
 {fields}
 """
-
-
-def write(path: Path, content: str) -> None:
-    """Write a text file."""
-    with replacing(path) as beside:
-        beside.write_text(content, encoding="utf-8")
 
 
 def reached(base: str, path: Path) -> str:

@@ -58,7 +58,6 @@ class Claim:
         at_best: the verdict at the most favourable open values, and the number of cases.
         scenario: on which the claim was measured.
         cases: kind, values, measured value, seeds that meet the claim, and "yes" or "no" of each.
-        command: that measures this claim again.
     """
 
     figure: str
@@ -71,7 +70,6 @@ class Claim:
     at_best: str
     scenario: str
     cases: tuple[tuple[str, ...], ...]
-    command: str
 
 
 class Outcome(NamedTuple):

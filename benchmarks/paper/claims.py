@@ -53,7 +53,7 @@ def measure_claim(name: str, cases: int | None = None) -> tuple[Claim, Callable[
     readings = {value: " | ".join(map(str, each)) for value, each in declared.stated.items()}
     claim = Claim(
         stated=show(readings), chosen=show(declared.chosen), at_stated=at_stated, at_best=at_best,
-        cases=tuple(case.row for case in measured), command=f"fbl-gym reproduce --only {name}", **declared.texts,
+        cases=tuple(case.row for case in measured), **declared.texts,
     )  # fmt: skip
     if not lines:
         return claim, None

@@ -6,14 +6,7 @@ import numpy as np
 
 from benchmarks.paper.claim import Outcome, Rows, Values, at_rate, claim, percents, run, with_estimates
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.model.arm import (
-    Array,
-    coriolis_matrix,
-    forward_dynamics,
-    gravity_torque,
-    inertia_matrix,
-    inverse_dynamics,
-)
+from fbl_gym.model.arm import Array, coriolis_matrix, forward_dynamics, gravity_torque, inertia_matrix, inverse_dynamics
 
 HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.0),)}
 """A reference that stays at the hanging position."""

@@ -39,16 +39,10 @@ def _decay(v: Values) -> tuple[float, float, float, str, Line]:
     The arm hangs, E(0) is 0.1 rad, and the torque has no limit. (10) assumes a perfect inner loop.
     Feed-forward 1 adds the derivative of the velocity reference, r'' + Kp (r' - v).
     """
-    kp = number(v["Kp"])
-    scenario = at_rate(
-        scenarios.get("nominal"),
-        "10 kHz",
-        actuator=None,
-        duration=round(min(1.0 + 10.0 / kp, 6.0), 3),
-        initial_error=0.1,
-        reference=HANGING,
-    )
-    trace, _ = run("cascade-flm", scenario, kp=kp, feedforward=number(v["feed-forward of the acceleration"]))
+    kp, feedforward = number(v["Kp"]), number(v["feed-forward of the acceleration"])
+    duration = round(min(1.0 + 10.0 / kp, 6.0), 3)
+    hanging = scenarios.get("nominal").replace(actuator=None, reference=HANGING, initial_error=0.1)
+    trace, _ = run("cascade-flm", at_rate(hanging, "10 kHz", duration=duration), kp=kp, feedforward=feedforward)
     error = (trace.reference - trace.position)[:, 0]
     parts = error / error[0]
     outside = np.abs(parts) > 0.01
@@ -56,8 +50,7 @@ def _decay(v: Values) -> tuple[float, float, float, str, Line]:
     ideal, overshoot = np.log(100.0) / kp, 100 * max(-parts.min(), 0.0)
     text = f"1 % after {times[0]:.3g} and {times[1]:.3g} s, exp(-Kp t) after {ideal:.3g} s, overshoot {overshoot:.2g} %"
     near = trace.time <= 0.6
-    label = f"Kp {v['Kp']}" + (", feed-forward" if v["feed-forward of the acceleration"] == "1" else "")
-    line = Line(trace.time[near], parts[near, 0], label)
+    line = Line(trace.time[near], parts[near, 0], f"Kp {v['Kp']}" + (", feed-forward" if feedforward else ""))
     return times.min() / ideal, times.max() / ideal, overshoot, text, line
 
 
@@ -98,7 +91,7 @@ _SMALL_STEPS = {**_SMALL, "power": "0.3 to 0.4, steps of paper-4b"}
 TABLE_1, _DOUBLE = {"arm": "Table 1"}, {"estimates": "double"}
 
 
-def _figure_4(v: Values, seeds: int = SEEDS, watch: Any = None, **gains: Any) -> tuple[Trace, Rows]:
+def _figure_4(v: Values, watch: Any = None, **gains: Any) -> tuple[Trace, Rows]:
     """Return the trace and the metrics of the cascade on figure 4's motion of 4 s.
 
     The step behind the filter, 1 - 2 (1 + w t) exp(-w t), has a power of 1 - 3 / (4 w) in 4 s.
@@ -112,9 +105,8 @@ def _figure_4(v: Values, seeds: int = SEEDS, watch: Any = None, **gains: Any) ->
         reference={"kind": "filtered-steps", "points": points, "period": seconds, "bandwidth": w},
         noise=noise(v["noise"], v["rate"]), limits={"acceleration": 1e9, "position": 1e3, "velocity": 1e4},
     )  # fmt: skip
-    return run(
-        "robust-flm" if v["filter"] == "on" else "cascade-flm", scenario, seeds, watch, kp=number(v["Kp"]), **gains
-    )
+    policy = "robust-flm" if v["filter"] == "on" else "cascade-flm"
+    return run(policy, scenario, SEEDS, watch, kp=number(v["Kp"]), **gains)
 
 
 @lru_cache(maxsize=128)
@@ -204,9 +196,8 @@ def kalman_filter(v: Values) -> Outcome:
     watch = {"error": lambda env, _, state: state.kalman.position - env.truth.position}
     trace, rows = _figure_4(v, watch=watch, filtering=v["form"])
     sigma = np.sqrt((trace.watched["error"] ** 2).mean(axis=(0, 2)))
-    return Outcome(
-        sigma < PAPER_SIGMA, f"{np.median(sigma):.3g} rad; mean tracking error {percents(rows['error_pct'])}"
-    )
+    text = f"{np.median(sigma):.3g} rad; mean tracking error {percents(rows['error_pct'])}"
+    return Outcome(sigma < PAPER_SIGMA, text)
 
 
 RADIUS: dict[str, Any] = {

@@ -103,12 +103,8 @@ def _products(parameters: Array) -> Array:
 
 _STATED_6 = {"mass": ("known",), "friction": ("none",), "noise": ("none",)}
 _OPEN_6 = {"regression": "(36)", "rate": "1 kHz", "spacing": "0 ms", "gate": "1e-7"}
-_TORQUE, _FAST, _APART, _GATE = (
-    {"regression": "Y p = torque"},
-    {"rate": "10 kHz"},
-    {"spacing": "5 ms"},
-    {"gate": "1e-11"},
-)
+_TORQUE, _FAST = {"regression": "Y p = torque"}, {"rate": "10 kHz"}
+_APART, _GATE = {"spacing": "5 ms"}, {"gate": "1e-11"}
 _WITHOUT_MASS, _NOISY = {"mass": "unknown"}, {"noise": "0.01 rad/s^2", "regression": "Y p = torque"}
 
 
@@ -268,16 +264,14 @@ def _steady(rows: Rows) -> str:
 def figure_9(v: Values) -> Outcome:
     sigma = 0.0 if v["velocity noise"] == "none" else number(v["velocity noise"])
     velocity = np.random.default_rng(0).normal(scale=sigma, size=(200_000, 2))
-    rest, moving = (
-        float(schedule(velocity + speed, ALPHA, number(v["v_s"]), v["form"]).mean()) for speed in (0.0, 0.2)
-    )
+    rest, moving = (schedule(velocity + speed, ALPHA, number(v["v_s"]), v["form"]).mean() for speed in (0.0, 0.2))
     return Outcome(rest > 20.0 and moving < 1.01, f"{rest:.3g} at rest, {moving:.3g} at 0.2 rad/s")
 
 
-_TASKS: dict[str, tuple[str, dict[str, Any], Any]] = {
-    "figure 10": ("paper-10", {}, ALPHA),
-    "figure 10, friction x10": ("paper-10", {"friction": _friction(10.0, law="literal")}, ALPHA),
-    "figure 8": ("paper-8", {}, ALPHA),
+_TASKS = {
+    "figure 10": scenarios.get("paper-10"),
+    "figure 10, friction x10": scenarios.get("paper-10").replace(friction=_friction(10.0, law="literal")),
+    "figure 8": scenarios.get("paper-8"),
 }
 
 
@@ -289,9 +283,8 @@ _TASKS: dict[str, tuple[str, dict[str, Any], Any]] = {
     stated={"law": ("adaptive",)}, chosen={"task": "figure 10"}, cases=[{"task": task} for task in list(_TASKS)[1:]],
 )  # fmt: skip
 def soft_scheduling(v: Values) -> Outcome:
-    name, changes, alpha = _TASKS[v["task"]]
-    scenario = scenarios.get(name).replace(duration=4.0, **changes)
-    results = {form: run("adaptive-flm", scenario, SEEDS, alpha=alpha, scheduling=form)[1] for form in FORMS}
+    scenario = _TASKS[v["task"]].replace(duration=4.0)
+    results = {form: run("adaptive-flm", scenario, SEEDS, alpha=ALPHA, scheduling=form)[1] for form in FORMS}
     _, off = run("adaptive-flm", scenario, SEEDS)
     text = "; ".join(
         f"{form} {_steady(rows)}, {np.median(rows['variation'] / off['variation']):.3g} times"
@@ -311,7 +304,6 @@ _LAWS_10: dict[str, tuple[str, dict[str, Any]]] = {
     "cascade": ("cascade-flm", {}),
     "with Kalman filter": ("adaptive-robust-flm", {"spacing": 0.0}),
     "with Kalman filter, samples 0.2 s apart": ("adaptive-robust-flm", {"spacing": 0.2}),
-    "adaptive-flm-ls": ("adaptive-flm-ls", {}),
 }
 _SMALL = {"parameters": "x0.1"}
 
@@ -333,9 +325,8 @@ _SMALL = {"parameters": "x0.1"}
 def figure_10(v: Values) -> Outcome:
     base, ratio = scenarios.get("paper-10"), float(v["parameters"][1:])
     part = number(v["loads"]) / 100.0 * GRAVITY * ratio**2 / 200.0
-    disturbance = {
-        "kind": "piecewise-constant", "amplitude": (200.0 * part, 100.0 * part), "period": number(v["period"]),
-    }  # fmt: skip
+    amplitude = 200.0 * part, 100.0 * part
+    disturbance = {"kind": "piecewise-constant", "amplitude": amplitude, "period": number(v["period"])}
     friction = _friction(part, law="literal" if v["friction"] == "printed" else "exact")
     reference = base.reference if v["reference"] == "8 rad/s" else _STEPS
     scenario = at_rate(

@@ -7,9 +7,11 @@ anything.
 import ast
 import contextlib
 import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 PACKAGES = ("benchmarks", "controllers", "fbl_gym")
 """The packages of fbl-gym. Their modules are followed wherever they are imported."""
@@ -29,6 +31,11 @@ None of these but scenarios changes a number. A scenario's options are part of t
 """
 
 _ROOT = Path(__file__).resolve().parents[2]
+
+
+def data_digest(data: Any) -> str:
+    """Return a hash of plain data."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
 def code_digest(modules: Mapping[str, Path]) -> str:

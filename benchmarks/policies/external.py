@@ -15,6 +15,7 @@ import site
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
+from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -63,24 +64,18 @@ def check(name: PolicyName) -> None:
     if name.form == "archive" and _trusted_as(name) not in _TRUSTED:
         raise Untrusted(f"loading {file} runs any code that it holds; give --trust if you trust its source")
     if name.form == "module" and not all(part.isidentifier() for part in name.source.split(".")):
-        raise ValueError(
-            f"the module of a policy must be named as in an import, such as my_laws.pd, got {name.source!r}"
-        )
+        raise ValueError(f"policy must name a module as in an import, such as my_laws.pd, got {name.source!r}")
 
 
 # Code: a file or a module.
 
-_HAS_LOADED: list[str] = []
-
-
-def has_loaded() -> bool:
-    """Return True if this process ran the code of an external policy, which may change anything."""
-    return bool(_HAS_LOADED)
+LOADED: list[str] = []
+"""The external policies whose code this process ran, which may change anything."""
 
 
 def load(name: PolicyName) -> Callable[..., Any]:
     """Return the factory in a file or module. A file is loaded again when its code has changed."""
-    _HAS_LOADED.append(name.text)
+    LOADED.append(name.text)
     module = _load_file(Path(name.source)) if name.form == "file" else _load_module(name.source)
     factory: Callable[..., Any] | None = getattr(module, name.attribute or ATTRIBUTE, None)
     if not callable(factory):
@@ -194,15 +189,12 @@ def _locate(module: str) -> tuple[Path | None, list[str]]:
     if (loaded := sys.modules.get(module)) is not None:
         file = getattr(loaded, "__file__", None)
         return (Path(file) if file else None), list(getattr(loaded, "__path__", []))
-    file, folders = None, [Path.cwd(), *map(Path, sys.path)]
+    importlib.invalidate_caches()
+    spec, folders = None, [os.getcwd(), *sys.path]
     for part in module.split("."):
-        files = [path for folder in folders for path in (folder / part / "__init__.py", folder / f"{part}.py")]
-        file = next((path for path in files if path.is_file()), None)
-        if file is None:  # a package without __init__.py
-            folders = [folder / part for folder in folders if (folder / part).is_dir()]
-        else:
-            folders = [file.parent] if file.name == "__init__.py" else []
-    return file, list(map(str, folders))
+        spec = PathFinder.find_spec(part, folders)
+        folders = list((spec and spec.submodule_search_locations) or ())
+    return (Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None), folders
 
 
 def entry_module(name: PolicyName) -> str:
@@ -255,14 +247,9 @@ def data_read(code: Mapping[str, Path]) -> list[Path]:
 
     Files beside the policy's code always count.
     """
-    places: tuple[Any, ...] = (
-        sys.prefix,
-        sys.base_prefix,
-        *site.getsitepackages(),
-        site.getusersitepackages(),
-        *_SYSTEM,
-    )
-    near = {path.parent for path in code.values()} - {*map(Path, places)}
+    installed = (sys.prefix, sys.base_prefix, *site.getsitepackages(), site.getusersitepackages())
+    places = {Path(str(place)) for place in (*installed, *_SYSTEM)}
+    near = {path.parent for path in code.values()} - places
     return [
         path for path in sorted({path.resolve() for path in _READS if path.is_file()})
         if path.parent.suffix not in (".dist-info", ".egg-info")

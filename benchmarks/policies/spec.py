@@ -9,8 +9,6 @@ environment, unless any of these has changed.
 """
 
 import dataclasses
-import hashlib
-import json
 import math
 import os
 from collections.abc import Callable, Mapping
@@ -21,7 +19,7 @@ from typing import Any, get_origin
 import controllers
 from benchmarks.policies import external
 from benchmarks.policies.configuration import Inexact, configuration
-from benchmarks.policies.digest import closure, code_digest, file_of
+from benchmarks.policies.digest import closure, code_digest, data_digest, file_of
 from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
 from benchmarks.policies.name import PolicyName
 from benchmarks.rl.agent import files, saved_agent, settings_of
@@ -100,16 +98,6 @@ class PolicySpec:
         return self.access != "privileged"
 
     @property
-    def any_action(self) -> bool:
-        """True if the policy works with each kind of action; an archive only has one."""
-        return self.parsed.form != "archive"
-
-    @property
-    def runs_code(self) -> bool:
-        """True if the policy runs code that is not of fbl-gym. An agent in a folder is data."""
-        return self.external and self.parsed.form != "agent"
-
-    @property
     def identity(self) -> dict[str, Any]:
         """All that distinguishes this policy from others, but not the place of an external one."""
         name = self.parsed
@@ -150,7 +138,8 @@ class PolicySpec:
             *arguments: of the function.
             limits: of the call; None: those of external policies.
         """
-        isolated = self.runs_code or external.has_loaded() or limits not in (None, CallLimits())
+        runs_code = self.external and self.parsed.form != "agent"  # an agent in a folder is data
+        isolated = runs_code or external.LOADED or limits not in (None, CallLimits())
         return run_isolated(function, *arguments, limits=limits) if isolated else function(*arguments)
 
     def factory(self) -> Callable[..., Any]:
@@ -338,7 +327,7 @@ def _used(law: str) -> str:
     """Return a hash of a registered law, with all that its numbers depend on."""
     if PolicyName.parse(law).form != "name":
         raise unknown("law", law, names())
-    return hashlib.sha256(json.dumps(resolve(law).identity, sort_keys=True).encode()).hexdigest()
+    return data_digest(resolve(law).identity)
 
 
 def _factory(name: PolicyName) -> Callable[..., Any]:

@@ -13,7 +13,7 @@ from fbl_gym.model.arm import Array
 
 Value: TypeAlias = float | str | None
 
-ALL, ALL_BUT_README, NONE = "all", "all but the README's", "none"
+ALL, ALL_BUT_LATEX, NONE = "all", "all but LaTeX", "none"
 """The tables that have a column; the page has all columns."""
 
 
@@ -30,7 +30,7 @@ class Column:
         notes: text below the entry of each policy; empty without notes.
         best: 1 if larger is better, -1 if smaller is better, 0 if neither.
         form: function that prints a number.
-        tables: that have the column: `ALL`, `ALL_BUT_README` or `NONE`.
+        tables: that have the column: `ALL`, `ALL_BUT_LATEX` or `NONE`.
         ends: the interval in a table: "" none, "interval" both ends, "upper" the upper end, "range"
             both ends in place of the value.
     """
@@ -44,7 +44,7 @@ class Column:
     notes: Sequence[str] = ()
     best: int = 0
     form: Callable[[float], str] = lambda x: number(x)
-    tables: str = ALL_BUT_README
+    tables: str = ALL_BUT_LATEX
     ends: str = ""
 
     @property
@@ -174,23 +174,13 @@ def columns(board: Board) -> list[Column]:
                 "0 is the motionless baseline, 100 the ceiling: the law with the least error that knows the truth. "
                 f"Logarithmic in the error; each percent of diverged runs counts as twice the error. Mean of the scenarios "
                 f"in the tier {tier}.",
-                score, best=1, form="{:.1f}".format, tables=ALL if tier == first else ALL_BUT_README, ends="interval",
+                score, best=1, form="{:.1f}".format, tables=ALL if tier == first else ALL_BUT_LATEX, ends="interval",
             )
             for tier, score in board.scores.items()
         ),
-        ranked("error-rank", "error rank", "Rank by the error.", board.error_rank),
-        ranked("diverged-rank", "diverged rank", "Rank by the share of runs that diverge.", board.diverged_rank),
         estimated(
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
             "reference's amplitude, half its range.", board.error, best=-1, tables=ALL, ends="interval",
-        ),
-        Column(
-            "mrad", "mrad", f"Geometric mean, over all runs {here}, of the mean absolute tracking error of both joints [mrad].",
-            board.mrad(board.main).tolist(), best=-1,
-        ),
-        Column(
-            "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
-            tables=ALL,
         ),
         estimated(
             "diverged", "diverged %", f"Share of runs that diverged {here}, with the upper end of its posterior's interval. "
@@ -208,6 +198,16 @@ def columns(board: Board) -> list[Column]:
                 board.effort.tolist(), tables=ALL,
             )]
         ),
+        Column(
+            "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
+            tables=ALL,
+        ),
+        ranked("error-rank", "error rank", "Rank by the error.", board.error_rank),
+        ranked("diverged-rank", "diverged rank", "Rank by the share of runs that diverge.", board.diverged_rank),
+        Column(
+            "mrad", "mrad", f"Geometric mean, over all runs {here}, of the mean absolute tracking error of both joints [mrad].",
+            board.mrad(board.main).tolist(), best=-1,
+        ),
         *(
             [] if board.times_ceiling is None else [Column(
                 "ceiling", "× ceiling", "Error over that of the ceiling, geometric mean of the scenarios with a ceiling.",
@@ -222,7 +222,7 @@ def columns(board: Board) -> list[Column]:
         ),
         *(
             estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
-                      board.family_errors[family], best=-1, tables=ALL_BUT_README if members[0] in board.main else NONE)
+                      board.family_errors[family], best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
             for family, members in board.families.items()
         ),
         Column(

@@ -26,8 +26,9 @@ MARKS = {"circle": "●", "square": "■", "diamond": "◆", "triangle-up": "▲
 DASHES = {"solid": "solid", "dash": "dashed", "dot": "dotted", "dashdot": "double"}
 """Plotly's name and CSS's nearest border style of each dash."""
 
-LOG = {"type": "log", "dtick": 1}
-"""A logarithmic axis with a tick at each decade."""
+_TICKS = [digit * 10.0**decade for decade in range(-4, 6) for digit in (1, 2, 5)]
+LOG = {"type": "log", "tickvals": _TICKS, "ticktext": [f"{x:,.6g}" for x in _TICKS]}
+"""A logarithmic axis with whole numbers at 1, 2 and 5 of each decade."""
 
 FEW = 8
 """A curve of at most so many points has marks and bars; a longer one has a band."""
@@ -88,28 +89,29 @@ def pareto(board: Board) -> list[Figure]:
         "type": "scatter", "mode": "lines", "x": [x for x, _, _ in front], "y": [y for _, y, _ in front],
         "line": {"color": COLORS[-1], "width": 1.5, "dash": "dot", "shape": "hv"}, "hoverinfo": "skip",
     }  # fmt: skip
-    data = [line, *_points(board, board.error.value, effort, ranked, [i for _, _, i in front])]
+    named = [i for *_, i in sorted(points, key=lambda point: point not in front)]  # the front first
+    data = [line, *(_points(board, board.error.value, effort, named) if named else [])]
     text = (
         "Left is a smaller error, down is less strain on the drives. No policy is better in both than those on the line. "
+        "The others are named where there is room. "
         f"Policies are left out if more than {100 * MOST_DIVERGED:g} % of their runs diverged."
     )
-    log = {"type": "log", "dtick": "D2"}
-    figure = _figure("Error against effort", text, data, "error [%]", "effort [of the ceiling's]", xaxis=log, yaxis=log)
+    figure = _figure("Error against effort", text, data, "error [%]", "effort [of the ceiling's]", xaxis=LOG, yaxis=LOG)
     return [{**figure, "height": 520, "points": True}]
 
 
-def _points(board: Board, x: Array, y: Array, chosen: Sequence[int], named: Sequence[int]) -> list[Figure]:
-    """Return a mark for each chosen policy, some with their names."""
+def _points(board: Board, x: Array, y: Array, chosen: Sequence[int]) -> list[Figure]:
+    """Return a mark and a name for each policy; the page hides a name that overlaps another."""
     row = {i: k for k, i in enumerate(board.order)}
+    ends = {int(np.argmin(x[chosen])): "top right", int(np.argmax(x[chosen])): "top left"}
     return [
         {
             "type": "scatter", "name": board.policies[i], "legendgroup": board.policies[i], "x": [x[i]], "y": [y[i]],
-            "mode": "markers+text" if i in named else "markers", "text": [board.policies[i]],
-            "textposition": "bottom center" if i in named[1::2] else "top center",
+            "mode": "markers+text", "text": [board.policies[i]], "textposition": ends.get(k, "top center"),
             "marker": {"color": style(row[i])[0], "symbol": style(row[i])[1], "size": 9}, "cliponaxis": False,
             "hovertemplate": "%{fullData.name}: %{x:.3g}, %{y:.3g}<extra></extra>",
         }
-        for i in chosen
+        for k, i in enumerate(chosen)
     ]  # fmt: skip
 
 

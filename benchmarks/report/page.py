@@ -141,7 +141,8 @@ def _cell(column: Column, i: int, best: Value, summary: str) -> str:
     small = [column.interval(i, " … "), column.notes[i] if column.notes else ""]
     notes = "".join(f"<small>{html.escape(note)}</small>" for note in small if note)
     if column.key == "policy":
-        return f'<th scope="row"{_POLICY} title="{html.escape(summary)}">{html.escape(column.text(i))}{notes}</th>'
+        breaking = re.sub(r"([+@])", r"<wbr>\1", html.escape(column.text(i)))
+        return f'<th scope="row"{_POLICY} title="{html.escape(summary)}">{breaking}{notes}</th>'
     kind = "best" if best is not None and value == best else "text" if isinstance(value, str) else ""
     stored = "" if value is None else html.escape(str(value))
     return f'<td data-value="{stored}" class="{kind}">{html.escape(column.text(i))}{notes}</td>'

@@ -23,9 +23,10 @@ Lines: TypeAlias = tuple[Sequence[str], Sequence[Sequence[str]]]
 """The header and the rows of a table."""
 
 MEANING = (
-    "score: 0 for the motionless baseline, 100 for the best law that knows the truth. error: geometric mean of the mean "
-    "absolute tracking error in % of the reference's amplitude. diverged: share of runs, with its upper bound. effort: torque "
-    "variation relative to that law's. rank: 95 % interval. In brackets: privileged access, not ranked."
+    "score: 0 for the motionless baseline, 100 for the best law that knows the truth; below 0 is worse than no motion. "
+    "error: geometric mean of the mean absolute tracking error in % of the reference's amplitude. diverged: share of runs, "
+    "with its upper bound. effort: torque variation relative to that law's. rank: 95 % interval. "
+    "In brackets: privileged access, not ranked."
 )
 
 
@@ -69,29 +70,24 @@ def leaderboards(console: Console, boards: Mapping[str, Board]) -> None:
 def leaderboard(console: Console, board: Board) -> None:
     """Print one row per policy, the best first.
 
-    No text is cut. A file gets lines of any length. On a narrow terminal, the columns that do not
-    fit follow in further tables.
+    No text is cut. A file gets lines of any length. A terminal gets the first columns that fit, and
+    the names of the others.
     """
     text_width = console.width
     rank, policy, *others = (column for column in columns(board) if column.tables != NONE)
-    remaining = [rank, *others]
+    shown = [rank, *others]
     if not console.is_terminal:
-        console.width = max(console.width, _width(console, _board(board, policy, remaining)))
+        console.width = max(console.width, _width(console, _board(board, policy, shown)))
+    while len(shown) > 1 and _width(console, _board(board, policy, shown)) > console.width:
+        shown.pop()
     counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
-    title: str | None = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items()) + " each"
-    title = f"{title}; board {board.version}"
-    while remaining:
-        fits = [
-            n
-            for n in range(len(remaining) + 1)
-            if _width(console, _board(board, policy, remaining[:n])) <= console.width
-        ]
-        n = max([*fits, 1])
-        table = _board(board, policy, remaining[:n])
-        table.title = title
-        console.print(table)
-        remaining, title = remaining[n:], None
-    console.print(MEANING, width=min(text_width, console.width))
+    title = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items()) + " each"
+    table = _board(board, policy, shown)
+    table.title = f"{title}; board {board.version}"
+    console.print(table)
+    hidden = [column.title for column in others if column not in shown]
+    more = f" Further columns, in a wider terminal, a file or `fbl-gym report`: {', '.join(hidden)}." if hidden else ""
+    console.print(escape(MEANING + more), width=min(text_width, console.width))
     for remark in board.remarks:
         style = "red" if remark in board.gaps else "yellow"
         console.print(f"[{style}]{escape(remark)}[/{style}]", width=min(text_width, console.width))

@@ -50,21 +50,21 @@ class VectorAdapter(VectorWrapper):
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Take one step with the agent's actions [n x 2], as Gymnasium's `VectorEnv.step`."""
-        self._state = self._state._replace(age=np.zeros_like(self._state.age))  # the agent decides in every lane
-        observed, rewards, terminated, truncated, infos = self._step(actions)
-        for _ in range(self._adapter.hold - 1):
-            self._state = self._state._replace(age=np.maximum(self._state.age, 1))
-            observed, more, *ends, last = self._step(actions)
-            fresh = ~np.logical_or(terminated, truncated)
-            rewards = rewards + np.where(fresh, more, 0.0)
-            if "final_obs" in last:
-                done = last["_final_obs"] & fresh
-                if "final_obs" in infos:
-                    done, last["_final_obs"] = last["_final_obs"] & fresh, infos["_final_obs"] | done
-                    last["final_obs"] = np.where(done, last["final_obs"], infos["final_obs"])
-                infos = {**infos, **last}
-            terminated, truncated = (np.where(fresh, b, a) for a, b in zip((terminated, truncated), ends, strict=True))
-        return observed, rewards / self._adapter.hold, terminated, truncated, infos
+        total, final = np.zeros(self.num_envs), np.full(self.num_envs, None, dtype=object)
+        ends = np.zeros((2, self.num_envs), dtype=bool)  # terminated, truncated
+        age = np.zeros_like(self._state.age)  # the agent decides in every lane
+        for _ in range(self._adapter.hold):
+            self._state = self._state._replace(age=age)
+            observed, rewards, terminated, truncated, infos = self._step(actions)
+            fresh = ~(ends[0] | ends[1])
+            total += np.where(fresh, rewards, 0.0)
+            ends |= fresh & np.array([terminated, truncated], dtype=bool)
+            for lane in np.flatnonzero(fresh & np.logical_or(terminated, truncated)):
+                final[lane] = infos["final_obs"][lane]
+            age = np.maximum(self._state.age, 1)
+        if ends.any():
+            infos |= {"final_obs": final, "_final_obs": ends.any(axis=0)}
+        return observed, total / self._adapter.hold, ends[0], ends[1], infos
 
     def _step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Take one step of the environment."""

@@ -3,9 +3,8 @@
 import os
 import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +24,7 @@ LAST_BITS = 1e-4
 network in single precision rounds differently for matrices of different sizes."""
 
 
-@dataclass(frozen=True)
-class Check:
+class Check(NamedTuple):
     """The check of one promise: whether the policy keeps it, and the observation behind that."""
 
     promise: str
@@ -101,7 +99,7 @@ def _made_from_the_interface(policy: PolicySpec, scenario: Scenario) -> str:
 
 def _shapes(policy: PolicySpec, scenario: Scenario) -> str:
     usual = action_of(scenario)
-    kinds = dict.fromkeys((usual, "torque", "acceleration")) if policy.any_action else (usual,)
+    kinds = dict.fromkeys((usual, "torque", "acceleration")) if policy.parsed.form != "archive" else (usual,)
     for action in kinds:
         env, single = make_env(policy, scenario, LANES, action), make_env(policy, scenario, None, action)
         box = env.interface.action_space

@@ -5,10 +5,8 @@ turn, the largest error of any sample. No policy gains by diverging.
 """
 
 import ast
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -71,9 +69,6 @@ METRICS: dict[str, str] = {
 }
 """Name and meaning of each metric, in the order of the columns."""
 
-GROUP = "fbl_gym.metrics"
-"""The entry points by which other packages register metrics."""
-
 OTHER_COLUMNS = ("policy", "scenario", "control_dt", "trial", "seed")
 """Names of the other columns of a CSV file, which no metric may have."""
 
@@ -86,7 +81,7 @@ class Metric:
         name: of the function, and of the column.
         meaning: first line of its docstring.
         source: of the function, such as "my_metrics.py:power".
-        digest: hash of its code, and of the files in its attribute `data_files`.
+        digest: hash of its code.
     """
 
     name: str
@@ -125,23 +120,20 @@ def find_metrics(text: str) -> tuple[Metric, ...]:
     No code is run.
 
     Args:
-        text: a file, "my_metrics.py", a module and a function, "package.module:power", or the name
-            of an entry point. A file may have a function too, "my_metrics.py:power".
+        text: a file, "my_metrics.py", or a module and a function, "package.module:power". A file
+            may have a function too, "my_metrics.py:power".
 
     Raises:
         ValueError: there are none, or one has the name of a built-in metric or another column.
     """
-    points = {point.name: point.value for point in metadata.entry_points(group=GROUP)}
-    name = PolicyName.parse(points.get(text, text))
+    name = PolicyName.parse(text)
     source, chosen = name.source, name.attribute
     is_code = name.form == "module" or (name.form == "file" and Path(source).is_file())
     modules = external.sources(name) if is_code else {}
     if not modules:
-        known = f" or an entry point ({', '.join(points)})" if points else ""
-        raise ValueError(f"metrics must be a Python file that exists, module:function{known}, got {text!r}")
-    file = next(iter(modules.values()))
+        raise ValueError(f"metrics must be a Python file that exists, or module:function, got {text!r}")
     try:
-        code = ast.parse(file.read_bytes())
+        code = ast.parse(next(iter(modules.values())).read_bytes())
     except SyntaxError as problem:
         raise ValueError(f"{source} must be Python code: {problem}") from None
     functions = {node.name: ast.get_docstring(node) or "" for node in code.body if isinstance(node, ast.FunctionDef)}
@@ -153,25 +145,9 @@ def find_metrics(text: str) -> tuple[Metric, ...]:
     for metric in names:
         if metric.lower() in (*METRICS, *OTHER_COLUMNS):
             raise ValueError(f"a metric of {source} must have a name that no other column has, got {metric!r}")
-    data = [f"{path} {external.file_digest(file.parent / path)}" for path in _data_files(code, source)]
-    digest = hashlib.sha256("\n".join([code_digest(modules), *data]).encode()).hexdigest()
     meanings = {metric: functions[metric].partition("\n")[0].rstrip(".") for metric in names}
+    digest = code_digest(modules)
     return tuple(Metric(metric, meaning, f"{source}:{metric}", digest) for metric, meaning in meanings.items())
-
-
-def _data_files(code: ast.Module, source: str) -> list[str]:
-    """Return the files that a module lists, as in `power.data_files = ("table.csv",)`."""
-    files: list[str] = []
-    for node in code.body:
-        if isinstance(node, ast.Assign) and any(getattr(t, "attr", "") == "data_files" for t in node.targets):
-            try:
-                given = ast.literal_eval(node.value)
-            except ValueError:
-                given = None
-            if not isinstance(given, tuple | list) or not all(isinstance(file, str) for file in given):
-                raise ValueError(f"data_files in {source} must be a list of paths as literal text")
-            files += given
-    return sorted(files)
 
 
 def errors(trace: Trace) -> Array:
@@ -286,9 +262,7 @@ def _recovery(trace: Trace, error: Array) -> tuple[Array, Array, Array]:
             first = max(begin - round(LOOK_BACK / dt), 0)
             level = max(error[first : begin + 1, lane].max(), LEAST_LEVEL)
             after = error[begin + 1 : end + 1, lane]
-            near = np.convolve(after <= NEAR * level, np.ones(hold))[
-                hold - 1 : len(after)
-            ]  # of the next `hold` samples
+            near = np.convolve(after <= NEAR * level, np.ones(hold))[hold - 1 : len(after)]  # next `hold` samples
             backs = np.flatnonzero(near > hold - 0.5)
             time = backs[0] if backs.size else len(after)
             events.append((dt * np.maximum(after - level, 0.0).sum(), dt * time, not backs.size))
@@ -357,8 +331,5 @@ def _mean(values: list[float]) -> float:
 def describe(summary: dict[str, float], more: Sequence[Metric] = ()) -> list[tuple[str, str, str]]:
     """Return name, value and meaning of each metric, for a table."""
     meanings = METRICS | {metric.name: metric.meaning for metric in more}
-    return [(name, _format(summary[name]), meaning) for name, meaning in meanings.items()]
-
-
-def _format(value: Any) -> str:
-    return "-" if np.isnan(value) else f"{value:.4g}"
+    values = {name: "-" if np.isnan(summary[name]) else f"{summary[name]:.4g}" for name in meanings}
+    return [(name, values[name], meaning) for name, meaning in meanings.items()]

@@ -11,7 +11,6 @@ The checksum in a file finds damage. It is no signature: whoever writes a file c
 import contextlib
 import dataclasses
 import datetime
-import hashlib
 import json
 import math
 import os
@@ -19,28 +18,23 @@ import platform
 import re
 import sys
 import warnings
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from benchmarks.files import remove_unfinished, write_text
+from benchmarks.policies.digest import data_digest
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
-from fbl_gym import Scenario
-from fbl_gym.scenarios import held_out_reason
 
 FORMAT = 4
 """Layout of a result's file.
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.
 """
-
-TEST_ACCESSES = "test_accesses"
-"""The folder in a store with one empty file for each configuration on a scenario for judging."""
 
 DAMAGED = "damaged"
 """The folder in a store to which damaged files are moved."""
@@ -101,12 +95,11 @@ class Store:
 
     def clean(self) -> None:
         """Remove the unfinished files of processes of this machine that were killed."""
-        for folder in (self.folder, self.folder / TEST_ACCESSES):
-            remove_unfinished(folder)
+        remove_unfinished(self.folder)
 
     def path(self, cell: Cell) -> Path:
         """Return the file of a cell's result."""
-        name = _file_part(f"{cell.policy.name}--{cell.scenario.name}")[-120:]
+        name = re.sub(r"[^\w@.-]+", "_", f"{cell.policy.name}--{cell.scenario.name}")[-120:]
         # File systems count the bytes of a name, 255 at most.
         name = name.encode(errors="replace")[-180:].decode(errors="ignore").lstrip(".")  # hidden files are not read
         return self.folder / f"{name}--{cell.key}.json"
@@ -119,28 +112,9 @@ class Store:
         if result.error:
             write_text(failed, text)
         else:
-            self.record_access(result.cell.policy, result.cell.scenario)
             write_text(path, text)
             failed.unlink(missing_ok=True)
         return path
-
-    def record_access(self, policy: PolicySpec, scenario: Scenario) -> None:
-        """Record that a policy was run on a scenario for judging; once for each configuration."""
-        if not held_out_reason(scenario):
-            return
-        parts = ("configuration", "data", "uses", *(("code",) if policy.external else ()))
-        digest = _digest({part: policy.identity[part] for part in parts})[:12]
-        path = self.folder / TEST_ACCESSES / f"{_file_part(policy.parsed.law)}--{_file_part(scenario.name)}--{digest}"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
-
-    def test_accesses(self) -> dict[tuple[str, str], int]:
-        """Return the number of configurations of each law on each scenario for judging.
-
-        The keys are the names of law and scenario as in the files' names, without gains.
-        """
-        files = sorted((self.folder / TEST_ACCESSES).glob("*--*--*"))
-        return dict(Counter((law, scenario) for law, scenario, *_ in (path.name.split("--") for path in files)))
 
     def find(self, cell: Cell) -> Result | None:
         """Return the result of a cell, or None; a damaged one is moved aside, with a warning."""
@@ -197,7 +171,7 @@ class Store:
             document = json.loads(path.read_text(encoding="utf-8"))
             if document.get("format") != FORMAT:
                 raise OtherFormat(f"{path} has format {document.get('format')}, this version reads {FORMAT}")
-            if document.pop("sha256") != _digest(document):
+            if document.pop("sha256") != data_digest(document):
                 raise ValueError("its checksum is wrong")
             if cell is None:
                 metrics = tuple(Metric(**metric) for metric in document.get("metrics", ()))
@@ -222,10 +196,6 @@ class Store:
             raise Damaged(f"{path} is damaged ({problem})") from None
 
 
-def _file_part(text: str) -> str:
-    return re.sub(r"[^\w@.-]+", "_", text)
-
-
 def _document(result: Result) -> dict[str, Any]:
     cell = result.cell
     document = {
@@ -242,7 +212,7 @@ def _document(result: Result) -> dict[str, Any]:
         "error": result.error,
         "provenance": result.provenance,
     }
-    return {**document, "sha256": _digest(document)}
+    return {**document, "sha256": data_digest(document)}
 
 
 ALWAYS = ("error_pct", "error_mrad", "diverged", "resolution_pct")
@@ -265,7 +235,3 @@ def _numbers(name: str, column: Any, count: int) -> list[float]:
 
 def _json(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
-
-
-def _digest(document: Any) -> str:
-    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

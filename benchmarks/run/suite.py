@@ -1,8 +1,8 @@
 """Cells as data, each one policy on one scenario over a batch of seeds; and suites."""
 
+import contextlib
 import dataclasses
 import functools
-import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
+from benchmarks.policies.digest import data_digest
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_isolated
 from benchmarks.rl.policy import best_seed, shipped
@@ -19,7 +20,7 @@ from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.seeds import SPLITS
 from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
-from fbl_gym.checks import check_whole, unknown
+from fbl_gym.checks import check_choice, check_whole, unknown
 from fbl_gym.records import set_fields
 from fbl_gym.scenarios import as_scenario
 from fbl_gym.scenarios.classes import CLASSES
@@ -78,28 +79,22 @@ class Cell:
     @cached_property
     def key(self) -> str:
         """Hash of the cell's identity, 20 hexadecimal digits."""
-        return _hash(self.identity)[:20]
+        return data_digest(self.identity)[:20]
 
 
 @functools.cache
 def versions(packages: tuple[str, ...]) -> dict[str, str]:
     """Return the version of each package, or "absent"."""
-    known: dict[str, str] = {}
+    known = dict.fromkeys(packages, "absent")
     for package in packages:
-        try:
+        with contextlib.suppress(metadata.PackageNotFoundError):
             known[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            known[package] = "absent"
     return known
 
 
 def plain_options(scenario: Scenario, *without: str) -> dict[str, Any]:
     """Return a scenario's options as plain data, without some of them."""
     return {name: value for name, value in scenario.to_dict().items() if name not in without}
-
-
-def _hash(data: Any) -> str:
-    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -199,11 +194,11 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
     known = set(scenarios.names())
     contents: dict[str, dict[str, Scenario]] = {}
     for task in tasks:
-        contents.setdefault(task.name, {})[_hash(plain_options(task, "name", "description"))] = task
+        contents.setdefault(task.name, {})[data_digest(plain_options(task, "name", "description"))] = task
     distinct = []
     for name, same in contents.items():
         if name in known:
-            catalogue = _hash(plain_options(scenarios.get(name), "name", "description"))
+            catalogue = data_digest(plain_options(scenarios.get(name), "name", "description"))
         else:
             catalogue = next(iter(same)) if len(same) == 1 else ""
         for content, task in same.items():
@@ -308,9 +303,8 @@ class SuiteSpec:
         seeds = SHORT_SEEDS if short and seeds is None else seeds
         specs = members((*(policies or self.policy_names), *more), limits)
         ceilings = {} if policies else self.ceilings
-        if seeds is not None:
-            return Suite(self.name, specs, chosen, seeds, metrics, {}, ceilings)
-        return Suite(self.name, specs, chosen, self.seeds, metrics, self.more_seeds, ceilings)
+        number, others = (self.seeds, self.more_seeds) if seeds is None else (seeds, {})
+        return Suite(self.name, specs, chosen, number, metrics, others, ceilings)
 
 
 SHORT_SEEDS = 8
@@ -363,8 +357,7 @@ def load(name: str) -> SuiteSpec:
     data = read_toml(path)
     entries = ("policies", "scenarios", "seeds")
     for key in data:
-        if key not in entries:
-            raise unknown(f"entry of {path}", key, entries)
+        check_choice(f"entry of {path}", key, entries)
     policies, tasks = data.get("policies", []), data.get("scenarios", list(scenarios.in_tier("ideal")))
     if not isinstance(policies, list) or not all(isinstance(policy, str) for policy in policies):
         raise ValueError(f"policies of {path} must be a list of names, got {policies!r}")

@@ -1,9 +1,6 @@
-"""Traces, written for other programs."""
+"""Traces, written for other programs as CSV."""
 
-import csv
-import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,8 +24,6 @@ UNITS = {
 }
 """The unit of each signal in a file, at the end of its name. A policy's state has none."""
 
-FORMATS = (".npz", ".csv")
-
 
 def signals(trace: Trace) -> dict[str, Array]:
     """Return the signals of a trace, [T + 1 x n x ...], by name, and then its `details`.
@@ -45,18 +40,12 @@ def signals(trace: Trace) -> dict[str, Array]:
     return named
 
 
-def arrays(trace: Trace) -> dict[str, Any]:
-    """Return the `signals` of a trace by their names in a file, such as "position_rad"."""
-    named = {_column(name): signal for name, signal in signals(trace).items()}
-    return {"time_s": trace.time, "seed": np.array(trace.seeds), "alive": trace.alive} | named
+def _column(name: str, place: tuple[int, ...]) -> str:
+    """Return the name of a column: the signal, the place of a number in it from 1, the unit."""
+    return "_".join([name, *(str(i + 1) for i in place), *([UNITS[name]] if name in UNITS else [])])
 
 
-def _column(name: str, *indices: int) -> str:
-    """Return the name of a signal in a file, with the place of a number in it, counted from 1."""
-    return "_".join([name, *(str(i + 1) for i in indices), *([UNITS[name]] if name in UNITS else [])])
-
-
-def table(trace: Trace) -> dict[str, Any]:
+def table(trace: Trace) -> dict[str, Array]:
     """Return a trace as columns of a table, with a row for each seed and sample.
 
     The columns of joint 1 are named such as "position_1_rad".
@@ -72,29 +61,18 @@ def table(trace: Trace) -> dict[str, Any]:
     }
     for name, signal in signals(trace).items():
         for place in np.ndindex(signal.shape[2:]):
-            columns[_column(name, *place)] = signal[:, :, *place].T.ravel()
+            columns[_column(name, place)] = signal[:, :, *place].T.ravel()
     return columns
 
 
 def export(trace: Trace, path: Path) -> None:
-    """Write a trace to a file.
+    """Write the `table` of a trace to a CSV file; a number that there is not is "nan".
 
     Args:
         trace: to be written.
-        path: a name that ends in one of `FORMATS`. NumPy's file has `arrays`, CSV the `table`.
+        path: of the file.
     """
+    columns = table(trace)
+    rows = np.column_stack(list(columns.values()))
     with replacing(path) as beside:
-        if path.suffix == ".npz":
-            np.savez_compressed(beside, **arrays(trace))
-        else:
-            columns = table(trace)
-            rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-            with beside.open("w", encoding="utf-8", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerows([columns, *(map(_field, row) for row in rows)])
-
-
-def _field(value: Any) -> Any:
-    """Return a field of a CSV file; one without a value is empty."""
-    if not isinstance(value, float):
-        return value
-    return "" if math.isnan(value) else f"{value:.10g}"
+        np.savetxt(beside, rows, "%.10g", delimiter=",", header=",".join(columns), comments="")

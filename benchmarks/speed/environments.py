@@ -1,7 +1,7 @@
 """Steps per second of this and other environments, on one thread if not stated otherwise.
 
 One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of its dynamics. Batches
-of 4,096 arms are compared with the same arms in C (`reference.c`), which is physics alone.
+of 4,096 arms are compared with the same arms in C (`reference.c`).
 """
 
 import os
@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.speed import c_reference
+from benchmarks.speed.c_reference import Reference, SameWork, load
 from fbl_gym import TABLE_1, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import ArmParameters, Array
 
@@ -30,11 +30,7 @@ _BUSY: dict[str, Any] = {
 }
 """Options of the contestants named "busy"."""
 
-_HARDWARE = {"scenario": "servo-elastic-2"}
-"""Options of an arm with elastic joints, delay, lag, encoders and friction."""
-
 _ARM = "fbl_gym:fbl_gym/TwoLinkArm-v0"
-_C, _C_ELASTIC = "C, physics alone, 4096", "C, physics of elastic joints alone, 4096"
 _ACROBOT, _ACROBOTS = "Acrobot-v1", "SyncVectorEnv(Acrobot-v1), 256"
 
 
@@ -46,21 +42,23 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
         "Pendulum-v1": (single(gym.make("Pendulum-v1"), np.zeros(1)), _ACROBOT),
         "TwoLinkArm-v0": (single(gym.make(_ARM), np.zeros(2)), _ACROBOT),
         "TwoLinkArm-v0, busy": (single(gym.make(_ARM, **_BUSY), np.zeros(2)), _ACROBOT),
+        "TwoLinkArmTracking-v0": (single(gym.make(_ARM.replace("Arm-", "ArmTracking-")), np.zeros(2)), _ACROBOT),
         "TwoLinkArm-v0, unwrapped": (single(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
         _ACROBOTS: (batch(acrobots, np.ones(256, dtype=int)), ""),
     }
     if find_spec("mujoco"):
         contestants["Reacher-v5"] = (single(gym.make("Reacher-v5"), np.zeros(2)), _ACROBOT)
         contestants["MuJoCo, the same arm, RK4"] = (mujoco_arm(TABLE_1), _ACROBOT)
-    for name, elastic in ((_C, False), (_C_ELASTIC, True)):
-        reference = c_reference.stepper(TABLE_1, 4096, elastic=elastic)
-        if reference is not None:
-            contestants[name] = (reference, "")
+    library = load()
     for lanes in (16, 256, 4096):
-        for suffix, options, peer in (("", {}, _C), (", busy", _BUSY, _C), (", hardware", _HARDWARE, _C_ELASTIC)):
+        for kind, options in (("", {}), (", busy", _BUSY), (", servo-elastic-2", {"scenario": "servo-elastic-2"})):
             env = gym.make_vec(_ARM, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
-            peer = peer if lanes == 4096 and peer in contestants else _ACROBOTS
-            contestants[f"TwoLinkArm-v0 batch, {lanes}{suffix}"] = (batch(env, np.zeros((lanes, 2))), peer)
+            arms, peer = batch(env, np.zeros((lanes, 2))), _ACROBOTS
+            if lanes == 4096 and library is not None:
+                peer = f"C, the same work, {lanes}{kind}" if kind else f"C, physics alone, {lanes}"
+                c_arms = SameWork(library, env.unwrapped) if kind else Reference(library, TABLE_1, lanes)
+                contestants[peer] = (c_arms.step, "")
+            contestants[f"TwoLinkArm-v0 batch, {lanes}{kind}"] = (arms, peer)
     threads = os.cpu_count() or 1
     if threads > 1:
         env = TwoLinkArmVectorEnv(16384, threads=threads)

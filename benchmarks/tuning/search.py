@@ -126,9 +126,10 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
     return tuning[:trial], tuning[-fresh:]
 
 
-def tune(task: Task, trials: int, storage: str) -> optuna.Study:
+def tune(task: Task, trials: int, storage: str, known: Mapping[str, float] | None = None) -> optuna.Study:
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
+    The first trial is that of the default gains, the second that of `known` ones, if there are any.
     Other code, scenarios or seeds begin another study. Processes, also those of several machines,
     share the studies of a database, named by its URL as for Optuna. Each run and process has
     another sampler seed, so that no trial is repeated.
@@ -138,7 +139,6 @@ def tune(task: Task, trials: int, storage: str) -> optuna.Study:
 
     def objective(trial: optuna.Trial) -> float:
         begin = time.process_time()
-        # The first trial is that of the default gains.
         gains = {} if trial.number == 0 else {n: trial.suggest_float(n, *ends, log=True) for n, ends in ranges.items()}
         cost, _ = task.cost(gains)
         trial.set_user_attr("cpu_s", time.process_time() - begin)
@@ -146,6 +146,8 @@ def tune(task: Task, trials: int, storage: str) -> optuna.Study:
 
     try:
         while len(finished(study)) < trials:
+            if known and len(study.trials) == 1:
+                study.enqueue_trial(dict(known))
             study.optimize(objective, n_trials=1)
     except Exception as problem:
         if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from fbl_gym.interface import Interface, Layout, clip
+from fbl_gym.interface import Interface, Layout
+from fbl_gym.kernel.api import subtract_and_scale
 from fbl_gym.model.arm import Array
 
 _CLIP = 10.0
@@ -43,45 +44,44 @@ class ErrorScales:
         slots: Sequence[str] = ("position", "velocity", "preview", "previous_actions"),
         scales: Sequence[float] = (0.1, 1.0, 10.0),
     ) -> None:
-        self.scales = dict(zip(_MOTION, scales, strict=True))
-        used = {*slots, *(f"reference_{name}" for name in _MOTION)}
-        self.layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in used))
-        self.action_limit = interface.action_limit[0], interface.action_limit[1]
-        self.size = len(self(np.zeros((1, interface.layout.size)))[0])
+        used, every = {*slots, *(f"reference_{name}" for name in _MOTION)}, np.arange(interface.layout.size)
+        self.layout = layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in used))
 
-    def __call__(self, observations: Array) -> Array:
-        """Return observations [... x layout.size] in error coordinates, [... x size]."""
-        layout = self.layout
+        def columns(name: str, less: Any = -1, offset: Any = 0.0, scale: Any = 1.0) -> Array:
+            """Return the columns of a slot, see `kernel.api.subtract_and_scale`."""
+            entries = every[layout[name]]
+            return np.stack([np.resize(value, entries.size) for value in (entries, less, offset, scale)], axis=1)
+
+        now = np.concatenate([every[layout[f"reference_{name}"]] for name in _MOTION])
         parts = [
-            (observations[..., layout[f"reference_{name}"]] - observations[..., layout[name]]) / scale
-            for name, scale in self.scales.items()
+            columns(f"reference_{name}", every[layout[name]], scale=scale)
+            for name, scale in zip(_MOTION, scales, strict=True)
             if name in layout
         ]
-        parts.append(observations[..., layout["position"]] - _HANGING)
+        parts.append(columns("position", offset=_HANGING))
         if "velocity" in layout:
-            parts.append(observations[..., layout["velocity"]])
-        parts.append(observations[..., layout["reference_acceleration"]] / self.scales["acceleration"])
+            parts.append(columns("velocity"))
+        parts.append(columns("reference_acceleration", scale=scales[2]))
         if "preview" in layout:
-            parts.append(self._preview(observations))
+            parts.append(columns("preview", now, scale=np.repeat(scales, 2)))
         if "previous_actions" in layout:
-            actions = observations[..., layout["previous_actions"]]
-            parts.append(actions / np.resize(self.action_limit, actions.shape[-1]))
-        return clip(np.concatenate(parts, axis=-1), -_CLIP, _CLIP)
+            parts.append(columns("previous_actions", scale=interface.action_limit))
+        self._columns = np.concatenate(parts)
+        self.size = len(self._columns)
 
-    def _preview(self, observations: Array) -> Array:
-        preview = observations[..., self.layout["preview"]]
-        now = [observations[..., self.layout[f"reference_{name}"]] for name in self.scales]
-        samples = preview.reshape(*preview.shape[:-1], -1, 6)
-        scale = np.repeat([*self.scales.values()], 2)
-        return ((samples - np.concatenate(now, axis=-1)[..., None, :]) / scale).reshape(preview.shape)
+    def __call__(self, observations: Array, dtype: Any = np.float64) -> Array:
+        """Return observations [... x layout.size] in error coordinates, [... x size]."""
+        out = np.empty((*observations.shape[:-1], self.size), dtype)
+        subtract_and_scale(observations.reshape(-1), self._columns, out.reshape(-1))
+        return out
 
     def single_precision(self, observations: Array, infos: dict[str, Any] | None = None) -> Any:
         """Return error coordinates as float32; convert `final_obs` of the infos of a batch, too."""
         if infos and "final_obs" in infos:
             final = infos["final_obs"]
             for lane in np.flatnonzero(infos["_final_obs"]):
-                final[lane] = self(final[lane]).astype(np.float32)
-        return self(observations).astype(np.float32)
+                final[lane] = self(final[lane], np.float32)
+        return self(observations, np.float32)
 
     @property
     def space(self) -> spaces.Box:

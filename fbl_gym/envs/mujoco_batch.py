@@ -30,27 +30,11 @@ from fbl_gym.scenarios import Scenario
 _POINT_INERTIA = 1e-12
 """Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero."""
 
-_MODEL = np.dtype(
-    [
-        (name, np.float64, BLOCK[name].shape[:-1])
-        for name in (
-            "parameters",
-            "centre_ratio",
-            "inertia_ratio",
-            "rotor_ratio",
-            "payload",
-            "payload_offset",
-            "payload_radius",
-            "viscous",
-            "coulomb",
-            "stiction",
-            "load_friction",
-            "stiffness",
-            "damping",
-            "backlash",
-        )
-    ]
-)
+_REAL = (
+    "parameters", "centre_ratio", "inertia_ratio", "rotor_ratio", "payload", "payload_offset", "payload_radius",
+    "viscous", "coulomb", "stiction", "load_friction", "stiffness", "damping", "backlash",
+)  # fmt: skip
+_MODEL = np.dtype([(name, np.float64, BLOCK[name].shape[:-1]) for name in _REAL])
 """The fields of a block from which a lane's model is made; it is made again when one changes."""
 
 _MOTION = ("position", "velocity", "motor_position", "motor_velocity")
@@ -149,7 +133,7 @@ class MuJoCoBatch(ArmBatch):
     def _models(self) -> NDArray[np.void]:
         """Return what each lane's model is made from, [lanes] of the type `_MODEL`."""
         models = np.empty(self.lanes, _MODEL)
-        for name in _MODEL.names or ():
+        for name in _REAL:
             models[name] = self.field(name)
         return models
 
@@ -251,14 +235,11 @@ class _Arm:
     @property
     def motion(self) -> dict[str, Array]:
         """Return angles [rad] and velocities [rad/s] of joints and motors, [2] each."""
-        position, velocity = self._data.qpos[self._joints], self._data.qvel[self._joints]
+        q, v, joints, springs = self._data.qpos, self._data.qvel, self._joints, self._springs
         if self._scenario.joint is None:
-            return {"position": position, "velocity": velocity}
-        links = {
-            "position": position + self._data.qpos[self._springs],
-            "velocity": velocity + self._data.qvel[self._springs],
-        }
-        return {**links, "motor_position": position, "motor_velocity": velocity}
+            return {"position": q[joints], "velocity": v[joints]}
+        links = {"position": q[joints] + q[springs], "velocity": v[joints] + v[springs]}
+        return {**links, "motor_position": q[joints], "motor_velocity": v[joints]}
 
 
 def _plant(scenario: Scenario) -> MuJoCo:

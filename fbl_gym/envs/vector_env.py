@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from fbl_gym.checks import check_whole, unknown
+from fbl_gym.checks import check_choice, check_whole
 from fbl_gym.envs.env_common import MAX_SEED, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.kernel.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
@@ -70,7 +70,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         **options: Any,
     ) -> None:
         self.num_envs = check_whole("num_envs", num_envs, low=1)
-        self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
+        mode, modes = getattr(autoreset_mode, "value", autoreset_mode), [mode.value for mode in AutoresetMode]
+        self.autoreset_mode = AutoresetMode(check_choice("autoreset_mode", mode, modes))
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, low=1)
         check_whole("threads", threads, low=1)
@@ -224,10 +225,3 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")
         lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
         return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)
-
-
-def _as_autoreset_mode(value: Any) -> AutoresetMode:
-    try:
-        return AutoresetMode(value)
-    except ValueError:
-        raise unknown("autoreset_mode", value, (mode.value for mode in AutoresetMode)) from None

@@ -304,7 +304,27 @@ def _compile(fingerprint):
         _ = fingerprint
         advance_model(arm, push, durations, commands, lag, fastest, motion)
 
-    return check, inspect, load, end, predict
+    @cached_njit
+    def subtract_and_scale(observations, columns, out):
+        """Write entries of observations, less others, in units of their scales, clipped to +-10.
+
+        Args:
+            observations: [lanes * size].
+            columns: of each result, the entry, the entry that is subtracted, or -1 for a number,
+                this number, and the scale, [results x 4].
+            out: takes them [lanes * results].
+        """
+        _ = fingerprint
+        lanes = len(out) // len(columns)
+        for lane in range(lanes):
+            first = lane * (len(observations) // lanes)
+            for i in range(len(columns)):
+                less = int(columns[i, 1])
+                value = observations[first + int(columns[i, 0])]
+                value = (value - (observations[first + less] if less >= 0 else columns[i, 2])) / columns[i, 3]
+                out[lane * len(columns) + i] = min(max(value, -10.0), 10.0)
+
+    return check, inspect, load, end, predict, subtract_and_scale
 
 
 _KEY = _fingerprint()
@@ -326,4 +346,4 @@ def class_of(settings):
     return 3 if settings["elastic"] else 2 if rare else int(any(settings[name] > 0 for name in _REAL))
 
 
-check, inspect, load, end, predict = _compile(_KEY)
+check, inspect, load, end, predict, subtract_and_scale = _compile(_KEY)

@@ -35,6 +35,12 @@ def change_payload(block, settings, lane, payload):
 @kernel_njit
 def carry_payload(block, settings, width, substep):
     """Take up or release the payload where its time has come."""
+    changes = 0
+    for lane in range(width):
+        now = float(np.int64(block.step[lane])) * settings.substeps + substep
+        changes += (now == block.payload_pick_up[lane]) | (now == block.payload_drop[lane])
+    if changes == 0:  # the usual case, found by a loop without branches
+        return
     for lane in range(width):
         now = float(np.int64(block.step[lane])) * settings.substeps + substep
         if now > 0.0 and block.payload_pick_up[lane] != block.payload_drop[lane]:

@@ -122,24 +122,32 @@ def _encode(block, rows, settings, width):
     same step changes nothing. An episode starts as if the arm had moved uniformly before.
     """
     depth, interval = settings.history, settings.difference
-    for joint in range(2):
-        first = settings.history_row + joint
-        for lane in range(width):
-            step = np.int64(block.step[lane])
+    for lane in range(width):
+        if block.step[lane] == 0:
+            _recall(block, rows, settings, lane, 0)
+            _recall(block, rows, settings, lane, 1)
+    for lane in range(width):
+        now = np.int64(block.step[lane]) % depth
+        for joint in range(2):
+            first = settings.history_row + joint
             reading, velocity = block.measured_position[joint, lane], block.measured_velocity[joint, lane]
-            if step == 0:
-                _recall(block, rows, settings, lane, joint)
-            row = first + 4 * (step % depth)
+            row = first + 4 * now
             rows[row, lane] = reading
             if interval > 0:
-                before = rows[first + 4 * ((step + depth - interval) % depth), lane]
-                filtered = rows[first + 4 * ((step + depth - 1) % depth) + 2, lane]
+                before = rows[first + _row_of(now, interval, depth), lane]
+                filtered = rows[first + _row_of(now, 1, depth) + 2, lane]
                 velocity = (reading - before) / (interval * settings.control_dt)
                 velocity = filtered + settings.low_pass * (velocity - filtered)
             rows[row + 2, lane] = velocity
-            row = first + 4 * ((step + depth - settings.latency) % depth)
+            row = first + _row_of(now, settings.latency, depth)
             block.measured_position[joint, lane] = rows[row, lane]
             block.measured_velocity[joint, lane] = rows[row + 2, lane]
+
+
+@inline_njit
+def _row_of(now, ago, depth):
+    """Return the row with the readings of some control steps ago; a division would be slow."""
+    return 4 * (now - ago if now >= ago else now - ago + depth)
 
 
 @kernel_njit

@@ -87,11 +87,14 @@ def apply_torque(block, queue, settings, width, substep):
             block.tau_start[joint, lane] = queue[0, joint, lane]
     if settings.delay_steps > 0:
         for lane in range(width):
-            age = np.int64(np.ceil((block.delay[lane] + block.late[lane] - substep) / settings.substeps))
-            if settings.jittered:  # a late command does not bring back an older one
-                block.age[lane] = min(block.age[lane], age)
-                age = np.int64(block.age[lane])
-            block.tau_start[0, lane], block.tau_start[1, lane] = queue[age, 0, lane], queue[age, 1, lane]
+            age = np.ceil((block.delay[lane] + block.late[lane] - substep) / settings.substeps)
+            # A late command does not bring back an older one.
+            block.age[lane] = min(block.age[lane], age) if settings.jittered else age
+        for age in range(1, settings.delay_steps + 1):
+            for joint in range(2):
+                for lane in range(width):
+                    newer, delayed = block.tau_start[joint, lane], queue[age, joint, lane]
+                    block.tau_start[joint, lane] = delayed if block.age[lane] == age else newer
     for joint in range(2):
         for lane in range(width):
             start, half, end = block.lag_start[lane], block.lag_half[lane], block.lag_end[lane]

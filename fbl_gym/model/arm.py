@@ -1,12 +1,12 @@
 """The two-link arm: parameters, dynamics, regressor, energy and kinematics.
 
 Equations (1)-(4) of Wang, Wang and Brdys, "Designing robust feedback linearisation controllers
-using imperfect dynamic models and sensor feedback", Cogent Engineering 3:1173529 (2016):
+using imperfect dynamic models and sensor feedback", Cogent Engineering 3:1173529 (2016)::
 
     M(q) a + C(q, v) v + G(q) + F(v) + tau_d = tau
 
 with q = (theta1, theta2) in radians, theta1 from the horizontal and theta2 relative to the first
-link. The dynamics is linear in five lumped parameters; the last two include gravity:
+link. The dynamics is linear in five lumped parameters; the last two include gravity::
 
     p1 = (m1 + m2) L1^2   p2 = m2 L2^2   p3 = m2 L1 L2   [kg m^2]
     p4 = (m1 + m2) L1 g   p5 = m2 L2 g                   [N m]
@@ -130,10 +130,7 @@ class ArmParameters(Record):
 
     @staticmethod
     def from_lumped(
-        lumped: ArrayLike,
-        length: Pair,
-        rotor: Pair | float = 0.0,
-        gravity: float = STANDARD_GRAVITY,
+        lumped: ArrayLike, length: Pair, rotor: Pair | float = 0.0, gravity: float = STANDARD_GRAVITY
     ) -> ArmParameters:
         """Return the arm of two point masses that has these lumped parameters.
 

@@ -23,24 +23,16 @@ def _dfki(m: Pair, l: Pair, r: Pair, I: Pair, Ir: float, gr: float) -> ArmParame
 # github.com/dfki-ric-underactuated-lab/double_pendulum, commit 1e8544e6,
 # data/system_identification/identified_parameters/design_C.1/model_1.0/model_parameters.yml
 DFKI_C1 = _dfki(
-    m=(0.5234602302310271, 0.6255677234174437),
-    l=(0.2, 0.3),
-    r=(0.2, 0.25569305436052964),
-    I=(0.031887199591513114, 0.05086984812807257),
-    Ir=6.287203962819607e-05,
-    gr=6.0,
-)
+    m=(0.5234602302310271, 0.6255677234174437), l=(0.2, 0.3), r=(0.2, 0.25569305436052964),
+    I=(0.031887199591513114, 0.05086984812807257), Ir=6.287203962819607e-05, gr=6.0,
+)  # fmt: skip
 """DFKI's double pendulum, design C.1: quasi-direct drives AK80-6, vertical."""
 
 # The same repository and commit, design_A.0/model_2.0/model_parameters.yml
 DFKI_A0 = _dfki(
-    m=(0.5593806151425046, 0.6043459469186889),
-    l=(0.3, 0.2),
-    r=(0.3, 0.18377686083653508),
-    I=(0.053470810264216295, 0.02392374528789766),
-    Ir=7.659297952841183e-05,
-    gr=6.0,
-)
+    m=(0.5593806151425046, 0.6043459469186889), l=(0.3, 0.2), r=(0.3, 0.18377686083653508),
+    I=(0.053470810264216295, 0.02392374528789766), Ir=7.659297952841183e-05, gr=6.0,
+)  # fmt: skip
 """DFKI's double pendulum, design A.0: the same drives with a longer first link."""
 
 # Masses, lengths, centres and inertias as four unrelated public programs give them. Their lumped

@@ -6,7 +6,7 @@ horizontal, theta2 = 0 where the tip lies on the line through both joints, whate
 has. Torque limits, friction and meshes of the file are not read.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -52,7 +52,7 @@ def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
         links = {link.attrib["name"]: link for link in robot.findall("link")}
         joints = [_read_joint(joint) for joint in robot.findall("joint")]
         poses, bodies = _bodies(links, joints)
-        masses = {name: _read_mass(link) for name, link in links.items()}
+        masses = {name: _read_mass(link, poses[name]) for name, link in links.items()}
     except (OSError, ElementTree.ParseError, KeyError, ValueError) as problem:
         raise ValueError(f"{path} must be a URDF file: {type(problem).__name__}: {problem}") from None
     turning = [joint for joint in joints if joint.type != "fixed"]
@@ -88,10 +88,12 @@ def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
         raise ValueError(f"{path} must have its joints apart, got {inner.name!r} and {outer.name!r} on one axis")
     merged = []
     for body, (joint, arm, reach) in enumerate(zip((shoulder, elbow), arms[:2], lengths, strict=True), start=1):
-        parts = [(poses[name], *masses[name]) for name in links if bodies[name] == body]
-        mass, centre, inertia = _merge(parts, axis, flat)
+        parts = [masses[name] for name in links if bodies[name] == body]
+        mass = float(sum(part[0] for part in parts))
         if mass <= 0.0:
             raise ValueError(f"{path} must give link {body} a mass (an <inertial> element), got {mass:g} kg")
+        centre = flat(np.sum([share * point for share, point, _ in parts], axis=0) / mass)
+        inertia = sum(axis @ own @ axis + share * np.sum((flat(point) - centre) ** 2) for share, point, own in parts)
         along = float((centre - flat(joint)) @ arm) / reach
         beside = float(np.linalg.norm(centre - flat(joint) - along * arm / reach))
         if beside > _ON_LINE * reach:
@@ -99,7 +101,7 @@ def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
                 f"{path} must have each centre of mass on the line from joint to joint (or tip), "
                 f"got {beside:g} m beside it in link {body}"
             )
-        merged.append((mass, reach, along, inertia))
+        merged.append((mass, reach, along, float(inertia)))
     upright = float(np.linalg.norm(np.cross(axis, (0.0, 0.0, 1.0))))
     gravity = gravity * upright if upright > _ON_LINE else 0.0
     columns = zip(*merged, strict=True)
@@ -142,14 +144,16 @@ def _read_joint(joint: Element) -> _Joint:
     return _Joint(name, kind, parent, child, axis, _read_pose(joint))
 
 
-def _read_mass(link: Element) -> tuple[float, Array, Array]:
-    """Return a link's mass [kg], its pose [4 x 4] in the link, and its inertia about it [3 x 3]."""
+def _read_mass(link: Element, pose: Array) -> tuple[float, Array, Array]:
+    """Return a link's mass [kg], centre [3] and inertia about it [3 x 3], from the link's pose."""
     inertial = link.find("inertial")
     if inertial is None:
-        return 0.0, np.eye(4), np.zeros((3, 3))
+        return 0.0, np.zeros(3), np.zeros((3, 3))
     moments = {name: float(value) for name, value in _child(inertial, "inertia").attrib.items()}
     matrix = [[moments.get("i" + "".join(sorted(row + column)), 0.0) for column in "xyz"] for row in "xyz"]
-    return float(_child(inertial, "mass").attrib["value"]), _read_pose(inertial), np.array(matrix)
+    pose = pose @ _read_pose(inertial)
+    turn = pose[:3, :3]
+    return float(_child(inertial, "mass").attrib["value"]), pose[:3, 3], turn @ np.array(matrix) @ turn.T
 
 
 def _bodies(links: Iterable[str], joints: list[_Joint]) -> tuple[dict[str, Array], dict[str, int]]:
@@ -166,20 +170,3 @@ def _bodies(links: Iterable[str], joints: list[_Joint]) -> tuple[dict[str, Array
         poses[joint.child] = poses[joint.parent] @ joint.origin
         bodies[joint.child] = bodies[joint.parent] + (joint.type != "fixed")
     return poses, bodies
-
-
-def _merge(
-    parts: list[tuple[Array, float, Array, Array]], axis: Array, flat: Callable[[Array], Array]
-) -> tuple[float, Array, float]:
-    """Return mass, centre in the plane of motion and inertia about it of links that move as one.
-
-    Each part is the link's pose, and its mass as of `_read_mass`.
-    """
-    masses = np.array([mass for _, mass, _, _ in parts])
-    poses = [link @ pose for link, _, pose, _ in parts]
-    centres = np.array([flat(pose[:3, 3]) for pose in poses])
-    directions = [pose[:3, :3].T @ axis for pose in poses]
-    own = sum(direction @ inertia @ direction for direction, (_, _, _, inertia) in zip(directions, parts, strict=True))
-    mass = float(masses.sum())
-    centre = masses @ centres / (mass or 1.0)
-    return mass, centre, float(own + masses @ ((centres - centre) ** 2).sum(axis=1))

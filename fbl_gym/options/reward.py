@@ -62,9 +62,13 @@ class Reward(Record):
         settings["reward_logarithmic"] = logarithmic
         settings["reward_scale"] = 1 / self.resolution if logarithmic else 1 / self.worst
         settings["reward_norm"] = 1 / log1p(self.worst / self.resolution) if logarithmic else 0.0
+        settings["weight_tracking"], settings["weight_effort"], settings["weight_chatter"] = self.shares
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Return each weight over the sum of all: of tracking, effort and chatter."""
         total = self.weight_tracking + self.weight_effort + self.weight_chatter
-        for name in ("weight_tracking", "weight_effort", "weight_chatter"):
-            settings[name] = getattr(self, name) / total
+        return self.weight_tracking / total, self.weight_effort / total, self.weight_chatter / total
 
     def losses(self, error: Array, effort: Array, chatter: Array) -> dict[str, Array]:
         """Return the equation's three terms, weighted; the reward is 1 less their sum.
@@ -78,9 +82,6 @@ class Reward(Record):
         tracking = distance / self.worst
         if self.tracking == "log":
             tracking = np.log1p(distance / self.resolution) / np.log1p(self.worst / self.resolution)
-        total = self.weight_tracking + self.weight_effort + self.weight_chatter
-        return {
-            "tracking_loss": self.weight_tracking / total * np.minimum(tracking, 1.0),
-            "effort_loss": self.weight_effort / total * effort.mean(axis=-1),
-            "chatter_loss": self.weight_chatter / total * chatter,
-        }
+        terms = np.minimum(tracking, 1.0), effort.mean(axis=-1), chatter
+        names = ("tracking_loss", "effort_loss", "chatter_loss")
+        return {name: share * term for name, share, term in zip(names, self.shares, terms, strict=True)}

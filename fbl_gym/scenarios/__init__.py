@@ -23,23 +23,9 @@ from fbl_gym.scenarios.scenario import Scenario
 from fbl_gym.scenarios.worlds import in_world
 
 __all__ = [
-    "SEVERITIES",
-    "TIERS",
-    "WORLDS",
-    "Member",
-    "Scenario",
-    "arms",
-    "as_scenario",
-    "conditions",
-    "families",
-    "family",
-    "get",
-    "held_out_reason",
-    "in_tier",
-    "in_world",
-    "member",
-    "names",
-]
+    "SEVERITIES", "TIERS", "WORLDS", "Member", "Scenario", "arms", "as_scenario", "conditions", "families", "family",
+    "get", "held_out_reason", "in_tier", "in_world", "member", "names",
+]  # fmt: skip
 
 TIERS = {
     "ideal": "the paper's assumptions: no delay, no lag, exact sensors; one kind of uncertainty in each family",

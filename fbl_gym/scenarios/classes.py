@@ -227,7 +227,7 @@ _FAMILIES = {
     "elastic": _Family(
         "springs in the joints, each alone with a natural frequency of {} Hz",
         lambda scale, rates: scale.springs(*(rate / scale.size for rate in rates)),
-        {"servo": (((10, 14), (6, 8), (3.5, 4.5)),), "geared": (((7, 10), (5, 7), (3.5, 5)),)},
+        {"servo": (((14, 20), (11, 15), (8, 11)),), "geared": (((7, 10), (5, 7), (3.5, 5)),)},
     ),
     "backlash": _Family(
         "a gap of {} mrad in joints with springs of {} Hz",
@@ -273,7 +273,10 @@ _REAL_ARMS = {"dfki-a0": DFKI_A0}
 _OWN_ARMS = (*(kind.arm for kind in CLASSES.values()), *_OTHER_ARMS.values(), *_REAL_ARMS.values())
 """The arms of the named scenarios."""
 
-_REAL = {"dfki-a0": "DFKI's double pendulum, design A.0, with its friction and torque limit"}
+_TEXTS = {
+    "nominal": "nothing is pushed further",
+    "dfki-a0": "DFKI's double pendulum, design A.0, with its friction and torque limit",
+}
 
 
 def families(robot: str) -> dict[str, Family]:
@@ -335,9 +338,7 @@ def _board(robot: str, family: str, severity: int, arm: ArmParameters | None) ->
     if family == "dfki-a0" and arm is None:  # friction and torque limit as in `real.py`
         options["friction"] = {"viscous": 0.001, "coulomb": (0.093 * math.pi / 2, 0.078 * math.pi / 2)}
         options["actuator"]["torque_limit"] = 10.0
-    text = (
-        "nothing is pushed further" if family == "nominal" else _REAL.get(family) or families(robot)[family].description
-    )
+    text = _TEXTS.get(family) or families(robot)[family].description
     return Scenario(name=_name(robot, "", family, severity), description=f"{robot}: {text}", **options)
 
 

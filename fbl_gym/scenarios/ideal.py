@@ -27,37 +27,31 @@ def _error(**fields: Any) -> dict[str, Any]:
 _FAMILIES = {
     "nominal": Family("the nominal arm: nothing varies but the way-points", (), lambda _: {}),
     "mass-error": Family(
-        f"masses off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}",
-        _RADII,
+        f"masses off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}", _RADII,
         lambda _, r: _error(radius=r, parameters=("m1", "m2")),
     ),
     "length-error": Family(
-        f"lengths off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}",
-        _RADII,
+        f"lengths off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}", _RADII,
         lambda _, r: _error(radius=r, parameters=("L1", "L2")),
     ),
     "mixed-error": Family(
-        f"masses and lengths off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}", _RADII, lambda _, r: _error(radius=r)
+        f"masses and lengths off, {_OWN} [1/(1+r), 1+r]; r = 0, {{}}", _RADII, lambda _, r: _error(radius=r),
     ),
     "uniform-error": Family(
-        "masses and lengths off by one factor for all, drawn from [1/(1+r), 1+r]; r = 0, {}",
-        _RADII,
+        "masses and lengths off by one factor for all, drawn from [1/(1+r), 1+r]; r = 0, {}", _RADII,
         lambda _, r: _error(radius=r, sampling="together"),
     ),
     "larger-error": Family(
-        f"real masses and lengths larger than nominal, {_OWN} [1, 1+r]; r = 0, {{}}",
-        _RADII,
+        f"real masses and lengths larger than nominal, {_OWN} [1, 1+r]; r = 0, {{}}", _RADII,
         lambda _, r: _error(ratio=math.sqrt(1.0 + r), radius=math.sqrt(1.0 + r) - 1.0),
     ),
     "smaller-error": Family(
-        f"real masses and lengths smaller than nominal, {_OWN} [1/(1+r), 1]; r = 0, {{}}",
-        _RADII,
+        f"real masses and lengths smaller than nominal, {_OWN} [1/(1+r), 1]; r = 0, {{}}", _RADII,
         lambda _, r: _error(ratio=1.0 / math.sqrt(1.0 + r), radius=math.sqrt(1.0 + r) - 1.0),
     ),
     "payload": Family(
         "a payload of 0, {} times the second link's mass, picked up at the tip at 3 s and dropped at 7 s",
-        ((1 / 3, 2 / 3, 1.0),),
-        lambda arm, share: _error(payload={"mass": share * arm.m2, "pick_up": 3.0, "drop": 7.0}),
+        ((1 / 3, 2 / 3, 1.0),), lambda arm, share: _error(payload={"mass": share * arm.m2, "pick_up": 3.0, "drop": 7.0}),
     ),
     "noise": Family(
         "white noise on position (0, {} rad), ten times that on velocity, a hundred times on acceleration",
@@ -72,12 +66,10 @@ _FAMILIES = {
     "disturbance": Family(
         "piecewise-constant torque within 0, {} N m (a third of it on joint 2), a new level every 0.5 s",
         ((30.0, 100.0, 200.0),),
-        lambda _, level: {
-            "disturbance": {"kind": "piecewise-constant", "amplitude": (level, level / 3), "period": 0.5}
-        },
+        lambda _, size: {"disturbance": {"kind": "piecewise-constant", "amplitude": (size, size / 3), "period": 0.5}},
     ),
     "everything": Family("mixed error, payload, noise, stiction and disturbance at once", (), lambda _: {}),
-}
+}  # fmt: skip
 _EVERYTHING = ("mixed-error", "payload", "noise", "stiction", "disturbance")
 
 

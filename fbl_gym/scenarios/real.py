@@ -36,33 +36,23 @@ def _dfki_friction(cf1: float, cf2: float) -> Friction:
 
 _SCENARIOS = (
     Scenario(
-        name="dfki-c1",
-        description="DFKI's double pendulum, design C.1, model 1.0: friction, torque limit, bus and noise of its files",
-        arm=DFKI_C1,
-        friction=_dfki_friction(0.16, 0.12),
+        "dfki-c1", "DFKI's double pendulum, design C.1, model 1.0: friction, torque limit, bus and noise of its files",
+        arm=DFKI_C1, friction=_dfki_friction(0.16, 0.12), **_DFKI,
         control_dt=0.002,  # leaderboard/*/real_hardware_v2/exp_parameters.py
-        **_DFKI,
     ),
     Scenario(
-        name="dfki-a0",
-        description="DFKI's double pendulum, design A.0, model 2.0: friction, torque limit, bus and noise of its files",
-        arm=DFKI_A0,
-        friction=_dfki_friction(0.093, 0.078),
+        "dfki-a0", "DFKI's double pendulum, design A.0, model 2.0: friction, torque limit, bus and noise of its files",
+        arm=DFKI_A0, friction=_dfki_friction(0.093, 0.078), **_DFKI,
         control_dt=0.0025,  # src/python/double_pendulum/experiments/design_A.0/tmotors_tvlqr.py
-        **_DFKI,
     ),
     Scenario(
-        name="cicese",
-        description="the direct-drive arm of CICESE and BUAP: viscous friction, torque limits and rate of its files",
-        arm=CICESE,
+        "cicese", "the direct-drive arm of CICESE and BUAP: viscous friction, torque limits and rate of its files",
+        arm=CICESE, physics_dt=0.0005, sensors=("position", "velocity"), reference=_WIDE,
         friction=Friction(viscous=(2.288, 0.175)),  # robot2gdl.m
         actuator=Actuator(torque_limit=(150.0, 15.0)),  # Tercer_Informe/Matlab/alg_control.m
         control_dt=0.0025,  # the same file
-        physics_dt=0.0005,
-        sensors=("position", "velocity"),
-        reference=_WIDE,
     ),
-)
+)  # fmt: skip
 
 REAL = {scenario.name: scenario for scenario in _SCENARIOS}
 """The scenario of each laboratory's arm, by name."""

@@ -15,26 +15,13 @@ from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
 from fbl_gym.model.urdf import load_urdf
-from fbl_gym.options import (
-    SENSORS,
-    Actuator,
-    Constraints,
-    Datasheet,
-    ElasticJoint,
-    Encoder,
-    Event,
-    Friction,
-    FrictionChange,
-    Limits,
-    MinimumJerk,
-    MuJoCo,
-    Noise,
-    ParameterError,
-)
+from fbl_gym.options import Actuator, Datasheet, ElasticJoint, Friction, MuJoCo, ParameterError
 from fbl_gym.options.disturbance import DISTURBANCES, Disturbance
-from fbl_gym.options.events import events
+from fbl_gym.options.events import Event, FrictionChange, events
+from fbl_gym.options.limits import Constraints, Limits
 from fbl_gym.options.plants import PLANTS
-from fbl_gym.options.references import REFERENCES, Reference
+from fbl_gym.options.references import REFERENCES, MinimumJerk, Reference
+from fbl_gym.options.sensors import SENSORS, Encoder, Noise
 from fbl_gym.records import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
 
 

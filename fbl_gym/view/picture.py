@@ -170,8 +170,7 @@ class Canvas:
     def frame(self) -> Frame:
         """Return the picture, [height x width x 3]."""
         surface = pygame.transform.smoothscale(self._surface, self._size)
-        width, height = self._size
-        return np.frombuffer(bytearray(pygame.image.tobytes(surface, "RGB")), np.uint8).reshape(height, width, 3)
+        return np.ascontiguousarray(pygame.surfarray.array3d(surface).swapaxes(0, 1))
 
     def disc(self, centre: Point, radius: float, colour: Colour, width: float = 0.0) -> None:
         """Draw a circle: filled, or a ring of a width within the radius."""

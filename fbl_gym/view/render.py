@@ -57,21 +57,14 @@ class View:
 
     def picture(self, truth: Truth) -> Picture:
         """Return the picture of an instant, and add the tip to the trail."""
-        q, r = _pair(truth.position), _pair(truth.reference)
-        lengths, now = _pair(truth.lengths), float(truth.time)
+        lengths, q, r, torque = map(_pair, (truth.lengths, truth.position, truth.reference, truth.applied_torque))
+        push = None if self.scenario.disturbance is None else _pair(-truth.disturbance)
+        now = float(truth.time)
+        trail = self._trail.extended(now, joints(lengths, q)[2])
         return Picture(
-            title=self.scenario.name,
-            subtitle="",
-            time=now,
-            lengths=lengths,
-            position=q,
-            reference=r,
-            torque=_pair(truth.applied_torque),
-            push=None if self.scenario.disturbance is None else _pair(-truth.disturbance),
-            full_torque=self._full_torque,
-            payload=float(truth.payload),
-            trail=self._trail.extended(now, joints(lengths, q)[2]),
-        )
+            title=self.scenario.name, subtitle="", time=now, lengths=lengths, position=q, reference=r, torque=torque,
+            push=push, full_torque=self._full_torque, payload=float(truth.payload), trail=trail,
+        )  # fmt: skip
 
     def frame(self, truth: Truth) -> Frame:
         """Return the frame of an instant, [size x size x 3]."""

@@ -147,15 +147,15 @@ def test_a_policy_with_results_in_one_scenario_may_be_its_ceiling():
     results = [run_cell(cell) for cell in cells]
     found = assemble(results, cells)
     best = [{**row, "error_pct": row["error_pct"] / 4} for row in results[3].rows]
-    cell = dataclasses.replace(cells[3], policy=resolve("oracle-predictive"))
+    cell = dataclasses.replace(cells[3], policy=resolve("oracle-elastic"))
     further = assemble([*results, dataclasses.replace(results[3], cell=cell, rows=tuple(best))], [*cells, cell])
     assert further.policies == found.policies
-    assert [name for name, _ in further.ceilings.values()] == ["oracle-predictive", "oracle-flm"]
+    assert [name for name, _ in further.ceilings.values()] == ["oracle-elastic", "oracle-flm"]
     assert further.score.value[2] < found.score.value[2]
     assert further.version != found.version
     assert further.times_ceiling[3] == pytest.approx(2.0)
     (gap,) = assemble(results, [*cells, cell]).gaps
-    assert gap == "Left out: oracle-predictive: no result yet, where it may be the ceiling"
+    assert gap == "Left out: oracle-elastic: no result yet, where it may be the ceiling"
 
 
 def test_the_boards_suite_has_a_planned_ceiling_in_saturation():
@@ -333,9 +333,7 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path):
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
     assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
     table = (out / "board.md").read_text()
-    assert table.startswith(
-        "| rank | policy | score | error rank | diverged rank | error % | mrad | worst 5 % | diverged % |"
-    )
+    assert table.startswith("| policy | rank | score | error % | diverged % |")
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
@@ -349,7 +347,6 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path):
     runs = list(csv.DictReader((out / "board.csv").read_text().splitlines()))
     assert len(runs) == 12
     assert len({run["policy"] for run in runs}) == 4
-    assert (out / "test_accesses.csv").read_text() == "policy,scenario,test_accesses\n"  # nominal is not for judging
 
 
 def test_verify_command(tmp_path, capsys):
@@ -514,7 +511,7 @@ def test_lanes_are_compared_on_the_same_readings(action, kept, tmp_path):
         ("pid-fml", "did you mean 'pid-flm'"),
         ("nomod:f", "but there is no module nomod, installed or in "),
         ("controllers.nomod:f", "but there is no module controllers.nomod, installed or in "),
-        (".nomod:f", "must be named as in an import, such as my_laws.pd, got '.nomod'"),
+        (".nomod:f", "must name a module as in an import, such as my_laws.pd, got '.nomod'"),
     ],
 )
 def test_policies_that_cannot_be_found(policy, message, capsys):

@@ -1,12 +1,10 @@
-"""The C reference computes the same arm as the kernel, and the elastic arm of the textbook."""
+"""The C reference computes the same arms as the kernel."""
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from benchmarks.speed.c_reference import Reference, load
+from benchmarks.speed.c_reference import Reference, SameWork, load
 from fbl_gym import TABLE_1, TwoLinkArmVectorEnv
-from fbl_gym.model.arm import forward_dynamics
 
 pytestmark = pytest.mark.skipif(load() is None, reason="no C compiler")
 
@@ -19,7 +17,7 @@ def _rows(values):
 def test_rigid_joints_move_as_in_the_kernel():
     env = TwoLinkArmVectorEnv(16, reference={"kind": "sine"}, action="torque")
     env.reset(seed=0)
-    reference = Reference(TABLE_1, 16, friction=(0.0, 0.0, 1.0))
+    reference = Reference(load(), TABLE_1, 16, friction=(0.0, 0.0, 1.0))
     reference.state[:, :2], reference.state[:, 2:] = _rows(env.truth.position), _rows(env.truth.velocity)
     torques = np.random.default_rng(0).normal(scale=50.0, size=(100, 16, 2))
     for torque in torques:
@@ -29,20 +27,46 @@ def test_rigid_joints_move_as_in_the_kernel():
     np.testing.assert_allclose(reference.state[:, :2], _rows(env.truth.position), atol=1e-11)
 
 
-def test_elastic_joints_obey_their_equations():
-    stiffness, damping, rotor = 2000.0, 5.0, 0.5
-    reference = Reference(TABLE_1, 8, friction=(3.0, 0.0, 1.0), joint=(stiffness, damping, rotor))
-    start = np.array([-1.5, 0.2, 0.0, 0.0, -1.45, 0.22, 0.1, -0.1])
-    reference.state[:] = start[:, None]
-    reference.torque[:] = np.array([100.0, 20.0])[:, None]
+STICKING = {"friction": {"viscous": 1.0, "coulomb": 10.0, "stiction": 10.0}, "parameter_error": {"radius": 0.2}}
+SPRINGS = {
+    "scenario": "servo-elastic-2",
+    "joint": {"stiffness": 100.0, "damping": 0.1, "backlash": 0.01, "encoder": "link"},
+}
 
-    def slope(_, x):
-        spring = stiffness * (x[4:6] - x[:2]) + damping * (x[6:] - x[2:4])
-        link = forward_dynamics(TABLE_1, x[:2], x[2:4], spring)
-        motor = (np.array([100.0, 20.0]) - spring - 3.0 * x[6:]) / rotor
-        return np.concatenate([x[2:4], link, x[6:], motor])
 
-    exact = solve_ivp(slope, (0.0, 0.5), start, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
-    for _ in range(50):
+@pytest.mark.parametrize("options", [STICKING, {"scenario": "servo-elastic-2"}, SPRINGS])
+def test_the_same_work_moves_the_arms_as_the_kernel(options):
+    env = TwoLinkArmVectorEnv(16, action="torque", **options)
+    env.reset(seed=0)
+    reference = SameWork(load(), env)
+    torques = np.random.default_rng(0).uniform(-0.3, 0.3, size=(40, 16, 2)) * env.interface.action_limit
+    for torque in torques:
+        readings = env.step(torque)[0]
+        reference.command[:] = _rows(torque)
         reference.step()
-    np.testing.assert_allclose(reference.state[0, :, 0], exact, atol=1e-5)
+    truth = env.truth
+    motion = truth.position, truth.velocity, truth.motor_position, truth.motor_velocity
+    for i, values in enumerate(motion if "scenario" in options else motion[:2]):
+        np.testing.assert_allclose(reference.state[:, 2 * i : 2 * i + 2], _rows(values), rtol=0, atol=1e-10)
+    shown = reference.readings[:, : 6 if "acceleration" in env.layout else 4]
+    np.testing.assert_allclose(shown[:, :2], _rows(readings[:, :2]), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(shown[:, 2:4], _rows(readings[:, 2:4]), rtol=0, atol=1e-8)
+    if "scenario" not in options:
+        np.testing.assert_allclose(shown[:, 4:], _rows(readings[:, 4:6]), rtol=0, atol=1e-8)
+
+
+def test_the_noise_has_its_size():
+    noise, push = (
+        {"position": 1e-3, "velocity": 1e-2, "acceleration": 1e-1},
+        {"kind": "piecewise-constant", "amplitude": 5.0},
+    )
+    env = TwoLinkArmVectorEnv(4096, noise=noise, friction=STICKING["friction"], disturbance=push)
+    exact = TwoLinkArmVectorEnv(4096, friction=STICKING["friction"], disturbance=push)
+    readings = []
+    for batch in (env, exact):
+        batch.reset(seed=0)
+        reference = SameWork(load(), batch)
+        reference.step()
+        readings.append(reference.readings)
+    errors = (readings[0] - readings[1]).std(axis=(0, 2))
+    np.testing.assert_allclose(errors, np.repeat([*noise.values()], 2), rtol=0.05)

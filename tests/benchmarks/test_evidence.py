@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.analysis import coverage, ends, orders, sealed
+from benchmarks.analysis import ends, orders, sealed
 from benchmarks.analysis.board import assemble
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.analysis.transfer import Runs
@@ -14,6 +14,7 @@ from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell, Suite
 from fbl_gym import scenarios
 from fbl_gym.scenarios.classes import CLASSES, families
+from tests import board_coverage
 
 FAMILIES = tuple(families("servo"))
 NAMES = ("servo-nominal", "servo-noise-2")
@@ -48,14 +49,14 @@ def test_the_version_is_of_code_policies_scenarios_and_seeds():
 
 def test_coverage_counts_the_intervals_that_hold():
     found = board(8)
-    shares = coverage.coverage(found, 2)
-    assert set(shares) == set(coverage.QUANTITIES)
+    shares = board_coverage.coverage(found, 2)
+    assert set(shares) == set(board_coverage.QUANTITIES)
     for share in shares.values():
         assert share.shape == (2,)
         assert set(share) <= {0.0, 0.25, 0.5, 0.75, 1.0}
     one = np.ones(1)
-    assert coverage._holds(Estimate(one, one, 2 * one), Estimate(2 * one, one, one)) == [1.0]
-    assert coverage._holds(Estimate(one, one, 2 * one), Estimate(3 * one, one, one)) == [0.0]
+    assert board_coverage._holds(Estimate(one, one, 2 * one), Estimate(2 * one, one, one)) == [1.0]
+    assert board_coverage._holds(Estimate(one, one, 2 * one), Estimate(3 * one, one, one)) == [0.0]
 
 
 def test_where_a_row_ends():
@@ -65,16 +66,16 @@ def test_where_a_row_ends():
         rows = tuple({**row, "error_pct": factor * row["error_pct"], "diverged": lost} for row in result.rows)
         return dataclasses.replace(result, rows=rows)
 
-    assert ends.end([of(1.0), of(1.9)], (1, 2)) == "–"
-    assert ends.end([of(1.0), of(2.1), of(9.0)], (1, 2, 4)) == "2: 2.1 ×"
-    assert ends.end([of(1.0), of(1.5, lost=0.5)], (1, 2)) == "2: 50 % lost"
-    assert ends.end([dataclasses.replace(result, rows=(), error="no")], (1,)) == "1: fails"
+    assert ends.end({1: of(1.0), 2: of(1.9)}) == "–"
+    assert ends.end({1: of(1.0), 2: of(2.1), 4: of(9.0)}) == "2: 2.1 ×"
+    assert ends.end({1: of(1.0), 2: of(1.5, lost=0.5)}) == "2: 50 % lost"
+    assert ends.end({1: dataclasses.replace(result, rows=(), error="no")}) == "1: fails"
 
 
 @pytest.mark.parametrize("robot", CLASSES)
 def test_each_push_is_another_scenario(robot):
-    for axis in ends.axes(robot):
-        assert len({str(axis.scenario(value).to_dict()) for value in axis.values}) == len(axis.values)
+    for tasks in ends.axes(robot).values():
+        assert len({str(task.to_dict()) for task in tasks.values()}) == len(tasks)
 
 
 @pytest.fixture(scope="module")

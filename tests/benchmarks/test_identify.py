@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
-from benchmarks.identification import coverage, excitation, result
+from benchmarks.identification import excitation, result
 from benchmarks.identification import fit as fitting
 from benchmarks.identification.fit import identify, rollout_errors
 from benchmarks.identification.logs import COLUMNS, columns, read
@@ -18,6 +18,7 @@ from fbl_gym import scenarios
 from fbl_gym.envs.env import TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
 from fbl_gym.records import ends
+from tests import identification_coverage
 
 START = scenarios.get("dfki-c1")
 ROBOT = START.replace(
@@ -150,7 +151,7 @@ def test_logs_of_two_robots_are_refused(files, tmp_path):
 
 def test_the_command_of_coverage_counts_intervals_that_hold(capsys, monkeypatch):
     monkeypatch.setattr(fitting, "FOLDS", 2)
-    coverage.main(["1"])
+    identification_coverage.main(["1"])
     last = capsys.readouterr().out.splitlines()[-1].split()
     assert last[0] == "all"
     assert int(last[1].rstrip("%")) >= 50

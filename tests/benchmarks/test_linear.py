@@ -29,14 +29,14 @@ def test_margins_of_pid_on_double_integrators_are_those_of_python_control():
     analytic = control.TransferFunction(proportional + integral + derivative, [1, -3, 3, -1], dt)
     gains, phase, distance, _, crossover, _ = control.stability_margins(analytic, returnall=True)
     margins = loop.margins()
-    for joint, values in enumerate(margins.joints):
+    for joint in (0, 1):
         frequencies, transfer = loop.response(joint, points=50)
         np.testing.assert_allclose(transfer, loop_transfer(np.exp(1j * dt * frequencies)), rtol=1e-6)
-        assert values.gain_lower == pytest.approx(max(gains[gains < 1.0]), rel=1e-3)
+        assert margins.gain_lower[joint] == pytest.approx(max(gains[gains < 1.0]), rel=1e-3)
         at_nyquist = 1.0 / abs(loop_transfer(-1.0))
-        assert values.gain_upper == pytest.approx(min([at_nyquist, *gains[gains > 1.0]]), rel=1e-3)
-        assert values.phase == pytest.approx(min(phase), rel=1e-3)
-        assert values.sensitivity == pytest.approx(1.0 / min(distance), rel=1e-3)
+        assert margins.gain_upper[joint] == pytest.approx(min([at_nyquist, *gains[gains > 1.0]]), rel=1e-3)
+        assert margins.phase[joint] == pytest.approx(min(phase), rel=1e-3)
+        assert margins.sensitivity[joint] == pytest.approx(1.0 / min(distance), rel=1e-3)
     # The formula neglects the hold's part of a sample.
     assert margins.delay == pytest.approx(np.radians(min(phase)) / crossover[np.argmin(phase)], rel=0.02)
 
@@ -126,12 +126,12 @@ def test_a_drive_of_half_the_gain_allows_twice_the_gain():
     gains = {"kp": 100.0, "ki": 200.0, "kd": 20.0}
     options = {"arm": {"gravity": 0.0}}
     full, half = (
-        linearize("pid-flm", Scenario(actuator=actuator, **options), gains=gains)[0].margins().joints
+        linearize("pid-flm", Scenario(actuator=actuator, **options), gains=gains)[0].margins()
         for actuator in (None, {"gain": 0.5})
     )
     for joint in (0, 1):
-        assert half[joint].gain_upper == pytest.approx(2.0 * full[joint].gain_upper, rel=1e-3)
-        assert half[joint].gain_lower == pytest.approx(2.0 * full[joint].gain_lower, rel=1e-3)
+        assert half.gain_upper[joint] == pytest.approx(2.0 * full.gain_upper[joint], rel=1e-3)
+        assert half.gain_lower[joint] == pytest.approx(2.0 * full.gain_lower[joint], rel=1e-3)
 
 
 def test_a_latency_of_the_encoder_is_a_delay_of_the_loop():

@@ -17,7 +17,7 @@ from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
 
-POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm-ls", "oracle-flm")
+POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm", "oracle-flm")
 SCENARIOS = (
     "nominal", *(f"{family}-{severity}" for family in ("mass-error", "disturbance") for severity in (1, 2, 3)), "knock",
 )  # fmt: skip
@@ -159,7 +159,7 @@ def test_the_board_filters(page):
     (option,) = [option for option in select.find_elements("tag name", "option") if option.text == "none"]
     option.click()
     assert names(page) == ["zero"]
-    assert not page.find_element("css selector", "label:has(#filter-sensors)").is_displayed()  # all have the same
+    assert not page.find_element("css selector", "label:has(#filter-tuning)").is_displayed()  # all have the same
 
 
 def test_figures_are_drawn_and_follow_the_chips_and_filters(page, data):
@@ -217,7 +217,9 @@ def test_a_phone_shows_it_without_scrolling_the_page_sideways(page, path, scheme
     assert page.execute_script(f"return {root}.dataset.theme") == scheme
     assert page.execute_script(f"return {root}.scrollWidth") == 390
     press(page, "#theme")
+    page.refresh()  # the choice is kept
     assert page.execute_script(f"return {root}.dataset.theme") != scheme
+    page.execute_script("localStorage.clear()")
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 

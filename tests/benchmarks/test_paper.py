@@ -156,7 +156,7 @@ def test_names_select_claims_and_unknown_ones_are_refused(capsys):
     assert "unknown claim 'figure-11'; did you mean 'figure-10'" in capsys.readouterr().err
 
 
-CLAIM = Claim(*"abcdefghi", cases=(("stated", "first", "2 %", "", "yes"),), command="x")
+CLAIM = Claim(*"abcdefghi", cases=(("stated", "first", "2 %", "", "yes"),))
 
 
 def test_new_measurements_replace_old_ones_and_other_claims_stay(tmp_path, monkeypatch):

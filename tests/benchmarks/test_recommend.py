@@ -12,10 +12,11 @@ from benchmarks.analysis import recommend
 from benchmarks.analysis.recommend import Likeness, around, is_safe, push
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import run_cell
-from benchmarks.tuning import brief, drawn_arms, search
+from benchmarks.tuning import brief, search
 from fbl_gym import Scenario, scenarios
 from fbl_gym.records import ends
 from fbl_gym.scenarios import held_out_reason
+from tests import drawn_arms
 
 BASE = scenarios.get("servo-nominal").replace(name="short", duration=0.6)
 

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.policies.digest import data_digest
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.run import cell as cell_module
 from benchmarks.run import suite as suite_module
 from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run
-from benchmarks.run.store import Damaged, OtherFormat, Store, _digest
+from benchmarks.run.store import Damaged, OtherFormat, Store
 from benchmarks.run.suite import Cell, load
 from fbl_gym.records import merged
 
@@ -119,7 +120,7 @@ def test_a_result_with_other_types_is_damaged(change, tmp_path):
     path = Store(tmp_path).save(run_cell(cells(["zero"])[0]))
     document = merged(json.loads(path.read_text()), change)
     del document["sha256"]
-    path.write_text(json.dumps({**document, "sha256": _digest(document)}))
+    path.write_text(json.dumps({**document, "sha256": data_digest(document)}))
     with pytest.raises(Damaged):
         Store(tmp_path).load(path)
 

@@ -6,8 +6,9 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.policies import external
+from benchmarks.policies.digest import data_digest
 from benchmarks.run.cell import run_cell
-from benchmarks.run.store import Store, _digest
+from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
 
 LAW = "from controllers.simple import Zero as make_policy\nopen({flag!r}, 'w').close()\n"
@@ -63,6 +64,6 @@ def test_an_unknown_access_in_a_result_is_damage(tmp_path):
     document = json.loads(path.read_text())
     document["policy"]["access"] = "<b>all</b>"
     del document["sha256"]
-    path.write_text(json.dumps({**document, "sha256": _digest(document)}))
+    path.write_text(json.dumps({**document, "sha256": data_digest(document)}))
     with pytest.warns(UserWarning, match="is damaged"):
         assert list(store.results()) == []

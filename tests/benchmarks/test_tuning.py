@@ -165,7 +165,7 @@ def test_pairs_of_default_gains_are_printed(tmp_path, capsys, monkeypatch):
     """The first trial of a law has its default gains, some of which are pairs."""
     monkeypatch.chdir(tmp_path)
     few = "--trials 1 --seeds 1 --candidates 1 --fresh-seeds 1 --scenarios servo-practice-nominal"
-    assert cli.main(f"tune adaptive-flm-ls {few}".split()) == 0
+    assert cli.main(f"tune robust-flm {few}".split()) == 0
     assert "kp=" in capsys.readouterr().out
 
 

@@ -190,7 +190,11 @@ def test_a_composition_has_the_gains_of_law_and_parts():
     assert spec.configuration["eso_bandwidth"] == [80.0, 80.0]
     assert {"kp", "eso_bandwidth", "predictor_lead"} <= set(tuning_ranges(spec.factory()))
     law = spec.make(TwoLinkArmEnv(actuator={"lag": 0.01}), kp=30.0, eso_bandwidth=70.0, predictor_lead=1.0)
-    assert (law._inside.kp, law._observer.bandwidth, law._predictor.lead) == ((30.0, 30.0), (70.0, 70.0), 1.0)
+    assert (law._inside.kp, law._made["observer"].bandwidth, law._made["predictor"].lead) == (
+        (30.0, 30.0),
+        (70.0, 70.0),
+        1.0,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,7 +220,7 @@ def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
     (tmp_path / "servo" / "computed-torque+kalman.json").write_text(json.dumps({"gains": gains}))
     assert registry.tuned_gains(name) == gains
     assert resolve(name).tuning == "tuned"
-    assert controllers.make(name, TwoLinkArmEnv())._observer.bandwidth == 60.0
+    assert controllers.make(name, TwoLinkArmEnv())._made["observer"].bandwidth == 60.0
 
 
 @pytest.mark.parametrize(

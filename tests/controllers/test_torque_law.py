@@ -52,7 +52,7 @@ def test_a_law_prints_its_name_and_gains():
     assert repr(controllers.make("oracle-flm", env)) == "OracleFlm(kp=(400.0, 400.0), kd=(40.0, 40.0))"
 
 
-WITHOUT = ("zero", "computed-torque-eso", "ladrc", "nmpc", "oracle")
+WITHOUT = ("zero", "computed-torque-eso", "h-infinity", "ladrc", "nmpc", "oracle")
 
 
 @pytest.mark.parametrize("name", [name for name in controllers.names() if not name.startswith(WITHOUT)])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks.speed.c_reference import Reference, load
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import energy, forward_dynamics, inertia_matrix
 from fbl_gym.options.joints import ElasticJoint, fastest_rate
@@ -105,22 +104,6 @@ def test_a_motion_agrees_with_mujocos():
         motor, spring = data.qpos[[0, 2]], data.qpos[[1, 3]]
         np.testing.assert_allclose(truths[k + 1].motor_position, motor, rtol=0, atol=1e-9)
         np.testing.assert_allclose(truths[k + 1].position, motor + spring, rtol=0, atol=1e-9)
-
-
-@pytest.mark.skipif(load() is None, reason="no C compiler")
-def test_a_motion_agrees_with_the_c_reference():
-    joint = {"stiffness": 2000.0, "damping": 5.0, "rotor_inertia": 0.5}
-    truths = run(100, joint=joint, friction={"viscous": 3.0})
-    reference = Reference(TABLE_1, 8, friction=(3.0, 0.0, 1.0), joint=(2000.0, 5.0, 0.5))
-    first = truths[0]
-    reference.state[:] = np.concatenate([first.position, first.velocity, first.motor_position, first.motor_velocity])[
-        :, None
-    ]
-    for k in range(100):
-        reference.torque[:] = torque(k)[:, None]
-        reference.step()
-    np.testing.assert_allclose(reference.state[0, :2, 0], truths[-1].position, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(reference.state[0, 4:6, 0], truths[-1].motor_position, rtol=0, atol=1e-10)
 
 
 def test_stiff_joints_become_the_rigid_arm():

@@ -1,6 +1,6 @@
 """Check of identification: how often do the intervals hold the true numbers of drawn arms?
 
-`python -m benchmarks.identification.coverage 100` draws arms around `dfki-c1`, moves each by random
+`python -m tests.identification_coverage 100` draws arms around `dfki-c1`, moves each by random
 torques, identifies it from its log, and prints each arm when it is done. 90 % should hold.
 """
 
@@ -56,7 +56,7 @@ def move(robot: Scenario, generator: np.random.Generator, path: Path) -> Log:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the arms, then the share of intervals that hold, by number."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.identification.coverage", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.identification_coverage", description=__doc__)
     parser.add_argument("arms", type=int, metavar="N", help="number of arms")
     parser.add_argument("--logs", type=int, default=1, metavar="N", help="logs of each arm (1)")
     arguments = parser.parse_args(argv)

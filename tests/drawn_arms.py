@@ -1,6 +1,6 @@
 """The check of `recommend` on drawn arms: is its first choice as good as a longer search?
 
-`python -m benchmarks.tuning.drawn_arms 6` compares the first choice on each arm with the best of
+`python -m tests.drawn_arms 6` compares the first choice on each arm with the best of
 eight laws, each tuned for this arm by 12 trials, and prints a line for each arm.
 """
 
@@ -29,7 +29,7 @@ WITHIN = 1.5
 """A first choice is good if it errs at most WITHIN times as much as the best tuned law."""
 
 LAWS = (
-    "pid-gravity", "computed-torque", "computed-torque-dob", "sliding-mode", "adaptive-flm-ls", "lqg", "l1-adaptive",
+    "pid-gravity", "computed-torque", "computed-torque-dob", "sliding-mode", "h-infinity", "lqg", "l1-adaptive",
     "slotine-li",
 )  # fmt: skip
 TRIALS = 12
@@ -52,7 +52,7 @@ def search(task: Task) -> None:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the check of each drawn arm, and the number of good first choices."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.tuning.drawn_arms", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.drawn_arms", description=__doc__)
     parser.add_argument("arms", type=int, nargs="+", metavar="N", help="numbers of drawn arms")
     parser.add_argument("--policies", nargs="+", metavar="POLICY", help="to choose from (as fbl-gym recommend)")
     parser.add_argument("--laws", nargs="+", default=LAWS, metavar="LAW", help="laws of the comparison")

@@ -1,4 +1,4 @@
-"""Time-delay control and computed torque with time-delay estimation: stability, poles and error equations."""
+"""Computed torque with time-delay estimation: stability, poles and error equations."""
 
 import numpy as np
 import pytest
@@ -72,7 +72,7 @@ def test_the_error_equation_under_a_constant_load():
     assert np.abs(errors[-1]).max() < 1e-5
 
 
-def last_error(name, masses, **gains):
+def last_error(masses, **gains):
     """Return the largest error of the last of nine seconds, at 100 Hz, of an arm of `masses` times the nominal ones."""
     env = TwoLinkArmEnv(
         reference=STILL,
@@ -82,7 +82,7 @@ def last_error(name, masses, **gains):
         action="torque",
         limits={"velocity": 1e3},
     )
-    policy = controllers.make(name, env, **gains)
+    policy = controllers.make("computed-torque-tde", env, **gains)
     observation, _ = env.reset(seed=0)
     state, log = None, []
     for _ in range(900):
@@ -103,35 +103,5 @@ def test_estimation_is_stable_up_to_its_limit_of_inertia(bandwidth, frequency):
     h = -np.expm1(-bandwidth * 0.01)
     most = 2.0 / (h + 2.0 * frequency * 0.01 - h * frequency * 0.01)
     gains = {"bandwidth": bandwidth, "frequency": frequency}
-    assert last_error("computed-torque-tde", 1.0 / (0.9 * most), **gains) < 1e-3
-    assert last_error("computed-torque-tde", 1.0 / (1.1 * most), **gains) > 1e-2
-
-
-@pytest.mark.parametrize("frequency", [2.0, 8.0])
-def test_time_delay_control_is_stable_up_to_its_limit_of_inertia(frequency):
-    """The eigenvalues of M^-1 Mbar must be below 2 / (1 + w dt); a wrong gravity torque leaves no error."""
-    stretched = np.diag(np.diagonal(inertia_matrix(TABLE_1, (0.0, 0.0))))
-    largest = np.linalg.eigvals(np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), stretched)).real.max()
-    limit = 2.0 / (1.0 + frequency * 0.01)
-    for share, stable in ((0.9, True), (1.1, False)):
-        bandwidth = -np.log1p(-share * limit * 0.5 / largest) / 0.01
-        error = last_error("time-delay", 0.5, bandwidth=bandwidth, frequency=frequency)
-        assert (error < 1e-3) if stable else (error > 1e-2)
-
-
-def test_time_delay_control_differences_the_velocity():
-    """tau = tau_0 + Mbar (a - (v - v_0) / L), whatever the sensors' noise."""
-    env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
-    policy = controllers.make("time-delay", env, frequency=8.0, bandwidth=(10.0, 20.0))
-    observation, _ = env.reset(seed=0)
-    state, before, v0 = None, gravity_torque(env.interface.nominal, policy.read(observation, "position")[0]), None
-    inertia = np.diagonal(inertia_matrix(env.interface.nominal, (0.0, 0.0))) * (1.0 - np.exp([-0.1, -0.2]))
-    for _ in range(50):
-        q, v, r, dr, ddr = policy.read(
-            observation, "position", "velocity", "reference_position", "reference_velocity", "reference_acceleration"
-        )
-        v0 = v if v0 is None else v0
-        expected = before + inertia * (ddr + 64.0 * (r - q) + 16.0 * (dr - v) - (v - v0) / 0.01)
-        torque, state = policy.predict(observation, state)
-        np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
-        observation, before, v0 = env.step(torque)[0], torque, v
+    assert last_error(1.0 / (0.9 * most), **gains) < 1e-3
+    assert last_error(1.0 / (1.1 * most), **gains) > 1e-2
