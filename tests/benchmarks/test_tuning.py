@@ -133,7 +133,7 @@ def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(tmp_path, capsys, mo
     )
     for policy in ("law.py", "law.py:Law"):
         assert cli.main(["tune", policy, *few]) == 0
-        first, _, last = capsys.readouterr().out.splitlines()
+        first, *_, last = capsys.readouterr().out.splitlines()  # between them, whether a gain is at an edge
         assert first.startswith(f"{policy}: frequency=")
         assert last.endswith(f"use them as {policy}@results/gains")
         assert resolve(f"{policy}@results/gains").configuration["frequency"] == float(first.split("=")[1])
