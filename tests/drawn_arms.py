@@ -40,7 +40,7 @@ STORAGE = "sqlite:///results/drawn.db?timeout=60"
 def draw(number: int) -> Scenario:
     """Return a scenario with a drawn arm and drawn conditions; the classes take turns."""
     rng, robot = np.random.default_rng(number), [*CLASSES][number % len(CLASSES)]
-    arm = draw_arm(rng)
+    arm = draw_arm(rng, robot)
     family, severity = str(rng.choice([*families(robot)])), int(rng.integers(1, 4))
     return Scenario(name=f"drawn-{number}-{robot}-{family}-{severity}", **conditions(arm, robot, family, severity))
 

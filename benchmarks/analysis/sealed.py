@@ -23,7 +23,7 @@ from benchmarks.run.suite import Cell, load
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario
 from fbl_gym.model.arm import ArmParameters
-from fbl_gym.scenarios.classes import CLASSES, conditions, families
+from fbl_gym.scenarios.classes import CLASSES, conditions, families, stretched_inertia
 
 SEVERITY = 3
 """The board has severity 2."""
@@ -32,7 +32,7 @@ SEVERITY = 3
 def draw(version: str, robot: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
     """Return the task of a class's family, with another arm and other moves, and its 32 seeds."""
     random = np.random.default_rng((int(version, 16), *map(ord, family)))
-    options = conditions(draw_arm(random), robot, family, SEVERITY)
+    options = conditions(draw_arm(random, robot), robot, family, SEVERITY)
     motion = options["reference"]
     pace, rest = random.uniform(0.9, 1.3), random.uniform(0.1, 0.6)
     options["reference"] = dataclasses.replace(motion, move_time=pace * motion.move_time, hold_time=rest)
@@ -41,12 +41,18 @@ def draw(version: str, robot: str, family: str) -> tuple[Scenario, tuple[int, ..
     )
 
 
-def draw_arm(rng: np.random.Generator) -> ArmParameters:
-    """Return an arm of links of 1 to 30 kg and 0.2 to 1 m, between rods and point masses."""
+def draw_arm(rng: np.random.Generator, robot: str) -> ArmParameters:
+    """Return an arm of links of 1 to 30 kg and 0.2 to 1 m, between rods and point masses.
+
+    Each rotor has at most the share of the links' inertia that it has in the arm of a class.
+    """
     mass, length = np.exp(rng.uniform(np.log(1.0), np.log(30.0), 2)), rng.uniform(0.2, 1.0, 2)
     point = rng.uniform(0.0, 1.0, 2)
     shape = {"centre": tuple(0.5 + 0.5 * point), "inertia": tuple((1.0 - point) / 12.0)}
-    return ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
+    links = ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
+    usual = CLASSES[robot].arm
+    rotor = rng.uniform(0.0, 1.0, 2) * usual.rotor * stretched_inertia(links) / stretched_inertia(usual)
+    return dataclasses.replace(links, rotor=tuple(rotor))
 
 
 def tau(board: Board, rows: Sequence[int], names: Sequence[str], sealed: Runs) -> dict[str, float]:

@@ -1,21 +1,24 @@
 """Classes of robots, which ask for different laws: `servo`, `direct` and `geared`.
 
 A class has an arm of its size, its rate, drives, sensors and friction. Each episode draws their
-numbers. A family pushes one of them further, at severities 1 to 3. Beside the scenarios of its
-board, a class has `practice` for tuning and training, with another motion, and `surprise`, on which
-nothing is tuned or trained: the arm changes during the episode, or is another one.
+numbers. A family pushes one of them further, at severities 1 to 3. The families take turns in three
+variants of the arm, since a law that suits one arm may fail on the next. Beside the scenarios of
+its board, a class has `practice` for tuning and training, with other variants and another motion,
+and `surprise`, on which nothing is tuned or trained: the arm changes during the episode, or is
+another one.
 
 Torques are multiples of the arm's own weight and inertia, so that `conditions` makes the same task
 of any arm. `docs/reference/classes.md` has the source of each range.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fbl_gym.model.arm import TABLE_1, ArmParameters
+from fbl_gym.model.arm import TABLE_1, ArmParameters, Array
 from fbl_gym.model.real_arms import CICESE, DFKI_A0, DFKI_C1, PELICAN
 from fbl_gym.options import DriveChange, Event, FourierReference, FrictionChange, Knock, MinimumJerk, PickUp
 from fbl_gym.records import Distribution, merged
@@ -67,6 +70,12 @@ def _log(ends: tuple[float, float], scale: float = 1.0) -> Distribution:
     return Distribution(log_uniform=(scale * ends[0], scale * ends[1]))
 
 
+def stretched_inertia(arm: ArmParameters) -> Array:
+    """Return the inertia of the stretched links about each joint [2] kg m^2, without rotors."""
+    p1, p2, p3, _, _ = arm.lumped
+    return np.array([p1 + p2 + 2 * p3, p2])
+
+
 class _Scale:
     """The scales of an arm in a class, and the share of a family's size.
 
@@ -78,9 +87,9 @@ class _Scale:
     """
 
     def __init__(self, robot: RobotClass, arm: ArmParameters, size: float = 1.0) -> None:
-        p1, p2, p3, p4, p5 = arm.lumped
+        _, p2, p3, p4, p5 = arm.lumped
         self.robot, self.arm, self.size = robot, arm, size
-        self.inertia = np.array([p1 + p2 + 2 * p3, p2])
+        self.inertia = stretched_inertia(arm)
         rotor = np.array(arm.rotor)
         self.rotor = np.where(rotor > 0, rotor, 0.3 * self.inertia)
         self.weight = np.maximum([abs(p4) + abs(p5), abs(p5)], LEAST * (self.inertia + np.array(arm.rotor)))
@@ -270,8 +279,27 @@ _OTHER_ARMS = {"servo": PELICAN, "direct": CICESE, "geared": TABLE_1}
 """The arm of the surprise `arm`."""
 
 _REAL_ARMS = {"dfki-a0": DFKI_A0}
-_OWN_ARMS = (*(kind.arm for kind in CLASSES.values()), *_OTHER_ARMS.values(), *_REAL_ARMS.values())
-"""The arms of the named scenarios."""
+
+_VARIANTS = {
+    "": ((1.0, 1.0, 1.0), (0.4, 1.3, 1.0), (2.5, 1.1, 0.3)),
+    "practice": ((1.0, 1.0, 1.0), (0.4, 0.7, 1.0), (3.0, 1.3, 0.0)),
+}
+"""Of board and practice: mass and length of the second link, and both rotors, as multiples of the
+class's arm."""
+
+
+def _variant(tier: str, robot: str, family: str, severity: int) -> tuple[float, float, float]:
+    """Return the variant whose turn it is; in practice, both severities of a family have others."""
+    turns = ("nominal", *families(robot))
+    turn = turns.index(family) + (severity // 2 if tier == "practice" else 0) if family in turns else 0
+    return _VARIANTS[tier][turn % len(_VARIANTS[tier])]
+
+
+def _varied(arm: ArmParameters, mass: float, length: float, rotors: float) -> ArmParameters:
+    first, second = arm.rotor  # type: ignore[misc]
+    rotor = (rotors * first, rotors * mass * length**2 * second)  # a drive suits its link
+    return dataclasses.replace(arm, m2=mass * arm.m2, L2=length * arm.L2, rotor=rotor)
+
 
 _TEXTS = {
     "nominal": "nothing is pushed further",
@@ -332,23 +360,29 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
     return {**merged(usual, combined(known, tuple(names), severity, scale))}
 
 
-def _board(robot: str, family: str, severity: int, arm: ArmParameters | None) -> Scenario:
-    """Return a scenario of a class's board."""
-    options = conditions(arm or _REAL_ARMS.get(family, CLASSES[robot].arm), robot, family, severity)
-    if family == "dfki-a0" and arm is None:  # friction and torque limit as in `real.py`
-        options["friction"] = {"viscous": 0.001, "coulomb": (0.093 * math.pi / 2, 0.078 * math.pi / 2)}
-        options["actuator"]["torque_limit"] = 10.0
+def _board(
+    robot: str, family: str, severity: int, arm: ArmParameters | None, tier: str = "", **options: Any
+) -> Scenario:
+    """Return a scenario of a class's board, with some options replaced."""
     text = _TEXTS.get(family) or families(robot)[family].description
-    return Scenario(name=_name(robot, "", family, severity), description=f"{robot}: {text}", **options)
+    variant = _variant(tier, robot, family, severity)
+    if arm is None and family not in _REAL_ARMS and variant != _VARIANTS[tier][0]:
+        text += "; second link of {:g} times the mass and {:g} times the length, {:g} times the rotors".format(*variant)
+    own = _REAL_ARMS.get(family) or _varied(CLASSES[robot].arm, *variant)
+    task = conditions(arm or own, robot, family, severity)
+    if family == "dfki-a0" and arm is None:  # friction and torque limit as in `real.py`
+        task["friction"] = {"viscous": 0.001, "coulomb": (0.093 * math.pi / 2, 0.078 * math.pi / 2)}
+        task["actuator"]["torque_limit"] = 10.0
+    name = _name(robot, tier, family, severity)
+    return Scenario(name=name, description=f"{robot}: {text}", **{**task, **options})
 
 
 def _practice(robot: str, family: str, severity: int, arm: ArmParameters | None) -> Scenario:
-    """Return a scenario of the board with another motion, for tuning and training."""
-    kind = CLASSES[robot]
+    """Return a scenario for tuning and training: with other arms and motions than on the board."""
     speed = 1.5 if family == "saturation" else 1.0
-    motion = FourierReference(amplitude=(1.5, 2.0), frequency=speed * 0.24 / kind.move_time, harmonics=4)
-    name = _name(robot, "practice", family, severity)
-    return _board(robot, family, severity, arm).replace(name=name, reference=motion, duration=4.8)
+    frequency = speed * 0.24 / CLASSES[robot].move_time
+    motion = FourierReference(amplitude=(1.5, 2.0), frequency=frequency, harmonics=4)
+    return _board(robot, family, severity, arm, "practice", reference=motion, duration=4.8)
 
 
 def _surprise(robot: str, family: str, severity: int, arm: ArmParameters | None) -> Scenario:
@@ -389,6 +423,12 @@ def _members() -> dict[str, tuple[Callable[..., Scenario], str, Member]]:
                     members[_name(robot, tier, family, severity)] = make, robot, member
     return members
 
+
+_OWN_ARMS = {
+    *_OTHER_ARMS.values(), *_REAL_ARMS.values(),
+    *(_varied(kind.arm, *variant) for kind in CLASSES.values() for variant in _VARIANTS[""]),
+}  # fmt: skip
+"""The arms on which tuning and training may have neither events nor another plant."""
 
 _ENTRIES = _members()
 MEMBERS = {name: member for name, (_, _, member) in _ENTRIES.items()}

@@ -41,6 +41,20 @@ def test_a_family_pushes_something_further_at_each_severity(robot, family):
 
 
 @pytest.mark.parametrize("robot", CLASSES)
+def test_the_families_take_turns_in_three_arms_and_practice_has_others(robot):
+    own, names = CLASSES[robot].arm, families(robot)
+    assert scenarios.get(f"{robot}-nominal").arm == scenarios.get(f"{robot}-practice-nominal").arm == own
+    board = {name: {scenarios.get(f"{robot}-{name}-{severity}").arm for severity in (1, 2, 3)} for name in names}
+    assert all(len(arms) == 1 for arms in board.values())
+    practice = {
+        name: [scenarios.get(f"{robot}-practice-{name}-{severity}").arm for severity in (1, 3)] for name in names
+    }
+    assert all(first != second for first, second in practice.values())
+    ours, others = set().union(*board.values()), set().union(*practice.values())
+    assert (len(ours), len(others), ours & others) == (3, 3, {own})
+
+
+@pytest.mark.parametrize("robot", CLASSES)
 def test_tuning_and_training_may_use_practice_alone(robot):
     for name in MEMBERS:
         if name.startswith(robot):
