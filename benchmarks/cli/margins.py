@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.analysis.linear import LinearLoop, NotLinear, linearize
+from benchmarks.analysis.linear import LinearLoop, Margins, NotLinear, linearize
 from benchmarks.cli.common import add_option, add_plot, add_policies, add_scenario
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.report.plot import plot_loops
@@ -34,15 +34,10 @@ def run(arguments: argparse.Namespace) -> int:
     for policy in arguments.policies:
         spec = resolve_isolated(policy)
         answer = spec.call(_linearized, spec, scenario, (q1, q2), arguments.seed)
-        try:
-            if isinstance(answer, str):
-                raise NotLinear(answer)
-            loop = LinearLoop(**answer)
-            margins = loop.margins()
-        except NotLinear as problem:
-            reasons.append(f"no margins of {policy}: {problem}")
+        if isinstance(answer, str):
+            reasons.append(f"no margins of {policy}: {answer}")
             continue
-        loops[policy] = loop
+        loops[policy], margins = LinearLoop(**answer[0]), Margins(**answer[1])
         rows.append((
             policy,
             f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}",
@@ -64,9 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _linearized(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> dict[str, Any] | str:
-    """Return the fields of a policy's loop, or the reason why there is none."""
+def _linearized(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> tuple[dict[str, Any], ...] | str:
+    """Return the fields of a policy's loop and of its margins, or the reason why it has none."""
     try:
-        return vars(linearize(policy, scenario, at, seed=seed))
+        loop = linearize(policy, scenario, at, seed=seed)
+        return vars(loop), vars(loop.margins())
     except NotLinear as problem:
         return str(problem)

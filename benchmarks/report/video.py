@@ -15,9 +15,8 @@ import numpy as np
 from benchmarks.files import replacing
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
-from fbl_gym.checks import Pair
 from fbl_gym.view.picture import INK, LETTERS, MARGIN, Canvas, Frame, Picture, draw
-from fbl_gym.view.render import full_torque
+from fbl_gym.view.render import full_torque, pair
 
 FPS = {".mp4": 50, ".gif": 25}
 """Frames per second; a GIF's frames last whole hundredths of a second."""
@@ -72,7 +71,7 @@ class Scene:
     def __init__(self, title: str, trace: Trace) -> None:
         self.title = title
         self.trace = trace
-        self.lengths = _pair(trace.lengths[0])
+        self.lengths = pair(trace.lengths[0])
         square = (errors(trace)[:, 0] ** 2).mean(axis=-1)
         self.rms = np.sqrt(np.cumsum(square) / np.arange(1, len(square) + 1))
         self.last = int(trace.alive[:, 0].sum()) - 1
@@ -86,14 +85,10 @@ class Scene:
             subtitle=running if k <= self.last else f"diverged at {trace.time[self.last + 1]:.2f} s",
             time=float(trace.time[k]),
             lengths=self.lengths,
-            position=_pair(trace.position[sample, 0]),
-            reference=_pair(trace.reference[k, 0]),
-            torque=_pair(trace.torque[sample, 0]),
-            push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[sample, 0]),
+            position=pair(trace.position[sample, 0]),
+            reference=pair(trace.reference[k, 0]),
+            torque=pair(trace.torque[sample, 0]),
+            push=None if trace.scenario.disturbance is None else pair(-trace.disturbance[sample, 0]),
             full_torque=full_torque(trace.scenario),
             payload=float(trace.payload[sample, 0]),
         )
-
-
-def _pair(x: Any) -> Pair:
-    return float(x[0]), float(x[1])

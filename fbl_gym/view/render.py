@@ -41,8 +41,8 @@ class View:
 
     def picture(self, truth: Truth) -> Picture:
         """Return the picture of an instant."""
-        lengths, q, r, torque = map(_pair, (truth.lengths, truth.position, truth.reference, truth.applied_torque))
-        push = None if self.scenario.disturbance is None else _pair(-truth.disturbance)
+        lengths, q, r, torque = map(pair, (truth.lengths, truth.position, truth.reference, truth.applied_torque))
+        push = None if self.scenario.disturbance is None else pair(-truth.disturbance)
         return Picture(
             title=self.scenario.name, subtitle="", time=float(truth.time), lengths=lengths, position=q, reference=r,
             torque=torque, push=push, full_torque=self._full_torque, payload=float(truth.payload),
@@ -81,7 +81,7 @@ class View:
             pygame.display.quit()
 
 
-def _pair(x: Array) -> Pair:
+def pair(x: Array) -> Pair:
     """Return two floats, with zero for the infinite or undefined values of a diverged arm."""
     first, second = np.nan_to_num(x, posinf=0.0, neginf=0.0).tolist()
     return first, second
