@@ -340,15 +340,6 @@ class Board:
         return statistics.ranks(self.average(self._diverged(self.main)[0])[:, self.ranked])
 
     @cached_property
-    def times_ceiling(self) -> Array | None:
-        """Geometric mean of each policy's errors over the ceilings' [p]; None: there are none."""
-        scored = [k for k in self.main if k in self.ceilings]
-        if not scored:
-            return None
-        ratio = np.mean(np.log(self.errors[:, scored] / self._of_ceilings(scored, counted_error)), axis=(-1, -2))
-        return np.asarray(np.exp(self.average(ratio[None])[0]))
-
-    @cached_property
     def order(self) -> list[int]:
         """Indices of the policies, the best first; unranked ones stand at the end."""
         return sorted(range(len(self.specs)), key=lambda i: (not self.specs[i].ranked, self._levels[0, i]))
@@ -380,26 +371,6 @@ class Board:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a policy whose runs all diverged has NaN
             return self.average(np.nanmean(times, axis=-1)[None])[0].mean(axis=-1)
-
-    @cached_property
-    def degradation(self) -> dict[str, tuple[str, list[int], Estimate]]:
-        """Description, severities [k], errors [p x k] of each family with two or more, by title."""
-        groups: dict[tuple[str, ...], dict[int, int]] = {}
-        for i, name in enumerate(self.scenarios):
-            if member := scenarios.member(name):
-                # Severities of one arm, at one rate and in one world belong together.
-                group = tier_of(name), member.arm, name.partition("@")[2], member.family
-                groups.setdefault(group, {})[member.severity] = i
-        curves = {}
-        for (tier, arm, suffix, family), members in groups.items():
-            severities = sorted((groups.get((tier, arm, suffix, "nominal"), {}) | members).items())
-            if family != "nominal" and len(severities) > 1:
-                runs = self.errors[:, [i for _, i in severities]][:, :, None]
-                title = (family if arm == "table-1" else f"{arm}/{family}") + (f"@{suffix}" if suffix else "")
-                title = title if tier == next(iter(self.tiers)) else f"{tier} {title}"
-                text, estimate = meaning_of(self.scenarios[severities[-1][1]]), self._mean_errors(runs)
-                curves[title] = text, [severity for severity, _ in severities], statistics.interval(estimate)
-        return curves
 
 
 def _geometric_mean(x: Array) -> float:
@@ -459,16 +430,7 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     names = dict.fromkeys(one.scenario.name for one in expected)
     partial = {policy: some for policy, some in wanted.items() if len(some) < len(names)}
 
-    rows: dict[str, tuple[PolicySpec, ...]] = {}
-    for spec in specs.values():
-        for row in () if spec.name in partial else spec.rows or (spec.name,):
-            rows[row] = (*rows.get(row, ()), spec)
-    incomplete: dict[str, str] = {}
-    for row, members in rows.items():
-        for spec in members:
-            if reason := _lack(stored[spec.name], tasks):
-                incomplete.setdefault(row, reason if len(members) == 1 else f"{spec.name}: {reason}")
-    rows = {row: members for row, members in rows.items() if row not in incomplete}
+    rows, incomplete = _complete([spec for spec in specs.values() if spec.name not in partial], stored, tasks)
     for policy, some in partial.items():
         if reason := _lack(stored[policy], some):
             incomplete[policy] = f"{reason}, where it may be the ceiling"
@@ -515,6 +477,22 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
             for k, task in enumerate(tasks)
         },
     )  # fmt: skip
+
+
+def _complete(
+    specs: Sequence[PolicySpec], stored: Mapping[str, Mapping[str, Result]], tasks: Iterable[str]
+) -> tuple[dict[str, tuple[PolicySpec, ...]], dict[str, str]]:
+    """Return the members of each row, by its name, and why the rows are left out that lack some."""
+    rows: dict[str, tuple[PolicySpec, ...]] = {}
+    for spec in specs:
+        for row in spec.rows or (spec.name,):
+            rows[row] = (*rows.get(row, ()), spec)
+    incomplete: dict[str, str] = {}
+    for row, members in rows.items():
+        for spec in members:
+            if reason := _lack(stored[spec.name], tasks):
+                incomplete.setdefault(row, reason if len(members) == 1 else f"{spec.name}: {reason}")
+    return {row: members for row, members in rows.items() if row not in incomplete}, incomplete
 
 
 def _lack(results: Mapping[str, Result], tasks: Iterable[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,11 +40,6 @@ class Group:
         errors = self.errors(axis, points).T[:, None]
         return interval(geometric_mean(errors, resample(len(self.runs), 0)))
 
-    def until(self, axis: str, error: float) -> Array:
-        """Return the step or time at which each run reaches an error [mrad]; inf if it does not."""
-        reached = [np.flatnonzero(run["validation_mrad"] <= error) for run in self.runs]
-        return np.array([run[axis][at[0]] if len(at) else np.inf for run, at in zip(self.runs, reached, strict=True)])
-
 
 def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     """Return the runs in some folders of `fbl-gym train`, grouped by their settings.
@@ -57,9 +51,8 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     for folder in folders:
         try:
             settings, seed = training(folder)
-            with (folder / "curve.csv").open() as file:
-                rows = list(csv.DictReader(file))
-            run = {name: np.array([float(row[name]) for row in rows]) for name in ("steps", "cpu_s", "validation_mrad")}
+            table = np.atleast_1d(np.genfromtxt(folder / "curve.csv", delimiter=",", names=True))
+            run = {name: table[name] for name in ("steps", "cpu_s", "validation_mrad")}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             raise ValueError(
                 f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({type(problem).__name__}: {problem})"

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.rollout import make_env
 from controllers.policy import leaves, map_state
-from fbl_gym.checks import Pair, check_number, check_pair
+from fbl_gym.checks import Pair, check_pair
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
@@ -224,31 +224,24 @@ def linearize(
     scenario: Scenario | str | None = None,
     at: Pair = POINT,
     *,
-    times: Sequence[float] = (),
     seed: int = 0,
     gains: Mapping[str, Any] | None = None,
-) -> list[LinearLoop]:
-    """Linearise the loop of a policy: about rest, or along the motion.
+) -> LinearLoop:
+    """Linearise the loop of a policy about rest at the constant reference `at` [rad].
 
-    Without `times`, the arm is at rest at the constant reference `at` [rad], and there is one loop.
-    With times since the start of the scenario's motion [s], there is one loop for each. The arm is
-    first run without noise, disturbance and dry friction, and carries its payload all the time.
-    Along the motion, each loop is that of an arm that would stay in the state of that time; it
-    describes deviations that are fast against the motion (Khalil, "Nonlinear Systems", 2002, §9.6).
+    The arm is first run without noise, disturbance and dry friction, and carries its payload all
+    the time.
 
     Raises:
         NotLinear: the arm diverges or does not come to rest, or the law is not linear even for
             small deviations.
     """
     scenario = _calm(as_scenario(scenario))
-    dt, longest = scenario.control_dt, scenario.duration
-    steps = [round(check_number("times", time, low=dt, high=longest) / dt) for time in times]
-    if not steps:
-        point, zero = check_pair("at", at), (0.0, 0.0)
-        reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
-        scenario = scenario.replace(reference=reference, initial_error=0.0)
-    candidates = steps or [round(time / dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
-    scenario = scenario.replace(duration=(max(candidates) + 1) * dt)
+    point, zero = check_pair("at", at), (0.0, 0.0)
+    reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
+    instants = [round(time / scenario.control_dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
+    duration = (instants[-1] + 1) * scenario.control_dt
+    scenario = scenario.replace(reference=reference, initial_error=0.0, duration=duration)
     spec = resolve(policy)
     if not spec.ranked:
         raise NotLinear("the policy reads the true state")
@@ -256,23 +249,15 @@ def linearize(
     actor = spec.make(env, **(gains or {}))
     observation, _ = env.reset(seed=[seed])
     state: Any = None
-    loops = {}
-    for k in range(max(candidates) + 1):
-        action, after = actor.predict(observation, state=state, deterministic=True)
-        if k in candidates:
-            truth = env.truth
-            at_rest = np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max()
-            if steps or at_rest:
-                loops[k] = _loop(scenario, env.interface, truth, actor, observation[0], state)
-            if not steps and at_rest:
-                return [loops[k]]
+    for k in range(instants[-1] + 1):
+        truth = env.truth if k in instants else None
+        if truth and np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max():
+            return _loop(scenario, env.interface, truth, actor, observation[0], state)
+        action, state = actor.predict(observation, state=state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
         if terminated[0]:
             raise NotLinear("the arm diverges")
-        state = after
-    if not steps:
-        raise NotLinear(f"the arm does not come to rest within {SETTLING:g} s")
-    return [loops[k] for k in steps]
+    raise NotLinear(f"the arm does not come to rest within {SETTLING:g} s")
 
 
 def _calm(scenario: Scenario) -> Scenario:

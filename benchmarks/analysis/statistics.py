@@ -141,14 +141,6 @@ def wins(a: ArrayLike, b: ArrayLike, counts: Array) -> Array:
     return mean((a < b) + 0.5 * (a == b), counts)
 
 
-def profile(x: ArrayLike, tau: ArrayLike, counts: Array) -> Array:
-    """Return the share of the runs [... x s x n] with an error of at most tau [k], [b x ... x k].
-
-    This is the performance profile.
-    """
-    return mean(np.asarray(x)[..., None, :, :] <= np.asarray(tau)[:, None, None], counts)
-
-
 def ranks(draws: Array) -> Estimate:
     """Return median and interval of each policy's rank over the resamples.
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.analysis.curves import Group, read_groups
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.cli.common import add_plot, positive
+from benchmarks.cli.common import add_plot
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
 
@@ -17,7 +17,6 @@ AXES = {"steps": "environment steps", "cpu_s": "processor time [s]"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folders of `fbl-gym train`")
-    parser.add_argument("--reach", type=positive, metavar="MRAD", help="also print steps and time to this error")
     add_plot(parser, "error against steps and against processor time")
 
 
@@ -26,15 +25,11 @@ def run(arguments: argparse.Namespace) -> int:
     groups = read_groups(arguments.runs)
     common = {axis: min(group.ends(axis).min() for group in groups) for axis in AXES}
     header = ["runs", "seeds", "steps", f"after {common['steps']:,.0f} steps", f"after {common['cpu_s']:.0f} s"]
-    if arguments.reach is not None:
-        header += [f"steps to {arguments.reach:g}", f"s to {arguments.reach:g}"]
     rows = []
     for group in sorted(groups, key=lambda group: group.estimate("cpu_s", np.array([common["cpu_s"]])).value[0]):
         ends = group.ends("steps")
         row = [group.name, str(len(group.runs)), f"{ends.min():,.0f} to {ends.max():,.0f}"]
         row += [_text(group.estimate(axis, np.array([point]))) for axis, point in common.items()]
-        if arguments.reach is not None:
-            row += [_reached(group.until(axis, arguments.reach)) for axis in AXES]
         rows.append(row)
     Screen().print(table("Validation error [mrad]", header, rows))
     print("Geometric mean over the training seeds, of the best agent so far, with a 95 % interval over these seeds.")
@@ -48,12 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
 def _text(error: Estimate) -> str:
     (value,), (low,), (high,) = error.value, error.low, error.high
     return f"{value:.4g}" if low == high else f"{value:.4g} [{low:.4g}, {high:.4g}]"
-
-
-def _reached(at: np.ndarray) -> str:
-    """Return the median over the runs, and how many of them reach the error if not all do."""
-    share = "" if np.isfinite(at).all() else f" ({np.isfinite(at).sum()} of {len(at)})"
-    return f"{np.median(at):,.0f}{share}" if np.isfinite(np.median(at)) else f"-{share}"
 
 
 def _lines(groups: tuple[Group, ...], axis: str) -> tuple[Line, ...]:

@@ -1,13 +1,11 @@
 """The command `fbl-gym leaderboard`."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.cli import transfer
 from benchmarks.cli.common import add_metrics, add_run, add_tex, command_line, count, policy_name, run_all, trust
-from benchmarks.cli.parser import stopped_status
 from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.name import PolicyName
@@ -91,13 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.world:
         return max(transfer.compare(suite, arguments) for suite in suites)
     cells = [cell for suite in suites for cell in suite.cells]
-    try:
-        for _ in run_all(cells, arguments, limits_of(arguments)):
-            pass
-    except KeyboardInterrupt as stop:
-        done = f"{len(results_of(cells, store))} of {len(cells)} cells in {arguments.store}"
-        say(f"fbl-gym: stopped with {done}; the same command goes on from there", sys.stderr)
-        return stopped_status(stop)
+    for _ in run_all(cells, arguments, limits_of(arguments)):
+        pass
     results = results_of(cells, store)
     if any(result.rows for result in results):
         boards = boards_of(suites, store)

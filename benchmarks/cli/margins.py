@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.analysis.linear import LinearLoop, NotLinear, linearize
+from benchmarks.analysis.linear import LinearLoop, Margins, NotLinear, linearize
 from benchmarks.cli.common import add_option, add_plot, add_policies, add_scenario
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.report.plot import plot_loops
@@ -20,33 +20,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at", nargs=2, type=float, default=(-1.0, 0.5), metavar=("Q1", "Q2"), help="where the arm rests, in rad (-1 0.5)"
     )  # fmt: skip
-    parser.add_argument(
-        "--time", type=float, metavar="T", help="along the motion instead, so many seconds after its start"
-    )
     add_plot(parser, "|L| and |S|")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the margins of each policy, and draw its loop."""
     scenario = scenarios.get(arguments.scenario)
-    times = () if arguments.time is None else (arguments.time,)
     q1, q2 = arguments.at
-    point = f"at rest at ({q1:g}, {q2:g}) rad" if arguments.time is None else f"{arguments.time:g} s into the motion"
+    title = f"{scenario.name}, at rest at ({q1:g}, {q2:g}) rad"
     rows: list[Sequence[str]] = []
     loops: dict[str, LinearLoop] = {}
     reasons: list[str] = []
     for policy in arguments.policies:
         spec = resolve_isolated(policy)
-        answer = spec.call(_linearized, spec, scenario, (q1, q2), times, arguments.seed)
-        try:
-            if isinstance(answer, str):
-                raise NotLinear(answer)
-            loop = LinearLoop(**answer)
-            margins = loop.margins()
-        except NotLinear as problem:
-            reasons.append(f"no margins of {policy}: {problem}")
+        answer = spec.call(_linearized, spec, scenario, (q1, q2), arguments.seed)
+        if isinstance(answer, str):
+            reasons.append(f"no margins of {policy}: {answer}")
             continue
-        loops[policy] = loop
+        loops[policy], margins = LinearLoop(**answer[0]), Margins(**answer[1])
         rows.append((
             policy,
             f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}",
@@ -57,23 +48,21 @@ def run(arguments: argparse.Namespace) -> int:
         ))  # fmt: skip
     screen = Screen()
     header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")
-    screen.print(table(f"{scenario.name}, {point}", header, rows))
+    screen.print(table(title, header, rows))
     for reason in reasons:
         screen.say(reason)
     screen.say("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
     if arguments.plot is not None and loops:
         responses = {policy: [loop.response(joint) for joint in (0, 1)] for policy, loop in loops.items()}
-        plot_loops(responses, f"{scenario.name}, {point}", arguments.plot, arguments.columns)
+        plot_loops(responses, title, arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}")
     return 0
 
 
-def _linearized(
-    policy: PolicySpec, scenario: Scenario, at: Pair, times: Sequence[float], seed: int
-) -> dict[str, Any] | str:
-    """Return the fields of a policy's loop, or the reason why there is none."""
+def _linearized(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> tuple[dict[str, Any], ...] | str:
+    """Return the fields of a policy's loop and of its margins, or the reason why it has none."""
     try:
-        (loop,) = linearize(policy, scenario, at, times=times, seed=seed)
+        loop = linearize(policy, scenario, at, seed=seed)
+        return vars(loop), vars(loop.margins())
     except NotLinear as problem:
         return str(problem)
-    return vars(loop)

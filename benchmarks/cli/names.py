@@ -4,8 +4,6 @@ import argparse
 import contextlib
 import itertools
 import re
-import shutil
-import sys
 from collections.abc import Callable, Mapping
 
 from gymnasium.error import DependencyNotInstalled
@@ -23,7 +21,7 @@ from fbl_gym.scenarios.classes import CLASSES
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what", nargs="?", choices=tuple(LISTS),
-        help="the list to print (all); a terminal gets one line for each name, a file or a pipe the whole text",
+        help="the list to print (all)",
     )  # fmt: skip
 
 
@@ -96,13 +94,11 @@ LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the lists."""
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for what in (arguments.what,) if arguments.what else LISTS:
         texts = LISTS[what]()
         if arguments.what is None:
             print(f"{what}:")
         name_width = max(map(len, texts), default=0) + 2
         for name, text in texts.items():
-            line = visible(f"{name:<{name_width}}{text}")
-            print(line if width is None or len(line) <= width else line[: width - 1] + "…")
+            print(visible(f"{name:<{name_width}}{text}"))
     return 0

@@ -31,7 +31,7 @@ COMMANDS: dict[str, Command] = {
     "evaluate": Command("evaluate", "evaluate policies on one scenario: metrics or a comparison, plot, video, trials",
         "pid-flm cascade-flm --scenario payload-2 --plot errors.png"),
     "leaderboard": Command("leaderboard", "run a suite: all policies on all scenario families, with the same seeds",
-        "--policies pid-flm cascade-flm zero oracle-flm --seeds 4"),
+        "--policies pid-flm cascade-flm zero oracle-flm --seeds 4", "finished cells are kept"),
     "report": Command("report", "write the board as Markdown, CSV and one HTML page, from stored results",
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4 --out board"),
     "sweep": Command("sweep", "measure policies over the values of options: CSV and figure",
@@ -100,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         kept = COMMANDS[given[0]].kept if given and given[0] in COMMANDS else ""
         with contextlib.suppress(OSError):  # the terminal may be closed
             print("fbl-gym: stopped" + (f"; {kept}, and the same command goes on" if kept else ""), file=sys.stderr)
-        return stopped_status(stop)
+        return 128 + (stop.args[0] if isinstance(stop, Stopped) else signal.SIGINT)
 
 
 def _reason(problem: Exception) -> str:
@@ -138,11 +138,6 @@ def _run(run: Callable[[argparse.Namespace], int], arguments: argparse.Namespace
 
 class Stopped(KeyboardInterrupt):
     """The end of this process by a signal; its argument is the signal's number."""
-
-
-def stopped_status(stop: KeyboardInterrupt) -> int:
-    """Return the exit status of a stopped process: 128 and the number of the signal."""
-    return 128 + (stop.args[0] if isinstance(stop, Stopped) else signal.SIGINT)
 
 
 @contextlib.contextmanager
@@ -212,8 +207,7 @@ def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Name
         epilog=f"example: fbl-gym {name} {command.example}" if command.example else None,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    if hasattr(module, "add_arguments"):
-        module.add_arguments(parser)
+    module.add_arguments(parser)
     return parser, module.run
 
 

@@ -7,16 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cli.common import (
-    add_option,
-    add_policy,
-    add_scenario,
-    add_trust,
-    command_line,
-    count,
-    refuse_judged,
-    trust,
-)
+from benchmarks.cli import common
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.rl.training_settings import SEEDS_PER_RUN, training_seeds
 from benchmarks.text import say
@@ -34,18 +25,18 @@ def folder(text: str) -> Path:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_policy(parser)
-    add_scenario(parser)
-    add_option(parser, "--episodes", count, 100, "N", "number of episodes")
-    add_option(parser, "--seed", int, 0, "K", f"training seed, with {SEEDS_PER_RUN} episode seeds")
+    common.add_policy(parser)
+    common.add_scenario(parser)
+    common.add_option(parser, "--episodes", common.count, 100, "N", "number of episodes")
+    common.add_option(parser, "--seed", int, 0, "K", f"training seed, with {SEEDS_PER_RUN} episode seeds")
     meaning = "standard deviation of noise on the actions, as a share of their bound"
-    add_option(parser, "--noise", float, 0.0, "S", meaning)
+    common.add_option(parser, "--noise", float, 0.0, "S", meaning)
     parser.add_argument(
         "--observation", choices=("tracking", "raw"), default="tracking",
         help="the environment whose observations are recorded (tracking)",
     )  # fmt: skip
     parser.add_argument("--out", type=folder, required=True, metavar="DIR", help="new folder, such as data/expert-v0")
-    add_trust(parser)
+    common.add_trust(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,9 +44,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     from benchmarks.run.episodes import write
 
-    trust(arguments)
+    common.trust(arguments)
     scenario = scenarios.get(arguments.scenario)
-    refuse_judged(scenario)
+    common.refuse_judged(scenario)
     seeds = training_seeds(arguments.seed)[: arguments.episodes]
     if arguments.episodes > SEEDS_PER_RUN:
         raise ValueError(f"episodes must be at most {SEEDS_PER_RUN}, the seeds of one --seed, got {arguments.episodes}")
@@ -64,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     policy = resolve_isolated(arguments.policy)
     fields = policy.call(_record, policy, scenario, seeds, arguments.noise, arguments.observation)
     episodes = [EpisodeBuffer(**episode) for episode in fields]
-    about = {"algorithm_name": policy.name, "description": command_line()}
+    about = {"algorithm_name": policy.name, "description": common.command_line()}
     write(episodes, arguments.out, scenario, arguments.observation, **about)
     errors = [episode.infos["reference"] - episode.infos["position"] for episode in episodes]
     terminated = sum(bool(episode.terminations[-1]) for episode in episodes)

@@ -9,7 +9,7 @@ from benchmarks.cli.leaderboard import add_suite, boards_of, counts, results_of,
 from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv
-from benchmarks.report.page import contents, write_page
+from benchmarks.report.page import write_page
 from benchmarks.run.store import Store
 from benchmarks.text import say
 
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
         folder = out / suite.name if len(suites) > 1 else out
         write_text(folder / "board.md", markdown.leaderboard(board))
         write_csv(folder / "board.csv", results)
-        write_page(folder / "board.html", contents(board, results, command_line()))
+        write_page(folder / "board.html", board, results, command_line())
         say(f"report: {folder / 'board.html'}, board.md and board.csv beside it")
         if board.gaps:
             print(

@@ -82,29 +82,19 @@ class Outcome(NamedTuple):
     """
 
     meets: Any
-    measured: str
-    lines: Sequence[Line] = ()
-
-
-@dataclass(frozen=True)
-class Case:
-    """A measured case: its kind, the values that differ from the first case, and the outcome."""
-
-    kind: str
-    name: str
-    meets: Any
     measured: str = ""
+    lines: Sequence[Line] = ()
 
     @property
     def holds(self) -> bool:
-        """True if the claim holds in this case."""
+        """True if the claim holds."""
         return bool(np.all(self.meets)) if np.size(self.meets) == 1 else bool(share(self.meets).low >= LEAST)
 
     @property
-    def row(self) -> tuple[str, ...]:
-        """The case as texts, for `Claim.cases`."""
+    def texts(self) -> tuple[str, ...]:
+        """The last texts of a case in `Claim.cases`."""
         count, n = np.sum(self.meets), np.size(self.meets)
-        return self.kind, self.name, self.measured, f"{count} of {n}" if n > 1 else "", "yes" if self.holds else "no"
+        return self.measured, f"{count} of {n}" if n > 1 else "", "yes" if self.holds else "no"
 
 
 def share(meets: Any) -> Estimate:
@@ -112,13 +102,14 @@ def share(meets: Any) -> Estimate:
     return proportion(np.sum(meets, axis=-1), np.shape(meets)[-1])
 
 
-def judge(cases: Sequence[Case]) -> tuple[str, str]:
+def judge(kinds: Sequence[str], outcomes: Sequence[Outcome]) -> tuple[str, str]:
     """Return the verdicts at stated and at the most favourable open values, by the rule above."""
-    stated = [case.holds for case in cases if case.kind == STATED]
-    claimed = [case.holds for case in cases if case.kind != CONTROL]
+    holds = [(kind, outcome.holds) for kind, outcome in zip(kinds, outcomes, strict=True)]
+    stated = [held for kind, held in holds if kind == STATED]
+    claimed = [held for kind, held in holds if kind != CONTROL]
     return tuple(  # type: ignore[return-value]
-        f"{REPRODUCED if holds else NOT_REPRODUCED}, {sum(each)} of {len(each)}"
-        for holds, each in ((all(stated), stated), (any(claimed), claimed))
+        f"{REPRODUCED if held else NOT_REPRODUCED}, {sum(each)} of {len(each)}"
+        for held, each in ((all(stated), stated), (any(claimed), claimed))
     )
 
 

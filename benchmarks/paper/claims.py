@@ -7,9 +7,9 @@ from pathlib import Path
 
 from benchmarks.files import write_text
 from benchmarks.paper import section_2, section_3, section_4
-from benchmarks.paper.claim import Case, Claim, Declared, judge, show
+from benchmarks.paper.claim import Claim, Declared, judge, show
 from benchmarks.report.markdown import table
-from benchmarks.report.plot import Line, Panel, plot_lines
+from benchmarks.report.plot import Panel, plot_lines
 from fbl_gym.checks import unknown
 
 CLAIMS: dict[str, Declared] = {
@@ -43,21 +43,19 @@ def measure_claim(name: str, cases: int | None = None) -> tuple[Claim, Callable[
     Return the claim, and a function that draws its picture to a file if there is one.
     """
     declared = CLAIMS[name]
-    measured: list[Case] = []
-    lines: list[Line] = []
-    for kind, title, values in declared.cases()[:cases]:
-        outcome = declared.measure(values)
-        measured.append(Case(kind, title, outcome.meets, outcome.measured))
-        lines += outcome.lines
-    at_stated, at_best = judge(measured)
+    kinds, titles, values = zip(*declared.cases()[:cases], strict=True)
+    outcomes = [declared.measure(each) for each in values]
+    at_stated, at_best = judge(kinds, outcomes)
     readings = {value: " | ".join(map(str, each)) for value, each in declared.stated.items()}
     claim = Claim(
         stated=show(readings), chosen=show(declared.chosen), at_stated=at_stated, at_best=at_best,
-        cases=tuple(case.row for case in measured), **declared.texts,
+        cases=tuple((kind, title, *each.texts) for kind, title, each in zip(kinds, titles, outcomes, strict=True)),
+        **declared.texts,
     )  # fmt: skip
+    lines = tuple(line for outcome in outcomes for line in outcome.lines)
     if not lines:
         return claim, None
-    panel = Panel("", lines=tuple(lines), **declared.panel)
+    panel = Panel("", lines=lines, **declared.panel)
     return claim, lambda path: plot_lines(claim.claim, [panel], path)
 
 
@@ -68,14 +66,11 @@ def load(folder: Path) -> dict[str, Claim]:
         return {}
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))
-        claims = {row.pop("name"): Claim(**row | {"cases": tuple(map(tuple, row["cases"]))}) for row in rows}
-        if not claims.keys() <= CLAIMS.keys():
-            raise ValueError(f"no claim is named {min(claims.keys() - CLAIMS.keys())!r}")
+        return {row.pop("name"): Claim(**row | {"cases": tuple(map(tuple, row["cases"]))}) for row in rows}
     except (ValueError, KeyError, TypeError, AttributeError) as problem:
         raise ValueError(
             f"{path} is damaged, or not from `fbl-gym reproduce` ({problem}); move it away, or give another --out"
         ) from None
-    return claims
 
 
 def save(folder: Path, claims: Mapping[str, Claim]) -> None:

@@ -133,43 +133,49 @@ def percent(x: float) -> str:
     return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
 
 
+def _estimated(key: str, title: str, meaning: str, estimate: Estimate, scale: float = 1.0, **more: Any) -> Column:
+    """Return a column of numbers with intervals, times a scale."""
+    value, low, high = ((scale * np.asarray(x)).tolist() for x in (estimate.value, estimate.low, estimate.high))
+    return Column(key, title, meaning, value, low, high, **more)
+
+
+def _ranked(board: Board, key: str, title: str, meaning: str, ranks: Estimate) -> Column:
+    """Return a column of ranks, which only ranked policies have."""
+    value, low, high = (
+        [dict(zip(board.ranked, bound.tolist(), strict=True)).get(i) for i in range(len(board.policies))]
+        for bound in (ranks.value, ranks.low, ranks.high)
+    )
+    meaning += " Median and interval over the bootstrap. A policy with privileged access has no rank."
+    return Column(key, title, meaning, value, low, high, form="{:.0f}".format, tables=ALL, ends="range")
+
+
+def _of_runs(board: Board, name: str, mean: Callable[[Array], Any]) -> list[float | None]:
+    """Return a metric's mean over the runs of each policy; None where it applies to none."""
+    known = [runs[~np.isnan(runs)] for runs in board.split(board.runs[name][:, board.main])]
+    return [float(mean(runs)) if runs.size else None for runs in known]
+
+
+def _notes(board: Board) -> list[str]:
+    """Return the number of training seeds of each policy, and of the scenarios where it failed."""
+    seeds = [f"{size} training seeds" if size > 1 else "" for size in board.sizes]
+    failures = [sum(j == i for j, _ in board.failed) for i in range(len(board.policies))]
+    failed = [f"motionless in {n} of {len(board.scenarios)}" if n else "" for n in failures]
+    return [", ".join(filter(None, pair)) for pair in zip(seeds, failed, strict=True)]
+
+
 def columns(board: Board) -> list[Column]:
     """Return the columns of a board, from left to right."""
-    count = len(board.policies)
-    failures = [sum(j == i for j, _ in board.failed) for i in range(count)]
-
-    def estimated(key: str, title: str, meaning: str, estimate: Estimate, scale: float = 1.0, **more: object) -> Column:
-        value, low, high = ((scale * np.asarray(x)).tolist() for x in (estimate.value, estimate.low, estimate.high))
-        return Column(key, title, meaning, value, low, high, **more)  # type: ignore[arg-type]
-
-    def ranked(key: str, title: str, meaning: str, ranks: Estimate) -> Column:
-        value, low, high = (
-            [dict(zip(board.ranked, bound.tolist(), strict=True)).get(i) for i in range(count)]
-            for bound in (ranks.value, ranks.low, ranks.high)
-        )
-        meaning += " Median and interval over the bootstrap. A policy with privileged access has no rank."
-        return Column(key, title, meaning, value, low, high, form="{:.0f}".format, tables=ALL, ends="range")
-
-    seeds = [f"{size} training seeds" if size > 1 else "" for size in board.sizes]
-    failed = [f"motionless in {n} of {len(board.scenarios)}" if n else "" for n in failures]
-    notes = [", ".join(filter(None, pair)) for pair in zip(seeds, failed, strict=True)]
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
-
-    def of_runs(name: str, mean: Callable[[Array], Any]) -> list[float | None]:
-        """Return a metric's mean over the runs of each policy; None where it applies to none."""
-        known = [runs[~np.isnan(runs)] for runs in board.split(board.runs[name][:, board.main])]
-        return [float(mean(runs)) if runs.size else None for runs in known]
-
-    violation = of_runs("violation_pct", np.mean)
+    violation = _of_runs(board, "violation_pct", np.mean)
     return [
-        ranked("rank", "rank", "Rank by the score, or by the error where there is no score.", board.rank),
+        _ranked(board, "rank", "rank", "Rank by the score, or by the error where there is no score.", board.rank),
         Column(
             "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
-            "failed, it counts as the motionless baseline.", board.policies, notes=notes, tables=ALL,
+            "failed, it counts as the motionless baseline.", board.policies, notes=_notes(board), tables=ALL,
         ),
         *(
-            estimated(
+            _estimated(
                 f"score-{tier}" if tier != first else "score", "score" if tier == first else f"{tier} score",
                 "0 is the motionless baseline, 100 the ceiling: the law with the least error that knows the truth. "
                 f"Logarithmic in the error; each percent of diverged runs counts as twice the error. Mean of the scenarios "
@@ -178,11 +184,11 @@ def columns(board: Board) -> list[Column]:
             )
             for tier, score in board.scores.items()
         ),
-        estimated(
+        _estimated(
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
             "reference's amplitude, half its range.", board.error, best=-1, tables=ALL, ends="interval",
         ),
-        estimated(
+        _estimated(
             "diverged", "diverged %", f"Share of runs that diverged {here}, with the upper end of its posterior's interval. "
             "These runs count in every error.", board.diverged, 100.0, best=-1, form=percent, tables=ALL, ends="upper",
         ),
@@ -202,17 +208,11 @@ def columns(board: Board) -> list[Column]:
             "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
             tables=ALL,
         ),
-        ranked("error-rank", "error rank", "Rank by the error.", board.error_rank),
-        ranked("diverged-rank", "diverged rank", "Rank by the share of runs that diverge.", board.diverged_rank),
+        _ranked(board, "error-rank", "error rank", "Rank by the error.", board.error_rank),
+        _ranked(board, "diverged-rank", "diverged rank", "Rank by the share of runs that diverge.", board.diverged_rank),
         Column(
             "mrad", "mrad", f"Geometric mean, over all runs {here}, of the mean absolute tracking error of both joints [mrad].",
             board.mrad(board.main).tolist(), best=-1,
-        ),
-        *(
-            [] if board.times_ceiling is None else [Column(
-                "ceiling", "× ceiling", "Error over that of the ceiling, geometric mean of the scenarios with a ceiling.",
-                board.times_ceiling.tolist(), best=-1,
-            )]
         ),
         *(
             [] if board.recovery is None else [Column(
@@ -221,7 +221,7 @@ def columns(board: Board) -> list[Column]:
             )]
         ),
         *(
-            estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
+            _estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
                       board.family_errors[family], best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
             for family, members in board.families.items()
         ),
@@ -240,7 +240,7 @@ def columns(board: Board) -> list[Column]:
         *(
             Column(
                 f"metric-{metric.name}", metric.name, f"{metric.meaning}: median of the runs {here}.",
-                of_runs(metric.name, np.median),
+                _of_runs(board, metric.name, np.median),
             )
             for metric in board.metrics
         ),

@@ -15,10 +15,8 @@ import numpy as np
 from benchmarks.files import replacing
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
-from fbl_gym.checks import Pair
-from fbl_gym.model.arm import ArmParameters, joint_positions
-from fbl_gym.view.picture import INK, LETTERS, MARGIN, TRAIL_SPAN, TRAIL_STEP, Canvas, Frame, Picture, draw
-from fbl_gym.view.render import full_torque
+from fbl_gym.view.picture import INK, LETTERS, MARGIN, Canvas, Frame, Picture, draw
+from fbl_gym.view.render import full_torque, pair
 
 FPS = {".mp4": 50, ".gif": 25}
 """Frames per second; a GIF's frames last whole hundredths of a second."""
@@ -73,9 +71,7 @@ class Scene:
     def __init__(self, title: str, trace: Trace) -> None:
         self.title = title
         self.trace = trace
-        self.lengths = _pair(trace.lengths[0])
-        arm = ArmParameters(L1=self.lengths[0], L2=self.lengths[1])
-        self.tip = joint_positions(arm, trace.position[:, 0])[:, 2]
+        self.lengths = pair(trace.lengths[0])
         square = (errors(trace)[:, 0] ** 2).mean(axis=-1)
         self.rms = np.sqrt(np.cumsum(square) / np.arange(1, len(square) + 1))
         self.last = int(trace.alive[:, 0].sum()) - 1
@@ -83,25 +79,16 @@ class Scene:
     def picture(self, k: int) -> Picture:
         """Return the picture of sample k; an arm that diverged stays at its last position."""
         trace, sample = self.trace, min(k, self.last)
-        dt = trace.scenario.control_dt
-        stride = max(1, round(TRAIL_STEP / dt))
-        oldest = -(-max(k - round(TRAIL_SPAN / dt), 0) // stride) * stride
-        points = np.minimum([*range(oldest, k, stride), k], self.last)
         running = f"RMS error {1e3 * self.rms[k]:,.1f} mrad"
         return Picture(
             title=self.title,
             subtitle=running if k <= self.last else f"diverged at {trace.time[self.last + 1]:.2f} s",
             time=float(trace.time[k]),
             lengths=self.lengths,
-            position=_pair(trace.position[sample, 0]),
-            reference=_pair(trace.reference[k, 0]),
-            torque=_pair(trace.torque[sample, 0]),
-            push=None if trace.scenario.disturbance is None else _pair(-trace.disturbance[sample, 0]),
+            position=pair(trace.position[sample, 0]),
+            reference=pair(trace.reference[k, 0]),
+            torque=pair(trace.torque[sample, 0]),
+            push=None if trace.scenario.disturbance is None else pair(-trace.disturbance[sample, 0]),
             full_torque=full_torque(trace.scenario),
             payload=float(trace.payload[sample, 0]),
-            trail=np.column_stack([trace.time[points], self.tip[points]]),
         )
-
-
-def _pair(x: Any) -> Pair:
-    return float(x[0]), float(x[1])

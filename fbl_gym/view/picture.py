@@ -30,15 +30,12 @@ Point: TypeAlias = tuple[float, float]
 Colour: TypeAlias = tuple[int, int, int]
 
 # Okabe and Ito, "Color Universal Design" (2008): distinguishable with any colour vision.
-BLUE, SKY, ORANGE = (0, 114, 178), (86, 180, 233), (230, 159, 0)
+BLUE, ORANGE = (0, 114, 178), (230, 159, 0)
 VERMILLION, PURPLE = (213, 94, 0), (204, 121, 167)
 PAPER, RULE, GHOST, INK = (252, 252, 250), (224, 224, 220), (168, 168, 164), (44, 44, 44)
 
 FULL_TURN = 1.5 * math.pi
 """Arc that stands for a joint's full torque [rad]."""
-
-TRAIL_SPAN, TRAIL_STEP = 1.5, 0.02
-"""Duration of the tip's trail, and time between its points [s]."""
 
 # Positions and lengths, as fractions of the frame's size.
 CENTRE = (0.5, 0.458)
@@ -63,7 +60,6 @@ class Picture:
         push: torque of the disturbance, -tau_d of equation (1) [N m]; None: the scenario has none.
         full_torque: torque of the longest arc [N m].
         payload: mass carried at the tip [kg].
-        trail: past positions of the tip, oldest first, [k x 3] as (time [s], x, y [m]).
     """
 
     title: str
@@ -76,7 +72,6 @@ class Picture:
     push: Pair | None
     full_torque: Pair
     payload: float
-    trail: Array
 
 
 def project(points: Array, lengths: Pair, size: int) -> Array:
@@ -93,20 +88,15 @@ def joints(lengths: Pair, q: Pair) -> Array:
 def draw(picture: Picture, size: int = 480) -> Frame:
     """Return the frame of a picture, [size x size x 3].
 
-    It shows the arm in blue, the reference in grey, the tip's trail, the payload, and for each
-    joint an arc for the torque and one for the disturbance. The arcs grow with the square root of
-    their share of the full torque.
+    It shows the arm in blue, the reference in grey, the payload, and for each joint an arc
+    for the torque and one for the disturbance. The arcs grow with the square root of their share of
+    the full torque.
     """
     canvas = Canvas(size, size)
     reach = functools.partial(project, lengths=picture.lengths, size=size)
     base, elbow, tip = _points(reach(joints(picture.lengths, picture.position)))
     canvas.disc(base, (REACH + 0.0015) * size, RULE, 0.003 * size)
     canvas.line([base, (base[0], base[1] + 0.085 * size)], [0.06 * size] * 2, RULE)
-    if len(picture.trail) > 1:
-        age = np.clip((picture.time - picture.trail[:, 0]) / TRAIL_SPAN, 0.0, 1.0)
-        points = _points(reach(picture.trail[:, 1:]))
-        for start, end, faded in zip(points[:-1], points[1:], age[1:].tolist(), strict=True):
-            canvas.line([start, end], [0.006 * size] * 2, _mix(PAPER, SKY, faded))
     widths = [size * width for width in WIDTHS]
     reference = _points(reach(joints(picture.lengths, picture.reference)))
     canvas.line(reference, widths, _mix(GHOST, PAPER, 0.5))

@@ -13,7 +13,7 @@ from fbl_gym.checks import Pair
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array
 from fbl_gym.scenarios import Scenario
-from fbl_gym.view.picture import TRAIL_SPAN, TRAIL_STEP, Frame, Picture, draw, joints, pygame
+from fbl_gym.view.picture import Frame, Picture, draw, pygame
 
 WINDOW_FPS = 50
 """Largest number of pictures in the window per simulated second; pygame has one per process."""
@@ -31,39 +31,21 @@ def full_torque(scenario: Scenario) -> Pair:
     return 10.0 * float(p4 + p5), 10.0 * float(p5)
 
 
-class Trail:
-    """The tip's recent positions. A time earlier than the last one begins a new trail."""
-
-    def __init__(self) -> None:
-        self._points: list[tuple[float, float, float]] = []
-
-    def extended(self, now: float, tip: Array) -> Array:
-        """Add the position [2] m at a time [s]; return the trail, [k x 3] as (time, x, y)."""
-        points = [p for p in self._points if now - TRAIL_SPAN <= p[0] < now]
-        if len(points) > 1 and points[-1][0] - points[-2][0] < 0.99 * TRAIL_STEP:
-            points.pop()
-        self._points = [*points, (now, float(tip[0]), float(tip[1]))]
-        return np.array(self._points)
-
-
 class View:
     """The pictures of one arm, `size` pixels wide and high, and the window, which shows one arm."""
 
     def __init__(self, scenario: Scenario, size: int) -> None:
         self.scenario, self.size = scenario, size
         self._full_torque = full_torque(scenario)
-        self._trail = Trail()
         self._last_time, self._due = math.inf, 0.0
 
     def picture(self, truth: Truth) -> Picture:
-        """Return the picture of an instant, and add the tip to the trail."""
-        lengths, q, r, torque = map(_pair, (truth.lengths, truth.position, truth.reference, truth.applied_torque))
-        push = None if self.scenario.disturbance is None else _pair(-truth.disturbance)
-        now = float(truth.time)
-        trail = self._trail.extended(now, joints(lengths, q)[2])
+        """Return the picture of an instant."""
+        lengths, q, r, torque = map(pair, (truth.lengths, truth.position, truth.reference, truth.applied_torque))
+        push = None if self.scenario.disturbance is None else pair(-truth.disturbance)
         return Picture(
-            title=self.scenario.name, subtitle="", time=now, lengths=lengths, position=q, reference=r, torque=torque,
-            push=push, full_torque=self._full_torque, payload=float(truth.payload), trail=trail,
+            title=self.scenario.name, subtitle="", time=float(truth.time), lengths=lengths, position=q, reference=r,
+            torque=torque, push=push, full_torque=self._full_torque, payload=float(truth.payload),
         )  # fmt: skip
 
     def frame(self, truth: Truth) -> Frame:
@@ -99,7 +81,7 @@ class View:
             pygame.display.quit()
 
 
-def _pair(x: Array) -> Pair:
+def pair(x: Array) -> Pair:
     """Return two floats, with zero for the infinite or undefined values of a diverged arm."""
     first, second = np.nan_to_num(x, posinf=0.0, neginf=0.0).tolist()
     return first, second

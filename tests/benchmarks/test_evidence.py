@@ -1,23 +1,21 @@
-"""The commands that check the board: coverage, other orders, where rows end, and the sealed test."""
+"""The commands that check the board: coverage, where rows end, and the sealed test."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from benchmarks.analysis import ends, orders, sealed
+from benchmarks.analysis import ends, sealed
 from benchmarks.analysis.board import assemble
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.analysis.transfer import Runs
 from benchmarks.run.cell import run_cell
-from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell, Suite
 from fbl_gym import scenarios
 from fbl_gym.scenarios.classes import CLASSES, families
 from tests import board_coverage
 
 FAMILIES = tuple(families("servo"))
-NAMES = ("servo-nominal", "servo-noise-2")
 POLICIES = ("pd-gravity", "computed-torque", "oracle-flm")
 
 
@@ -76,33 +74,6 @@ def test_where_a_row_ends():
 def test_each_push_is_another_scenario(robot):
     for tasks in ends.axes(robot).values():
         assert len({str(task.to_dict()) for task in tasks.values()}) == len(tasks)
-
-
-@pytest.fixture(scope="module")
-def store(tmp_path_factory):
-    store = Store(tmp_path_factory.mktemp("evidence"))
-    for policy in POLICIES:
-        for name in NAMES:
-            store.save(run_cell(Cell(policy, name, (0, 1))))
-    return store
-
-
-def test_other_orders(capsys, monkeypatch, store):
-    monkeypatch.setattr(orders, "load", lambda _: Of(NAMES))
-    orders.main(["--policies", *POLICIES, "--seeds", "2", "--store", str(store.folder)])
-    lines = capsys.readouterr().out.splitlines()
-    assert "of 2 rows" in lines[0]
-    assert any(line.endswith("error x effort") for line in lines)
-
-
-@dataclasses.dataclass
-class Of:
-    """A suite of some scenarios."""
-
-    names: tuple[str, ...]
-
-    def build(self, policies, _, seeds):
-        return Suite("some", tuple(policies), tuple(map(scenarios.get, self.names)), seeds)
 
 
 def test_the_sealed_test_is_drawn_from_the_version():

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import cli
 from benchmarks.cli import reproduce
 from benchmarks.paper import claim, claims, radius, section_3
-from benchmarks.paper.claim import CONTROL, OPEN, REPRODUCED, STATED, Case, Claim, judge
+from benchmarks.paper.claim import CONTROL, OPEN, REPRODUCED, STATED, Claim, Outcome, judge
 from benchmarks.paper.claims import CLAIMS, SHORT, measure_claim
 from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
@@ -38,15 +38,13 @@ SECONDS = {
 
 def test_one_rule_gives_both_verdicts():
     """A case holds if the 95 % interval of the share of seeds lies above 90 %; controls count for neither verdict."""
-    assert Case(STATED, "", np.arange(40) < 40).holds
-    assert not Case(STATED, "", np.arange(40) < 39).holds
-    yes, no, best, control = (
-        Case(*each) for each in ((STATED, "", True), (STATED, "", False), (OPEN, "", True), (CONTROL, "", True))
-    )
-    assert judge([yes, no, control]) == ("not reproduced, 1 of 2", "reproduced, 1 of 2")
-    assert judge([no, best]) == ("not reproduced, 0 of 1", "reproduced, 1 of 2")
-    assert judge([no, control]) == ("not reproduced, 0 of 1",) * 2
-    assert Case(CONTROL, "x", np.zeros(8, dtype=bool), "5 %").row == (CONTROL, "x", "5 %", "0 of 8", "no")
+    assert Outcome(np.arange(40) < 40).holds
+    assert not Outcome(np.arange(40) < 39).holds
+    yes, no = Outcome(True), Outcome(False)
+    assert judge([STATED, STATED, CONTROL], [yes, no, yes]) == ("not reproduced, 1 of 2", "reproduced, 1 of 2")
+    assert judge([STATED, OPEN], [no, yes]) == ("not reproduced, 0 of 1", "reproduced, 1 of 2")
+    assert judge([STATED, CONTROL], [no, yes]) == ("not reproduced, 0 of 1",) * 2
+    assert Outcome(np.zeros(8, dtype=bool), "5 %").texts == ("5 %", "0 of 8", "no")
 
 
 def test_a_value_that_contradicts_the_paper_makes_a_control():
@@ -79,9 +77,9 @@ def test_the_committed_verdicts_follow_from_the_cases_that_the_code_declares(nam
     committed, declared = COMMITTED[name], CLAIMS[name]
     assert [case[:2] for case in committed.cases] == [(kind, title) for kind, title, _ in declared.cases()]
     assert declared.texts.items() <= dataclasses.asdict(committed).items()
-    cases = [Case(kind, title, meets(count, holds)) for kind, title, _, count, holds in committed.cases]
-    assert ["yes" if case.holds else "no" for case in cases] == [case[-1] for case in committed.cases]
-    assert (committed.at_stated, committed.at_best) == judge(cases)
+    outcomes = [Outcome(meets(count, holds)) for _, _, _, count, holds in committed.cases]
+    assert ["yes" if outcome.holds else "no" for outcome in outcomes] == [case[-1] for case in committed.cases]
+    assert (committed.at_stated, committed.at_best) == judge([case[0] for case in committed.cases], outcomes)
 
 
 def meets(count, holds):

@@ -10,7 +10,6 @@ from benchmarks.analysis.statistics import (
     geometric_mean,
     interval,
     mean,
-    profile,
     proportion,
     ranks,
     resample,
@@ -106,23 +105,6 @@ def test_ranks():
     np.testing.assert_array_equal(found.value[[0, 3]], found.value[[3, 0]])
     order = [sorted(row).index(row[2]) + 1 for row in draws[1:]]
     assert found.value[2] == np.median(order)
-
-
-def test_profile():
-    x, tau = runs(2, 3, 25), np.geomspace(0.1, 10, 7)
-    found = interval(profile(x, tau, resample(25, 0, resamples=200)))
-    np.testing.assert_allclose(found.value, [[np.mean(one <= t) for t in tau] for one in x])
-    assert np.all(np.diff(found.value, axis=-1) >= 0)
-    assert np.all((found.low <= found.value) & (found.value <= found.high))
-
-
-def test_a_degradation_curve_is_an_estimate_per_severity():
-    x = runs(2, 4, 3, 25) * np.array([1, 2, 3, 4])[:, None, None]  # family, severity, arm, seed
-    counts = resample(25, 0, resamples=100)
-    found = interval(geometric_mean(x, counts))
-    alone = interval(geometric_mean(x[1, 2], counts))
-    assert found.value.shape == (2, 4)
-    assert (found.value[1, 2], found.low[1, 2], found.high[1, 2]) == pytest.approx((alone.value, alone.low, alone.high))
 
 
 def test_score():

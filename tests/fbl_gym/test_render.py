@@ -21,7 +21,7 @@ from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import ArmParameters, inverse_dynamics, joint_positions
 from fbl_gym.view import picture, render
 from fbl_gym.view.picture import INK, ORANGE, PURPLE, RULE, VERMILLION, Canvas, Picture, draw
-from fbl_gym.view.render import Trail, View
+from fbl_gym.view.render import View
 
 ID = "fbl_gym/TwoLinkArm-v0"
 ACTION = np.array([0.1, -0.05])
@@ -38,7 +38,7 @@ def _without_a_display(monkeypatch):
 def instant(**changes):
     plain = {
         "title": "", "subtitle": "", "time": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1),
-        "torque": (0.0, 0.0), "push": None, "full_torque": (2000.0, 800.0), "payload": 0.0, "trail": np.zeros((0, 3)),
+        "torque": (0.0, 0.0), "push": None, "full_torque": (2000.0, 800.0), "payload": 0.0,
     }  # fmt: skip
     return Picture(**(plain | changes))
 
@@ -107,8 +107,6 @@ def test_a_change_of_the_picture_changes_the_frame():
     assert loads[0] < loads[1] < loads[2] < loads[3] == loads[4]
     for change in ({"title": "x"}, {"subtitle": "x"}, {"time": 1.0}, {"reference": (0.9, 1.1)}, {"torque": (0.1, 0.0)}):
         assert not np.array_equal(draw(instant(**change)), bare), change
-    trail = np.array([[-0.4, 0.1, 0.9], [-0.2, 0.2, 1.0], [0.0, 0.3, 1.0]])
-    assert not np.array_equal(draw(instant(trail=trail)), bare)
     np.testing.assert_array_equal(draw(instant()), bare)
 
 
@@ -144,16 +142,6 @@ def test_the_numbers_are_those_of_the_picture(monkeypatch):
         ["push [N m]", "−3.0", "+1.0e+300"],
     ]
     assert written[-9:] == [text for row in rows for text in row]
-
-
-def test_the_trail_has_a_duration_and_an_earlier_time_begins_a_new_one():
-    trail = Trail()
-    for k in range(400):
-        rows = trail.extended(0.01 * k, np.array([k, -k]))
-    np.testing.assert_allclose(rows[-1], [3.99, 399, -399])
-    assert rows[0, 0] >= 3.99 - render.TRAIL_SPAN
-    assert np.all(np.diff(rows[:-1, 0]) > 0.019)
-    assert len(trail.extended(0.0, np.zeros(2))) == 1
 
 
 def test_drawing_changes_no_episode():
