@@ -133,14 +133,6 @@ def _starts(task: Task) -> dict[str, dict[str, Any]]:
 
 def _trials(storage: str, seconds: float, task: Task) -> float:
     """Go on with a law's trials for some time, one at least; return the best objective."""
-    end, study = time.monotonic() + seconds, open_study(task, storage)
-    while True:
-        try:
-            study = tune(task, len(finished(study)) + 1, storage)
-        except (ValueError, ArithmeticError, np.linalg.LinAlgError):
-            study = open_study(task, storage)  # gains that the law refuses are a failed trial
-        if len(study.trials) == 1:
-            for gains in _starts(task).values():
-                study.enqueue_trial(gains, skip_if_exists=True)
-        if time.monotonic() >= end:
-            return min((trial.value or 0.0 for trial in finished(study)), default=math.inf)
+    refused = (ValueError, ArithmeticError)  # a trial of gains that the law refuses
+    study = tune(task, storage, _starts(task).values(), seconds=max(seconds, 1e-3), catch=refused)
+    return min((trial.value or 0.0 for trial in finished(study)), default=math.inf)

@@ -15,8 +15,9 @@ import dataclasses
 import hashlib
 import json
 import logging
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from typing import Any
 import numpy as np
 import optuna
 import sqlalchemy
+from optuna.study import MaxTrialsCallback
 
 from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
@@ -126,13 +128,27 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
     return tuning[:trial], tuning[-fresh:]
 
 
-def tune(task: Task, trials: int, storage: str, known: Mapping[str, float] | None = None) -> optuna.Study:
+def tune(
+    task: Task,
+    storage: str,
+    starts: Iterable[Mapping[str, float]] = (),
+    trials: int = sys.maxsize,
+    seconds: float | None = None,
+    catch: tuple[type[Exception], ...] = (),
+) -> optuna.Study:
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
-    The first trial is that of the default gains, the second that of `known` ones, if there are any.
-    Other code, scenarios or seeds begin another study. Processes, also those of several machines,
-    share the studies of a database, named by its URL as for Optuna. Each run and process has
-    another sampler seed, so that no trial is repeated.
+    The first trial is that of the default gains. Other code, scenarios or seeds begin another
+    study. Processes, also those of several machines, share the studies of a database, named by its
+    URL as for Optuna. Each run and process has another sampler seed, so that no trial is repeated.
+
+    Args:
+        task: to be tuned.
+        storage: database of the trials.
+        starts: gains of the trials after the first.
+        trials: enough of them.
+        seconds: time after which no further trial begins; None: any time.
+        catch: errors that only fail a trial.
     """
     ranges = task.ranges
     study = open_study(task, storage)
@@ -144,11 +160,12 @@ def tune(task: Task, trials: int, storage: str, known: Mapping[str, float] | Non
         trial.set_user_attr("cpu_s", time.process_time() - begin)
         return cost
 
+    if not study.trials:
+        for gains in ({}, *starts):
+            study.enqueue_trial(dict(gains))
     try:
-        while len(finished(study)) < trials:
-            if known and len(study.trials) == 1:
-                study.enqueue_trial(dict(known))
-            study.optimize(objective, n_trials=1)
+        if len(finished(study)) < trials:
+            study.optimize(objective, timeout=seconds, catch=catch, callbacks=[MaxTrialsCallback(trials)])
     except Exception as problem:
         if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial
             raise problem.__context__ from None
