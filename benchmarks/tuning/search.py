@@ -36,6 +36,7 @@ from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
+from controllers import registry
 from controllers.gains import expect_law, gains_file
 from fbl_gym import Scenario, scenarios
 from fbl_gym.records import set_fields, tuning_ranges
@@ -86,6 +87,16 @@ class Task:
         law: Any = self.policy.factory()
         values = {field.name: field.default for field in dataclasses.fields(law)}
         return {name: values[name] for name in self.ranges}
+
+    def shipped(self, *robots: str) -> dict[str, dict[str, Any]]:
+        """Return the gains for classes of robots that are within the search, by policy."""
+        pairs = ((f"{self.policy.name}@{robot}", registry.tuned(robot)) for robot in robots)
+        gains = {name: registry.tuned_gains(name) for name, known in pairs if name in known}
+        return {
+            name: values
+            for name, values in gains.items()
+            if {*values} == {*self.ranges} and all(map(np.isscalar, values.values()))
+        }
 
     def effort(self, count: int, cpu_s: float) -> dict[str, Any]:
         """Return the effort of some sets of gains as plain data, with scenarios and seeds."""
