@@ -47,7 +47,7 @@ def draw(number: int) -> Scenario:
 
 def search(task: Task) -> None:
     """Tune a law by `TRIALS` trials."""
-    tune(task, TRIALS, STORAGE)
+    tune(task, STORAGE, trials=TRIALS)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -79,9 +79,8 @@ def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Tas
     """Tune one policy, write its gains, and return the verdict in words."""
     task, judging = tasks
     name = task.policy.name
-    shipped = f"{name}@{arguments.robot}"
-    known = registry.tuned_gains(shipped) if shipped in registry.tuned(arguments.robot) else {}
-    study = search.tune(task, arguments.trials * len(task.ranges), arguments.storage, known)
+    starts = task.shipped(arguments.robot).values()
+    study = search.tune(task, arguments.storage, starts, arguments.trials * len(task.ranges))
     best = search.summary(task, study, judging, search.judge(judging, study, arguments.candidates), command)
     best["arms"] = [dataclasses.asdict(arm) for arm in dict.fromkeys(scenario.arm for scenario in task.scenarios)]
     path = search.write_gains(best, registry.TUNED / arguments.robot if arguments.ship else arguments.out)

@@ -1,9 +1,7 @@
 """External policies: the code of files and modules, and the archives that may be loaded.
 
 A policy's key covers its code, the modules that it imports, and the data files that its factory
-lists in the attribute `data_files`. `fbl-gym check-policy`, and a check before each cell, notice a
-file that is read and not listed. Reads by C libraries, the network, the clock and environment
-variables are not noticed.
+lists in the attribute `data_files`. A file that is read and not listed is not noticed.
 """
 
 import contextlib
@@ -11,16 +9,14 @@ import hashlib
 import importlib
 import importlib.util
 import os
-import site
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Iterator
 from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from benchmarks.policies.digest import PACKAGES, closure, code_digest
+from benchmarks.policies.digest import PACKAGES, closure
 from benchmarks.policies.name import PolicyName
 from controllers import registry
 from controllers.composition import compose
@@ -74,7 +70,7 @@ LOADED: list[str] = []
 
 
 def load(name: PolicyName) -> Callable[..., Any]:
-    """Return the factory in a file or module. A file is loaded again when its code has changed."""
+    """Return the factory in a file or module. A file is run anew each time."""
     LOADED.append(name.text)
     module = _load_file(Path(name.source)) if name.form == "file" else _load_module(name.source)
     factory: Callable[..., Any] | None = getattr(module, name.attribute or ATTRIBUTE, None)
@@ -113,32 +109,20 @@ def _load_module(source: str) -> ModuleType:
         ) from None
 
 
-_FILES: dict[Path, tuple[str, ModuleType]] = {}
-"""Each file that is loaded, with a hash of its code then."""
-
-
 def _load_file(path: Path) -> ModuleType:
     path = path.resolve()
     beside = _beside(path)
-    code = code_digest({"": path, **beside})
-    if path not in _FILES or _FILES[path][0] != code:
-        name = f"fbl_gym_external_{hashlib.sha256(os.fsencode(path)).hexdigest()[:12]}"
-        spec: Any = importlib.util.spec_from_file_location(name, path)
-        sys.modules[name] = module = importlib.util.module_from_spec(spec)
-        # Another policy may have imported a module of the same name, or an older state of this one.
-        hidden = {n: sys.modules.pop(n) for n in beside if n in sys.modules}
-        try:
-            with _importing_from(path.parent):
-                spec.loader.exec_module(module)
-        finally:
-            sys.modules.update({n: m for n, m in hidden.items() if getattr(m, "__file__", "") != str(beside[n])})
-        _FILES[path] = code, module
-    return _FILES[path][1]
-
-
-def forget(path: Path) -> None:
-    """Forget a loaded file, so that it is loaded again when it is needed next."""
-    _FILES.pop(path.resolve(), None)
+    name = f"fbl_gym_external_{hashlib.sha256(os.fsencode(path)).hexdigest()[:12]}"
+    spec: Any = importlib.util.spec_from_file_location(name, path)
+    sys.modules[name] = module = importlib.util.module_from_spec(spec)
+    # Another policy may have imported a module of the same name, or an older state of this one.
+    hidden = {n: sys.modules.pop(n) for n in beside if n in sys.modules}
+    try:
+        with _importing_from(path.parent):
+            spec.loader.exec_module(module)
+    finally:
+        sys.modules.update({n: m for n, m in hidden.items() if getattr(m, "__file__", "") != str(beside[n])})
+    return module
 
 
 @contextlib.contextmanager
@@ -218,43 +202,3 @@ def file_digest(path: Path) -> str:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:
         return ""
-
-
-_READS: list[Path] = []
-_CODE = (".py", ".pyc", ".nbi", ".nbc", ".so", ".pyd", ".dll", ".dylib")
-
-
-def watch_reads() -> None:
-    """Notice each file that this process opens for reading from now on; for a check."""
-    _add_hook()
-    _READS.clear()
-
-
-@lru_cache(maxsize=1)
-def _add_hook() -> None:
-    def notice(event: str, arguments: tuple[Any, ...]) -> None:
-        if event == "open" and isinstance(arguments[0], str | bytes):
-            flags = arguments[2] if isinstance(arguments[2], int) else 0
-            path = os.fsdecode(arguments[0])
-            if not flags & (os.O_WRONLY | os.O_CREAT) and not path.endswith(_CODE):
-                _READS.append(Path(os.path.abspath(path)))
-
-    sys.addaudithook(notice)
-
-
-def data_read(code: Mapping[str, Path]) -> list[Path]:
-    """Return the data files that this process read since `watch_reads`, but those of installations.
-
-    Files beside the policy's code always count.
-    """
-    installed = (sys.prefix, sys.base_prefix, *site.getsitepackages(), site.getusersitepackages())
-    places = {Path(str(place)) for place in (*installed, *_SYSTEM)}
-    near = {path.parent for path in code.values()} - places
-    return [
-        path for path in sorted({path.resolve() for path in _READS if path.is_file()})
-        if path.parent.suffix not in (".dist-info", ".egg-info")
-        and (near & {*path.parents} or not any(path.is_relative_to(place) for place in places))
-    ]  # fmt: skip
-
-
-_SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr", *(Path(__file__).resolve().parents[2] / each for each in PACKAGES))

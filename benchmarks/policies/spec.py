@@ -14,7 +14,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_origin
+from typing import Any
 
 import controllers
 from benchmarks.policies import external
@@ -60,8 +60,7 @@ class PolicySpec:
         summary: one line.
         digest: hash of its code with all that it imports, and of the code behind every result.
         uses: hash of each law that it uses, by the law's name.
-        files: path of each of its data files, by the name relative to its code.
-        data: hash of each data file, by the same names.
+        data: hash of each of its data files, by the name relative to its code.
         packages: those of extras that it computes with.
         configuration: its gains as exact plain data.
         problem: error of its declaration, for which no result can be stored; empty: none.
@@ -79,7 +78,6 @@ class PolicySpec:
     summary: str = ""
     digest: str = ""
     uses: Mapping[str, str] = field(default_factory=dict, hash=False)
-    files: Mapping[str, str] = field(default_factory=dict, hash=False)
     data: Mapping[str, str] = field(default_factory=dict, hash=False)
     packages: tuple[str, ...] = ()
     configuration: Mapping[str, Any] = field(default_factory=dict, hash=False)
@@ -157,14 +155,11 @@ class PolicySpec:
         """Return the specification that `to_dict` gave.
 
         Raises:
-            ValueError: a value has another type.
+            ValueError: its kind or access is unknown.
         """
-        lists = {name: tuple(map(str, data[name])) for name in ("needs", "packages")}
-        spec = cls(**{**data, **lists, "parsed": PolicyName.from_dict(data["parsed"])})
-        for declared in dataclasses.fields(cls):
-            value, right = getattr(spec, declared.name), get_origin(declared.type) or declared.type
-            if not isinstance(value, right):  # type: ignore[arg-type]
-                raise ValueError(f"{declared.name} of a policy must be a {right.__name__}, got {value!r}")  # type: ignore[union-attr]
+        lists = {name: tuple(data[name]) for name in ("needs", "packages")}
+        given = {**data, **lists, "parsed": PolicyName.from_dict(data["parsed"])}
+        spec = cls(**{field.name: given[field.name] for field in dataclasses.fields(cls) if field.name in given})
         check_choice("kind", spec.kind, KINDS)
         check_choice("access", spec.access, ACCESS)
         return spec
@@ -237,10 +232,9 @@ def _check(name: PolicyName) -> None:
         raise unknown("policy", code, names())
 
 
-def _with_files(spec: PolicySpec, files: Mapping[str, Path]) -> PolicySpec:
-    """Return the specification with data files, by name."""
-    data = {name: external.file_digest(path) for name, path in files.items()}
-    return dataclasses.replace(spec, files={name: str(path) for name, path in files.items()}, data=data)
+def _digests(files: Mapping[str, Path]) -> dict[str, str]:
+    """Return a hash of each data file, by name."""
+    return {name: external.file_digest(path) for name, path in files.items()}
 
 
 def _trained(name: PolicyName) -> PolicySpec:
@@ -255,8 +249,8 @@ def _trained(name: PolicyName) -> PolicySpec:
         data = {path.name: path.resolve() for path in files(folder)}
         uses = {law: _used(law) for law in settings.uses}
         given = {"access": settings.access, "needs": settings.sensors, "uses": uses}
-    spec = PolicySpec(name, "learned", tuning="trained", external=True, digest=_digest(modules), **given)
-    return _with_files(spec, data)
+    given |= {"digest": _digest(modules), "data": _digests(data)}
+    return PolicySpec(name, "learned", tuning="trained", external=True, **given)
 
 
 def _coded(name: PolicyName) -> PolicySpec:
@@ -264,8 +258,6 @@ def _coded(name: PolicyName) -> PolicySpec:
     is_external = name.form != "name" or external.entry_module(name) != ""
     spec, gains = PolicySpec(name, "classical", "nominal", external=is_external), name.given_gains
     modules = external.sources(name) if is_external else {}
-    if name.form == "file":
-        external.forget(Path(name.source))
     try:
         factory = _factory(name)
         modules = external.sources(name) if is_external else _files(getattr(factory, "_law", factory).__module__)
@@ -299,7 +291,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any], folder: Path) -> Po
         files |= {f"gains {i}: {path.name}": path for i, path in enumerate(parsed.gains_files)}
         files |= {f"gains of {robot}": path for robot, path in parsed.tuned_files.items()}
         tuning = "tuned" if parsed.tuned else "default gains"
-        spec = dataclasses.replace(
+        return dataclasses.replace(
             spec,
             kind=check_choice(f"kind of {spec.name}", kind, KINDS),
             access=controllers.access(name or factory),
@@ -309,10 +301,10 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any], folder: Path) -> Po
             tuning="trained" if kind == "learned" else "given gains" if parsed.gains else tuning,
             summary=controllers.summary(name) if name else (factory.__doc__ or "").strip().partition("\n")[0],
             uses=_uses(parsed, factory),
+            data=_digests(files),
         )
     except (ValueError, TypeError) as problem:
         raise BadDeclaration(str(problem)) from problem
-    return _with_files(spec, files)
 
 
 def _uses(name: PolicyName, declares: Any) -> dict[str, str]:

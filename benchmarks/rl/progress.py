@@ -39,14 +39,8 @@ class Validation(NamedTuple):
     validation_mrad: float
 
 
-BETWEEN = 20.0
-"""Time between two checkpoints, over the time that writing one takes."""
-
-
 class Progress(BaseCallback):
     """A callback that validates the agent, saves the best one and writes checkpoints.
-
-    Checkpoints take a twentieth of the wall time at most, since a replay buffer can have 400 MB.
 
     Attributes:
         curve: the validations so far.
@@ -57,7 +51,7 @@ class Progress(BaseCallback):
         self.settings, self.folder, self.command, self.evaluations = settings, folder, command, evaluations
         self.curve: list[Validation] = []
         self._wall_begin, self._cpu_begin = time.monotonic(), time.process_time()
-        self._next_validation = self._next_checkpoint = 0.0
+        self._next_validation = 0.0
 
     @property
     def fraction(self) -> float:
@@ -91,7 +85,6 @@ class Progress(BaseCallback):
             self._pause(fraction)
 
     def _on_training_end(self) -> None:
-        self._next_checkpoint = 0.0
         self._pause(1.0)
 
     def _pause(self, fraction: float) -> None:
@@ -106,10 +99,8 @@ class Progress(BaseCallback):
             write(self.folder, actor, self._description())
         lines = [",".join(map(str, row)) for row in (Validation._fields, *self.curve)]
         write_text(self.folder / "curve.csv", "\n".join(lines) + "\n")
-        if (start := time.monotonic()) >= self._next_checkpoint:
-            with replacing(self.folder / CHECKPOINT) as beside:
-                torch.save(self._checkpoint(), beside)
-            self._next_checkpoint = time.monotonic() + BETWEEN * (time.monotonic() - start)
+        with replacing(self.folder / CHECKPOINT) as beside:
+            torch.save(self._checkpoint(), beside)
         self.logger.record("validation/rms_mrad", error)
         left = f", {timedelta(seconds=int(wall * (1 - fraction) / fraction))} left" if fraction > 0 else ""
         print(

@@ -1,6 +1,5 @@
 """One cell: run it, in this process or a fresh one, and return its result."""
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -30,7 +29,6 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
         command: the command that was typed, for the record.
         limits: of the time and memory of a cell; None: those of external policies.
     """
-    begin = time.perf_counter()
     rows: list[dict[str, float]] = []
     decisions: list[float] = []
     try:
@@ -43,9 +41,8 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
             decisions.append(1e6 * trace.decision_time)
     except (Exception, SystemExit) as problem:  # a policy may raise anything, and other cells must not suffer
         error = str(problem) if isinstance(problem, Failed) else reason_of(problem)
-        return Result.failure(cell, error, time.perf_counter() - begin, command)
-    decision, wall = float(np.median(decisions)), time.perf_counter() - begin
-    return Result(cell, tuple(rows), decision, wall, provenance=provenance(command, cell.packages))
+        return Result.failure(cell, error, command)
+    return Result(cell, tuple(rows), float(np.median(decisions)), provenance=provenance(command, cell.packages))
 
 
 def measured(trace: Trace, more: Sequence[Metric], limits: CallLimits | None = None) -> list[dict[str, float]]:

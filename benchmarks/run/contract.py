@@ -3,7 +3,6 @@
 import os
 import traceback
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +37,6 @@ class Broken(AssertionError):
 
 def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -> Iterator[Check]:
     """Check each promise of a policy in turn."""
-    external.watch_reads()
     spec, task = resolve(policy), as_scenario(scenario)
     for promise, test in _PROMISES.items():
         try:
@@ -51,7 +49,6 @@ def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -
 
 def broken(policy: PolicySpec, scenario: Scenario) -> str:
     """Return the first promise that a policy breaks, and how; empty: none before an error."""
-    external.watch_reads()
     for promise, test in [*_PROMISES.items()][:-1]:  # the cell runs whole episodes itself
         try:
             test(policy, scenario)
@@ -184,14 +181,6 @@ def _episode(policy: PolicySpec, scenario: Scenario) -> str:
     return f"{scenario.name}, seed 0: error {row['error_pct']:.3g} %" + (", diverged" if row["diverged"] else "")
 
 
-def _declares_files(policy: PolicySpec, _scenario: Scenario) -> str:
-    code = external.sources(policy.parsed) if policy.external else {}
-    known = {*code.values(), *map(Path, policy.files.values())}
-    for path in external.data_read(code) if code else ():
-        _expect(path in known, f"reads {path}, which `data_files` does not list, so its key does not notice a change")
-    return ", ".join(policy.files) or "it reads none"
-
-
 _PROMISES: dict[str, Callable[[PolicySpec, Scenario], str]] = {
     "is made from the interface alone": _made_from_the_interface,
     "actions have the observations' shape, are finite and lie in the box": _shapes,
@@ -199,6 +188,5 @@ _PROMISES: dict[str, Callable[[PolicySpec, Scenario], str]] = {
     "episode_start begins exactly those lanes afresh": _resets,
     "predict is a function of its arguments, and leaves them alone": _pure,
     "hidden parameters do not reach it": _blind,
-    "data files are declared": _declares_files,
     "runs an episode to its end": _episode,
 }

@@ -44,7 +44,7 @@ def run(
             yield "found", stored
     work = partial(_run_in, os.getcwd(), command, limits)
     for cell, answer in run_parallel(work, absent, min(workers, len(absent)), cluster):
-        result = Result.failure(cell, str(answer), command=command) if isinstance(answer, Failed) else answer
+        result = Result.failure(cell, str(answer), command) if isinstance(answer, Failed) else answer
         store.save(result)
         yield "failed" if result.error else "computed", result
 

@@ -16,7 +16,6 @@ import math
 import os
 import platform
 import re
-import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -26,7 +25,7 @@ from typing import Any
 from benchmarks.files import remove_unfinished, write_text
 from benchmarks.policies.digest import data_digest
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import METRICS, Metric
+from benchmarks.run.metrics import Metric
 from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
 
@@ -58,7 +57,6 @@ class Result:
         cell: the cell.
         rows: the metrics of each seed, in the seeds' order; empty where the cell failed.
         decision_us: the policy's wall time for one decision of one lane [us].
-        wall_s: time that the cell took [s].
         error: why the cell failed; empty: it did not.
         provenance: packages, machine, command and time, as plain data.
     """
@@ -66,14 +64,13 @@ class Result:
     cell: Cell
     rows: tuple[dict[str, float], ...]
     decision_us: float
-    wall_s: float
     error: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def failure(cls, cell: Cell, error: str, wall_s: float = 0.0, command: str = "") -> "Result":
+    def failure(cls, cell: Cell, error: str, command: str = "") -> "Result":
         """Return the result of a cell that failed."""
-        return cls(cell, (), math.nan, wall_s, error, provenance(command))
+        return cls(cell, (), math.nan, error, provenance(command))
 
 
 def provenance(command: str, packages: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -186,10 +183,11 @@ class Store:
                 others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
                 raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
             error = str(document["error"])
-            known = {name: _numbers(name, columns[name], 0 if error else len(cell.seeds)) for name in cell.columns}
-            rows = tuple(dict(zip(known, row, strict=True)) for row in zip(*known.values(), strict=True))
-            (decision,), (wall,) = (_numbers(name, [document[name]], 1) for name in ("decision_us", "wall_s"))
-            return Result(cell, rows, decision, wall, error, {**document["provenance"]})
+            numbers = [map(_number, columns[name]) for name in cell.columns]
+            rows = tuple(dict(zip(cell.columns, row, strict=True)) for row in zip(*numbers, strict=True))
+            if len(rows) != (0 if error else len(cell.seeds)):
+                raise ValueError(f"it has {len(rows)} rows for {len(cell.seeds)} seeds")
+            return Result(cell, rows, _number(document["decision_us"]), error, {**document["provenance"]})
         except OtherFormat:
             raise
         except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as problem:
@@ -208,29 +206,14 @@ def _document(result: Result) -> dict[str, Any]:
         **({"metrics": [dataclasses.asdict(metric) for metric in cell.metrics]} if cell.metrics else {}),
         "rows": {name: [_json(row[name]) for row in result.rows] for name in cell.columns},
         "decision_us": _json(result.decision_us),
-        "wall_s": result.wall_s,
         "error": result.error,
         "provenance": result.provenance,
     }
     return {**document, "sha256": data_digest(document)}
 
 
-ALWAYS = ("error_pct", "error_mrad", "diverged", "resolution_pct")
-"""Metrics that apply to every run."""
-
-
-def _numbers(name: str, column: Any, count: int) -> list[float]:
-    """Return the numbers of a column, NaN for None; refuse all others."""
-    if not isinstance(column, list) or len(column) != count:
-        raise ValueError(f"{name} must be a list of {count} numbers, got {column!r:.100}")
-    for value in column:
-        low = -math.inf if name not in (*METRICS, "decision_us", "wall_s") else 0.0
-        high = 1.0 if name == "diverged" else sys.float_info.max
-        if value is None and name not in ALWAYS:
-            continue
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise ValueError(f"{name} must be numbers from {low:g} to {high:g}, got {value!r:.100}")
-    return [math.nan if value is None else float(value) for value in column]
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
 
 
 def _json(value: float) -> float | None:

@@ -11,18 +11,13 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-import controllers
 from benchmarks.analysis.recommend import around
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve, resolve_isolated
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
 from benchmarks.tuning.search import STORAGE, Task, finished, open_study, tune, write_gains
-from controllers.registry import tuned_gains
 from fbl_gym.options import FourierReference
 from fbl_gym.scenarios import Scenario, held_out_reason
 from fbl_gym.scenarios.classes import CLASSES
@@ -111,7 +106,7 @@ def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
     best = min(trials, key=lambda trial: trial.value or 0.0, default=None)
     if best is None or not best.params:
         return law
-    if shipped := next((name for name, gains in _starts(task).items() if gains == best.params), None):
+    if shipped := next((name for name, gains in task.shipped(*CLASSES).items() if gains == best.params), None):
         return shipped
     gains = {name: float(f"{value:.4g}") for name, value in best.params.items()}
     effort = task.effort(len(trials), sum(trial.user_attrs.get("cpu_s", 0.0) for trial in trials))
@@ -119,28 +114,8 @@ def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
     return f"{law}@{write_gains(data, folder).parent}"
 
 
-def _starts(task: Task) -> dict[str, dict[str, Any]]:
-    """Return the gains for classes of robots that are within the search of a law, by policy."""
-    law, ranges = task.policy.name, task.ranges
-    names = [f"{law}@{robot}" for robot in CLASSES if f"{law}@{robot}" in controllers.tuned(robot)]
-    shipped = {name: tuned_gains(name) for name in names}
-    return {
-        name: gains
-        for name, gains in shipped.items()
-        if {*gains} == {*ranges} and all(map(np.isscalar, gains.values()))
-    }
-
-
 def _trials(storage: str, seconds: float, task: Task) -> float:
     """Go on with a law's trials for some time, one at least; return the best objective."""
-    end, study = time.monotonic() + seconds, open_study(task, storage)
-    while True:
-        try:
-            study = tune(task, len(finished(study)) + 1, storage)
-        except (ValueError, ArithmeticError, np.linalg.LinAlgError):
-            study = open_study(task, storage)  # gains that the law refuses are a failed trial
-        if len(study.trials) == 1:
-            for gains in _starts(task).values():
-                study.enqueue_trial(gains, skip_if_exists=True)
-        if time.monotonic() >= end:
-            return min((trial.value or 0.0 for trial in finished(study)), default=math.inf)
+    refused = (ValueError, ArithmeticError)  # a trial of gains that the law refuses
+    study = tune(task, storage, task.shipped(*CLASSES).values(), seconds=max(seconds, 1e-3), catch=refused)
+    return min((trial.value or 0.0 for trial in finished(study)), default=math.inf)

@@ -15,8 +15,9 @@ import dataclasses
 import hashlib
 import json
 import logging
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from typing import Any
 import numpy as np
 import optuna
 import sqlalchemy
+from optuna.study import MaxTrialsCallback
 
 from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
@@ -34,6 +36,7 @@ from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
+from controllers import registry
 from controllers.gains import expect_law, gains_file
 from fbl_gym import Scenario, scenarios
 from fbl_gym.records import set_fields, tuning_ranges
@@ -85,6 +88,16 @@ class Task:
         values = {field.name: field.default for field in dataclasses.fields(law)}
         return {name: values[name] for name in self.ranges}
 
+    def shipped(self, *robots: str) -> dict[str, dict[str, Any]]:
+        """Return the gains for classes of robots that are within the search, by policy."""
+        pairs = ((f"{self.policy.name}@{robot}", registry.tuned(robot)) for robot in robots)
+        gains = {name: registry.tuned_gains(name) for name, known in pairs if name in known}
+        return {
+            name: values
+            for name, values in gains.items()
+            if {*values} == {*self.ranges} and all(map(np.isscalar, values.values()))
+        }
+
     def effort(self, count: int, cpu_s: float) -> dict[str, Any]:
         """Return the effort of some sets of gains as plain data, with scenarios and seeds."""
         return {
@@ -126,13 +139,27 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
     return tuning[:trial], tuning[-fresh:]
 
 
-def tune(task: Task, trials: int, storage: str, known: Mapping[str, float] | None = None) -> optuna.Study:
+def tune(
+    task: Task,
+    storage: str,
+    starts: Iterable[Mapping[str, float]] = (),
+    trials: int = sys.maxsize,
+    seconds: float | None = None,
+    catch: tuple[type[Exception], ...] = (),
+) -> optuna.Study:
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
-    The first trial is that of the default gains, the second that of `known` ones, if there are any.
-    Other code, scenarios or seeds begin another study. Processes, also those of several machines,
-    share the studies of a database, named by its URL as for Optuna. Each run and process has
-    another sampler seed, so that no trial is repeated.
+    The first trial is that of the default gains. Other code, scenarios or seeds begin another
+    study. Processes, also those of several machines, share the studies of a database, named by its
+    URL as for Optuna. Each run and process has another sampler seed, so that no trial is repeated.
+
+    Args:
+        task: to be tuned.
+        storage: database of the trials.
+        starts: gains of the trials after the first.
+        trials: enough of them.
+        seconds: time after which no further trial begins; None: any time.
+        catch: errors that only fail a trial.
     """
     ranges = task.ranges
     study = open_study(task, storage)
@@ -144,11 +171,12 @@ def tune(task: Task, trials: int, storage: str, known: Mapping[str, float] | Non
         trial.set_user_attr("cpu_s", time.process_time() - begin)
         return cost
 
+    if not study.trials:
+        for gains in ({}, *starts):
+            study.enqueue_trial(dict(gains))
     try:
-        while len(finished(study)) < trials:
-            if known and len(study.trials) == 1:
-                study.enqueue_trial(dict(known))
-            study.optimize(objective, n_trials=1)
+        if len(finished(study)) < trials:
+            study.optimize(objective, timeout=seconds, catch=catch, callbacks=[MaxTrialsCallback(trials)])
     except Exception as problem:
         if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial
             raise problem.__context__ from None

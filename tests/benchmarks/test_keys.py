@@ -299,15 +299,6 @@ def test_data_files_are_a_list_of_paths(declared, tmp_path):
     assert "data_files of" in run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error
 
 
-@pytest.mark.parametrize(("early", "late"), [(READ, "pass"), ("pass", READ)])
-def test_a_data_file_that_is_not_declared_is_a_failed_cell(early, late, tmp_path):
-    (tmp_path / "gain.txt").write_text("5")
-    (tmp_path / "law.py").write_text(READER.format(late=late, early=early, declared=""))
-    error = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error
-    assert error.startswith("breaks a promise (data files are declared): reads ")
-    assert f"{tmp_path / 'gain.txt'}, which `data_files` does not list" in error
-
-
 def test_exchanged_contents_of_two_data_files_change_the_key(tmp_path):
     (tmp_path / "law.py").write_text(f"{SUBCLASS}    data_files = ['a.txt', 'b.txt']\n")
 

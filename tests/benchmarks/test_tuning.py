@@ -157,7 +157,7 @@ def quick_cost(monkeypatch):
 def test_a_resumed_study_repeats_no_trial(tmp_path):
     task = Task("pid-flm", NOMINAL, seeds(1, 1)[0])
     for trials in (2, 3, 4, 5):
-        study = tune(task, trials, f"sqlite:///{tmp_path}/new/studies.db")
+        study = tune(task, f"sqlite:///{tmp_path}/new/studies.db", trials=trials)
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
 
 

@@ -87,7 +87,6 @@ def test_a_stopped_run_goes_on(algorithm, tmp_path, monkeypatch):
     """It is stopped at its third validation and goes on from the checkpoint of the second."""
     errors = iter([5.0, 3.0])
     monkeypatch.setattr("benchmarks.rl.progress.validate", lambda *_: next(errors))
-    monkeypatch.setattr("benchmarks.rl.progress.BETWEEN", 0.0)
     with pytest.raises((StopIteration, RuntimeError)):
         train(settings(algorithm), tmp_path, evaluations=4)
     before, stopped_at = curve(tmp_path), curve(tmp_path)[-1][0]
