@@ -111,7 +111,7 @@ class AdaptiveFlm(CascadeFlm):
             lumped = np.where((due & accepted & (count >= SAMPLES * stride))[:, None], fitted, lumped)
         factor = schedule(v, self.alpha, self.v_s, self.scheduling)
         model = with_rotors(lumped, rotor)
-        torque, integral = self.drive(observation, q, v, state.integral, model, factor)
+        torque, integral = self.loops(observation, q, v, state.integral, model, factor)
         if self.regression == "printed":
             applied = forward_dynamics(model, q, v, torque - self.loads(v))
         else:

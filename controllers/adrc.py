@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.parts import Acting, Drive, Eso
+from controllers.parts import Acting, Eso
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, inverse_dynamics
@@ -46,11 +46,6 @@ class ComputedTorqueEso(TorqueLaw):
     observer_bandwidth: Pair | float = pair(60.0, unit="rad/s", above=0, tune=(15.0, 300.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
-
-    @cached_property
-    def drive(self) -> Drive:
-        """The drive, by which the observer pairs a motion with the torque of its time."""
-        return Drive.of(self.interface)
 
     @cached_property
     def observer(self) -> Eso:

@@ -53,10 +53,10 @@ class CascadeFlm(TorqueLaw):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""
         q, v = self.read(observation, "position", "velocity")
-        torque, integral = self.drive(observation, q, v, state.integral, self.interface.nominal)
+        torque, integral = self.loops(observation, q, v, state.integral, self.interface.nominal)
         return torque, IntegralState(integral)
 
-    def drive(
+    def loops(
         self,
         observation: Array,
         q: Array,

@@ -14,11 +14,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.parts import OBSERVERS, Acting, Barrier, Drive, Predictor, Springs
+from controllers.parts import OBSERVERS, Acting, Barrier, Predictor, Springs
 from controllers.policy import Policy, State, TorqueLaw, reference_at
 from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, clip, make_layout
-from fbl_gym.model.arm import Array, forward_dynamics, gravity_torque
+from fbl_gym.model.arm import Array, forward_dynamics
 from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records import declarations, declared
 
@@ -70,7 +70,7 @@ class Composed(TorqueLaw):
         sensors = tuple(name for name in SENSORS if name in wanted or name in outer.layout)
         position, velocity, acceleration, _ = self._bounds
         limits = Limits(position=position / 2, velocity=velocity / 2, acceleration=acceleration)
-        layout = make_layout(sensors, limits, outer.action_limit, "", 0, self._preview_samples)
+        layout = make_layout(sensors, limits, outer.action_limit, "", 0, len(outer.layout.reference) // 6 - 1)
         inner = dataclasses.replace(outer, layout=layout)
         if "predictor" in self._parts:
             inner = dataclasses.replace(inner, delay=(0.0, 0.0), lag=(0.0, 0.0), latency=0.0)
@@ -80,31 +80,15 @@ class Composed(TorqueLaw):
     @cached_property
     def _bounds(self) -> Array:
         """Bounds of an estimate's numbers [4], as of the sensors' readings."""
-        high = {slot.name: slot.high[0] for slot in self.interface.layout.slots}
-        position, velocity, acceleration = (high[f"reference_{name}"] for name in SENSORS)
+        layout = self.interface.layout
+        position, velocity, acceleration = layout.bounds[1][layout.reference[:6:2]]
         return np.array([position, velocity, acceleration, acceleration])
-
-    @cached_property
-    def _reference(self) -> list[str]:
-        """The slots of the reference, and its preview."""
-        slots = (*(f"reference_{name}" for name in SENSORS), "preview")
-        return [name for name in slots if name in self.interface.layout]
-
-    @cached_property
-    def _preview_samples(self) -> int:
-        """Coming samples of the reference in the observation."""
-        return sum(slot.size for slot in self.interface.layout.slots if slot.name == "preview") // 6
-
-    @cached_property
-    def _drive(self) -> Drive:
-        """The drive of the interface."""
-        return Drive.of(self.interface)
 
     @cached_property
     def _made(self) -> dict[str, Any]:
         """The parts by name; "observer" is the one that is named, or the default one."""
         observer = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
-        first = {"predictor": self._drive, "springs": self.interface, "barrier": self._inside.interface}
+        first = {"predictor": self.drive, "springs": self.interface, "barrier": self._inside.interface}
         made = {name: PARTS[name](first[name], **self._gains(name)) for name in self._parts if name in first}
         return {**made, "observer": OBSERVERS[observer](self.interface.control_dt, **self._gains(observer))}
 
@@ -134,10 +118,8 @@ class Composed(TorqueLaw):
         """Return the state at an episode's start, without that of the law inside."""
         (q,) = self.read(observation, "position")
         v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
-        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        return ComposedState(
-            self._drive.hold(hold), self._made["observer"].initial(q, v), np.full((len(q), 2, 2), np.inf)
-        )
+        bend = np.full((len(q), 2, 2), np.inf)
+        return ComposedState(self.drive.hold(self.holding(q)), self._made["observer"].initial(q, v), bend)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -151,7 +133,7 @@ class Composed(TorqueLaw):
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
         if not self._estimates:
             return torque, state._replace(bend=bend, inside=inside)
-        acting = self._drive.act(state.acting, torque)
+        acting = self.drive.act(state.acting, torque)
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], acting.mean)
         return torque, ComposedState(acting, self._made["observer"].predict(estimate, u), bend, inside)
 
@@ -184,22 +166,20 @@ class Composed(TorqueLaw):
         if predictor is not None:
             missed = a - forward_dynamics(arm, q, v, present)
             f = estimate[..., 3]
-            q, v, due = self._drive.predict(arm, q, v, f, present, self._drive.coming(state.acting.queue))
-            q, v, torque = self._drive.predict(arm, q, v, f, due, [(predictor.lateness, state.acting.queue[:, 0])])
+            q, v, due = self.drive.predict(arm, q, v, f, present, self.drive.coming(state.acting.queue))
+            q, v, torque = self.drive.predict(arm, q, v, f, due, [(predictor.lateness, state.acting.queue[:, 0])])
             a = forward_dynamics(arm, q, v, torque) + missed
-            ahead = self._drive.delay - self.interface.latency + predictor.lateness
+            ahead = self.drive.delay - self.interface.latency + predictor.lateness
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
         if predictor is None:
-            reference = [observation[:, layout[name]] for name in self._reference]
+            reference = observation.take(layout.reference, axis=-1).reshape(len(q), -1, 6)
         else:
-            times = ahead + inside.control_dt * np.arange(1 + self._preview_samples, dtype=float)
-            reference = [reference_at(self.interface, observation, times).reshape(len(observation), -1)]
+            times = ahead + inside.control_dt * np.arange(len(layout.reference) // 6, dtype=float)
+            reference = reference_at(self.interface, observation, times)
         bend = state.bend
         if "springs" in self._made:
-            links = np.concatenate(reference, axis=-1).reshape(len(q), -1, 6)
-            motors, bend = self._made["springs"].moved(links, bend)
-            reference = [motors.reshape(len(q), -1)]
-        seen = np.concatenate([*signals, *reference], axis=-1)
+            reference, bend = self._made["springs"].moved(reference, bend)
+        seen = np.concatenate([*signals, reference.reshape(len(q), -1)], axis=-1)
         return clip(seen, *inside.layout.bounds), estimate, due, bend
 
 

@@ -1,12 +1,11 @@
 """Computed torque, the textbook law for a known model, alone and with disturbance estimates."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.parts import Acting, Drive
+from controllers.parts import Acting
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
@@ -29,11 +28,6 @@ class ComputedTorque(TorqueLaw):
     """
 
     frequency: Pair | float = pair(15.0, unit="rad/s", above=0, tune=(2.0, 150.0))
-
-    @cached_property
-    def drive(self) -> Drive:
-        """The drive, by which laws that learn pair a motion with the torque of its time."""
-        return Drive.of(self.interface)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
@@ -80,7 +74,7 @@ class ComputedTorqueDob(ComputedTorque):
         """Return the state: no disturbance, and the torque that leaves the momentum as it is."""
         q, v = self.read(observation, "position", "velocity")
         momentum, drift = self.motion(q, v)
-        hold = self.drive.hold(self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        hold = self.drive.hold(self.holding(q))
         return DobState(np.zeros_like(q), momentum, drift, hold._replace(mean=-drift))
 
     def motion(self, q: Array, v: Array) -> tuple[Array, Array]:
@@ -138,9 +132,7 @@ class ComputedTorqueTde(ComputedTorque):
     def initial(self, observation: Array) -> State:
         """Return the state: d, zero, and the torque that holds the nominal arm still."""
         (q,) = self.read(observation, "position")
-        return TdeState(
-            np.zeros_like(q), self.drive.hold(self.interface.saturate(gravity_torque(self.interface.nominal, q)))
-        )
+        return TdeState(np.zeros_like(q), self.drive.hold(self.holding(q)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""

@@ -77,10 +77,9 @@ class ComputedTorqueGp(ComputedTorque):
         """Return the state: torques that hold the nominal arm still, and the weights' prior."""
         n = len(observation)
         q, v = self.read(observation, "position", "velocity")
-        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
         mean = inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v))
         prior = np.zeros((n, 2, FEATURES)), np.tile(SIGNAL**2 * np.eye(FEATURES), (n, 1, 1))
-        return GpState(self.drive.hold(hold)._replace(mean=mean), v, *prior)
+        return GpState(self.drive.hold(self.holding(q))._replace(mean=mean), v, *prior)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""

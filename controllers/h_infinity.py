@@ -10,7 +10,6 @@ from scipy.linalg import solve_continuous_are
 from scipy.signal import cont2discrete, tf2ss
 
 from controllers.feedback_linearization import winds_up
-from controllers.parts import Drive
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair, check_pair
 from fbl_gym.model.arm import Array, inverse_dynamics
@@ -82,8 +81,7 @@ class HInfinity(TorqueLaw):
     @property
     def dead(self) -> float:
         """The known dead time of the loop [s]."""
-        drive = Drive.of(self.interface)
-        return 0.5 * drive.dt + drive.delay + drive.lag
+        return 0.5 * self.drive.dt + self.drive.delay + self.drive.lag
 
     @cached_property
     def controller(self) -> tuple[Array, Array, Array, Array]:

@@ -171,5 +171,5 @@ class RobustFlm(CascadeFlm):
         """Return the torque [n x 2] N m and the next state."""
         kalman = self.filter.update(state.kalman, *self.read(observation, "position", "acceleration"))
         nominal = self.interface.nominal
-        torque, integral = self.drive(observation, kalman.position, kalman.velocity, state.integral, nominal)
+        torque, integral = self.loops(observation, kalman.position, kalman.velocity, state.integral, nominal)
         return torque, RobustState(integral, kalman)

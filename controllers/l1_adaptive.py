@@ -9,7 +9,7 @@ from controllers.computed_torque import ComputedTorque
 from controllers.parts import Acting
 from controllers.policy import State
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, forward_dynamics, gravity_torque, inverse_dynamics
+from fbl_gym.model.arm import Array, forward_dynamics, inverse_dynamics
 from fbl_gym.records import pair
 
 
@@ -50,8 +50,7 @@ class L1Adaptive(ComputedTorque):
     def initial(self, observation: Array) -> State:
         """Return the state: the predictor's velocity, C(s) f^, zero, and the drive at rest."""
         q, v = self.read(observation, "position", "velocity")
-        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
-        return L1State(v, np.zeros_like(v), self.drive.hold(hold))
+        return L1State(v, np.zeros_like(v), self.drive.hold(self.holding(q)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""

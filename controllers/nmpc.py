@@ -24,7 +24,6 @@ from fbl_gym.model.arm import (
     coriolis_terms,
     forward_dynamics,
     gravity_terms,
-    gravity_torque,
     inertia_matrix,
     inertia_terms,
     solve_terms,
@@ -167,7 +166,7 @@ class Nmpc(TorqueLaw):
     def initial(self, observation: Array) -> State:
         """Return the state at rest."""
         q, r_dot = self.read(observation, "position", "reference_velocity")
-        hold = self.interface.saturate(gravity_torque(self.interface.nominal, q))
+        hold = self.holding(q)
         plan = np.repeat(hold[:, None], HORIZON, axis=1)
         return NmpcState(self.observer.initial(q, r_dot), plan, np.zeros(len(q), dtype=int))
 

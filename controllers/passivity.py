@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.parts import Acting, Drive
+from controllers.parts import Acting
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
+from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records import number, pair
 
 TURN = 0.05
@@ -189,16 +189,11 @@ class CompositeSlotineLi(SlotineLi):
     composite: float = number(30.0, unit="1/s", low=0, tune=(0.3, 300.0))
     filtering: float = number(20.0, unit="rad/s", above=0)
 
-    @cached_property
-    def drive(self) -> Drive:
-        """The drive, by which the prediction pairs a motion with the torque of its time."""
-        return Drive.of(self.interface)
-
     def initial(self, observation: Array) -> State:
         """Return the state before the first sample, with the estimates of `SlotineLi`."""
         n, (q, v) = len(observation), self.read(observation, "position", "velocity")
         estimate, w, zeros = super().initial(observation).estimate, np.zeros((n, 2, 9)), np.zeros((n, 2))
-        hold = self.drive.hold(self.interface.saturate(gravity_torque(self.interface.nominal, q)))
+        hold = self.drive.hold(self.holding(q))
         return CompositeState(estimate, q, v, w, zeros, hold, np.zeros(n, dtype=bool))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:

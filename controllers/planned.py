@@ -17,10 +17,9 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from controllers.oracle import PREVIEW, ElasticState, OracleElastic
-from controllers.policy import State
+from controllers.policy import State, between
 from controllers.true_arm import TrueArm
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
-from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, coriolis_terms, gravity_terms, inertia_terms, inverse_dynamics, with_rotors
 from fbl_gym.records import number
 
@@ -118,7 +117,7 @@ class OraclePlanned(OracleElastic):
             motion = motion.copy()
             motion[new] = self.whole_reference(len(observation), motion.shape[1] - 1)[new]
             self.plan(arm, new, now, motion)
-        columns = reference_columns(self.interface)
+        columns = self.interface.layout.reference
         samples = np.minimum(now[:, None] + np.arange(len(columns) // 6), motion.shape[1] - 1)
         planned = observation.copy()
         planned[:, columns] = np.take_along_axis(motion, samples[..., None], axis=1).reshape(len(motion), -1)
@@ -132,7 +131,7 @@ class OraclePlanned(OracleElastic):
         twin._batch.take_seeds(self.env._batch)
         observation = np.empty((lanes, twin.layout.size))
         twin._batch.reset(np.arange(lanes), observation.reshape(-1))
-        return observation[:, reference_columns(twin.interface)].reshape(lanes, -1, 6)
+        return observation[:, twin.layout.reference].reshape(lanes, -1, 6)
 
     def plan(self, arm: TrueArm, lanes: NDArray[np.int64], now: NDArray[np.int64], motion: Array) -> None:
         """Replace the reference by the plan in some lanes of `motion`, from `now` on, in steps."""
@@ -162,16 +161,4 @@ class OraclePlanned(OracleElastic):
             at = np.arange(stride * (len(plan) - 1) + 1)
             k = np.minimum(at // stride, len(plan) - 2)
             t = (arm.dt * (at - stride * k))[:, None]
-            position, velocity, acceleration = np.split(plan[k], 3, axis=-1)
-            jerk = (plan[k + 1, 4:] - acceleration) / step
-            position = position + t * velocity + t**2 * (acceleration / 2 + t * jerk / 6)
-            velocity = velocity + t * acceleration + t**2 * jerk / 2
-            motion[i, first : first + len(at)] = np.concatenate([position, velocity, acceleration + t * jerk], axis=1)
-
-
-def reference_columns(interface: Interface) -> Array:
-    """Return the entries of an observation that are the reference, the preview last [6 k]."""
-    layout = interface.layout
-    first = layout["reference_position"].start
-    ahead = layout["preview"] if "preview" in layout else slice(0)
-    return np.r_[first : first + 6, ahead]
+            motion[i, first : first + len(at)] = between(plan[k], plan[k + 1], t, step)

@@ -12,8 +12,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
+from controllers.parts import Drive
 from fbl_gym.interface import Interface, clip
-from fbl_gym.model.arm import Array, inertia_matrix
+from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
 from fbl_gym.records import Record
 
 State: TypeAlias = Any
@@ -58,20 +59,21 @@ def reference_at(interface: Interface, observation: Array, times: Array) -> Arra
         observation: [n x size].
         times: from now on [k] or [n x k] s.
     """
-    layout, dt = interface.layout, interface.control_dt
-    slots = ("reference_position", "reference_velocity", "reference_acceleration")
-    known = np.concatenate([observation[..., layout[slot]] for slot in slots], axis=-1)[:, None]
-    if "preview" in layout:
-        ahead = observation[..., layout["preview"]]
-        known = np.concatenate([known, ahead.reshape(len(ahead), -1, 6)], axis=1)
+    dt = interface.control_dt
+    known = observation.take(interface.layout.reference, axis=-1).reshape(len(observation), -1, 6)
     last = clip((times / dt + 1e-9).astype(int), 0, known.shape[1] - 1)
     following = np.minimum(last + 1, known.shape[1] - 1)
     lanes = slice(None) if times.ndim == 1 else np.arange(len(known))[:, None]
-    sample = known[lanes, last]
+    return between(known[lanes, last], known[lanes, following], (times - last * dt)[..., None], dt)
+
+
+def between(sample: Array, following: Array, t: Array, dt: float) -> Array:
+    """Return position, velocity and acceleration [... x 6] a time t [... x 1] s after a sample.
+
+    The acceleration is linear up to the following sample, dt later. Samples are [... x 6].
+    """
     r, r_dot, r_ddot = sample[..., :2], sample[..., 2:4], sample[..., 4:]
-    t = (times - last * dt)[..., None]
-    jerk = (known[lanes, following, 4:] - r_ddot) / dt
-    jerk = np.where(t > 0.0, jerk, 0.0)
+    jerk = np.where(t > 0.0, (following[..., 4:] - r_ddot) / dt, 0.0)
     position = r + t * r_dot + t**2 * (r_ddot / 2.0 + t * jerk / 6.0)
     return np.concatenate([position, r_dot + t * r_ddot + 0.5 * t**2 * jerk, r_ddot + t * jerk], axis=-1)
 
@@ -202,6 +204,15 @@ class TorqueLaw(Law):
                     f"{type(self).__name__} needs a sensor of {sensor}, but the observation only has "
                     f"{', '.join(slot.name for slot in self.interface.layout.slots)}"
                 )
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The known drive, by which a law pairs a motion with the torque of its time."""
+        return Drive.of(self.interface)
+
+    def holding(self, position: Array) -> Array:
+        """Return the torque within the limits that holds the nominal arm still [n x 2] N m."""
+        return self.interface.saturate(gravity_torque(self.interface.nominal, position))
 
     @cached_property
     def stretched(self) -> Array:

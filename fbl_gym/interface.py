@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fbl_gym.checks import Pair, unknown
 from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
@@ -95,6 +95,12 @@ class Layout:
     def size(self) -> int:
         """The length of the observation."""
         return sum(slot.size for slot in self.slots)
+
+    @cached_property
+    def reference(self) -> NDArray[np.int64]:
+        """The entries with the reference: six of now, and of each sample of the preview."""
+        first = self["reference_position"].start
+        return np.r_[first : first + 6, self["preview"] if "preview" in self else slice(0)]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -206,10 +212,8 @@ class Interface:
         """
         if self.action == "normalized":
             return self.saturate(torque) / self._torque_limit
-        if self.action == "torque":
-            return clip(torque, -self._action_limit, self._action_limit)
-        acceleration = forward_dynamics(self.nominal, position, velocity, torque)
-        return clip(acceleration, -self._action_limit, self._action_limit)
+        action = torque if self.action == "torque" else forward_dynamics(self.nominal, position, velocity, torque)
+        return clip(action, -self._action_limit, self._action_limit)
 
     def torque_from_action(self, action: Array, position: Array, velocity: Array) -> Array:
         """Return the torque that an action commands before delay and lag, [... x 2] N m.
@@ -218,10 +222,10 @@ class Interface:
         """
         if self.action == "normalized":
             return clip(action, -1.0, 1.0) * self._torque_limit
+        action = clip(action, -self._action_limit, self._action_limit)
         if self.action == "torque":
-            return clip(action, -self._action_limit, self._action_limit)
-        acceleration = clip(action, -self._action_limit, self._action_limit)
-        return self.saturate(inverse_dynamics(self.nominal, position, velocity, acceleration))
+            return action
+        return self.saturate(inverse_dynamics(self.nominal, position, velocity, action))
 
 
 def make_layout(

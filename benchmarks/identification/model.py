@@ -53,7 +53,7 @@ def _simulate(parameters, state, zero, command, start, h, keep, substeps):  # ty
     for k in range(variants):
         p = parameters[k]
         lumped, rotor = (p[0], p[1], p[2], p[3], p[4]), (0.0, p[5])
-        friction = (p[8], p[9], p[6], p[7], p[10], p[11], V_S, V_S)
+        friction = (p[8], p[9]), (p[6], p[7]), (p[10], p[11]), (V_S, V_S)
         late = p[14] / h
         whole = math.floor(late)
         part = late - whole

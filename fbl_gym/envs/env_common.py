@@ -10,20 +10,19 @@ import numpy as np
 from gymnasium import error, logger
 from gymnasium.envs.registration import EnvSpec
 
-from fbl_gym.checks import check_choice, check_whole, unknown
+from fbl_gym.checks import check_choice, check_whole, nearest
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
 from fbl_gym.kernel.memory import LANES
 from fbl_gym.kernel.program import MAX_BATCH_NUMBERS, Program, make_program
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
-from fbl_gym.records import build, declarations
+from fbl_gym.records import build
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
 MIN_RENDER_SIZE = 160
 ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "render_mode", "render_size")
-VECTOR_ARGUMENTS = ("num_envs", "autoreset_mode", "max_episode_steps", "threads")
 
 
 class TaskProperties:
@@ -51,8 +50,11 @@ class TaskProperties:
         **task: Any,
     ) -> None:
         """Set all that both environments have, before the first reset; `task` is of `configure`."""
+        known = [field.name for field in dataclasses.fields(Scenario)]
         for name in options:
-            _check_option(type(self).__name__, name)
+            if name not in known:  # in Python's words: TorchRL tries some options, and goes on after this error alone
+                advice = nearest(name, (*ARGUMENTS, *known))
+                raise TypeError(f"{type(self).__name__}.__init__() got an unexpected keyword argument {name!r}{advice}")
         self._reward = Reward() if reward is None else build("reward", reward, Reward)
         self._options, self._task = options, {**task, "reward": self._reward}
         self._lanes, self._threads = lanes, threads
@@ -198,37 +200,6 @@ def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int = 
     except ImportError:
         raise error.DependencyNotInstalled("plant='mujoco' needs MuJoCo: pip install 'fbl-gym[mujoco]'") from None
     return MuJoCoBatch(scenario, program, lanes)
-
-
-def _check_option(environment: str, name: str) -> None:
-    """Raise a TypeError for a name that is no field of `Scenario`, in Python's words."""
-    fields = [field.name for field in dataclasses.fields(Scenario)]
-    if name in fields:
-        return
-    classes = {"reward": (Reward,), **{field: d.classes for field, d in declarations(Scenario).items()}}
-    paths = [f"{field}={path}" for field, records in classes.items() for path in _paths_in(records, name)]
-    if name in VECTOR_ARGUMENTS:
-        advice = (
-            "; it is an option of the vector environment: "
-            "gym.make_vec(..., vectorization_mode='vector_entry_point'), or fbl_gym.TwoLinkArmVectorEnv"
-        )
-    elif paths:
-        advice = f"; did you mean {' or '.join(dict.fromkeys(paths))}?"
-    else:
-        known = (*ARGUMENTS, *VECTOR_ARGUMENTS, *fields)
-        advice = str(unknown("option", name, known)).removeprefix(f"unknown option {name!r}")
-    raise TypeError(f"{environment}.__init__() got an unexpected keyword argument {name!r}{advice}")
-
-
-def _paths_in(classes: tuple[type, ...], name: str) -> list[str]:
-    """Return the dicts of some records that give a field, such as "{'viscous': ...}"."""
-    paths = []
-    for cls in classes:
-        by_kind = f"'kind': {cls.kind!r}, " if hasattr(cls, "kind") else ""
-        for field, declaration in declarations(cls).items():
-            inner = ["..."] if field == name else _paths_in(declaration.classes, name)
-            paths += [f"{{{by_kind}{field!r}: {value}}}" for value in inner]
-    return paths
 
 
 def check_seed(seed: Any) -> int:

@@ -127,7 +127,7 @@ class MuJoCoBatch(ArmBatch):
 
     def _mean(self, torque: str) -> Array:
         """Return the mean of a torque over the physics step, [lanes x 2]."""
-        start, half, end = (self._blocks[f"{torque}_{time}"][self._lanes] for time in ("start", "half", "end"))
+        start, half, end = self.field(torque).swapaxes(0, 1)
         return (start + 4.0 * half + end) / 6.0
 
     def _models(self) -> NDArray[np.void]:

@@ -6,7 +6,6 @@ Both environments are a thin layer over this module; the single one is a batch o
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,20 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.kernel import api
-from fbl_gym.kernel.memory import (
-    BLOCK,
-    BLOCK_SIZE,
-    ENDED,
-    EVENT_ROWS,
-    INSTANT,
-    LANES,
-    RESTART,
-    ROWS,
-    SAME_STEP,
-    SETTINGS,
-    SETTINGS_SIZE,
-)
+from fbl_gym.kernel import api, memory
+from fbl_gym.kernel.memory import BLOCK, BLOCK_SIZE, ENDED, INSTANT, LANES, RESTART, ROWS, SETTINGS, SETTINGS_SIZE
 from fbl_gym.kernel.program import Program
 from fbl_gym.model.arm import Array
 
@@ -118,9 +105,6 @@ class Truth:
 
 _STEPS = api.STEPS
 
-LONGEST_PART = 5_000_000
-"""Most lanes times physics steps in one call of the kernel, about a second."""
-
 
 class ArmBatch:
     """A batch of arms of one scenario, each lane with its own seed and episode.
@@ -134,7 +118,7 @@ class ArmBatch:
     def __init__(self, program: Program, lanes: int, threads: int = 1) -> None:
         settings = program.settings
         blocks, size = -(-lanes // LANES), program.interface.layout.size
-        finals = lanes * size if settings["autoreset"] == SAME_STEP else 0
+        finals = lanes * size if settings["autoreset"] == memory.SAME_STEP else 0
         sizes = {
             "settings": SETTINGS_SIZE,
             "tables": len(program.tables),
@@ -151,8 +135,6 @@ class ArmBatch:
         self.lanes = lanes
         self._class = api.class_of(settings)
         self._threads = min(threads, blocks)
-        # Ctrl-C acts between the parts of a step.
-        self._calls = min(max(threads, math.ceil(lanes * int(settings["substeps"]) / LONGEST_PART)), blocks)
         self._memory = np.zeros(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
         self._settings[...] = settings
@@ -229,14 +211,13 @@ class ArmBatch:
         """
         memory = self._memory
         memory[self._actions] = actions
-        parts = self._calls
+        parts = self._threads
         if parts == 1:
             return _STEPS[self._class](memory, out, 0, 1)
         problem: int = api.check(memory)
         if problem >= 0:
             return problem, 0.0, False, False
-        run = map if self._threads == 1 else _pool(self._threads).map
-        first, *_ = run(lambda part: self._step(memory, out, part, parts), range(parts))
+        first, *_ = _pool(parts).map(lambda part: self._step(memory, out, part, parts), range(parts))
         return first
 
     def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:
@@ -279,7 +260,7 @@ class ArmBatch:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
         rows, end = self._rows, ROWS + 2 * (int(settings["delay_steps"]) + 1)
         commands = rows[:, ROWS:end].swapaxes(1, 2).reshape(-1, (end - ROWS) // 2, 2)[: self.lanes]
-        times = rows[:, settings["event_row"] :: EVENT_ROWS][:, : settings["events"]].swapaxes(1, 2)
+        times = rows[:, settings["event_row"] :: memory.EVENT_ROWS][:, : settings["events"]].swapaxes(1, 2)
         times = times.reshape(len(rows) * LANES, times.shape[2])[: self.lanes] * settings["physics_dt"]
         return Truth(**fields, commands=commands.copy(), event_times=times)
 
@@ -291,14 +272,7 @@ _PAIRS = ("position", "velocity", "reference", "command", "applied_torque", "dis
 _RECORDED: dict[str, Any] = {name: slice(2 * i, 2 * i + 2) for i, name in enumerate(_PAIRS)} | {"payload": 12}
 """Columns of each recorded field."""
 
-
-def _first_row(name: str) -> int:
-    """Return the first row of a block's field."""
-    fields: Any = BLOCK.fields
-    return int(fields[_RENAMED.get(name, name)][1]) // (8 * LANES)
-
-
-_RECORDED_ROWS = np.array([*(_first_row(name) + i for name in _PAIRS for i in (0, 1)), _first_row("payload")])
+_RECORDED_ROWS = np.concatenate([memory.rows(_RENAMED.get(name, name)) for name in (*_PAIRS, "payload")])
 
 _STORED = [
     field.name

@@ -4,6 +4,7 @@ from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit
 from fbl_gym.kernel.friction import dry_friction, shrink, sign
 from fbl_gym.kernel.physics import (
     FREE,
+    dry_bounds,
     friction_of,
     load_on_joints,
     lumped_of,
@@ -33,16 +34,15 @@ def _stage(x, v, load, constants):
         constants: lumped parameters of the links; stiffness, damping, half the backlash and rotor
             inertia, friction as of `friction_of`, both joints of each; dry friction as of `_hold`.
     """
-    (p1, p2, p3, p4, p5), joint, friction, held = constants
+    lumped, joint, friction, held = constants
     k1, k2, d1, d2, gap1, gap2, b1, b2 = joint
-    viscous1, viscous2, _, _, _, _, _, _ = friction
+    viscous1, viscous2 = friction[0]
     dry1, dry2, free1, free2, _, _ = held
     (q1, q2, th1, th2), (v1, v2, w1, w2), (load1, load2, tau1, tau2) = x, v, load
     spring1 = _spring(k1, d1, gap1, th1 - q1, w1 - v1)
     spring2 = _spring(k2, d2, gap2, th2 - q2, w2 - v2)
-    m11, m12, m22, load1, load2 = load_on_joints(
-        p1, p2, p3, p4, p5, 0.0, 0.0, q1, q2, v1, v2, spring1 + load1, spring2 + load2
-    )
+    torque = spring1 + load1, spring2 + load2
+    m11, m12, m22, load1, load2 = load_on_joints(lumped, (0.0, 0.0), (q1, q2), (v1, v2), torque)
     a1, a2 = solve_terms(m11, m12, m22, load1, load2)
     left1 = tau1 - spring1 - viscous1 * w1 - dry1
     left2 = tau2 - spring2 - viscous2 * w2 - dry2
@@ -97,12 +97,13 @@ def _stick(h, w, load, bound, inertia):
 def _hold(x, v, tau, joint, friction, h):
     """Return the motors' exact friction over a physics step h, as `physics.py` does for links."""
     k1, k2, d1, d2, gap1, gap2, b1, b2 = joint
-    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
+    viscous1, viscous2 = friction[0]
     (q1, q2, th1, th2), (v1, v2, w1, w2) = x, v
     left1 = tau[0] - _spring(k1, d1, gap1, th1 - q1, w1 - v1) - viscous1 * w1
     left2 = tau[1] - _spring(k2, d2, gap2, th2 - q2, w2 - v2) - viscous2 * w2
-    dry1, free1, moves1 = _stick(h, w1, left1, dry_friction(w1, coulomb1, stiction1, v_s1), b1)
-    dry2, free2, moves2 = _stick(h, w2, left2, dry_friction(w2, coulomb2, stiction2, v_s2), b2)
+    bound1, bound2 = dry_bounds((w1, w2), friction)
+    dry1, free1, moves1 = _stick(h, w1, left1, bound1, b1)
+    dry2, free2, moves2 = _stick(h, w2, left2, bound2, b2)
     return dry1, dry2, free1, free2, moves1, moves2
 
 
@@ -112,10 +113,10 @@ def _advance(block, settings, lane, h):
     joint, friction = _joint(block, settings, lane), friction_of(block, lane)
     x = _both(block.position, block.motor_position, lane)
     v = _both(block.velocity, block.motor_velocity, lane)
-    held = _hold(x, v, pair(block.tau_start, lane), joint, friction, h)
+    held = _hold(x, v, pair(block.tau[0], lane), joint, friction, h)
     (q1, q2, th1, th2), (v1, v2, w1, w2) = _runge_kutta(
-        h, x, v, _both(block.load_start, block.tau_start, lane), _both(block.load_half, block.tau_half, lane),
-        _both(block.load_end, block.tau_end, lane), (lumped_of(block, lane), joint, friction, held),
+        h, x, v, _both(block.load[0], block.tau[0], lane), _both(block.load[1], block.tau[1], lane),
+        _both(block.load[2], block.tau[2], lane), (lumped_of(block, lane), joint, friction, held),
     )  # fmt: skip
     put(block.position, lane, (q1, q2))
     put(block.velocity, lane, (v1, v2))

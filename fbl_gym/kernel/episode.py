@@ -81,18 +81,18 @@ def _draw(block, rows, settings, tables, lane, episode):
     block.payload_drop[lane] = np.rint(block.payload_drop[lane])
     block.delay[lane] = np.rint(block.delay[lane]) + settings.substeps * np.rint(block.delay_samples[lane])
     lag = block.lag[lane]
-    block.lag_start[lane] = 1.0 if lag > 0.0 else 0.0
+    begin = 1.0 if lag > 0.0 else 0.0
     end = exp(-1.0 / lag) if lag > 0.0 else 0.0
     # Runge-Kutta's weights 1/6, 4/6, 1/6 give the exact impulse of an exponential, however short.
-    block.lag_half[lane] = 0.25 * (6.0 * lag * (1.0 - end) - block.lag_start[lane] - end)
-    block.lag_end[lane] = end
+    half = 0.25 * (6.0 * lag * (1.0 - end) - begin - end)
+    block.fade[0, lane], block.fade[1, lane], block.fade[2, lane] = begin, half, end
 
 
 @kernel_njit
 def _hold_still(block, rows, queue, settings, lane):
     """Apply the torque that holds the nominal arm still at its start, within the limit."""
-    put(block.measured_position, lane, pair(block.position, lane))
-    put(block.measured_velocity, lane, (0.0, 0.0))
+    put(block.measured[0], lane, pair(block.position, lane))
+    put(block.measured[1], lane, (0.0, 0.0))
     tau1, tau2 = nominal_torque(block, settings, lane, 0.0, 0.0)
     kind = settings.action_kind
     # The box of torque actions has bounds even if the torque has no limit.
@@ -133,6 +133,7 @@ def judge(block, settings, width):
     max_position, max_velocity = settings.max_position, settings.max_velocity
     (low1, low2), (high1, high2) = settings.constraint_low, settings.constraint_high
     (fastest1, fastest2), ends = settings.constraint_velocity, settings.violation_ends
+    weight1, weight2, weight3 = settings.reward_weights
     for lane in range(width):
         (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
         (r1, r2), (start1, start2) = pair(block.reference_position, lane), pair(block.start_position, lane)
@@ -157,11 +158,7 @@ def judge(block, settings, width):
         tau1, tau2 = pair(block.command, lane)
         effort = 0.5 * (abs(tau1) / limit1 + abs(tau2) / limit2)
         chatter = 0.25 * block.chatter[lane]
-        loss = (
-            settings.weight_tracking * min(tracking, 1.0)
-            + settings.weight_effort * effort
-            + settings.weight_chatter * chatter
-        )
+        loss = weight1 * min(tracking, 1.0) + weight2 * effort + weight3 * chatter
         block.reward[lane] = max(1.0 - loss, 0.0) if stays else 0.0
         block.terminated[lane] = 0.0 if stays else 1.0
         block.truncated[lane] = 1.0 if block.step[lane] >= last else 0.0

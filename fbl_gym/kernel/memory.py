@@ -175,7 +175,7 @@ SETTINGS = np.dtype(
         ("past_row", np.int64),  # row of a block with the last one
         ("max_position", np.float64),  # limits of an episode [rad]
         ("max_velocity", np.float64),  # [rad/s]
-        ("max_acceleration", np.float64),  # [rad/s^2]
+        ("sensor_range", np.float64, 3),  # of position, velocity and acceleration
         ("max_error", np.float64),  # of the position, for less than `error_steps` [rad], may be infinite
         ("error_steps", np.float64),  # [control steps]
         ("constraint_low", np.float64, 2),  # of the position [rad], may be infinite
@@ -186,9 +186,7 @@ SETTINGS = np.dtype(
         ("reward_logarithmic", np.bool_),
         ("reward_scale", np.float64),  # [1/rad]
         ("reward_norm", np.float64),
-        ("weight_tracking", np.float64),  # the three weights add up to 1
-        ("weight_effort", np.float64),
-        ("weight_chatter", np.float64),
+        ("reward_weights", np.float64, 3),  # of tracking, effort and chatter, which add up to 1
         # Batch: its size, and the index of each part's first number
         ("autoreset", np.int64),
         ("lanes", np.int64),
@@ -204,6 +202,7 @@ SETTINGS = np.dtype(
 )
 
 _ONE, _PAIR = LANES, (2, LANES)
+_TIMES = (3, 2, LANES)  # start, half and end of a physics step
 
 DRAW_SIZE = 7
 """A draw's row, joint, kind, first and second number, and the halves of its stream's key.
@@ -225,9 +224,7 @@ BLOCK = np.dtype(
         ("held_payload", np.float64, _ONE),  # the part of it that `payload_drop` releases [kg]
         *[(name, np.float64, (*VARIED[name].shape, LANES)) for name in VARIED.names or ()],
         # Torque
-        ("lag_start", np.float64, _ONE),  # remainder of the lag at a physics step's start,
-        ("lag_half", np.float64, _ONE),  # half
-        ("lag_end", np.float64, _ONE),  # and end
+        ("fade", np.float64, (3, LANES)),  # remainder of the lag at the three times of a physics step
         ("action", np.float64, _PAIR),  # the last one, within its limits
         ("command", np.float64, _PAIR),  # torque command [N m]
         ("late", np.float64, _ONE),  # further delay of the last command [physics steps]
@@ -238,22 +235,15 @@ BLOCK = np.dtype(
         ("torque", np.float64, _PAIR),  # applied torque: the same times the gain, and the ripple [N m]
         ("disturbance", np.float64, _PAIR),  # [N m]
         ("disturbance_phase", np.float64, _PAIR),  # of a sine [rad]
-        ("tau_start", np.float64, _PAIR),  # applied torque less disturbance at the start,
-        ("tau_half", np.float64, _PAIR),  # the half
-        ("tau_end", np.float64, _PAIR),  # and the end of a physics step [N m]
+        ("tau", np.float64, _TIMES),  # applied torque less disturbance [N m]
         # Elastic joints
         ("motor_position", np.float64, _PAIR),  # [rad]
         ("motor_velocity", np.float64, _PAIR),  # [rad/s]
         ("motor_friction", np.float64, _PAIR),  # [N m]
-        ("load_start", np.float64, _PAIR),  # torque on the links at the start,
-        ("load_half", np.float64, _PAIR),  # the half
-        ("load_end", np.float64, _PAIR),  # and the end of a physics step [N m]
+        ("load", np.float64, _TIMES),  # torque on the links [N m]
         # Sensors and reference
-        ("measured_position", np.float64, _PAIR),  # [rad]
-        ("measured_velocity", np.float64, _PAIR),  # [rad/s]
-        ("measured_acceleration", np.float64, _PAIR),  # [rad/s^2]
-        ("kept_position", np.float64, _PAIR),  # the last readings that were not lost
-        ("kept_velocity", np.float64, _PAIR),
+        ("measured", np.float64, (3, 2, LANES)),  # position [rad], velocity [rad/s], acceleration [rad/s^2]
+        ("kept", np.float64, (2, 2, LANES)),  # the last readings of position and velocity that were not lost
         ("reference_position", np.float64, _PAIR),  # [rad]
         ("reference_velocity", np.float64, _PAIR),  # [rad/s]
         ("reference_acceleration", np.float64, _PAIR),  # [rad/s^2]

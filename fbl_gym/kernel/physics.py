@@ -14,14 +14,15 @@ solve_terms = inline_njit(arm.solve_terms)
 
 
 @inline_njit
-def load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2):
-    """Return the inertia matrix, and the torque left to accelerate it: tau - C v - G."""
-    sin1, cos1 = sincos(q1)
-    sin2, cos2 = sincos(q2)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, cos2)
-    coriolis1, coriolis2 = coriolis_terms(p3, sin2, v1, v2)
+def load_on_joints(lumped, rotor, q, v, torque):
+    """Return the inertia matrix, and the torque left to accelerate it: torque - C v - G."""
+    p1, p2, p3, p4, p5 = lumped
+    sin1, cos1 = sincos(q[0])
+    sin2, cos2 = sincos(q[1])
+    m11, m12, m22 = inertia_terms(p1, p2, p3, rotor[0], rotor[1], cos2)
+    coriolis1, coriolis2 = coriolis_terms(p3, sin2, v[0], v[1])
     gravity1, gravity2 = gravity_terms(p4, p5, cos1, cos1 * cos2 - sin1 * sin2)
-    return m11, m12, m22, tau1 - coriolis1 - gravity1, tau2 - coriolis2 - gravity2
+    return m11, m12, m22, torque[0] - coriolis1 - gravity1, torque[1] - coriolis2 - gravity2
 
 
 def make_runge_kutta(stage, moved, weighted):
@@ -61,17 +62,23 @@ def weighted(a, b, c, d):
 
 
 @inline_njit
+def dry_bounds(v, friction):
+    """Return the bounds of both joints' dry friction at their velocities, see `friction_of`."""
+    _, coulomb, stiction, v_s = friction
+    return dry_friction(v[0], coulomb[0], stiction[0], v_s[0]), dry_friction(v[1], coulomb[1], stiction[1], v_s[1])
+
+
+@inline_njit
 def _stage(q, v, tau, constants):
     """Return the acceleration at one stage of a physics step; see `_hold` for `held`."""
-    (p1, p2, p3, p4, p5), (r1, r2), friction, held, law = constants
-    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
+    lumped, rotor, friction, held, law = constants
     dry1, dry2, free1, free2, _, _ = held
-    v1, v2 = v
-    tau1, tau2 = tau[0] - viscous1 * v1 - dry1, tau[1] - viscous2 * v2 - dry2
+    viscous = friction[0]
+    tau1, tau2 = tau[0] - viscous[0] * v[0] - dry1, tau[1] - viscous[1] * v[1] - dry2
     if law == LITERAL_FRICTION:
-        tau1 -= dry_friction(v1, coulomb1, stiction1, v_s1) * sign(v1)
-        tau2 -= dry_friction(v2, coulomb2, stiction2, v_s2) * sign(v2)
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q[0], q[1], v1, v2, tau1, tau2)
+        bound1, bound2 = dry_bounds(v, friction)
+        tau1, tau2 = tau1 - bound1 * sign(v[0]), tau2 - bound2 * sign(v[1])
+    m11, m12, m22, load1, load2 = load_on_joints(lumped, rotor, q, v, (tau1, tau2))
     if law == EXACT_FRICTION:
         # A stuck joint carries any reaction: the other moves as if alone.
         load1, load2, m12 = load1 * free1, load2 * free2, m12 * (free1 * free2)
@@ -99,10 +106,7 @@ def friction_of(block, lane):
     """Return viscous friction, Coulomb friction, stiction and v_s, both joints of each."""
     coulomb1 = block.coulomb[0, lane] + block.load_friction[0, lane] * abs(block.torque[0, lane])
     coulomb2 = block.coulomb[1, lane] + block.load_friction[1, lane] * abs(block.torque[1, lane])
-    return (
-        block.viscous[0, lane], block.viscous[1, lane], coulomb1, coulomb2,
-        block.stiction[0, lane], block.stiction[1, lane], block.v_s[0, lane], block.v_s[1, lane],
-    )  # fmt: skip
+    return pair(block.viscous, lane), (coulomb1, coulomb2), pair(block.stiction, lane), pair(block.v_s, lane)
 
 
 FREE = (0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
@@ -122,13 +126,11 @@ def _hold(h, q, v, tau, lumped, rotor, friction):
         Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; 0 if
         it ends the step at rest, else 1.
     """
-    (p1, p2, p3, p4, p5), (r1, r2), (q1, q2), (v1, v2), (tau1, tau2) = lumped, rotor, q, v, tau
-    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction
-    m11, m12, m22, load1, load2 = load_on_joints(
-        p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - viscous1 * v1, tau2 - viscous2 * v2
-    )
-    bound1 = h * dry_friction(v1, coulomb1, stiction1, v_s1)
-    bound2 = h * dry_friction(v2, coulomb2, stiction2, v_s2)
+    (v1, v2), viscous = v, friction[0]
+    left = tau[0] - viscous[0] * v1, tau[1] - viscous[1] * v2
+    m11, m12, m22, load1, load2 = load_on_joints(lumped, rotor, q, v, left)
+    bound1, bound2 = dry_bounds(v, friction)
+    bound1, bound2 = h * bound1, h * bound2
     momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
     next1, next2, dry1, dry2 = resist(m11, m12, m22, momentum1, momentum2, bound1, bound2)
     # Only friction can hold a joint: one without any merely has no velocity just now.
@@ -155,7 +157,7 @@ def move(h, q, v, torques, lumped, rotor, friction, law):
 def _advance(block, settings, lane, h, law):
     """Advance one lane by one physics step h."""
     rotor = rotor_of(block, settings, lane)
-    torques = pair(block.tau_start, lane), pair(block.tau_half, lane), pair(block.tau_end, lane)
+    torques = pair(block.tau[0], lane), pair(block.tau[1], lane), pair(block.tau[2], lane)
     q, v = pair(block.position, lane), pair(block.velocity, lane)
     q, v = move(h, q, v, torques, lumped_of(block, lane), rotor, friction_of(block, lane), law)
     put(block.position, lane, q)
@@ -195,11 +197,9 @@ def advance(block, settings, width, real):
 @inline_njit
 def _load_now(block, settings, lane):
     """Return the inertia matrix of a lane at this instant, and the load on its joints."""
-    p1, p2, p3, p4, p5 = lumped_of(block, lane)
-    (q1, q2), (v1, v2), (tau1, tau2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
-    push1, push2 = pair(block.disturbance, lane)
-    r1, r2 = rotor_of(block, settings, lane)
-    return load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1 - push1, tau2 - push2)
+    q, v = pair(block.position, lane), pair(block.velocity, lane)
+    (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
+    return load_on_joints(lumped_of(block, lane), rotor_of(block, settings, lane), q, v, (tau1 - push1, tau2 - push2))
 
 
 @inline_njit
@@ -214,16 +214,14 @@ def smooth_acceleration(block, settings, lane):
 @inline_njit
 def acceleration_and_friction(block, settings, lane, law):
     """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
-    v1, v2 = block.velocity[0, lane], block.velocity[1, lane]
+    v1, v2 = pair(block.velocity, lane)
     m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
-    bound1, bound2 = 0.0, 0.0
-    viscous1, viscous2, coulomb1, coulomb2, stiction1, stiction2, v_s1, v_s2 = friction_of(block, lane)
+    friction, (bound1, bound2) = friction_of(block, lane), (0.0, 0.0)
     if law != NO_FRICTION:
-        bound1 = dry_friction(v1, coulomb1, stiction1, v_s1)
-        bound2 = dry_friction(v2, coulomb2, stiction2, v_s2)
+        bound1, bound2 = dry_bounds((v1, v2), friction)
     # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
-    friction1 = viscous1 * v1 + bound1 * sign(v1)
-    friction2 = viscous2 * v2 + bound2 * sign(v2)
+    friction1 = friction[0][0] * v1 + bound1 * sign(v1)
+    friction2 = friction[0][1] * v2 + bound2 * sign(v2)
     load1, load2 = load1 - friction1, load2 - friction2
     if law != EXACT_FRICTION:
         a1, a2 = solve_terms(m11, m12, m22, load1, load2)

@@ -11,8 +11,8 @@ from fbl_gym.kernel.physics import load_on_joints, make_runge_kutta, moved, solv
 @inline_njit
 def _stage(q, v, load, constants):
     """Return the acceleration at one stage of a step."""
-    (p1, p2, p3, p4, p5, r1, r2), (push1, push2) = constants
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q[0], q[1], v[0], v[1], load[0], load[1])
+    lumped, rotor, (push1, push2) = constants
+    m11, m12, m22, load1, load2 = load_on_joints(lumped, rotor, q, v, load)
     a1, a2 = solve_terms(m11, m12, m22, load1, load2)
     return a1 + push1, a2 + push2
 
@@ -39,7 +39,7 @@ def advance_model(arm, push, durations, commands, lag, fastest, motion):
         fastest: limit of the velocity [rad/s].
         motion: position, velocity and torque [3 x n x 2], which this replaces.
     """
-    constants = arm[0], arm[1], arm[2], arm[3], arm[4], arm[5], arm[6]
+    lumped, rotor = (arm[0], arm[1], arm[2], arm[3], arm[4]), (arm[5], arm[6])
     for k in range(len(durations)):
         h = durations[k]
         start, half, end = (1.0, exp(-0.5 * h / lag), exp(-h / lag)) if lag > 0.0 else (0.0, 0.0, 0.0)
@@ -50,7 +50,7 @@ def advance_model(arm, push, durations, commands, lag, fastest, motion):
             last = _toward(command, torque, end)
             q, v = _runge_kutta(
                 h, q, v, _toward(command, torque, start), _toward(command, torque, half), last,
-                (constants, (push[lane, 0], push[lane, 1])),
+                (lumped, rotor, (push[lane, 0], push[lane, 1])),
             )  # fmt: skip
             motion[0, lane, 0], motion[0, lane, 1] = q
             motion[1, lane, 0], motion[1, lane, 1] = clip(v[0], fastest), clip(v[1], fastest)

@@ -205,8 +205,10 @@ def _pack_observation(settings: Settings, interface: Interface) -> None:
     for slot in layout.slots:
         if slot.name == "preview":
             settings["preview"] = slot.size // 6
+        elif slot.name in SENSORS:
+            rows += memory.rows("measured")[2 * SENSORS.index(slot.name) :][:2]
         elif slot.name != "previous_actions":
-            rows += memory.rows(f"measured_{slot.name}" if slot.name in SENSORS else slot.name)
+            rows += memory.rows(slot.name)
     settings["observed"] = len(rows)
     settings["observed_row"][: len(rows)] = rows
     settings["observed_bound"][: len(rows)] = bounds[: len(rows)]

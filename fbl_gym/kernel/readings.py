@@ -10,11 +10,9 @@ from fbl_gym.kernel.physics import acceleration_and_friction, smooth_acceleratio
 from fbl_gym.kernel.streams import normals, stream_key, uniforms
 from fbl_gym.kernel.views import pair, put
 
-_POSITION_NOISE = stream_key("position noise")
-_VELOCITY_NOISE = stream_key("velocity noise")
-_ACCELERATION_NOISE = stream_key("acceleration noise")
+_NOISE = np.array([stream_key(f"{sensor} noise") for sensor in ("position", "velocity", "acceleration")])
 _DROPOUT = stream_key("lost readings")
-_POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # rows of the settings' `noise_std`
+_POSITION, _VELOCITY, _ACCELERATION = np.arange(3)  # the sensors, as indices of `measured`
 _ZERO = np.uint64(0)
 
 
@@ -29,10 +27,8 @@ def sense(block, rows, settings, width, real, rare, elastic):
         _accelerate_smoothly(block, settings, width)
     _read(block, settings, width)
     if real and settings.noisy:
-        _disturb_reading(block, block.measured_position, settings, width, _POSITION, _POSITION_NOISE)
-        _disturb_reading(block, block.measured_velocity, settings, width, _VELOCITY, _VELOCITY_NOISE)
-        if settings.senses_acceleration:
-            _disturb_reading(block, block.measured_acceleration, settings, width, _ACCELERATION, _ACCELERATION_NOISE)
+        for sensor in range(3 if settings.senses_acceleration else 2):
+            _disturb_reading(block, settings, width, sensor)
     if rare and settings.history > 0:
         _encode(block, rows, settings, width)
     if rare and settings.dropout_length > 0:
@@ -74,34 +70,29 @@ def _read(block, settings, width):
         position, velocity = block.motor_position, block.motor_velocity
     for joint in range(2):
         for lane in range(width):
-            block.measured_position[joint, lane] = position[joint, lane]
-            block.measured_velocity[joint, lane] = velocity[joint, lane]
+            block.measured[_POSITION, joint, lane] = position[joint, lane]
+            block.measured[_VELOCITY, joint, lane] = velocity[joint, lane]
             if settings.senses_acceleration:
-                block.measured_acceleration[joint, lane] = block.acceleration[joint, lane]
+                block.measured[_ACCELERATION, joint, lane] = block.acceleration[joint, lane]
 
 
 @kernel_njit
 def _limit(block, settings, width):
     """Clip the readings of a block: a sensor reads no further than its range."""
-    senses_acceleration = settings.senses_acceleration
-    max_position, max_velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
-    acceleration = settings.max_acceleration
-    for joint in range(2):
-        for lane in range(width):
-            block.measured_position[joint, lane] = clip(block.measured_position[joint, lane], max_position)
-            block.measured_velocity[joint, lane] = clip(block.measured_velocity[joint, lane], max_velocity)
-            if senses_acceleration:
-                reading = block.measured_acceleration[joint, lane]
-                block.measured_acceleration[joint, lane] = clip(reading, acceleration)
+    for sensor in range(3):
+        bound = settings.sensor_range[sensor]
+        for joint in range(2):
+            for lane in range(width):
+                block.measured[sensor, joint, lane] = clip(block.measured[sensor, joint, lane], bound)
 
 
 @kernel_njit
-def _disturb_reading(block, measured, settings, width, sensor, stream):
+def _disturb_reading(block, settings, width, sensor):
     """Add bias and noise to the readings of one sensor, and quantize them."""
-    std, bias = block.noise_std[sensor], block.noise_bias[sensor]
+    measured, std, bias = block.measured[sensor], block.noise_std[sensor], block.noise_bias[sensor]
     if settings.has_noise[sensor]:
         for lane in range(width):
-            draw1, draw2 = normals(block.seed[lane], stream, block.episode[lane], block.step[lane], _ZERO)
+            draw1, draw2 = normals(block.seed[lane], _NOISE[sensor], block.episode[lane], block.step[lane], _ZERO)
             measured[0, lane] += std[0, lane] * draw1
             measured[1, lane] += std[1, lane] * draw2
     for joint in range(2):
@@ -130,7 +121,7 @@ def _encode(block, rows, settings, width):
         now = np.int64(block.step[lane]) % depth
         for joint in range(2):
             first = settings.history_row + joint
-            reading, velocity = block.measured_position[joint, lane], block.measured_velocity[joint, lane]
+            reading, velocity = block.measured[0, joint, lane], block.measured[1, joint, lane]
             row = first + 4 * now
             rows[row, lane] = reading
             if interval > 0:
@@ -140,8 +131,7 @@ def _encode(block, rows, settings, width):
                 velocity = filtered + settings.low_pass * (velocity - filtered)
             rows[row + 2, lane] = velocity
             row = first + _row_of(now, settings.latency, depth)
-            block.measured_position[joint, lane] = rows[row, lane]
-            block.measured_velocity[joint, lane] = rows[row + 2, lane]
+            block.measured[0, joint, lane], block.measured[1, joint, lane] = rows[row, lane], rows[row + 2, lane]
 
 
 @inline_njit
@@ -158,12 +148,11 @@ def _lose(block, settings, width):
         for ago in range(min(settings.dropout_length, step)):
             draw, _, _, _ = uniforms(block.seed[lane], _DROPOUT, block.episode[lane], np.uint64(step - ago), _ZERO)
             lost |= draw < block.dropout[lane]
-        if lost:
-            put(block.measured_position, lane, pair(block.kept_position, lane))
-            put(block.measured_velocity, lane, pair(block.kept_velocity, lane))
-        else:
-            put(block.kept_position, lane, pair(block.measured_position, lane))
-            put(block.kept_velocity, lane, pair(block.measured_velocity, lane))
+        for sensor in range(2):
+            if lost:
+                put(block.measured[sensor], lane, pair(block.kept[sensor], lane))
+            else:
+                put(block.kept[sensor], lane, pair(block.measured[sensor], lane))
 
 
 @kernel_njit
@@ -175,22 +164,22 @@ def _recall(block, rows, settings, lane, joint):
         position, speed = block.motor_position[joint, lane], block.motor_velocity[joint, lane]
     velocity = speed
     for ago in range(depth - 1, 0, -1):
-        reading = _past(block, settings, lane, joint, _POSITION, _POSITION_NOISE, position - ago * dt * speed, ago)
+        reading = _past(block, settings, lane, joint, _POSITION, position - ago * dt * speed, ago)
         if interval == 0:
-            velocity = _past(block, settings, lane, joint, _VELOCITY, _VELOCITY_NOISE, speed, ago)
+            velocity = _past(block, settings, lane, joint, _VELOCITY, speed, ago)
         else:
             before = position - (ago + interval) * dt * speed
-            before = _past(block, settings, lane, joint, _POSITION, _POSITION_NOISE, before, ago + interval)
+            before = _past(block, settings, lane, joint, _POSITION, before, ago + interval)
             velocity += settings.low_pass * ((reading - before) / (interval * dt) - velocity)
         row = settings.history_row + joint + 4 * (depth - ago)
         rows[row, lane], rows[row + 2, lane] = reading, velocity
 
 
 @inline_njit
-def _past(block, settings, lane, joint, sensor, stream, value, ago):
+def _past(block, settings, lane, joint, sensor, value, ago):
     """Return a reading of some control steps before the episode, with its errors."""
     if settings.has_noise[sensor]:
-        draws = normals(block.seed[lane], stream, block.episode[lane], _ZERO, np.uint64(ago))
+        draws = normals(block.seed[lane], _NOISE[sensor], block.episode[lane], _ZERO, np.uint64(ago))
         value += block.noise_std[sensor, joint, lane] * draws[joint]
     value += block.noise_bias[sensor, joint, lane]
     quantum = settings.quantization[sensor, joint]
@@ -208,13 +197,10 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
     for column in range(2 * settings.past_actions):
         for lane in range(first, last):
             out[lane, settings.observed + column] = rows[settings.past_row + column, lane]
-    position, velocity = 2.0 * settings.max_position, 2.0 * settings.max_velocity
-    acceleration = settings.max_acceleration
     for ahead in range(settings.preview):
         for lane in range(first, last):
             step = np.int64(block.step[lane]) + ahead + 1
-            q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, step)
+            sample = reference(waypoints, settings, tables, lane, step)
             column = settings.observed + 2 * settings.past_actions + 6 * ahead
-            out[lane, column], out[lane, column + 1] = clip(q1, position), clip(q2, position)
-            out[lane, column + 2], out[lane, column + 3] = clip(v1, velocity), clip(v2, velocity)
-            out[lane, column + 4], out[lane, column + 5] = clip(a1, acceleration), clip(a2, acceleration)
+            for i in range(6):
+                out[lane, column + i] = clip(sample[i], settings.sensor_range[i // 2])

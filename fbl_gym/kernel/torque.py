@@ -51,30 +51,26 @@ def command(block, rows, queue, settings, actions, count):
 
 
 @inline_njit
-def _nominal_parameters(settings):
-    """Return the lumped parameters of the nominal arm, and its rotor inertias."""
-    parameters = settings.parameters
-    p1, p2, p3, p4, p5 = lumped_terms(
-        parameters[0], parameters[1], parameters[2], parameters[3], settings.gravity, settings.centre, settings.inertia
-    )
-    return p1, p2, p3, p4, p5, settings.rotor[0], settings.rotor[1]
+def _nominal_load(settings, q, v, torque):
+    """Return the inertia matrix of the nominal arm, and the load on its joints."""
+    m1, m2, length1, length2 = settings.parameters
+    lumped = lumped_terms(m1, m2, length1, length2, settings.gravity, settings.centre, settings.inertia)
+    return load_on_joints(lumped, (settings.rotor[0], settings.rotor[1]), q, v, torque)
 
 
 @inline_njit
 def nominal_torque(block, settings, lane, a1, a2):
     """Return the nominal feedback linearisation mapping at the measured state (figure 2)."""
-    p1, p2, p3, p4, p5, r1, r2 = _nominal_parameters(settings)
-    (q1, q2), (v1, v2) = pair(block.measured_position, lane), pair(block.measured_velocity, lane)
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, 0.0, 0.0)
+    q, v = pair(block.measured[0], lane), pair(block.measured[1], lane)
+    m11, m12, m22, load1, load2 = _nominal_load(settings, q, v, (0.0, 0.0))
     return m11 * a1 + m12 * a2 - load1, m12 * a1 + m22 * a2 - load2
 
 
 @inline_njit
 def nominal_acceleration(block, settings, lane):
     """Return the nominal model's acceleration under the applied torque at the true state."""
-    p1, p2, p3, p4, p5, r1, r2 = _nominal_parameters(settings)
-    (q1, q2), (v1, v2), (tau1, tau2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
-    m11, m12, m22, load1, load2 = load_on_joints(p1, p2, p3, p4, p5, r1, r2, q1, q2, v1, v2, tau1, tau2)
+    q, v, torque = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
+    m11, m12, m22, load1, load2 = _nominal_load(settings, q, v, torque)
     return solve_terms(m11, m12, m22, load1, load2)
 
 
@@ -84,7 +80,7 @@ def apply_torque(block, queue, settings, width, substep):
     # The command that the delay lets through now, then the rate limit, the lag and the gain.
     for joint in range(2):
         for lane in range(width):
-            block.tau_start[joint, lane] = queue[0, joint, lane]
+            block.tau[0, joint, lane] = queue[0, joint, lane]
     if settings.delay_steps > 0:
         for lane in range(width):
             age = np.ceil((block.delay[lane] + block.late[lane] - substep) / settings.substeps)
@@ -93,13 +89,13 @@ def apply_torque(block, queue, settings, width, substep):
         for age in range(1, settings.delay_steps + 1):
             for joint in range(2):
                 for lane in range(width):
-                    newer, delayed = block.tau_start[joint, lane], queue[age, joint, lane]
-                    block.tau_start[joint, lane] = delayed if block.age[lane] == age else newer
+                    newer, delayed = block.tau[0, joint, lane], queue[age, joint, lane]
+                    block.tau[0, joint, lane] = delayed if block.age[lane] == age else newer
     for joint in range(2):
         for lane in range(width):
-            start, half, end = block.lag_start[lane], block.lag_half[lane], block.lag_end[lane]
+            start, half, end = block.fade[0, lane], block.fade[1, lane], block.fade[2, lane]
             before, rate, gain = block.target[joint, lane], block.rate_limit[joint, lane], block.gain[joint, lane]
-            target = max(min(block.tau_start[joint, lane], before + rate), before - rate)
+            target = max(min(block.tau[0, joint, lane], before + rate), before - rate)
             block.target[joint, lane] = target
             # A ramp over the whole step has the impulse of the limited rise at its start: a limit
             # that does not act gives a jump. A lag follows a ramp late by its time constant, once
@@ -109,9 +105,9 @@ def apply_torque(block, queue, settings, width, substep):
             base = begin - rise * block.lag[lane]
             gap = block.lagged[joint, lane] - base
             lagged = base + rise + end * gap
-            block.tau_start[joint, lane] = gain * (base + start * gap)
-            block.tau_half[joint, lane] = gain * (base + 0.5 * rise + half * gap)
-            block.tau_end[joint, lane] = gain * lagged
+            block.tau[0, joint, lane] = gain * (base + start * gap)
+            block.tau[1, joint, lane] = gain * (base + 0.5 * rise + half * gap)
+            block.tau[2, joint, lane] = gain * lagged
             block.lagged[joint, lane] = lagged
             block.torque[joint, lane] = gain * lagged
 
@@ -133,33 +129,27 @@ def add_ripple(block, settings, width):
     for joint in range(2):
         for lane in range(width):
             ripple = ripple_of(block, settings, lane, joint)
-            block.tau_start[joint, lane] += ripple
-            block.tau_half[joint, lane] += ripple
-            block.tau_end[joint, lane] += ripple
             block.torque[joint, lane] += ripple
+            for time in range(3):
+                block.tau[time, joint, lane] += ripple
 
 
 @kernel_njit
 def disturb(block, settings, tables, width, substep):
     """Subtract the disturbance from the torque over a physics step."""
-    tau_start, tau_half, tau_end = block.tau_start, block.tau_half, block.tau_end
+    tau = block.tau
     if settings.elastic:  # a disturbance loads the links, not the drives
-        tau_start, tau_half, tau_end = block.load_start, block.load_half, block.load_end
-        for joint in range(2):
-            for lane in range(width):
-                tau_start[joint, lane] = tau_half[joint, lane] = tau_end[joint, lane] = 0.0
+        tau = block.load
+        tau[:] = 0.0
     if settings.disturbance_kind == SINE:
-        _subtract_sine(block, tau_start, settings, width, substep + 0.0)
-        _subtract_sine(block, tau_half, settings, width, substep + 0.5)
-        _subtract_sine(block, tau_end, settings, width, substep + 1.0)
+        for time in range(3):
+            _subtract_sine(block, tau[time], settings, width, substep + 0.5 * time)
     elif settings.disturbance_kind != NO_DISTURBANCE:
         _renew(block, settings, tables, width, substep)
-        for joint in range(2):
-            for lane in range(width):
-                disturbance = block.disturbance[joint, lane]
-                tau_start[joint, lane] -= disturbance
-                tau_half[joint, lane] -= disturbance
-                tau_end[joint, lane] -= disturbance
+        for time in range(3):
+            for joint in range(2):
+                for lane in range(width):
+                    tau[time, joint, lane] -= block.disturbance[joint, lane]
 
 
 @inline_njit

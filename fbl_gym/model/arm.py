@@ -1,4 +1,4 @@
-"""The two-link arm: parameters, dynamics, regressor, energy and kinematics.
+"""The two-link arm: parameters, dynamics, regressor and kinematics.
 
 Equations (1)-(4) of Wang, Wang and Brdys, "Designing robust feedback linearisation controllers
 using imperfect dynamic models and sensor feedback", Cogent Engineering 3:1173529 (2016)::
@@ -363,16 +363,6 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     second = (0.0, a1 + a2, a1 * c2 + v1 * v1 * s2, 0.0, c12)
     both = _stack(None, *first, *second)
     return both.reshape(*both.shape[:-1], 2, 5)
-
-
-def energy(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
-    """Return the kinetic and potential energy [J], [...]; zero for a horizontal arm at rest."""
-    p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
-    q1, q2 = _joints(q)
-    v1, v2 = _joints(v)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
-    kinetic = 0.5 * (m11 * v1 * v1 + 2.0 * m12 * v1 * v2 + m22 * v2 * v2)
-    return kinetic + p4 * np.sin(q1) + p5 * np.sin(q1 + q2)
 
 
 def joint_positions(arm: ArmParameters, q: ArrayLike) -> Array:

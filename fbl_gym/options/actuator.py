@@ -66,12 +66,10 @@ class Actuator(Record):
         settings["torque_varies"] = steps > 0 or slow or settings["rippled"]
         rate = (math.inf, math.inf) if self.rate_limit is None else self.rate_limit
         packer.vary("rate_limit", rate, "actuator.rate_limit", scale=h)
-        packer.vary("gain", self.gain, "actuator.gain")
-        packer.vary("delay", self.delay, "actuator.delay", scale=1 / h)
-        packer.vary("delay_samples", self.delay_samples, "actuator.delay_samples")
-        packer.vary("jitter", self.jitter, "actuator.jitter", scale=1 / h)
-        packer.vary("lag", self.lag, "actuator.lag", scale=1 / h)
-        packer.vary("ripple", self.ripple, "actuator.ripple")
+        for name in ("gain", "delay_samples", "ripple"):
+            packer.vary(name, getattr(self, name), f"actuator.{name}")
+        for name in ("delay", "jitter", "lag"):
+            packer.vary(name, getattr(self, name), f"actuator.{name}", scale=1 / h)
         settings["ripple_order"] = self.ripple_order
         if settings["rippled"]:
             packer.vary("ripple_phase", (Distribution(uniform=(0.0, 2 * math.pi)),) * 2, "actuator.ripple phase")

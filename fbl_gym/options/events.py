@@ -11,8 +11,15 @@ from fbl_gym.options.packer import Packer
 from fbl_gym.records import Number, Numbers, Record, build_kind, declared, kind, number, pair
 
 
+@dataclass(frozen=True)
 class _Event(Record):
-    """Base of the events."""
+    """Base of the events.
+
+    Args:
+        time: of the event.
+    """
+
+    time: Number = number(unit="s", varies=True, low=0)
 
     def check(self, scenario: Any) -> None:
         """Refuse an event that the scenario does not allow."""
@@ -34,24 +41,17 @@ class PickUp(_Event):
     loses energy.
 
     Args:
-        time: of the grasp.
         mass: of the payload.
     """
 
-    time: Number = number(unit="s", varies=True, low=0)
     mass: Number = number(unit="kg", varies=True, low=0)
     kind: str = kind("pick-up")
 
 
 @dataclass(frozen=True)
 class Drop(_Event):
-    """The release of all payload. Velocities stay.
+    """The release of all payload. Velocities stay."""
 
-    Args:
-        time: of the release.
-    """
-
-    time: Number = number(unit="s", varies=True, low=0)
     kind: str = kind("drop")
 
 
@@ -60,11 +60,9 @@ class FrictionChange(_Event):
     """All parts of the friction, that under load too, times a factor from now on.
 
     Args:
-        time: of the change.
         factor: on the friction before.
     """
 
-    time: Number = number(unit="s", varies=True, low=0)
     factor: Numbers = pair(varies=True, low=0)
     kind: str = kind("friction")
 
@@ -79,11 +77,9 @@ class DriveChange(_Event):
     """Torque of the drives times a factor from now on, such as 0.5 where half of it is lost.
 
     Args:
-        time: of the change.
         factor: on the torque before; 0: the drive has failed.
     """
 
-    time: Number = number(unit="s", varies=True, low=0)
     factor: Numbers = pair(varies=True, low=0)
     kind: str = kind("drive")
 
@@ -98,11 +94,9 @@ class Knock(_Event):
     """A blow: velocities jump by M^-1 impulse. With elastic joints it meets the links.
 
     Args:
-        time: of the blow.
         impulse: on the joints.
     """
 
-    time: Number = number(unit="s", varies=True, low=0)
     impulse: Numbers = pair(unit="N m s", varies=True)
     kind: str = kind("knock")
 

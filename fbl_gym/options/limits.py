@@ -36,7 +36,7 @@ class Limits(Record):
         """Write the limits."""
         settings = packer.settings
         settings["max_position"], settings["max_velocity"] = self.position, self.velocity
-        settings["max_acceleration"] = self.acceleration
+        settings["sensor_range"] = 2 * self.position, 2 * self.velocity, self.acceleration
         settings["max_error"] = np.inf if self.error is None else self.error
         settings["error_steps"] = np.ceil(self.error_time / packer.scenario.control_dt - 1e-9)
 

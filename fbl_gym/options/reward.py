@@ -62,7 +62,7 @@ class Reward(Record):
         settings["reward_logarithmic"] = logarithmic
         settings["reward_scale"] = 1 / self.resolution if logarithmic else 1 / self.worst
         settings["reward_norm"] = 1 / log1p(self.worst / self.resolution) if logarithmic else 0.0
-        settings["weight_tracking"], settings["weight_effort"], settings["weight_chatter"] = self.shares
+        settings["reward_weights"] = self.shares
 
     @property
     def shares(self) -> tuple[float, float, float]:

@@ -46,18 +46,13 @@ class SensorError(Record):
         if self.density != (0.0, 0.0) and (self.snr_db is not None or self.sigma != (0.0, 0.0)):
             raise ValueError(f"give density or another size, not both; got density={self.density}")
 
-    @property
-    def std(self) -> Numbers:
-        """Return the standard deviation of each joint's noise, from `sigma` or `snr_db`."""
-        if self.snr_db is None:
-            return self.sigma
-        return (10.0 ** (-self.snr_db / 20.0),) * 2
-
     def std_at(self, control_dt: float) -> Any:
-        """Return the standard deviation of each joint's noise, also from a `density`."""
-        if self.density == (0.0, 0.0):
-            return self.std
-        return tuple(scaled(density, 1 / math.sqrt(2 * control_dt)) for density in self.density)  # type: ignore[union-attr]
+        """Return the standard deviation of each joint's noise."""
+        if self.snr_db is not None:
+            return (10.0 ** (-self.snr_db / 20.0),) * 2
+        if self.density != (0.0, 0.0):
+            return tuple(scaled(density, 1 / math.sqrt(2 * control_dt)) for density in self.density)  # type: ignore[union-attr]
+        return self.sigma
 
     def pack(self, packer: Packer, name: str) -> None:
         """Write the errors of a sensor."""

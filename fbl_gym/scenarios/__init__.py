@@ -16,15 +16,15 @@ from fbl_gym.records import build
 from fbl_gym.scenarios import classes, files, ideal
 from fbl_gym.scenarios.classes import conditions, held_out_reason
 from fbl_gym.scenarios.families import Member
-from fbl_gym.scenarios.ideal import SEVERITIES, arms, families, family
+from fbl_gym.scenarios.ideal import SEVERITIES, families
 from fbl_gym.scenarios.paper import FIGURES
 from fbl_gym.scenarios.real import REAL
 from fbl_gym.scenarios.scenario import Scenario
 from fbl_gym.scenarios.worlds import in_world
 
 __all__ = [
-    "SEVERITIES", "TIERS", "WORLDS", "Member", "Scenario", "arms", "as_scenario", "conditions", "families", "family",
-    "get", "held_out_reason", "in_tier", "in_world", "member", "names",
+    "SEVERITIES", "TIERS", "WORLDS", "Member", "Scenario", "as_scenario", "conditions", "families", "get",
+    "held_out_reason", "in_tier", "in_world", "member", "names",
 ]  # fmt: skip
 
 TIERS = {
@@ -86,7 +86,7 @@ def get(name: str) -> Scenario:
     if name in classes.MEMBERS:
         return classes.get(name)
     if name in ideal.MEMBERS:
-        return family(*ideal.MEMBERS[name][:3])
+        return ideal.get(name)
     severities = [other for other in _MEMBERS if other.startswith(f"{name}-") and other[-1].isdigit()]
     if severities:
         raise ValueError(f"scenario {name!r} needs a severity: {', '.join(severities[:-1])} or {severities[-1]}")

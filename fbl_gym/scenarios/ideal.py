@@ -3,8 +3,7 @@
 import math
 from typing import Any
 
-from fbl_gym.checks import check_choice
-from fbl_gym.model.arm import ARMS, ArmParameters
+from fbl_gym.model.arm import ARMS
 from fbl_gym.options import Actuator
 from fbl_gym.scenarios.families import Family, Member, combined
 from fbl_gym.scenarios.scenario import Scenario
@@ -73,55 +72,34 @@ _FAMILIES = {
 _EVERYTHING = ("mixed-error", "payload", "noise", "stiction", "disturbance")
 
 
-def _options(name: str, severity: int, arm: ArmParameters) -> dict[str, Any]:
-    """Return the options of a family as fields of `Scenario`."""
-    if severity == 0:
-        return {}
-    return combined(_FAMILIES, _EVERYTHING if name == "everything" else (name,), severity, arm)
-
-
 def families() -> dict[str, str]:
     """Return the description of each family of the leaderboard, by name."""
     return {name: family.description for name, family in _FAMILIES.items()}
 
 
-def arms() -> tuple[str, ...]:
-    """Return the names of the families' arms: "table-1" and "section-2-2" of the paper."""
-    return tuple(ARMS)
-
-
-def family(name: str, severity: int = 0, arm: str = "table-1") -> Scenario:
-    """Return the scenario of a family, named such as "mass-error-2" or "section-2-2/mass-error-2".
-
-    Args:
-        name: one of `families()`.
-        severity: 0 (the nominal arm) to 3.
-        arm: one of `arms()`.
-    """
-    check_choice("family", name, _FAMILIES)
-    if isinstance(severity, bool) or severity not in SEVERITIES:
-        raise ValueError(f"severity must be one of {SEVERITIES}, got {severity!r}")
-    check_choice("arm", arm, ARMS)
-    severity = int(severity)
-    return Scenario(
-        name=_member(name, severity, arm),
-        description=_FAMILIES[name].description,
-        arm=ARMS[arm],
-        actuator=Actuator(torque_limit=_TORQUE_LIMITS[arm]),
-        **_options(name, severity, ARMS[arm]),
-    )
-
-
-def _member(name: str, severity: int, arm: str) -> str:
+def _name(family: str, severity: int, arm: str) -> str:
     """Return the name of a family's scenario."""
-    member = name if name == "nominal" else f"{name}-{severity}"
-    return member if arm == "table-1" else f"{arm}/{member}"
+    name = family if family == "nominal" else f"{family}-{severity}"
+    return name if arm == "table-1" else f"{arm}/{name}"
 
 
 MEMBERS = {
-    _member(name, severity, arm): Member(name, severity, arm)
+    _name(family, severity, arm): Member(family, severity, arm)
     for arm in ARMS
-    for name in _FAMILIES
-    for severity in (SEVERITIES if name != "nominal" else (0,))
+    for family in _FAMILIES
+    for severity in (SEVERITIES if family != "nominal" else (0,))
 }
 """Family, severity and arm of each named scenario."""
+
+
+def get(name: str) -> Scenario:
+    """Return the scenario of a name, one of `MEMBERS`."""
+    family, severity, arm, _ = MEMBERS[name]
+    families = _EVERYTHING if family == "everything" else (family,)
+    return Scenario(
+        name=name,
+        description=_FAMILIES[family].description,
+        arm=ARMS[arm],
+        actuator=Actuator(torque_limit=_TORQUE_LIMITS[arm]),
+        **(combined(_FAMILIES, families, severity, ARMS[arm]) if severity > 0 else {}),
+    )

@@ -60,7 +60,7 @@ def test_with_an_exact_model_the_prediction_is_the_true_motion(action, delay, la
     for _ in range(60):
         queue, present = state.acting.queue, state.acting.torque
         q, v = law.read(observation[None], "position", "velocity")
-        predicted.append(law._drive.predict(env.interface.nominal, q, v, 0.0 * q, present, law._drive.coming(queue)))
+        predicted.append(law.drive.predict(env.interface.nominal, q, v, 0.0 * q, present, law.drive.coming(queue)))
         true.append((env.truth.position, env.truth.velocity, env.truth.applied_torque))
         decision, state = law.predict(observation, state)
         observation = env.step(decision)[0]

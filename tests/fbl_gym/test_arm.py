@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv
 from fbl_gym.model.arm import (
     coriolis_matrix,
-    energy,
     forward_dynamics,
     gravity_torque,
     inertia_matrix,
@@ -20,6 +19,7 @@ from fbl_gym.model.arm import (
     joint_positions,
     regressor,
 )
+from tests.fbl_gym.energy import energy
 
 pin = pytest.importorskip("pinocchio")  # Windows has none
 

@@ -8,8 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.model.arm import energy, forward_dynamics, inertia_matrix
+from fbl_gym.model.arm import forward_dynamics, inertia_matrix
 from fbl_gym.options.joints import ElasticJoint, fastest_rate
+from tests.fbl_gym.energy import energy
 from tests.fbl_gym.paired_runs import same
 
 K, D, B = np.array([4000.0, 1500.0]), np.array([6.0, 2.0]), np.array([0.6, 0.3])

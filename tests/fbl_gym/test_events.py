@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fbl_gym import TABLE_1, ArmParameters, Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.model.arm import energy, inertia_matrix, with_rotors
+from fbl_gym.model.arm import inertia_matrix, with_rotors
+from tests.fbl_gym.energy import energy
 from tests.fbl_gym.paired_runs import watch
 
 MOVING = {"reference": {"kind": "sine", "amplitude": 0.8, "frequency": 0.7, "phase": (0.0, 0.5)}}

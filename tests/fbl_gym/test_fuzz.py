@@ -14,8 +14,9 @@ from gymnasium.vector import AutoresetMode
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.interface import ACTIONS
+from fbl_gym.model.arm import ARMS
 from fbl_gym.model.real_arms import REAL_ARMS
 from tests.fbl_gym.declared import FIELDS
 
@@ -69,7 +70,7 @@ SPECIAL = {
     "parameter_error.ratio": st.one_of(
         RATIO, st.tuples(*[RATIO] * 4), st.dictionaries(st.sampled_from(["m1", "L2"]), RATIO)
     ),
-    "arm": st.sampled_from([*scenarios.arms(), *REAL_ARMS]),
+    "arm": st.sampled_from([*ARMS, *REAL_ARMS]),
     "parameter_error.parameters": st.lists(st.sampled_from(["m1", "m2", "L1", "L2"]), unique=True),
 }
 ROWS = st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_size=6)

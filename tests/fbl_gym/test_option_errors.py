@@ -147,12 +147,6 @@ def test_wrong_options_are_named(options, message):
         ("acton", "did you mean 'action'?"),
         ("rewards", "did you mean 'reward'?"),
         ("scenaro", "did you mean 'scenario'?"),
-        ("threads", "it is an option of the vector environment"),
-        ("torque_limit", "did you mean actuator={'torque_limit': ...}"),
-        ("mass", "did you mean parameter_error={'payload': {'mass': ...}}"),
-        ("snr_db", "did you mean noise={'position': {'snr_db': ...}} or noise={'velocity': {'snr_db': ...}} or "),
-        ("bandwidth", "did you mean reference={'kind': 'filtered-steps', 'bandwidth': ...}"),
-        ("weight_effort", "did you mean reward={'weight_effort': ...}"),
     ],
 )
 def test_an_unknown_option_is_a_type_error_in_pythons_words(name, advice):

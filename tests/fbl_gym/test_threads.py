@@ -8,7 +8,6 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmVectorEnv
-from fbl_gym.kernel import batch
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
@@ -28,17 +27,6 @@ def test_threads_change_no_bit(mode):
         for other in many:
             assert all(np.array_equal(a, b) for a, b in zip(one[:4], other[:4], strict=True))
             assert ("final_obs" in one[4]) == ("final_obs" in other[4])
-
-
-def test_a_long_step_has_parts_between_which_it_can_be_stopped(monkeypatch):
-    whole = TwoLinkArmVectorEnv(75, "everything-3")
-    monkeypatch.setattr(batch, "LONGEST_PART", 40 * 10)
-    parts = TwoLinkArmVectorEnv(75, "everything-3")
-    assert [env._batch._calls for env in (whole, parts)] == [1, 2]
-    actions = np.random.default_rng(0).uniform(-1, 1, (75, 2))
-    for env in (whole, parts):
-        env.reset(seed=5)
-    assert all(np.array_equal(a, b) for a, b in zip(whole.step(actions)[:4], parts.step(actions)[:4], strict=True))
 
 
 def test_no_lane_moves_if_one_thread_finds_an_error():
