@@ -24,6 +24,7 @@ from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolat
 from benchmarks.policies.name import PolicyName
 from benchmarks.rl.agent import files, saved_agent, settings_of
 from benchmarks.rl.sb3 import MOTION, load_zip
+from controllers.gains import TUNINGS
 from controllers.policy import ACCESS
 from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
@@ -216,6 +217,10 @@ def _resolve(name: PolicyName) -> dict[str, Any]:
 
 def _check(name: PolicyName) -> None:
     """Refuse a name that means no policy, and an archive that may not be loaded."""
+    law, _, tuning = name.text.rpartition("@")
+    if tuning in TUNINGS and PolicyName.parse(law).form in ("file", "module"):
+        search = f"`fbl-gym tune {law} --class CLASS`"
+        raise ValueError(f"{law} has no gains that come with fbl-gym: {search} finds some, for {law}@results/gains")
     if name.form != "name":
         external.check(name)
         return

@@ -137,6 +137,8 @@ def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(tmp_path, capsys, mo
         assert first.startswith(f"{policy}: frequency=")
         assert last.endswith(f"use them as {policy}@results/gains")
         assert resolve(f"{policy}@results/gains").configuration["frequency"] == float(first.split("=")[1])
+        assert cli.main(["evaluate", f"{policy}@tuned"]) == 2
+        assert f"`fbl-gym tune {policy} --class CLASS` finds some" in capsys.readouterr().err
     assert len(studies(tmp_path)) == 2
     # Changed code is another law, of which nothing was tried.
     (tmp_path / "law.py").write_text(f"{LAW}changed = True\n")
