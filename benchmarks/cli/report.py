@@ -10,6 +10,7 @@ from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv
 from benchmarks.report.page import write_page
+from benchmarks.report.plot import plot_scores
 from benchmarks.run.store import Store
 from benchmarks.text import say
 
@@ -22,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--readme", type=Path, metavar="FILE",
         help="put the first rows of each board between the markers `<!-- leaderboard -->` of this file, "
-        "and all rows into docs/results/board.md beside it",
+        "all rows into docs/results/board.md beside it, and their scores into docs/pictures/scores.svg",
     )  # fmt: skip
 
 
@@ -49,6 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.readme is not None:
         text = arguments.readme.read_text(encoding="utf-8")
         write_text(arguments.readme, markdown.replace_between(text, markdown.over_boards(boards, short=True)))
-        write_text(arguments.readme.parent / "docs" / "results" / "board.md", markdown.board_page(boards))
+        docs = arguments.readme.parent / "docs"
+        write_text(docs / "results" / "board.md", markdown.board_page(boards))
+        plot_scores(boards, docs / "pictures" / "scores.svg")
     errors = [error for board in boards.values() for error in (*board.incomplete.values(), *board.failed.values())]
     return 1 if any(board.lacking for board in boards.values()) or any(map(counts, errors)) else 0

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.analysis.board import Board
 from benchmarks.files import replacing
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
@@ -247,3 +248,22 @@ def plot_loops(loops: Mapping[str, Sequence[tuple[Array, Array]]], title: str, p
             axes = (f"joint {joint + 1}", "frequency [rad/s]", label)
             panels.append(Panel(*axes, lines, ("log", "log"), marks=((1.0, ""),)))
     plot_lines(title, panels, path, columns)
+
+
+def plot_scores(boards: Mapping[str, Board], path: Path, rows: int = 12) -> None:
+    """Draw the scores of the first policies of some boards, by name, as dots with their intervals.
+
+    A name is without "@tuned".
+    """
+    scored = {name: (board, board.score) for name, board in boards.items() if board.score is not None}
+    with _figure("Scores", path, (WIDTHS[2], 0.6 + 0.16 * rows)) as figure:
+        panels = figure.subplots(1, len(scored), squeeze=False)[0]
+        for axes, (name, (board, score)) in zip(panels, scored.items(), strict=True):
+            first = [i for i in board.order if i in board.ranked][:rows]
+            value = score.value[first]
+            ends = value - score.low[first], score.high[first] - value
+            axes.errorbar(value, range(len(first)), xerr=ends, fmt="o", color=COLORS[0])
+            axes.margins(x=0.04)
+            axes.set(title=name, xlabel="score", ylim=(rows - 0.5, -0.5))
+            labels = [board.policies[i].removesuffix("@tuned") for i in first]
+            axes.set_yticks(range(len(first)), labels=labels, fontsize=6)

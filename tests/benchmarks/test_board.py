@@ -335,6 +335,9 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path):
     ranks = [line.split(" | ")[1].partition(" · ")[0] for line in short.splitlines()[2:]]
     assert ranks == sorted(ranks)
     assert table in (tmp_path / "docs" / "results" / "board.md").read_text()
+    picture = (tmp_path / "docs" / "pictures" / "scores.svg").read_text()
+    assert "cascade-flm<" in picture  # a dot for each ranked policy
+    assert "oracle-flm<" not in picture
     page = (out / "board.html").read_text()
     assert "cascade-flm" in page
     assert "src=" not in page.partition("<body")[0].replace("data:", "")
