@@ -49,7 +49,7 @@ def isolated(folder):
         try:
             with open(f"/proc/{pid}/cmdline") as file:
                 command = file.read()
-            if "policies.isolation" in command and os.readlink(f"/proc/{pid}/cwd") == str(folder):
+            if "fresh.py" in command and os.readlink(f"/proc/{pid}/cwd") == str(folder):
                 living.append(int(pid))
         except OSError:
             continue
