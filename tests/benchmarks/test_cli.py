@@ -119,7 +119,7 @@ def test_the_board_in_a_file_has_all_its_columns(board):
     shown = printed(board, width=80)
     assert "…" not in shown
     (row,) = [line for line in shown.splitlines() if line.lstrip().startswith("slotine-li@tuned")]
-    assert len(row.split()) == 16 + len(board.families)
+    assert len(row.split()) == 15 + len(board.families)
     assert max(map(len, shown[shown.index("score: 0") :].splitlines())) <= 80
 
 
