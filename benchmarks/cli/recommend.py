@@ -9,7 +9,7 @@ from functools import partial
 from rich.progress import Progress
 
 from benchmarks.analysis import recommend
-from benchmarks.analysis.recommend import RULE, Recommendation
+from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
 from benchmarks.cli.common import add_option, add_run, command_line, policy_name, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
 from benchmarks.tuning.brief import tune_briefly
@@ -39,13 +39,14 @@ def run(arguments: argparse.Namespace) -> int:
     seconds = 60.0 * check_number("--minutes", arguments.minutes, low=0, high=1e6)
     trust(arguments)
     base, run_cells = as_scenario(arguments.scenario), partial(results_by_id, arguments=arguments)
-    policies = arguments.policies or recommend.candidates(base.robot_class)
+    likeness = Likeness.of(base)
+    policies = arguments.policies or recommend.candidates(likeness.classes)
     if not arguments.json:
-        Screen().say(f"class: {base.robot_class}")
+        Screen().say(likeness.text)
     tune = partial(_tune, base, seconds, arguments.workers) if seconds else None
     result = recommend.recommend(base, policies, arguments.seeds, run_cells, tune)
     if arguments.json:
-        more = {"class": base.robot_class, "safe": result.safe, "rule": RULE}
+        more = {"classes": likeness.classes, "safe": result.safe, "rule": RULE}
         print(json.dumps(dataclasses.asdict(result) | more, indent=1))
     else:
         _print(result)

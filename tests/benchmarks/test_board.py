@@ -238,7 +238,7 @@ def test_a_board_shows_violations_where_scenarios_have_constraints():
 
 
 def test_an_error_below_the_ceilings_is_remarked():
-    """Where the whole interval is below it."""
+    """The remark comes if the whole interval is below it."""
     found = board(families=("nominal", "noise-1"))
     assert found.too_good == []
     errors = found.runs["error_pct"].copy()

@@ -197,7 +197,7 @@ def test_what_a_log_cannot_tell_is_named(tmp_path, monkeypatch):
 
 
 def test_the_stiffness_of_joints_is_found(files):
-    """Of an arm whose motors and links are both measured."""
+    """Motors and links of the arm are both measured."""
     robot = ROBOT.replace(
         noise=None, encoder=None, actuator=10.0, joint={"stiffness": (40.0, 7.0), "rotor_inertia": (0.01, 0.005)},
         physics_dt=0.0002,

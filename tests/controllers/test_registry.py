@@ -113,7 +113,7 @@ def test_an_unknown_access_word_is_an_error_that_names_the_valid_ones(monkeypatc
 
 
 def test_a_name_may_end_in_gains(tmp_path, monkeypatch):
-    """Of text, file and folder; the last value counts, and an argument replaces it."""
+    """Gains come from text, file and folder; the last value counts, and an argument replaces it."""
     monkeypatch.chdir(tmp_path)
     Path("mine").mkdir()
     Path("mine/computed-torque.json").write_text('{"frequency": 3}')
