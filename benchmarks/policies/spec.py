@@ -9,6 +9,7 @@ environment, unless any of these has changed.
 """
 
 import dataclasses
+import json
 import math
 import os
 from collections.abc import Callable, Mapping
@@ -22,7 +23,7 @@ from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, data_digest, file_of
 from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
 from benchmarks.policies.name import PolicyName
-from benchmarks.rl.agent import files, saved_agent, settings_of
+from benchmarks.rl.agent import describe, files, saved_agent, settings_of
 from benchmarks.rl.sb3 import MOTION, load_zip
 from controllers.gains import TUNINGS
 from controllers.policy import ACCESS
@@ -237,24 +238,27 @@ def _check(name: PolicyName) -> None:
         raise unknown("policy", code, names())
 
 
-def _digests(files: Mapping[str, Path]) -> dict[str, str]:
-    """Return a hash of each data file, by name."""
-    return {name: external.file_digest(path) for name, path in files.items()}
+def _gains_digest(path: Path) -> str:
+    """Return a hash of the gains of a file, without how they were found."""
+    data = json.loads(path.read_bytes())
+    return data_digest(data.get("gains", data))
 
 
 def _trained(name: PolicyName) -> PolicySpec:
     """Return the specification of an archive or a folder of an agent."""
     given: dict[str, Any]
     if name.form == "archive":
-        modules, data = _files(load_zip.__module__), {"model.zip": Path(name.source).resolve()}
+        modules, data = _files(load_zip.__module__), {"model.zip": external.file_digest(Path(name.source))}
         given = {"access": "nominal", "needs": MOTION, "packages": ("torch",), "trusted": True}
     else:
         folder = Path(name.source)
         settings, modules = settings_of(folder), _files(saved_agent.__module__)
-        data = {path.name: path.resolve() for path in files(folder)}
+        description, weights = files(folder)
+        numbers = {part: describe(folder)[part] for part in ("interface", "network")}
+        data = {description.name: data_digest(numbers), weights.name: external.file_digest(weights)}
         uses = {law: _used(law) for law in settings.uses}
         given = {"access": settings.access, "needs": settings.sensors, "uses": uses}
-    given |= {"digest": _digest(modules), "data": _digests(data)}
+    given |= {"digest": _digest(modules), "data": data}
     return PolicySpec(name, "learned", tuning="trained", external=True, **given)
 
 
@@ -293,8 +297,9 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any], folder: Path) -> Po
             if isinstance(given, str) or not all(isinstance(item, str | os.PathLike) for item in given):
                 raise ValueError(f"{what} of {spec.name} must be a list of text, got {given!r}")
         files = {os.path.relpath(folder / file, folder): (folder / file).resolve() for file in lists["data_files"]}
-        files |= {f"gains {i}: {path.name}": path for i, path in enumerate(parsed.gains_files)}
-        files |= {f"gains of {robot}": path for robot, path in parsed.tuned_files.items()}
+        data = {name: external.file_digest(path) for name, path in files.items()}
+        data |= {f"gains {i}: {path.name}": _gains_digest(path) for i, path in enumerate(parsed.gains_files)}
+        data |= {f"gains of {robot}": _gains_digest(path) for robot, path in parsed.tuned_files.items()}
         tuning = "tuned" if parsed.tuned else "default gains"
         return dataclasses.replace(
             spec,
@@ -306,7 +311,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any], folder: Path) -> Po
             tuning="trained" if kind == "learned" else "given gains" if parsed.gains else tuning,
             summary=controllers.summary(name) if name else (factory.__doc__ or "").strip().partition("\n")[0],
             uses=_uses(parsed, factory),
-            data=_digests(files),
+            data=data,
         )
     except (ValueError, TypeError) as problem:
         raise BadDeclaration(str(problem)) from problem
