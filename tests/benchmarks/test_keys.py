@@ -322,6 +322,14 @@ def test_exchanged_contents_of_two_gains_files_change_the_key(tmp_path):
     assert key(*texts) != key(*texts[::-1])
 
 
+def test_the_key_follows_the_gains_of_a_file_and_not_how_they_were_found(tmp_path):
+    def key(**content):
+        (tmp_path / "gains.json").write_text(json.dumps(content))
+        return Cell(f"pid-flm@{tmp_path}/gains.json", "nominal", (0,)).key
+
+    assert key(gains={"kp": 30}, command="by hand") == key(gains={"kp": 30}, cpu_s=1.0) != key(gains={"kp": 31})
+
+
 def edit(monkeypatch, module):
     """As if the module had other code."""
     real, text = source_digest, file_of(module).read_bytes()
