@@ -28,8 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--history", int, 0, "N", "number of earlier steps that the agent observes")
     parser.add_argument("--base", metavar="LAW", help="law under a residual (computed-torque at 15 rad/s)")
     parser.add_argument(
-        "--drive", action="store_true",
-        help="let the agent observe the drive's stated delay and lag, the class of robots, and the nominal inertias",
+        "--drive", action="store_true", help="let the agent observe the drive's stated delay and lag, and the class of robots"
     )  # fmt: skip
     parser.add_argument(
         "--period", type=float, default=0.0, metavar="S", help="time between two decisions of the agent [s] (each step)"

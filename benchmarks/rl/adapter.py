@@ -73,8 +73,8 @@ class AdapterSettings(Record):
             gains for the class of each robot.
         gains: of any other law `base`, written out, so that an agent keeps the law of its training.
         history: number of earlier steps whose errors and actions the agent observes, latest first.
-        drive: True if the agent observes what differs from robot to robot: the delay and lag that the
-            drive's datasheet states, the class of the robot, and the inertias of the nominal model.
+        drive: True if the agent observes the delay and lag that the drive's datasheet states, and
+            the class of the robot.
         period: time between two decisions of the agent; 0: each step. The law under it decides at
             each step.
         context: True if the agent observes `true_parameters`. Its access is then "privileged".
@@ -141,9 +141,7 @@ class AgentAdapter:
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
         drive = np.array([*interface.delay, *interface.lag]) / DRIVE_SCALE
         robot = [float(interface.robot_class == name) for name in CLASSES]
-        p1, p2, p3, _, _ = interface.nominal.lumped
-        inertias = np.array([p2, p3, *interface.nominal.rotor]) / p1
-        self._drive = np.array([*drive, *robot, *inertias] if settings.drive else [])
+        self._drive = np.array([*drive, *robot] if settings.drive else [])
         self.hold = max(1, round(settings.period / interface.control_dt))
         context_size = len(CONTEXT) if settings.context else 0
         self.size = self._errors.size + settings.history * self._step_size + len(self._drive) + context_size
