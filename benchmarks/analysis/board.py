@@ -3,7 +3,6 @@
 import dataclasses
 import hashlib
 import re
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -35,9 +34,6 @@ CLEAR = 0.5
 
 MOST_DIVERGED = 0.1
 """Largest share of runs that diverge for which a law can be a ceiling."""
-
-TOP = 10
-"""A suite on which the error ranks of the TOP best policies overlap is too easy."""
 
 BOOTSTRAP_SEED = 0
 """Seed of the bootstrap."""
@@ -101,12 +97,6 @@ class Board:
             sentences.append(
                 f"Check {self.policies[i]} in {self.scenarios[k]}: it errs by {error:.3g} %, less than {least:.3g} % of "
                 "the best law that knows the truth."
-            )
-        rank, count = self.error_rank, min(TOP, len(self.ranked))
-        best = np.argsort(rank.value, kind="stable")[:count]
-        if count == TOP and rank.low[best].max() <= rank.high[best].min():
-            sentences.append(
-                f"This suite is too easy: the intervals of the error ranks of the best {TOP} policies overlap."
             )
         reasons: dict[str, dict[str, list[str]]] = {}
         for (i, k), reason in self.failed.items():
@@ -358,19 +348,6 @@ class Board:
         """Geometric mean of each policy's errors in each family [p]."""
         families = self.families.items()
         return {family: statistics.interval(self._mean_errors(self.errors[:, i])) for family, i in families}
-
-    @cached_property
-    def recovery(self) -> Array | None:
-        """Time until the error of each policy is back after an event [p].
-
-        It is the mean over the scenarios with events, without diverged runs; None: there are none.
-        """
-        times = self.runs["recovery_s"][:, np.isfinite(self.runs["recovery_s"]).any(axis=(0, 2))]
-        if not times.size:
-            return None
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # a policy whose runs all diverged has NaN
-            return self.average(np.nanmean(times, axis=-1)[None])[0].mean(axis=-1)
 
 
 def _geometric_mean(x: Array) -> float:

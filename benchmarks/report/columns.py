@@ -215,12 +215,6 @@ def columns(board: Board) -> list[Column]:
             board.mrad(board.main).tolist(), best=-1,
         ),
         *(
-            [] if board.recovery is None else [Column(
-                "recovery", "recovery s", "Time until the error is back after an event, mean of the scenarios with events.",
-                board.recovery.tolist(), best=-1,
-            )]
-        ),
-        *(
             _estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
                       board.family_errors[family], best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
             for family, members in board.families.items()

@@ -1,6 +1,6 @@
 """Runs the cells that a store lacks, in processes of this machine or of a cluster.
 
-A finished cell is in the store, which this process alone writes. Nothing is lost with a worker.
+A finished cell is in the store, which this process alone writes.
 """
 
 import os
