@@ -89,9 +89,6 @@ def _print(result: Recommendation) -> None:
     ]
     lines = zip(result.conditions, *columns, strict=True)
     screen.print(table("error by condition", ("condition", *(choice.policy for choice in result.choices)), lines))
-    first = result.choices[0].policy
-    for condition, (policy, error, reference) in result.overturned.items():
-        screen.say(f"{condition}: {policy} is better, {error:.3g} % against {reference:.3g} % of {first}")
     for reason in dict.fromkeys(result.failed.values()):
         without = ", ".join(policy for policy, why in result.failed.items() if why == reason)
         screen.say(f"without {without}: {reason}")
