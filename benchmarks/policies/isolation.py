@@ -268,30 +268,20 @@ def _run_in_pool(
 
 @contextlib.contextmanager
 def _starting() -> Iterator[None]:
-    """Let a process that starts now import no standard module from the current folder.
-
-    The end of a terminal is left to this process, also by multiprocessing's own helper.
-    """
+    """Let a process that starts now import no standard module from the current folder."""
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
-    hang_up = {signal.SIGHUP} if os.name == "posix" else set()
-    if hang_up:
-        signal.pthread_sigmask(signal.SIG_BLOCK, hang_up)
     try:
         yield
     finally:
-        if hang_up:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, hang_up)
         del os.environ["PYTHONSAFEPATH"]
         if before is not None:
             os.environ["PYTHONSAFEPATH"] = before
 
 
 def _begin() -> None:
-    """Leave the signals of a terminal to the parent, and end with it; of a worker."""
-    for name in ("SIGINT", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    """Leave Ctrl-C to the parent, and end with it; of a worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
