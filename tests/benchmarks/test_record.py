@@ -57,11 +57,11 @@ def test_an_episode_ends_where_the_arm_diverged(observed, size):
     limits = {"error": 0.5, "error_time": 0.05}
     episodes = record("zero", scenarios.get("nominal").replace(limits=limits), range(3), observed=observed)
     for episode in episodes:
-        steps = len(episode.actions)
+        steps = len(episode["actions"])
         assert steps < 1000
-        assert np.flatnonzero(episode.terminations).tolist() == [steps - 1]
-        assert episode.observations.shape == (steps + 1, size)
-        np.testing.assert_allclose(episode.infos["time"], 0.01 * np.arange(steps + 1))
+        assert np.flatnonzero(episode["terminations"]).tolist() == [steps - 1]
+        assert episode["observations"].shape == (steps + 1, size)
+        np.testing.assert_allclose(episode["infos"]["time"], 0.01 * np.arange(steps + 1))
 
 
 @pytest.mark.parametrize(
