@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.cli.common import add_option, add_plot, command_line, csv_path, positive, toml_path
+from benchmarks.cli.common import add_option, add_plot, command_line, csv_path, toml_path
 from benchmarks.files import replacing, write_text
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors, stiffness
@@ -45,10 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plan", type=csv_path, metavar="FILE", help="plan a motion that excites the arm: .csv, and .toml beside it"
     )
     parser.add_argument(
-        "--amplitude", nargs=2, type=positive, default=(1.0, 1.0), metavar=("A1", "A2"),
+        "--amplitude", nargs=2, type=float, default=(1.0, 1.0), metavar=("A1", "A2"),
         help="largest distance of the planned motion from hanging, in rad (1 1)",
     )  # fmt: skip
-    add_option(parser, "--speed", positive, 5.0, "V", "its largest velocity, in rad/s")
+    add_option(parser, "--speed", float, 5.0, "V", "its largest velocity, in rad/s")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from benchmarks.analysis import recommend
 from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
-from benchmarks.cli.common import add_option, add_run, command_line, policy_name, results_by_id, trust
+from benchmarks.cli.common import add_option, add_run, command_line, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
 from benchmarks.tuning.brief import tune_briefly
 from fbl_gym.checks import check_number
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a scenario with your arm: a name or a TOML file (servo-nominal)",
     )  # fmt: skip
     parser.add_argument(
-        "--policies", nargs="+", type=policy_name, metavar="POLICY",
+        "--policies", nargs="+", metavar="POLICY",
         help="to choose from (the laws, with tuned gains where there are some, and the agents)",
     )  # fmt: skip
     meaning = "time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none"
