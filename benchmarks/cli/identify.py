@@ -11,7 +11,7 @@ from rich.progress import Progress
 from benchmarks.cli.common import add_option, add_plot, command_line, csv_path, toml_path
 from benchmarks.files import replacing, write_text
 from benchmarks.identification import excitation, logs, result
-from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors, stiffness
+from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors
 from benchmarks.identification.model import parameters_of, windows
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
@@ -75,11 +75,6 @@ def run(arguments: argparse.Namespace) -> int:
             fit = identify(runs, start, tick)
         parameters = fit.parameters
         _print(fit, screen)
-        if runs[0].link is not None:
-            rows = [(f"joint {j + 1}", *(f"{x:.4g}" for x in row)) for j, row in enumerate(stiffness(runs, start))]
-            screen.print(
-                table("stiffness [N m/rad]; joint.stiffness takes it", ("joint", "estimate", "5 %", "95 %"), rows)
-            )
         if arguments.toml is not None:
             base = result.reached(arguments.start, arguments.toml)
             write_text(arguments.toml, result.text(fit, runs, start, base, command_line()))
