@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.analysis import statistics
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import Metric, counted_error
+from benchmarks.run.metrics import METRICS, counted_error
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
@@ -56,7 +56,6 @@ class Board:
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.
         failed: the error of each policy and scenario, by index, where a member failed.
-        metrics: external ones, which `runs` has too.
         flags: of each scenario with more seeds, by index: 1 where a run diverged [m x seeds].
         version: hash of all that its numbers depend on: policies, scenarios, seeds and code.
         partial: metrics [n] of policies that only have results in some scenarios, where they may be
@@ -71,7 +70,6 @@ class Board:
     incomplete: dict[str, str]
     lacking: str = ""
     failed: dict[tuple[int, int], str] = field(default_factory=dict)
-    metrics: tuple[Metric, ...] = ()
     flags: dict[int, Array] = field(default_factory=dict)
     version: str = ""
     partial: dict[int, dict[str, dict[str, Array]]] = field(default_factory=dict)
@@ -418,7 +416,7 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     cell = min((result.cell for result in results), key=lambda cell: len(cell.seeds))
 
     def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, Array]:
-        return {name: np.array([row[name] for row in rows]) for name in cell.columns}
+        return {name: np.array([row[name] for row in rows]) for name in METRICS}
 
     still = {r.cell.scenario.name: [_motionless(row) for row in r.rows] for r in results if r.rows}
     failed, table, decision, count = {}, [], [], len(cell.seeds)
@@ -437,12 +435,11 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         rows=rows,
         scenarios=tuple(tasks),
         seeds=cell.seeds,
-        runs={name: np.array([[x[name][:count] for x in row] for row in table]) for name in cell.columns},
+        runs={name: np.array([[x[name][:count] for x in row] for row in table]) for name in METRICS},
         decision_us=np.array(decision),
         incomplete=incomplete,
         lacking=f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else "",
         failed=failed,
-        metrics=cell.metrics,
         flags={
             k: np.array([row[k]["diverged"] for row in table])
             for k, task in enumerate(tasks) if len(still[task]) > count

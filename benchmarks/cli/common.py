@@ -11,11 +11,9 @@ from typing import Any
 from rich.progress import track
 
 from benchmarks.policies import external
-from benchmarks.policies.isolation import CallLimits, Failed, reason_of, run_isolated
+from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.name import PolicyName
 from benchmarks.report.terminal import Screen
-from benchmarks.run.metrics import Metric, find_metrics, measure
-from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
@@ -54,17 +52,6 @@ tex_path = partial(_file, endings=(".tex",))
 csv_path = partial(_file, endings=(".csv",))
 toml_path = partial(_file, endings=(".toml",))
 film = partial(_file, endings=(".mp4", ".gif"))
-
-
-def metrics(text: str) -> tuple[Metric, ...]:
-    """Return external metrics that work on a trace."""
-    try:
-        external_metrics = find_metrics(text)
-        run_isolated(measure, rollout("zero", scenarios.get("nominal"), range(3)), None, external_metrics)
-        return external_metrics
-    except Exception as problem:  # the file's code may raise anything
-        text = str(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
-        raise argparse.ArgumentTypeError(text) from None
 
 
 def command_line() -> str:
@@ -108,12 +95,6 @@ def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
 
 def add_tex(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tex", type=tex_path, metavar="FILE", help="write the table for LaTeX (booktabs): .tex")
-
-
-def add_metrics(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--metrics", type=metrics, default=(), metavar="FILE", help="measure the functions of a Python file, too"
-    )
 
 
 def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:

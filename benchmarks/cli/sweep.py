@@ -53,7 +53,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_option(parser, "--csv", common.csv_path, Path("results/sweep.csv"), "FILE", runs)
     common.add_plot(parser, "the errors (a .png beside --csv)")
     common.add_tex(parser)
-    common.add_metrics(parser)
     common.add_run(parser, seeds=32)
 
 
@@ -70,11 +69,11 @@ def run(arguments: argparse.Namespace) -> int:
         for name, value in zip(names, point, strict=True):
             task = with_option(task, name, value)
         tasks.append(task)
-    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds, arguments.metrics)
+    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds)
     cells = suite.cells
     results = common.results_by_id(cells, arguments)
     curves: dict[str, list[list[float]]] = {}
-    with csv_file(arguments.csv, ("policy", *names), cells[0].columns) as append:
+    with csv_file(arguments.csv, ("policy", *names)) as append:
         for i, cell in enumerate(cells):
             point, result = points[i // (len(cells) // len(points))], results[cell.id]
             if result.error:

@@ -5,10 +5,10 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks.policies.isolation import CallLimits, Failed, reason_of, run_isolated
+from benchmarks.policies.isolation import CallLimits, Failed, reason_of
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.contract import broken
-from benchmarks.run.metrics import Metric, measure
+from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, rollout_trials
 from benchmarks.run.store import Result, provenance
 from benchmarks.run.suite import Cell
@@ -29,16 +29,11 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
         if cell.policy.problem:
             raise ValueError(cell.policy.problem)
         (trace,) = run_trials(cell.policy, cell.scenario, cell.seeds, 1, limits, check=True)
-        rows = measured(trace, cell.metrics, limits)
+        rows = measure(trace)
     except (Exception, SystemExit) as problem:  # a policy may raise anything, and other cells must not suffer
         error = str(problem) if isinstance(problem, Failed) else reason_of(problem)
         return Result.failure(cell, error, command)
     return Result(cell, tuple(rows), 1e6 * trace.decision_time, provenance=provenance(command, cell.packages))
-
-
-def measured(trace: Trace, more: Sequence[Metric], limits: CallLimits | None = None) -> list[dict[str, float]]:
-    """Return `metrics.measure` of a trace; code of external metrics runs in a fresh process."""
-    return run_isolated(measure, trace, None, more, limits=limits) if more else measure(trace)
 
 
 def run_trials(

@@ -9,7 +9,6 @@ The checksum in a file finds damage. It is no signature: whoever writes a file c
 """
 
 import contextlib
-import dataclasses
 import datetime
 import json
 import math
@@ -25,7 +24,7 @@ from typing import Any
 from benchmarks.files import remove_unfinished, write_text
 from benchmarks.policies.digest import data_digest
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import Metric
+from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
 
@@ -171,20 +170,19 @@ class Store:
             if document.pop("sha256") != data_digest(document):
                 raise ValueError("its checksum is wrong")
             if cell is None:
-                metrics = tuple(Metric(**metric) for metric in document.get("metrics", ()))
                 policy = PolicySpec.from_dict(document["policy"])
-                cell = Cell(policy, document["scenario"], tuple(document["seeds"]), metrics)
+                cell = Cell(policy, document["scenario"], tuple(document["seeds"]))
                 if cell.key != document["key"]:
                     raise ValueError("its key is not that of its content")
             elif cell.key != document["key"]:
                 raise ValueError(f"it holds the result {document['id']} with the key {document['key']}")
             columns = document["rows"]
-            if set(columns) != set(cell.columns):
-                others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
+            if set(columns) != set(METRICS):
+                others = ", ".join(sorted(set(columns) ^ set(METRICS)))
                 raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
             error = str(document["error"])
-            numbers = [map(_number, columns[name]) for name in cell.columns]
-            rows = tuple(dict(zip(cell.columns, row, strict=True)) for row in zip(*numbers, strict=True))
+            numbers = [map(_number, columns[name]) for name in METRICS]
+            rows = tuple(dict(zip(METRICS, row, strict=True)) for row in zip(*numbers, strict=True))
             if len(rows) != (0 if error else len(cell.seeds)):
                 raise ValueError(f"it has {len(rows)} rows for {len(cell.seeds)} seeds")
             return Result(cell, rows, _number(document["decision_us"]), error, {**document["provenance"]})
@@ -203,8 +201,7 @@ def _document(result: Result) -> dict[str, Any]:
         "policy": cell.policy.to_dict(),
         "scenario": cell.scenario.to_dict(),
         "seeds": list(cell.seeds),
-        **({"metrics": [dataclasses.asdict(metric) for metric in cell.metrics]} if cell.metrics else {}),
-        "rows": {name: [_json(row[name]) for row in result.rows] for name in cell.columns},
+        "rows": {name: [_json(row[name]) for row in result.rows] for name in METRICS},
         "decision_us": _json(result.decision_us),
         "error": result.error,
         "provenance": result.provenance,

@@ -62,22 +62,11 @@ def test_a_mistake_is_answered_with_what_is_right(line, message, capsys, tmp_pat
     assert list(tmp_path.iterdir()) in ([], [tmp_path / "results"])
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("evaluate bad.py", "fbl-gym: SyntaxError: invalid syntax (bad.py, line 2)"),
-        ("evaluate zero --metrics late.py", "argument --metrics: NameError: name 'nothing' is not defined"),
-    ],
-)
-def test_a_mistake_in_a_file_is_one_line(line, message, capsys, tmp_path, monkeypatch):
+def test_a_mistake_in_a_file_is_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.py").write_text("import os\n= 3\n")
-    (tmp_path / "late.py").write_text("nothing\n\n\ndef power(trace):\n    return trace.torque\n")
-    with contextlib.suppress(SystemExit):
-        assert cli.main(line.split()) == 2
-    shown = capsys.readouterr().err
-    assert message in shown
-    assert "Traceback" not in shown
+    assert cli.main(["evaluate", "bad.py"]) == 2
+    assert capsys.readouterr().err == "fbl-gym: SyntaxError: invalid syntax (bad.py, line 2)\n"
 
 
 def test_a_list_of_many_names_is_short(capsys):

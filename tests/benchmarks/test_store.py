@@ -14,7 +14,7 @@ import pytest
 from benchmarks.policies.digest import data_digest
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.run import cell as cell_module
-from benchmarks.run import suite as suite_module
+from benchmarks.run import store as store_module
 from benchmarks.run.cell import run_cell
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run
@@ -153,7 +153,7 @@ def test_another_set_of_metrics_is_another_format_and_damages_nothing(tmp_path, 
     store = Store(tmp_path)
     files = {path.name: path.read_bytes() for path in store.files()}
     metrics = {**METRICS, "new_metric": "a metric"} if change == "added" else dict(list(METRICS.items())[:-1])
-    monkeypatch.setattr(suite_module, "METRICS", metrics)
+    monkeypatch.setattr(store_module, "METRICS", metrics)
     assert not list(store.results())
     assert store.find(some[0]) is None
     assert {path.name: path.read_bytes() for path in store.files()} == files
