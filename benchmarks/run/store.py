@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.files import remove_unfinished, write_text
+from benchmarks.files import write_text
 from benchmarks.policies.digest import data_digest
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
@@ -88,10 +88,6 @@ class Store:
     """A folder of results, shared by any number of processes; it is created with its first file."""
 
     folder: Path
-
-    def clean(self) -> None:
-        """Remove the unfinished files of processes of this machine that were killed."""
-        remove_unfinished(self.folder)
 
     def path(self, cell: Cell) -> Path:
         """Return the file of a cell's result."""

@@ -1,5 +1,6 @@
 """`fbl-gym record`: the data set says all that happened, and the environment repeats it."""
 
+import os
 import subprocess
 import sys
 
@@ -47,6 +48,8 @@ def test_the_next_run_removes_what_a_killed_one_left(tmp_path):
     )
     line = [*COMMAND, str(tmp_path / "noisy-v0")]
     assert subprocess.run([sys.executable, "-c", code, *line], check=False).returncode == -9
+    (left,) = tmp_path.iterdir()
+    os.utime(left, (0, 0))  # as if that was days ago
     assert cli.main(line) == 0
     assert [path.name for path in tmp_path.iterdir()] == ["noisy-v0"]
 
