@@ -11,7 +11,7 @@ from benchmarks.cli import common
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.report import terminal
-from benchmarks.report.export import csv_file
+from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
 from benchmarks.run.cell import run_trials
@@ -94,10 +94,11 @@ def run(arguments: argparse.Namespace) -> int:
         export(last[policies[0]], arguments.trace)
         screen.say(f"trace: {arguments.trace}")
     if arguments.csv is not None:
-        with csv_file(arguments.csv, ("policy", "trial")) as append:
-            for policy, trials in runs.items():
-                for trial, rows in enumerate(trials, 1):
-                    append((policy, trial), range(arguments.seeds), rows)
+        cells = (
+            ((policy, trial), range(arguments.seeds), rows)
+            for policy, trials in runs.items() for trial, rows in enumerate(trials, 1)
+        )  # fmt: skip
+        write_runs(arguments.csv, ("policy", "trial"), cells)
         screen.say(f"runs: {arguments.csv}")
     return 0
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.cli import common
 from benchmarks.cli.names import options
-from benchmarks.report.export import csv_file
+from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import QUANTILES, Panel, band, caption, plot_lines
 from benchmarks.run.metrics import counted_errors
@@ -73,15 +73,16 @@ def run(arguments: argparse.Namespace) -> int:
     cells = suite.cells
     results = common.results_by_id(cells, arguments)
     curves: dict[str, list[list[float]]] = {}
-    with csv_file(arguments.csv, ("policy", *names)) as append:
-        for i, cell in enumerate(cells):
-            point, result = points[i // (len(cells) // len(points))], results[cell.id]
-            if result.error:
-                say(f"fbl-gym: {cell.id} failed: {result.error}", sys.stderr)
-            append((cell.policy.name, *point), cell.seeds, result.rows)
-            others = (f"{name} {value:g}" for name, value in zip(names[1:], point[1:], strict=True))
-            errors = counted_errors(result.rows) or [np.nan] * len(cell.seeds)
-            curves.setdefault(", ".join([cell.policy.name, *others]), []).append(errors)
+    runs = []
+    for i, cell in enumerate(cells):
+        point, result = points[i // (len(cells) // len(points))], results[cell.id]
+        if result.error:
+            say(f"fbl-gym: {cell.id} failed: {result.error}", sys.stderr)
+        runs.append(((cell.policy.name, *point), cell.seeds, result.rows))
+        others = (f"{name} {value:g}" for name, value in zip(names[1:], point[1:], strict=True))
+        errors = counted_errors(result.rows) or [np.nan] * len(cell.seeds)
+        curves.setdefault(", ".join([cell.policy.name, *others]), []).append(errors)
+    write_runs(arguments.csv, ("policy", *names), runs)
     path = arguments.plot or arguments.csv.with_suffix(".png")
     unit = {option.path: option.unit for option in options()}.get(names[0])
     label = f"{names[0]} [{unit}]" if unit else names[0]
