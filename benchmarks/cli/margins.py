@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.analysis.linear import Margins, NotLinear, linearize
+from benchmarks.analysis.linear import Margins, linearize
 from benchmarks.cli.common import add_option, add_policies, add_scenario
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.report.terminal import Screen, table
@@ -30,11 +30,11 @@ def run(arguments: argparse.Namespace) -> int:
     reasons: list[str] = []
     for policy in arguments.policies:
         spec = resolve_isolated(policy)
-        answer = spec.call(_margins, spec, scenario, (q1, q2), arguments.seed)
-        if isinstance(answer, str):
-            reasons.append(f"no margins of {policy}: {answer}")
+        try:
+            margins = Margins(**spec.call(_margins, spec, scenario, (q1, q2), arguments.seed))
+        except ValueError as problem:
+            reasons.append(f"no margins of {policy}: {problem}")
             continue
-        margins = Margins(**answer)
         rows.append((
             policy,
             f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}",
@@ -52,9 +52,6 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _margins(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> dict[str, Any] | str:
-    """Return the fields of a policy's margins, or the reason why it has none."""
-    try:
-        return vars(linearize(policy, scenario, at, seed=seed).margins())
-    except NotLinear as problem:
-        return str(problem)
+def _margins(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> dict[str, Any]:
+    """Return the fields of a policy's margins."""
+    return vars(linearize(policy, scenario, at, seed=seed).margins())
