@@ -126,19 +126,15 @@ def _reason(problem: Exception) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors name the nearest option or choice."""
+    """A parser whose errors name the nearest option."""
 
     def error(self, message: str) -> NoReturn:
         """Exit with a message of argparse, which quotes the wrong text."""
         from fbl_gym.checks import nearest  # imports NumPy, which the list of commands does without
 
         option = re.search(r"unrecognized arguments: (-\S+)", message)
-        choice = re.search(r"argument (\S+): invalid choice: '([^']*)'", message)
         if option:
             message += nearest(option[1].partition("=")[0], self._option_string_actions)
-        elif choice:
-            action = next(a for a in self._actions if choice[1] in ("/".join(a.option_strings), a.metavar, a.dest))
-            message += nearest(choice[2], action.choices or ())
         super().error(visible(message))
 
 

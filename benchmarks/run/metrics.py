@@ -236,9 +236,3 @@ def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
 def _mean(values: list[float]) -> float:
     known = [x for x in values if not np.isnan(x)]
     return float(np.mean(known)) if known else float("nan")
-
-
-def describe(summary: dict[str, float]) -> list[tuple[str, str, str]]:
-    """Return name, value and meaning of each metric, for a table."""
-    values = {name: "-" if np.isnan(summary[name]) else f"{summary[name]:.4g}" for name in METRICS}
-    return [(name, values[name], meaning) for name, meaning in METRICS.items()]

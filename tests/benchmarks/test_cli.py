@@ -43,7 +43,7 @@ from benchmarks.run.suite import load
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
         ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
         ("leaderboard --workers 0", "must be a whole number, 1 or more, got '0'"),
-        ("list policy", "did you mean 'policies'"),
+        ("list policy", "invalid choice: 'policy' (choose from "),
         ("report --store nowhere", "the folder nowhere lacks these results: run `fbl-gym leaderboard`"),
         ("tune zero", "zero has nothing to tune"),
         ("reproduce --only figure-77", "unknown claim 'figure-77'; did you mean 'figure-7'"),
