@@ -8,7 +8,6 @@ The checksum in a file finds damage. It is no signature: whoever writes a file c
 `fbl-gym verify` runs a result again.
 """
 
-import contextlib
 import datetime
 import json
 import math
@@ -33,9 +32,6 @@ FORMAT = 4
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.
 """
-
-DAMAGED = "damaged"
-"""The folder in a store to which damaged files are moved."""
 
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "scipy", "numba")
 
@@ -109,7 +105,7 @@ class Store:
         return path
 
     def find(self, cell: Cell) -> Result | None:
-        """Return the result of a cell, or None; a damaged one is moved aside, with a warning."""
+        """Return the result of a cell, or None; a damaged one has a warning."""
         path = self.path(cell)
         return self._read(path, cell) if path.exists() else None
 
@@ -121,7 +117,7 @@ class Store:
             return None
 
     def results(self) -> Iterator[Result]:
-        """Yield every result, in the order of the files' names; damaged ones are moved aside."""
+        """Yield every result, in the order of the files' names; a damaged one has a warning."""
         for path in self.files():
             if (result := self._read(path)) is not None:
                 yield result
@@ -131,7 +127,7 @@ class Store:
         return sorted(path for path in self.folder.glob("*--*.json") if not path.name.startswith("."))
 
     def _read(self, path: Path, cell: Cell | None = None) -> Result | None:
-        """Return the result in a file; None if it is of another format, or damaged and moved."""
+        """Return the result in a file; None if it is of another format, or damaged."""
         try:
             result = self.load(path, cell)
             if (right := self.path(result.cell)).name != path.name:
@@ -140,12 +136,7 @@ class Store:
         except OtherFormat:
             return None
         except Damaged as problem:
-            target = self.folder / DAMAGED / path.name
-            target.parent.mkdir(exist_ok=True)
-            with contextlib.suppress(FileNotFoundError):  # another process was faster
-                path.replace(target)
-                text = f"{problem}; moved to {target}; `fbl-gym leaderboard` computes its cell again"
-                warnings.warn(visible(text), stacklevel=3)
+            warnings.warn(visible(f"{problem}; `fbl-gym leaderboard` computes its cell again"), stacklevel=3)
             return None
 
     def load(self, path: Path, cell: Cell | None = None) -> Result:

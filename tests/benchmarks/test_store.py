@@ -89,7 +89,7 @@ def test_a_failing_policy_is_a_row_with_its_error(tmp_path):
     file.write_text("from controllers.simple import Zero as make_policy\n")
 
 
-def test_a_damaged_file_is_moved_aside_named_and_computed_again(tmp_path):
+def test_a_damaged_file_is_named_and_computed_again(tmp_path):
     finish(cells(), tmp_path)
     store = Store(tmp_path)
     victim = store.files()[0]
@@ -97,10 +97,9 @@ def test_a_damaged_file_is_moved_aside_named_and_computed_again(tmp_path):
     with pytest.raises(Damaged, match=rf"{victim.name} is damaged \(its checksum is wrong\)"):
         store.load(victim)
     with pytest.warns(
-        UserWarning, match=rf"{victim.name} is damaged .* moved to .*; `fbl-gym leaderboard` computes its cell again"
+        UserWarning, match=rf"{victim.name} is damaged .*; `fbl-gym leaderboard` computes its cell again"
     ):
         assert [done for done, _ in finish(cells(), tmp_path)].count("computed") == 1
-    assert (tmp_path / "damaged" / victim.name).is_file()
     assert len(list(store.results())) == len(cells())
     for damage in ("", "{", "[]", "null", victim.read_text()[:-40]):
         victim.write_text(damage)
@@ -125,7 +124,7 @@ def test_a_result_with_other_types_is_damaged(change, tmp_path):
         Store(tmp_path).load(path)
 
 
-def test_a_result_in_the_place_of_another_is_moved_aside(tmp_path):
+def test_a_result_in_the_place_of_another_is_not_read(tmp_path):
     finish(cells(), tmp_path)
     store = Store(tmp_path)
     one, other = (store.path(cell) for cell in cells()[:2])
