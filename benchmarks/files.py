@@ -2,39 +2,32 @@
 
 import contextlib
 import os
-import platform
 import shutil
 import tempfile
+import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
-_PREFIX = f".unfinished-{platform.node()[:40]}-"
+_PREFIX = ".unfinished-"
+
+ABANDONED = 86_400.0
+"""Age of an unfinished file whose process is taken for killed [s]."""
 
 
 def remove_unfinished(folder: Path) -> None:
     """Remove the files and folders of this module that killed processes left in a folder."""
     for path in folder.glob(f"{_PREFIX}*"):
-        process = path.name.removeprefix(_PREFIX).partition("-")[0]
-        if process.isdigit() and not _runs(int(process)):
-            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
-
-
-def _runs(process: int) -> bool:
-    if os.name == "nt":  # where signal 0 ends a process
-        return True
-    try:
-        os.kill(process, 0)
-    except OSError as problem:
-        return not isinstance(problem, ProcessLookupError)
-    return True
+        with contextlib.suppress(FileNotFoundError):  # another process was faster, or finished its file
+            if time.time() - path.stat().st_mtime > ABANDONED:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a place to write a file to. The file is renamed to its path if the block succeeds."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{_PREFIX}{os.getpid()}-{uuid.uuid4().hex}{path.suffix[:20]}")
+    beside = path.with_name(f"{_PREFIX}{uuid.uuid4().hex}{path.suffix[:20]}")
     try:
         yield beside
         with beside.open("rb+") as file:
@@ -49,7 +42,7 @@ def working_folder(folder: Path) -> Iterator[Path]:
     """Yield a new folder in a folder; the block moves what it shall keep."""
     folder.mkdir(parents=True, exist_ok=True)
     remove_unfinished(folder)
-    with tempfile.TemporaryDirectory(prefix=f"{_PREFIX}{os.getpid()}-", dir=folder.resolve()) as name:
+    with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder.resolve()) as name:
         yield Path(name)
 
 

@@ -3,7 +3,6 @@
 import dataclasses
 import hashlib
 import re
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.analysis import statistics
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import Metric, counted_error
+from benchmarks.run.metrics import METRICS, counted_error
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
@@ -35,9 +34,6 @@ CLEAR = 0.5
 
 MOST_DIVERGED = 0.1
 """Largest share of runs that diverge for which a law can be a ceiling."""
-
-TOP = 10
-"""A suite on which the error ranks of the TOP best policies overlap is too easy."""
 
 BOOTSTRAP_SEED = 0
 """Seed of the bootstrap."""
@@ -60,7 +56,6 @@ class Board:
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.
         failed: the error of each policy and scenario, by index, where a member failed.
-        metrics: external ones, which `runs` has too.
         flags: of each scenario with more seeds, by index: 1 where a run diverged [m x seeds].
         version: hash of all that its numbers depend on: policies, scenarios, seeds and code.
         partial: metrics [n] of policies that only have results in some scenarios, where they may be
@@ -75,7 +70,6 @@ class Board:
     incomplete: dict[str, str]
     lacking: str = ""
     failed: dict[tuple[int, int], str] = field(default_factory=dict)
-    metrics: tuple[Metric, ...] = ()
     flags: dict[int, Array] = field(default_factory=dict)
     version: str = ""
     partial: dict[int, dict[str, dict[str, Array]]] = field(default_factory=dict)
@@ -101,12 +95,6 @@ class Board:
             sentences.append(
                 f"Check {self.policies[i]} in {self.scenarios[k]}: it errs by {error:.3g} %, less than {least:.3g} % of "
                 "the best law that knows the truth."
-            )
-        rank, count = self.error_rank, min(TOP, len(self.ranked))
-        best = np.argsort(rank.value, kind="stable")[:count]
-        if count == TOP and rank.low[best].max() <= rank.high[best].min():
-            sentences.append(
-                f"This suite is too easy: the intervals of the error ranks of the best {TOP} policies overlap."
             )
         reasons: dict[str, dict[str, list[str]]] = {}
         for (i, k), reason in self.failed.items():
@@ -359,19 +347,6 @@ class Board:
         families = self.families.items()
         return {family: statistics.interval(self._mean_errors(self.errors[:, i])) for family, i in families}
 
-    @cached_property
-    def recovery(self) -> Array | None:
-        """Time until the error of each policy is back after an event [p].
-
-        It is the mean over the scenarios with events, without diverged runs; None: there are none.
-        """
-        times = self.runs["recovery_s"][:, np.isfinite(self.runs["recovery_s"]).any(axis=(0, 2))]
-        if not times.size:
-            return None
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # a policy whose runs all diverged has NaN
-            return self.average(np.nanmean(times, axis=-1)[None])[0].mean(axis=-1)
-
 
 def _geometric_mean(x: Array) -> float:
     return float(np.exp(np.log(x).mean()))
@@ -441,7 +416,7 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     cell = min((result.cell for result in results), key=lambda cell: len(cell.seeds))
 
     def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, Array]:
-        return {name: np.array([row[name] for row in rows]) for name in cell.columns}
+        return {name: np.array([row[name] for row in rows]) for name in METRICS}
 
     still = {r.cell.scenario.name: [_motionless(row) for row in r.rows] for r in results if r.rows}
     failed, table, decision, count = {}, [], [], len(cell.seeds)
@@ -460,12 +435,11 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         rows=rows,
         scenarios=tuple(tasks),
         seeds=cell.seeds,
-        runs={name: np.array([[x[name][:count] for x in row] for row in table]) for name in cell.columns},
+        runs={name: np.array([[x[name][:count] for x in row] for row in table]) for name in METRICS},
         decision_us=np.array(decision),
         incomplete=incomplete,
         lacking=f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else "",
         failed=failed,
-        metrics=cell.metrics,
         flags={
             k: np.array([row[k]["diverged"] for row in table])
             for k, task in enumerate(tasks) if len(still[task]) > count

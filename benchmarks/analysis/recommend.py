@@ -266,15 +266,12 @@ class Recommendation:
         choices: up to three safe policies of different laws; if there is none, the best ones that
             are not safe.
         conditions: names of the conditions.
-        overturned: conditions in which another policy errs less than the first choice, by disjoint
-            intervals, each with that policy and both errors [%].
         failed: policies that failed, each with the error.
     """
 
     scenario: str
     choices: tuple[Choice, ...]
     conditions: tuple[str, ...]
-    overturned: dict[str, tuple[str, float, float]]
     failed: dict[str, str]
 
     @property
@@ -330,8 +327,7 @@ def recommend(
                 tuple(int(lost) for lost in runs.diverged[i].sum(axis=-1)), float(variation[i] / calmest),
             )
         )  # fmt: skip
-    overturned = _overturned(runs, complete, best[0], tuple(tasks))
-    return Recommendation(base.name, tuple(choices), tuple(tasks), overturned, failed)
+    return Recommendation(base.name, tuple(choices), tuple(tasks), failed)
 
 
 def _metric(table: Sequence[Sequence[Result]], name: str) -> Array:
@@ -355,18 +351,3 @@ def _best(results: Sequence[Result]) -> list[str]:
         raise ValueError(f"every policy failed, the first one with: {results[0].error}")
     levels = Runs.of([[result] for result in working]).levels[:, 0]
     return [working[i].cell.policy.name for i in np.argsort(levels)]
-
-
-def _overturned(
-    runs: Runs, policies: list[str], first: int, names: Sequence[str]
-) -> dict[str, tuple[str, float, float]]:
-    """Return the conditions in which another policy is better than the first choice."""
-    overturned = {}
-    for k, name in enumerate(names):
-        some = runs[:, [k]]
-        low, high = some.intervals
-        best = int(np.argmin(some.levels[:, 0]))
-        if high[best] < low[first]:
-            errors = np.exp(some.logs.mean(axis=(1, 2)))
-            overturned[name] = policies[best], float(errors[best]), float(errors[first])
-    return overturned

@@ -11,17 +11,14 @@ from typing import Any
 from rich.progress import track
 
 from benchmarks.policies import external
-from benchmarks.policies.isolation import CallLimits, Failed, reason_of, run_isolated
+from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.name import PolicyName
 from benchmarks.report.terminal import Screen
-from benchmarks.run.metrics import Metric, find_metrics, measure
-from benchmarks.run.rollout import rollout
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
-from fbl_gym.checks import check_number
 
 # Types of arguments: functions of the text that was typed.
 
@@ -33,29 +30,11 @@ def count(text: str) -> int:
     return int(text)
 
 
-def positive(text: str) -> float:
-    """Return a finite number greater than 0."""
-    try:
-        return check_number("", float(text), above=0)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a finite number greater than 0, got {text!r}") from None
-
-
 def episodes(text: str) -> int:
     """Return a number of test seeds."""
     if (number := count(text)) > (most := len(SPLITS["test"])):
         raise argparse.ArgumentTypeError(f"must be at most {most}, the test seeds there are, got {text!r}")
     return number
-
-
-def policy_name(text: str) -> str:
-    """Return the text that names a policy. A path must be that of code or of an agent."""
-    name = PolicyName.parse(text)
-    if ("/" in name.source or os.sep in name.source) and name.form == "name":
-        raise argparse.ArgumentTypeError(
-            f"must be a name, an existing file, or a folder with an agent.json, got {text!r}"
-        )
-    return text
 
 
 def _file(text: str, endings: Sequence[str]) -> Path:
@@ -75,17 +54,6 @@ toml_path = partial(_file, endings=(".toml",))
 film = partial(_file, endings=(".mp4", ".gif"))
 
 
-def metrics(text: str) -> tuple[Metric, ...]:
-    """Return external metrics that work on a trace."""
-    try:
-        external_metrics = find_metrics(text)
-        run_isolated(measure, rollout("zero", scenarios.get("nominal"), range(3)), None, external_metrics)
-        return external_metrics
-    except Exception as problem:  # the file's code may raise anything
-        text = str(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
-        raise argparse.ArgumentTypeError(text) from None
-
-
 def command_line() -> str:
     """Return the command that started this process, as one could type it."""
     return " ".join(["fbl-gym", *sys.argv[1:]])
@@ -103,16 +71,14 @@ def add_option(
 
 def add_policy(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "policy", type=policy_name, metavar="POLICY",
+        "policy", metavar="POLICY",
         help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
         "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json",
     )  # fmt: skip
 
 
 def add_policies(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "policies", nargs="+", type=policy_name, metavar="POLICY", help="one or more, as for `fbl-gym check-policy`"
-    )
+    parser.add_argument("policies", nargs="+", metavar="POLICY", help="one or more, as for `fbl-gym check-policy`")
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -129,12 +95,6 @@ def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
 
 def add_tex(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tex", type=tex_path, metavar="FILE", help="write the table for LaTeX (booktabs): .tex")
-
-
-def add_metrics(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--metrics", type=metrics, default=(), metavar="FILE", help="measure the functions of a Python file, too"
-    )
 
 
 def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:

@@ -4,7 +4,6 @@ import argparse
 import sys
 import time
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 
@@ -28,23 +27,10 @@ def run(arguments: argparse.Namespace) -> int:
         lacking = [module for module in modules if find_spec(module) is None]
         print(f"extra {extra:<8} {'installed' if not lacking else 'lacks ' + ', '.join(lacking)}")
     print(f"compiled code is kept in {_cache()}")
-    for line in origins():
-        print(line)
+    print(f"fbl_gym, controllers and benchmarks are imported from {ROOT}")
     if arguments.compile:
         _compile()
     return _self_check()
-
-
-def origins() -> list[str]:
-    """Return the folder of each package of fbl-gym, and a warning for each other of its name."""
-    lines = []
-    for name in ("fbl_gym", "controllers", "benchmarks"):
-        lines.append(f"{name} is imported from {ROOT / name}")
-        for entry in dict.fromkeys(Path(entry).resolve() for entry in sys.path):
-            for file in (entry / name / "__init__.py", entry / f"{name}.py"):
-                if entry != ROOT and file.is_file():
-                    lines.append(f"warning: {file} may be imported in its place: rename or move it")
-    return lines
 
 
 def _cache() -> str:

@@ -11,11 +11,11 @@ from benchmarks.cli import common
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.report import terminal
-from benchmarks.report.export import csv_file
+from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
-from benchmarks.run.cell import measured, run_trials
-from benchmarks.run.metrics import counted_errors, summarize
+from benchmarks.run.cell import run_trials
+from benchmarks.run.metrics import counted_errors, measure, summarize
 from benchmarks.run.rollout import Trace
 from benchmarks.run.traces import export
 from fbl_gym import Scenario, scenarios
@@ -40,7 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write all signals of all seeds of one policy, also readings and its state: .csv",
     )  # fmt: skip
     common.add_tex(parser)
-    common.add_metrics(parser)
     common.add_trust(parser)
 
 
@@ -52,13 +51,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--trace is for one policy and one trial, got {len(policies)} and {arguments.trials}")
     if arguments.video is not None:
         from benchmarks.report.video import write_video  # the extra `render`: its error comes before the work
-    scenario, more = scenarios.get(arguments.scenario), arguments.metrics
+    scenario = scenarios.get(arguments.scenario)
     traces: dict[str, list[Trace]] = {}
     for policy in policies:
         spec = resolve_isolated(policy)
         detailed = arguments.trace is not None
         traces[policy] = run_trials(spec, scenario, range(arguments.seeds), arguments.trials, detailed=detailed)
-    runs = {policy: [measured(trace, more) for trace in trials] for policy, trials in traces.items()}
+    runs = {policy: [measure(trace) for trace in trials] for policy, trials in traces.items()}
     last = {policy: trials[-1] for policy, trials in traces.items()}
     title = f"{scenario.name}, {arguments.seeds} seeds"
     screen = terminal.Screen()
@@ -67,12 +66,12 @@ def run(arguments: argparse.Namespace) -> int:
         lines = _trials_table(traces, runs)
         draw = partial(plot_lines, f"Error over trials of {scenario.name}", [_trials_panel(runs)])
     elif len(policies) > 1:
-        lines = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario, more)
+        lines = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario)
         draw = partial(plot_comparison, last, f"Tracking errors on {scenario.name}")
     else:
         (trace,), ((rows,),) = last.values(), runs.values()
         title = f"{policies[0]} on {title}"
-        lines = terminal.evaluation(rows, 1e6 * trace.decision_time, more)
+        lines = terminal.evaluation(rows, 1e6 * trace.decision_time)
         draw = partial(plot_trace, trace, title)
     alone = len(policies) == 1 and arguments.trials == 1
     screen.print(terminal.table(title, *lines, "left" if alone else "right"))
@@ -95,20 +94,21 @@ def run(arguments: argparse.Namespace) -> int:
         export(last[policies[0]], arguments.trace)
         screen.say(f"trace: {arguments.trace}")
     if arguments.csv is not None:
-        with csv_file(arguments.csv, ("policy", "trial"), list(runs[policies[0]][0][0])) as append:
-            for policy, trials in runs.items():
-                for trial, rows in enumerate(trials, 1):
-                    append((policy, trial), range(arguments.seeds), rows)
+        cells = (
+            ((policy, trial), range(arguments.seeds), rows)
+            for policy, trials in runs.items() for trial, rows in enumerate(trials, 1)
+        )  # fmt: skip
+        write_runs(arguments.csv, ("policy", "trial"), cells)
         screen.say(f"runs: {arguments.csv}")
     return 0
 
 
-def _comparison(runs: Mapping[str, Rows], scenario: Scenario, more: Sequence[common.Metric]) -> terminal.Lines:
+def _comparison(runs: Mapping[str, Rows], scenario: Scenario) -> terminal.Lines:
     """Return a table of several policies, each compared with the first."""
     errors = {policy: [counted_errors(rows)] for policy, rows in runs.items()}
     first = next(iter(runs))
     counts = resample(len(runs[first]), 0)
-    names = [*(["violation_pct"] if scenario.constraints is not None else []), *(metric.name for metric in more)]
+    names = ["violation_pct"] if scenario.constraints is not None else []
     header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *names, f"errs less than {first}")
     lines = []
     for policy, rows in runs.items():

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.cli.common import add_option, add_plot, command_line, csv_path, positive, toml_path
+from benchmarks.cli.common import add_option, add_plot, command_line, csv_path, toml_path
 from benchmarks.files import replacing, write_text
 from benchmarks.identification import excitation, logs, result
-from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors, stiffness
+from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors
 from benchmarks.identification.model import parameters_of, windows
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
@@ -45,10 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plan", type=csv_path, metavar="FILE", help="plan a motion that excites the arm: .csv, and .toml beside it"
     )
     parser.add_argument(
-        "--amplitude", nargs=2, type=positive, default=(1.0, 1.0), metavar=("A1", "A2"),
+        "--amplitude", nargs=2, type=float, default=(1.0, 1.0), metavar=("A1", "A2"),
         help="largest distance of the planned motion from hanging, in rad (1 1)",
     )  # fmt: skip
-    add_option(parser, "--speed", positive, 5.0, "V", "its largest velocity, in rad/s")
+    add_option(parser, "--speed", float, 5.0, "V", "its largest velocity, in rad/s")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -75,11 +75,6 @@ def run(arguments: argparse.Namespace) -> int:
             fit = identify(runs, start, tick)
         parameters = fit.parameters
         _print(fit, screen)
-        if runs[0].link is not None:
-            rows = [(f"joint {j + 1}", *(f"{x:.4g}" for x in row)) for j, row in enumerate(stiffness(runs, start))]
-            screen.print(
-                table("stiffness [N m/rad]; joint.stiffness takes it", ("joint", "estimate", "5 %", "95 %"), rows)
-            )
         if arguments.toml is not None:
             base = result.reached(arguments.start, arguments.toml)
             write_text(arguments.toml, result.text(fit, runs, start, base, command_line()))

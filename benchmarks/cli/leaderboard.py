@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.cli import transfer
-from benchmarks.cli.common import add_metrics, add_run, add_tex, command_line, count, policy_name, run_all, trust
+from benchmarks.cli.common import add_run, add_tex, command_line, count, run_all, trust
 from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.name import PolicyName
@@ -25,18 +25,15 @@ def add_suite(parser: argparse.ArgumentParser) -> None:
         help=f"{', '.join(SUITES)}, or TOML files, each a board (all classes of robots, or that of --scenarios)",
     )  # fmt: skip
     parser.add_argument("--short", action="store_true", help=f"a few scenarios of each class, with {SHORT_SEEDS} seeds")
+    parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
     parser.add_argument(
-        "--policies", nargs="+", type=policy_name, default=(), metavar="P", help="only these (the suite's)"
-    )
-    parser.add_argument(
-        "--policy", action="append", type=policy_name, default=[], metavar="P",
+        "--policy", action="append", default=[], metavar="P",
         help="one more policy: module:factory, file.py, ./folder, or model.zip",
     )  # fmt: skip
     parser.add_argument(
         "--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)"
     )
     parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
-    add_metrics(parser)
     parser.add_argument(
         "--cell-timeout", type=float, default=CallLimits.seconds, metavar="S",
         help=f"longest time of a cell, and of loading a policy [s] ({CallLimits.seconds:g}, for external policies alone)",
@@ -61,7 +58,7 @@ def suites_of(arguments: argparse.Namespace) -> list[Suite]:
             external.expect_trust(PolicyName.parse(policy), name)
         suites.append(spec.build(
             arguments.policies, arguments.scenarios, arguments.seeds, short=arguments.short, more=arguments.policy,
-            metrics=arguments.metrics, limits=limits_of(arguments),
+            limits=limits_of(arguments),
         ))  # fmt: skip
     taken = [suite.name for suite in suites]
     if len(set(taken)) < len(taken):

@@ -4,10 +4,9 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.analysis.linear import LinearLoop, Margins, NotLinear, linearize
-from benchmarks.cli.common import add_option, add_plot, add_policies, add_scenario
+from benchmarks.analysis.linear import Margins, linearize
+from benchmarks.cli.common import add_option, add_policies, add_scenario
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
-from benchmarks.report.plot import plot_loops
 from benchmarks.report.terminal import Screen, table
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import Pair
@@ -20,24 +19,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at", nargs=2, type=float, default=(-1.0, 0.5), metavar=("Q1", "Q2"), help="where the arm rests, in rad (-1 0.5)"
     )  # fmt: skip
-    add_plot(parser, "|L| and |S|")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the margins of each policy, and draw its loop."""
+    """Print the margins of each policy."""
     scenario = scenarios.get(arguments.scenario)
     q1, q2 = arguments.at
     title = f"{scenario.name}, at rest at ({q1:g}, {q2:g}) rad"
     rows: list[Sequence[str]] = []
-    loops: dict[str, LinearLoop] = {}
     reasons: list[str] = []
     for policy in arguments.policies:
         spec = resolve_isolated(policy)
-        answer = spec.call(_linearized, spec, scenario, (q1, q2), arguments.seed)
-        if isinstance(answer, str):
-            reasons.append(f"no margins of {policy}: {answer}")
+        try:
+            margins = Margins(**spec.call(_margins, spec, scenario, (q1, q2), arguments.seed))
+        except ValueError as problem:
+            reasons.append(f"no margins of {policy}: {problem}")
             continue
-        loops[policy], margins = LinearLoop(**answer[0]), Margins(**answer[1])
         rows.append((
             policy,
             f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}",
@@ -52,17 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
     for reason in reasons:
         screen.say(reason)
     screen.say("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
-    if arguments.plot is not None and loops:
-        responses = {policy: [loop.response(joint) for joint in (0, 1)] for policy, loop in loops.items()}
-        plot_loops(responses, title, arguments.plot, arguments.columns)
-        screen.say(f"plot: {arguments.plot}")
     return 0
 
 
-def _linearized(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> tuple[dict[str, Any], ...] | str:
-    """Return the fields of a policy's loop and of its margins, or the reason why it has none."""
-    try:
-        loop = linearize(policy, scenario, at, seed=seed)
-        return vars(loop), vars(loop.margins())
-    except NotLinear as problem:
-        return str(problem)
+def _margins(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> dict[str, Any]:
+    """Return the fields of a policy's margins."""
+    return vars(linearize(policy, scenario, at, seed=seed).margins())

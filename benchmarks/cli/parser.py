@@ -8,8 +8,7 @@ import os
 import re
 import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -88,19 +87,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         parser, run = prepare(given[0])
         arguments = parser.parse_args(given[1:])
-        with _signals():
-            return _run(run, arguments)
+        return run(arguments)
     except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as problem:
         say(f"fbl-gym: {_reason(problem)}", sys.stderr)
         return 2
-    except KeyboardInterrupt as stop:
+    except KeyboardInterrupt:
         kept = COMMANDS[given[0]].kept if given and given[0] in COMMANDS else ""
         with contextlib.suppress(OSError):  # the terminal may be closed
             print("fbl-gym: stopped" + (f"; {kept}, and the same command goes on" if kept else ""), file=sys.stderr)
-        return 128 + (stop.args[0] if isinstance(stop, Stopped) else signal.SIGINT)
+        return 128 + signal.SIGINT
 
 
 def _reason(problem: Exception) -> str:
@@ -127,56 +125,16 @@ def _reason(problem: Exception) -> str:
     raise problem
 
 
-def _run(run: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
-    try:
-        return run(arguments)
-    except SystemExit as end:  # of an external policy, or of rich, whose reader has stopped
-        if isinstance(end.__context__, BrokenPipeError):
-            return 0
-        raise ValueError(f"the policy ended the program, by SystemExit({end.code!r})") from None
-
-
-class Stopped(KeyboardInterrupt):
-    """The end of this process by a signal; its argument is the signal's number."""
-
-
-@contextlib.contextmanager
-def _signals() -> Iterator[None]:
-    """Raise `Stopped` at the signals of `kill` and of a terminal that closes, the first time."""
-    process = os.getpid()
-
-    def stop(number: int, _frame: object) -> None:
-        signal.signal(number, signal.SIG_DFL)
-        if os.getpid() != process:  # a process that inherited this handler, such as one of AsyncVectorEnv
-            os.kill(os.getpid(), number)
-        raise Stopped(number)
-
-    main = threading.current_thread() is threading.main_thread()
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if main and hasattr(signal, name)]
-    caught = [number for number in numbers if signal.getsignal(number) == signal.SIG_DFL]  # nohup ignores one
-    for number in caught:
-        signal.signal(number, stop)
-    try:
-        yield
-    finally:
-        for number in caught:
-            signal.signal(number, signal.SIG_DFL)
-
-
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors name the nearest option or choice."""
+    """A parser whose errors name the nearest option."""
 
     def error(self, message: str) -> NoReturn:
         """Exit with a message of argparse, which quotes the wrong text."""
         from fbl_gym.checks import nearest  # imports NumPy, which the list of commands does without
 
         option = re.search(r"unrecognized arguments: (-\S+)", message)
-        choice = re.search(r"argument (\S+): invalid choice: '([^']*)'", message)
         if option:
             message += nearest(option[1].partition("=")[0], self._option_string_actions)
-        elif choice:
-            action = next(a for a in self._actions if choice[1] in ("/".join(a.option_strings), a.metavar, a.dest))
-            message += nearest(choice[2], action.choices or ())
         super().error(visible(message))
 
 

@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from benchmarks.analysis import recommend
 from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
-from benchmarks.cli.common import add_option, add_run, command_line, policy_name, results_by_id, trust
+from benchmarks.cli.common import add_option, add_run, command_line, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
 from benchmarks.tuning.brief import tune_briefly
 from fbl_gym.checks import check_number
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a scenario with your arm: a name or a TOML file (servo-nominal)",
     )  # fmt: skip
     parser.add_argument(
-        "--policies", nargs="+", type=policy_name, metavar="POLICY",
+        "--policies", nargs="+", metavar="POLICY",
         help="to choose from (the laws, with tuned gains where there are some, and the agents)",
     )  # fmt: skip
     meaning = "time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none"
@@ -89,9 +89,6 @@ def _print(result: Recommendation) -> None:
     ]
     lines = zip(result.conditions, *columns, strict=True)
     screen.print(table("error by condition", ("condition", *(choice.policy for choice in result.choices)), lines))
-    first = result.choices[0].policy
-    for condition, (policy, error, reference) in result.overturned.items():
-        screen.say(f"{condition}: {policy} is better, {error:.3g} % against {reference:.3g} % of {first}")
     for reason in dict.fromkeys(result.failed.values()):
         without = ", ".join(policy for policy, why in result.failed.items() if why == reason)
         screen.say(f"without {without}: {reason}")

@@ -3,7 +3,6 @@
 import argparse
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -40,9 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from minari.data_collector.episode_buffer import EpisodeBuffer  # the extra `data`
-
-    from benchmarks.run.episodes import write
+    from benchmarks.run.episodes import record, write  # the extra `data`
 
     common.trust(arguments)
     scenario = scenarios.get(arguments.scenario)
@@ -53,23 +50,15 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.noise >= 0:
         raise ValueError(f"noise must not be negative, got {arguments.noise}")
     policy = resolve_isolated(arguments.policy)
-    fields = policy.call(_record, policy, scenario, seeds, arguments.noise, arguments.observation)
-    episodes = [EpisodeBuffer(**episode) for episode in fields]
+    episodes = policy.call(record, policy, scenario, seeds, arguments.noise, arguments.observation)
     about = {"algorithm_name": policy.name, "description": common.command_line()}
     write(episodes, arguments.out, scenario, arguments.observation, **about)
-    errors = [episode.infos["reference"] - episode.infos["position"] for episode in episodes]
-    terminated = sum(bool(episode.terminations[-1]) for episode in episodes)
+    errors = [episode["infos"]["reference"] - episode["infos"]["position"] for episode in episodes]
+    terminated = sum(bool(episode["terminations"][-1]) for episode in episodes)
     say(
         f"{len(seeds)} episodes, {terminated} terminated, mean return "
-        f"{np.mean([sum(episode.rewards) for episode in episodes]):.1f}, "
+        f"{np.mean([sum(episode['rewards']) for episode in episodes]):.1f}, "
         f"error {1e3 * np.mean([np.sqrt(np.mean(error[:-1] ** 2)) for error in errors]):.3g} mrad\n"
         f"data set: {arguments.out}"
     )
     return 0
-
-
-def _record(*arguments: Any) -> list[dict[str, Any]]:
-    """Return the fields of the episodes of `record`."""
-    from benchmarks.run.episodes import record
-
-    return [vars(episode) for episode in record(*arguments)]

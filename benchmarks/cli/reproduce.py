@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress.advance(task)
     header = ("figure", "claim", "paper", "measured in the first case", "at stated values", "at favourable open values")
     measured = [claims[name] for name in names]
-    rows = [(c.figure, c.claim, c.paper, c.cases[0][2], c.at_stated, c.at_best) for c in measured]
+    rows = [(c["figure"], c["claim"], c["paper"], c["cases"][0][2], c["at_stated"], c["at_best"]) for c in measured]
     Screen().print(table("The paper's claims, measured", header, rows, "left"))
     say(f"claims and plots: {arguments.out}")
     return 0

@@ -9,11 +9,10 @@ import numpy as np
 
 from benchmarks.cli import common
 from benchmarks.cli.names import options
-from benchmarks.report.export import csv_file
+from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
-from benchmarks.report.plot import QUANTILES, Line, Panel, caption, plot_lines
+from benchmarks.report.plot import QUANTILES, Panel, band, caption, plot_lines
 from benchmarks.run.metrics import counted_errors
-from benchmarks.run.store import Store
 from benchmarks.run.suite import Suite, with_option
 from benchmarks.text import say
 from fbl_gym import scenarios
@@ -54,7 +53,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_option(parser, "--csv", common.csv_path, Path("results/sweep.csv"), "FILE", runs)
     common.add_plot(parser, "the errors (a .png beside --csv)")
     common.add_tex(parser)
-    common.add_metrics(parser)
     common.add_run(parser, seeds=32)
 
 
@@ -71,39 +69,34 @@ def run(arguments: argparse.Namespace) -> int:
         for name, value in zip(names, point, strict=True):
             task = with_option(task, name, value)
         tasks.append(task)
-    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds, arguments.metrics)
-    store, cells = Store(arguments.store), suite.cells
-    failed = 0
-    for result in common.run_all(cells, arguments):
+    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds)
+    cells = suite.cells
+    results = common.results_by_id(cells, arguments)
+    curves: dict[str, list[list[float]]] = {}
+    runs = []
+    for i, cell in enumerate(cells):
+        point, result = points[i // (len(cells) // len(points))], results[cell.id]
         if result.error:
-            failed += 1
-            say(f"fbl-gym: {result.cell.id} failed: {result.error}", sys.stderr)
-    curves: dict[str, list[np.ndarray]] = {}
-    with csv_file(arguments.csv, ("policy", *names), cells[0].columns) as append:
-        for i, cell in enumerate(cells):
-            point = points[i // (len(cells) // len(points))]
-            band = np.full(3, np.nan)
-            if (stored := store.find(cell)) is not None:
-                append((cell.policy.name, *point), cell.seeds, stored.rows)
-                band = np.quantile(counted_errors(stored.rows), QUANTILES)
-            others = (f"{name} {value:g}" for name, value in zip(names[1:], point[1:], strict=True))
-            curves.setdefault(", ".join([cell.policy.name, *others]), []).append(band)
+            say(f"fbl-gym: {cell.id} failed: {result.error}", sys.stderr)
+        runs.append(((cell.policy.name, *point), cell.seeds, result.rows))
+        others = (f"{name} {value:g}" for name, value in zip(names[1:], point[1:], strict=True))
+        errors = counted_errors(result.rows) or [np.nan] * len(cell.seeds)
+        curves.setdefault(", ".join([cell.policy.name, *others]), []).append(errors)
+    write_runs(arguments.csv, ("policy", *names), runs)
     path = arguments.plot or arguments.csv.with_suffix(".png")
     unit = {option.path: option.unit for option in options()}.get(names[0])
     label = f"{names[0]} [{unit}]" if unit else names[0]
-    lines = []
-    for name, bands in curves.items():
-        low, median, high = np.transpose(bands)
-        lines.append(Line(np.array(values[0]), median, name, low=low, high=high))
-    panel = Panel("", label, "error [%]", tuple(lines), (scales[0], "log"))
+    lines = tuple(band(np.array(values[0]), np.array(errors), name) for name, errors in curves.items())
+    panel = Panel("", label, "error [%]", lines, (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
     if arguments.tex is not None:
         header = ("policy", *(f"{names[0]} {value:g}" for value in values[0]))
+        bands = {name: np.quantile(errors, QUANTILES, axis=-1).T for name, errors in curves.items()}
         rows = [
-            (name, *(f"{median:.3g} ({low:.3g}–{high:.3g})" for low, median, high in bands))
-            for name, bands in curves.items()
+            (name, *(f"{median:.3g} ({low:.3g}–{high:.3g})" for low, median, high in ends))
+            for name, ends in bands.items()
         ]
         write_table(arguments.tex, header, rows, common.command_line())
         say(f"table: {arguments.tex}, medians (10 to 90 % of the seeds) of the error [%]")
     say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
-    return 1 if failed else 0
+    return 1 if any(result.error for result in results.values()) else 0

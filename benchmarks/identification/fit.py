@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from benchmarks.identification.logs import Log, smooth
+from benchmarks.identification.logs import Log
 from benchmarks.identification.model import INDEX, PARAMETERS, Windows, parameters_of, regress, windows
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
@@ -264,43 +264,6 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     wide = draws.std(axis=0) > 0.3 * np.maximum(np.abs(parameters), 0.1 * scale)
     weak = {name: EXCITE["p" if name[0] == "p" else name.split()[0]] for name in free if wide[INDEX[name]]}
     return Fit(parameters, free, draws, zero, weak, trials)
-
-
-def stiffness(logs: Sequence[Log], start: Scenario) -> Array:
-    """Return the stiffness of both joints and its 90 % interval, from motors and links [2 x 3].
-
-    The commanded torque, delayed as in `start`, is linear in spring, rotor and friction of the
-    motor (equation of `fbl_gym.options.joints`). Seconds of the logs are resampled.
-
-    Raises:
-        ValueError: a log has no positions of the links, or they have the wrong sign.
-    """
-    bends, slopes = [], []
-    for log in logs:
-        if log.link is None:
-            raise ValueError(f"stiffness needs positions of motors and links, but {log.name} has one of them")
-        late, margin = round(float(parameters_of(start)[INDEX["delay"]]) / log.dt), round(0.08 / log.dt)
-        signals = (
-            (log.position - log.link, 0),
-            (log.position, 1),
-            (log.position, 2),
-            (np.roll(log.torque, late, axis=0), 0),
-        )
-        stretch, v, a, u = (smooth(x, log.dt, order, 0.08)[margin + late : -margin] for x, order in signals)
-        table = np.stack([stretch, a, v, np.tanh(v / 0.05), np.ones_like(v)], axis=-1)
-        for second in np.array_split(np.arange(len(v)), max(2, round(len(v) * log.dt))):
-            bends.append(np.einsum("njx,njy->jxy", table[second], table[second]))
-            slopes.append(np.einsum("njx,nj->jx", table[second], u[second]))
-    counts = np.random.default_rng(0).multinomial(len(bends), np.full(len(bends), 1 / len(bends)), size=400)
-    counts = np.concatenate([np.ones((1, len(bends)), int), counts])
-    bend, slope = np.einsum("db,bjxy->djxy", counts, bends), np.einsum("db,bjx->djx", counts, slopes)
-    draws = np.linalg.solve(bend, slope[..., None])[:, :, 0, 0]
-    if (draws[0] <= 0).any():
-        raise ValueError(
-            f"stiffness must be above 0, but these logs have {draws[0].round(3)} N m/rad: link must have positions of links, "
-            "no deflections, with the signs of the motors"
-        )
-    return np.column_stack([draws[0], *np.quantile(draws[1:], (0.05, 0.95), axis=0)])
 
 
 def rollout_errors(log: Log, parameters: Array, length: float, zeros: bool = True) -> tuple[Array, Windows, Array]:

@@ -16,13 +16,10 @@ COLUMNS = {
     "position": ("position_1_rad", "position_2_rad"),
     "torque": ("torque_1_Nm", "torque_2_Nm"),
     "velocity": ("velocity_1_rad_s", "velocity_2_rad_s"),
-    "measured": (),
-    "link": (),
 }
 """The columns of each signal, as in the traces of `fbl-gym evaluate`; a mapping names others.
 
-`torque` is commanded, `measured` is the torque that the drives report, and `link` has the positions
-of the links if `position` has those of the motors.
+`torque` is commanded.
 """
 
 SMOOTHING = 0.06
@@ -60,7 +57,6 @@ class Log:
             is none.
         sample: median time between two samples of the file [s].
         remarks: what was found, one line each.
-        link: positions of the links, or None [n x 2] rad.
     """
 
     name: str
@@ -72,7 +68,6 @@ class Log:
     difference: int
     sample: float
     remarks: tuple[str, ...]
-    link: Array | None = None
 
 
 def columns(texts: Iterable[str]) -> dict[str, tuple[str, ...]]:
@@ -154,7 +149,6 @@ def read(
     impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(signals["torque"][:-1] * steps[:, None], axis=0)])
     held = np.diff(_at(times, time, impulse), axis=0) / dt  # the mean of the held command over each step
     even = _at(times[:-1], time, position) + zero
-    link = _at(times[:-1], time, signals["link"]) + zero if "link" in signals else None
     states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
     counts = _counts(position)
     difference, how = 0, "not logged"
@@ -170,7 +164,7 @@ def read(
         f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
         f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else ""),
     )
-    return Log(path.name, dt, even, states, held, counts, difference, sample, remarks, link)
+    return Log(path.name, dt, even, states, held, counts, difference, sample, remarks)
 
 
 def _at(times: Array, time: Array, signal: Array) -> Array:

@@ -43,35 +43,6 @@ VARIANCES = {"variance 0.1": 0.1, "1 dB": 10**-0.1, "σ 0.01": 1e-4}
 """Variance of a sample on each sensor. For a signal of unit power, 1 dB is a variance of 0.794."""
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A claim of the paper and its measurement.
-
-    Args:
-        figure: number of the figure, equation or section.
-        claim: in one line.
-        paper: statement or value of the paper.
-        bound: how a run meets the claim.
-        stated: the values that the paper states; alternatives are its readings.
-        chosen: the values that it leaves open, with the project's first choice.
-        at_stated: the verdict at stated values, and the number of cases.
-        at_best: the verdict at the most favourable open values, and the number of cases.
-        scenario: on which the claim was measured.
-        cases: kind, values, measured value, seeds that meet the claim, and "yes" or "no" of each.
-    """
-
-    figure: str
-    claim: str
-    paper: str
-    bound: str
-    stated: str
-    chosen: str
-    at_stated: str
-    at_best: str
-    scenario: str
-    cases: tuple[tuple[str, ...], ...]
-
-
 class Outcome(NamedTuple):
     """The measurement of a case.
 
@@ -92,7 +63,7 @@ class Outcome(NamedTuple):
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The last texts of a case in `Claim.cases`."""
+        """The last texts of a measured case."""
         count, n = np.sum(self.meets), np.size(self.meets)
         return self.measured, f"{count} of {n}" if n > 1 else "", "yes" if self.holds else "no"
 
@@ -114,11 +85,12 @@ def judge(kinds: Sequence[str], outcomes: Sequence[Outcome]) -> tuple[str, str]:
 
 
 @dataclass(frozen=True)
-class Declared:
-    """A claim before its measurement.
+class Claim:
+    """A claim of the paper, with its cases.
 
     Args:
-        texts: fields of `Claim`.
+        texts: number of the figure, equation or section; the claim in one line; statement or value
+            of the paper; how a run meets the claim; the scenario on which it is measured.
         stated: the values that the paper states, each with all its readings.
         chosen: the values that it leaves open, with the project's first choice.
         changes: of each case, to the first values of all; most favourable ones first.
@@ -155,10 +127,10 @@ def show(values: Values) -> str:
 def claim(
     figure: str, text: str, *, paper: str, bound: str, stated: Mapping[str, tuple[Any, ...]], chosen: Values,
     cases: Sequence[Values] = (), scenario: str = "nominal", panel: dict[str, Any] | None = None,
-) -> Callable[[Callable[[Values], Outcome]], Declared]:  # fmt: skip
+) -> Callable[[Callable[[Values], Outcome]], Claim]:  # fmt: skip
     """Declare a claim, which the decorated function measures; its name is the claim's."""
     texts = {"figure": figure, "claim": text, "paper": paper, "bound": bound, "scenario": scenario}
-    return lambda measure: Declared(texts, stated, chosen, cases, panel or {}, measure)
+    return lambda measure: Claim(texts, stated, chosen, cases, panel or {}, measure)
 
 
 def number(text: str) -> float:

@@ -27,7 +27,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -232,7 +231,7 @@ def run_parallel(
 ) -> Iterator[tuple[Item, Answer | Failed]]:
     """Yield each item with its answer, in any order. All processes end with the iterator.
 
-    A call whose process died has an error as its answer; it has run twice.
+    With a worker that dies, all calls that are not finished have an error as their answer.
 
     Args:
         function: of a module, or a `partial` of one.
@@ -249,12 +248,8 @@ def run_parallel(
 def _run_in_pool(
     function: Callable[[Item], Answer | Failed], items: Sequence[Item], workers: int
 ) -> Iterator[tuple[Item, Answer | Failed]]:
-    """Call a function in worker processes.
-
-    A dead worker ends all of them. What they lack then is called in fresh processes, one for each.
-    """
+    """Call a function in worker processes. A dead worker ends all of them."""
     others = set(multiprocessing.active_children())
-    unfinished = []
     with _starting():
         pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
         futures = {pool.submit(function, item): item for item in items}
@@ -263,57 +258,30 @@ def _run_in_pool(
             try:
                 answer = future.result()
             except BrokenProcessPool:
-                unfinished.append(futures[future])
-            else:
-                yield futures[future], answer
+                answer = Failed("a worker process died, perhaps for lack of memory; the same command goes on")
+            yield futures[future], answer
     finally:
         for process in set(multiprocessing.active_children()) - others:
             process.kill()
         pool.shutdown(wait=False)
-    if unfinished:
-        yield from _run_in_pool(partial(_run_once_more, function), unfinished, workers)
-
-
-def _run_once_more(function: Callable[[Item], Answer | Failed], item: Item) -> Answer | Failed:
-    try:
-        pickled = run_isolated(_pickled, function, item, limits=CallLimits(threading.TIMEOUT_MAX))
-    except Failed as problem:
-        return problem
-    answer: Answer | Failed = pickle.loads(pickled)
-    return answer
-
-
-def _pickled(function: Callable[[Item], Answer], item: Item) -> bytes:
-    """Return an answer of any type as bytes, as the processes of a pool send it too."""
-    return pickle.dumps(function(item))
 
 
 @contextlib.contextmanager
 def _starting() -> Iterator[None]:
-    """Let a process that starts now import no standard module from the current folder.
-
-    The end of a terminal is left to this process, also by multiprocessing's own helper.
-    """
+    """Let a process that starts now import no standard module from the current folder."""
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
-    hang_up = {signal.SIGHUP} if os.name == "posix" else set()
-    if hang_up:
-        signal.pthread_sigmask(signal.SIG_BLOCK, hang_up)
     try:
         yield
     finally:
-        if hang_up:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, hang_up)
         del os.environ["PYTHONSAFEPATH"]
         if before is not None:
             os.environ["PYTHONSAFEPATH"] = before
 
 
 def _begin() -> None:
-    """Leave the signals of a terminal to the parent, and end with it; of a worker."""
-    for name in ("SIGINT", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    """Leave Ctrl-C to the parent, and end with it; of a worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from benchmarks.analysis.board import Board, meaning_of
 from benchmarks.analysis.statistics import Estimate
-from fbl_gym.model.arm import Array
 
 Value: TypeAlias = float | str | None
 
@@ -149,10 +148,10 @@ def _ranked(board: Board, key: str, title: str, meaning: str, ranks: Estimate) -
     return Column(key, title, meaning, value, low, high, form="{:.0f}".format, tables=ALL, ends="range")
 
 
-def _of_runs(board: Board, name: str, mean: Callable[[Array], Any]) -> list[float | None]:
-    """Return a metric's mean over the runs of each policy; None where it applies to none."""
-    known = [runs[~np.isnan(runs)] for runs in board.split(board.runs[name][:, board.main])]
-    return [float(mean(runs)) if runs.size else None for runs in known]
+def _violations(board: Board) -> list[float | None]:
+    """Return the mean of each policy's violations; None where no run has constraints."""
+    known = [runs[~np.isnan(runs)] for runs in board.split(board.runs["violation_pct"][:, board.main])]
+    return [float(np.mean(runs)) if runs.size else None for runs in known]
 
 
 def _notes(board: Board) -> list[str]:
@@ -167,7 +166,7 @@ def columns(board: Board) -> list[Column]:
     """Return the columns of a board, from left to right."""
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
-    violation = _of_runs(board, "violation_pct", np.mean)
+    violation = _violations(board)
     return [
         _ranked(board, "rank", "rank", "Rank by the score, or by the error where there is no score.", board.rank),
         Column(
@@ -215,12 +214,6 @@ def columns(board: Board) -> list[Column]:
             board.mrad(board.main).tolist(), best=-1,
         ),
         *(
-            [] if board.recovery is None else [Column(
-                "recovery", "recovery s", "Time until the error is back after an event, mean of the scenarios with events.",
-                board.recovery.tolist(), best=-1,
-            )]
-        ),
-        *(
             _estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
                       board.family_errors[family], best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
             for family, members in board.families.items()
@@ -236,13 +229,6 @@ def columns(board: Board) -> list[Column]:
         Column(
             "decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].",
             board.decision_us.tolist(),
-        ),
-        *(
-            Column(
-                f"metric-{metric.name}", metric.name, f"{metric.meaning}: median of the runs {here}.",
-                _of_runs(board, metric.name, np.median),
-            )
-            for metric in board.metrics
         ),
         Column("tuning", "gains", "Origin of the gains.", [spec.tuning for spec in board.specs], tables=NONE),
     ]  # fmt: skip

@@ -1,43 +1,38 @@
 """Results as CSV, one row for each run."""
 
-import contextlib
 import csv
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from benchmarks.files import replacing
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
 
+Runs: TypeAlias = tuple[Sequence[Any], Sequence[int], Sequence[Mapping[str, float]]]
+"""The runs of a cell: values of its columns, seeds, and metrics of each seed; none if it failed."""
 
-@contextlib.contextmanager
-def csv_file(path: Path, columns: Sequence[str], metrics: Sequence[str]) -> Iterator[Callable[..., None]]:
-    """Yield a function `append(values, seeds, rows)` that writes the runs of a cell to a CSV file.
 
-    Numbers have seven digits; the store has all digits. One cell at a time needs memory.
+def write_runs(path: Path, columns: Sequence[str], cells: Iterable[Runs]) -> None:
+    """Write runs to a CSV file, whose numbers have seven digits; the store has all digits.
 
     Args:
         path: of the file, which is complete or absent.
-        columns: names of the `values`, which come before the seed.
-        metrics: the metrics that follow the seed.
+        columns: names of the values, which come before the seed.
+        cells: to be written.
     """
     with replacing(path) as beside, beside.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*columns, "seed", *metrics])
-
-        def append(values: Sequence[Any], seeds: Sequence[int], rows: Sequence[Mapping[str, float]]) -> None:
-            for seed, row in zip(seeds, rows, strict=False):  # a failed cell has no rows
-                writer.writerow([*values, seed, *(f"{row[name]:.7g}" if name in row else "" for name in metrics)])
-
-        yield append
+        writer.writerow([*columns, "seed", *METRICS])
+        for values, seeds, rows in cells:
+            for seed, row in zip(seeds, rows, strict=False):
+                writer.writerow([*values, seed, *(f"{row[name]:.7g}" for name in METRICS)])
 
 
 def write_csv(path: Path, results: Sequence[Result]) -> None:
     """Write all runs of some results as CSV."""
-    metrics = [*METRICS, *dict.fromkeys(metric.name for result in results for metric in result.cell.metrics)]
-    with csv_file(path, ("policy", "scenario", "control_dt"), metrics) as append:
-        for result in results:
-            task = result.cell.scenario
-            values = (result.cell.policy.name, task.name, f"{task.control_dt:.7g}")
-            append(values, result.cell.seeds, result.rows)
+    runs = []
+    for cell, rows in ((result.cell, result.rows) for result in results):
+        values = cell.policy.name, cell.scenario.name, f"{cell.scenario.control_dt:.7g}"
+        runs.append((values, cell.seeds, rows))
+    write_runs(path, ("policy", "scenario", "control_dt"), runs)

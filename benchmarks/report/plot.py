@@ -232,24 +232,6 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns
     plot_lines(title, panels, path, columns)
 
 
-def plot_loops(loops: Mapping[str, Sequence[tuple[Array, Array]]], title: str, path: Path, columns: int = 2) -> None:
-    """Draw |L| and |S| of each joint over the frequency.
-
-    Args:
-        loops: by label, for each joint the frequencies [k] rad/s and the loop transfer L [k].
-        title: of the file.
-        path: of the figure.
-        columns: of the page that the figure spans, 1 or 2.
-    """
-    panels = []
-    for label, size in (("loop transfer |L|", lambda x: np.abs(x)), ("sensitivity |S|", lambda x: np.abs(1 / (1 + x)))):
-        for joint in (0, 1):
-            lines = tuple(Line(loop[joint][0], size(loop[joint][1]), name) for name, loop in loops.items())
-            axes = (f"joint {joint + 1}", "frequency [rad/s]", label)
-            panels.append(Panel(*axes, lines, ("log", "log"), marks=((1.0, ""),)))
-    plot_lines(title, panels, path, columns)
-
-
 def plot_scores(boards: Mapping[str, Board], path: Path, rows: int = 12) -> None:
     """Draw the scores of the first policies of some boards, by name, as dots with their intervals.
 

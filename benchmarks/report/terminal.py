@@ -14,7 +14,7 @@ from rich.text import Text
 
 from benchmarks.analysis.board import Board
 from benchmarks.report.columns import NONE, Column, columns, over_all
-from benchmarks.run.metrics import Metric, counted_errors, describe, summarize
+from benchmarks.run.metrics import METRICS, counted_errors
 from benchmarks.text import visible
 
 Justify: TypeAlias = Literal["left", "right"]
@@ -117,13 +117,14 @@ def _board(board: Board, policy: Column, selected: Sequence[Column]) -> Table:
     return table
 
 
-def evaluation(rows: list[dict[str, float]], decision_us: float, more: Sequence[Metric] = ()) -> Lines:
+def evaluation(rows: list[dict[str, float]], decision_us: float) -> Lines:
     """Return the metrics of one policy on one scenario: mean and largest value over the seeds."""
     errors = counted_errors(rows)
     mean = f"{np.exp(np.log(errors).mean()):.4g}"
     lines = [("error", mean, f"{max(errors):.4g}", "the board's error: geometric mean over the seeds [%]")]
-    for name, value, meaning in describe(summarize(rows), more):
+    for name, meaning in METRICS.items():
         known = [row[name] for row in rows if not np.isnan(row[name])]
-        lines.append((name, value, f"{max(known):.4g}" if known else "-", meaning))
+        mean, most = (f"{np.mean(known):.4g}", f"{max(known):.4g}") if known else ("-", "-")
+        lines.append((name, mean, most, meaning))
     lines.append(("decision_us", f"{decision_us:.3g}", "", "wall time of one decision of one lane [us]"))
     return ("metric", "mean", "largest", "meaning"), lines

@@ -56,39 +56,29 @@ def write_video(traces: Mapping[str, Trace], path: Path, size: int = 480) -> Non
 def film(traces: Mapping[str, Trace], fps: float, size: int = 480) -> Iterator[Frame]:
     """Yield the frames of `write_video`, one for each 1 / fps seconds of the episode."""
     first = next(iter(traces.values()))
-    scenes = [Scene(name, trace) for name, trace in traces.items()]
     header = Canvas(len(traces) * size, 2 * round(0.04 * size))
     header.write(f"{first.scenario.name}, seed {first.seeds[0]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
     strip = header.frame
     for k in range(int(first.time[-1] * fps + 1e-9) + 1):
         sample = min(round(k / fps / first.scenario.control_dt), len(first.time) - 1)
-        yield np.vstack([strip, np.hstack([draw(scene.picture(sample), size) for scene in scenes])])
-
-
-class Scene:
-    """The first seed of a trace as pictures."""
-
-    def __init__(self, title: str, trace: Trace) -> None:
-        self.title = title
-        self.trace = trace
-        self.lengths = pair(trace.lengths[0])
-        square = (errors(trace)[:, 0] ** 2).mean(axis=-1)
-        self.rms = np.sqrt(np.cumsum(square) / np.arange(1, len(square) + 1))
-        self.last = int(trace.alive[:, 0].sum()) - 1
-
-    def picture(self, k: int) -> Picture:
-        """Return the picture of sample k; an arm that diverged stays at its last position."""
-        trace, sample = self.trace, min(k, self.last)
-        running = f"RMS error {1e3 * self.rms[k]:,.1f} mrad"
-        return Picture(
-            title=self.title,
-            subtitle=running if k <= self.last else f"diverged at {trace.time[self.last + 1]:.2f} s",
-            time=float(trace.time[k]),
-            lengths=self.lengths,
-            position=pair(trace.position[sample, 0]),
-            reference=pair(trace.reference[k, 0]),
-            torque=pair(trace.torque[sample, 0]),
-            push=None if trace.scenario.disturbance is None else pair(-trace.disturbance[sample, 0]),
-            full_torque=full_torque(trace.scenario),
-            payload=float(trace.payload[sample, 0]),
+        yield np.vstack(
+            [strip, np.hstack([draw(picture(name, trace, sample), size) for name, trace in traces.items()])]
         )
+
+
+def picture(title: str, trace: Trace, k: int) -> Picture:
+    """Return sample k of a trace's first seed; an arm that diverged stays at its last position."""
+    last = int(trace.alive[:, 0].sum()) - 1
+    sample, rms = min(k, last), np.sqrt((errors(trace)[: k + 1, 0] ** 2).mean())
+    return Picture(
+        title=title,
+        subtitle=f"RMS error {1e3 * rms:,.1f} mrad" if k <= last else f"diverged at {trace.time[last + 1]:.2f} s",
+        time=float(trace.time[k]),
+        lengths=pair(trace.lengths[0]),
+        position=pair(trace.position[sample, 0]),
+        reference=pair(trace.reference[k, 0]),
+        torque=pair(trace.torque[sample, 0]),
+        push=None if trace.scenario.disturbance is None else pair(-trace.disturbance[sample, 0]),
+        full_torque=full_torque(trace.scenario),
+        payload=float(trace.payload[sample, 0]),
+    )

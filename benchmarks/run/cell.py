@@ -3,20 +3,16 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from benchmarks.policies.isolation import CallLimits, Failed, reason_of, run_isolated
+from benchmarks.policies.isolation import CallLimits, Failed, reason_of
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.contract import broken
-from benchmarks.run.metrics import Metric, measure
+from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, rollout_trials
 from benchmarks.run.store import Result, provenance
 from benchmarks.run.suite import Cell
 from fbl_gym import Scenario
-
-BATCH = 1000
-"""Largest number of seeds that run at once. It limits the memory of a cell with many seeds."""
 
 
 def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) -> Result:
@@ -29,25 +25,15 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
         command: the command that was typed, for the record.
         limits: of the time and memory of a cell; None: those of external policies.
     """
-    rows: list[dict[str, float]] = []
-    decisions: list[float] = []
     try:
         if cell.policy.problem:
             raise ValueError(cell.policy.problem)
-        for first in range(0, len(cell.seeds), BATCH):
-            seeds = cell.seeds[first : first + BATCH]
-            (trace,) = run_trials(cell.policy, cell.scenario, seeds, 1, limits, check=first == 0)
-            rows += measured(trace, cell.metrics, limits)
-            decisions.append(1e6 * trace.decision_time)
+        (trace,) = run_trials(cell.policy, cell.scenario, cell.seeds, 1, limits, check=True)
+        rows = measure(trace)
     except (Exception, SystemExit) as problem:  # a policy may raise anything, and other cells must not suffer
         error = str(problem) if isinstance(problem, Failed) else reason_of(problem)
         return Result.failure(cell, error, command)
-    return Result(cell, tuple(rows), float(np.median(decisions)), provenance=provenance(command, cell.packages))
-
-
-def measured(trace: Trace, more: Sequence[Metric], limits: CallLimits | None = None) -> list[dict[str, float]]:
-    """Return `metrics.measure` of a trace; code of external metrics runs in a fresh process."""
-    return run_isolated(measure, trace, None, more, limits=limits) if more else measure(trace)
+    return Result(cell, tuple(rows), 1e6 * trace.decision_time, provenance=provenance(command, cell.packages))
 
 
 def run_trials(

@@ -22,12 +22,12 @@ ENVIRONMENTS = {"tracking": "fbl_gym/TwoLinkArmTracking-v0", "raw": "fbl_gym/Two
 
 def record(
     policy: PolicySpec | str, scenario: Scenario, seeds: Sequence[int], noise: float = 0.0, observed: str = "tracking"
-) -> list[EpisodeBuffer]:
+) -> list[dict[str, Any]]:
     """Run one episode of a policy for each seed and return what a learner sees of them.
 
-    All episodes run at once, unlike those of Minari's `DataCollector`. The `infos` of an episode
-    of k steps have the fields of `fbl_gym.kernel.batch.Truth` [k + 1 x ...], which no policy may
-    know.
+    An episode has the fields of Minari's `EpisodeBuffer`. All episodes run at once, unlike those of
+    Minari's `DataCollector`. The `infos` of an episode of k steps have the fields of
+    `fbl_gym.kernel.batch.Truth` [k + 1 x ...], which no policy may know.
 
     Args:
         policy: to be recorded.
@@ -64,20 +64,20 @@ def record(
     actions, rewards, terminations, truncations = map(np.array, zip(*steps, strict=True))
     ends = 1 + np.argmax(terminations | truncations, axis=0)  # a lane's next episode is not recorded
     return [
-        EpisodeBuffer(
-            seed=seed,
-            observations=seen[: end + 1, lane],
-            actions=actions[:end, lane],
-            rewards=rewards[:end, lane],
-            terminations=terminations[:end, lane],
-            truncations=truncations[:end, lane],
-            infos={name: values[: end + 1, lane] for name, values in infos.items()},
-        )
+        {
+            "seed": seed,
+            "observations": seen[: end + 1, lane],
+            "actions": actions[:end, lane],
+            "rewards": rewards[:end, lane],
+            "terminations": terminations[:end, lane],
+            "truncations": truncations[:end, lane],
+            "infos": {name: values[: end + 1, lane] for name, values in infos.items()},
+        }
         for lane, (seed, end) in enumerate(zip(seeds, ends, strict=True))
     ]
 
 
-def write(episodes: Sequence[EpisodeBuffer], folder: Path, scenario: Scenario, observed: str, **about: str) -> None:
+def write(episodes: Sequence[dict[str, Any]], folder: Path, scenario: Scenario, observed: str, **about: str) -> None:
     """Write a data set to a new folder, which is complete or absent.
 
     Args:
@@ -94,5 +94,5 @@ def write(episodes: Sequence[EpisodeBuffer], folder: Path, scenario: Scenario, o
         storage = MinariStorage.new(data, env.observation_space, env.action_space, env.spec)
         versions = {"minari_version": minari.__version__, "requirements": [f"fbl-gym=={__version__}"]}
         storage.update_metadata({"dataset_id": folder.name, **versions, **about})
-        storage.update_episodes(episodes)
+        storage.update_episodes([EpisodeBuffer(**episode) for episode in episodes])
         data.parent.rename(folder)

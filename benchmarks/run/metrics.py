@@ -1,23 +1,15 @@
-"""Metrics of a trace, one row for each seed: pure functions, and external ones from a file.
+"""Metrics of a trace, one row for each seed: pure functions.
 
 A diverged run counts: from the sample at which it ended on, the error of both joints is half a
 turn, the largest error of any sample. No policy gains by diverging.
 """
 
-import ast
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from benchmarks.policies import external
-from benchmarks.policies.digest import code_digest
-from benchmarks.policies.isolation import reason_of
-from benchmarks.policies.name import PolicyName
 from benchmarks.run.rollout import Trace
-from fbl_gym.checks import unknown
 from fbl_gym.model.arm import Array
 from fbl_gym.options import FilteredSteps, Steps
 
@@ -69,86 +61,6 @@ METRICS: dict[str, str] = {
 }
 """Name and meaning of each metric, in the order of the columns."""
 
-OTHER_COLUMNS = ("policy", "scenario", "control_dt", "trial", "seed")
-"""Names of the other columns of a CSV file, which no metric may have."""
-
-
-@dataclass(frozen=True)
-class Metric:
-    """An external metric: a function of a trace that returns a number for each seed.
-
-    Args:
-        name: of the function, and of the column.
-        meaning: first line of its docstring.
-        source: of the function, such as "my_metrics.py:power".
-        digest: hash of its code.
-    """
-
-    name: str
-    meaning: str
-    source: str
-    digest: str
-
-    def __call__(self, trace: Trace) -> Array:
-        """Return the metric of each seed [n]; NaN where it does not apply.
-
-        Raises:
-            ValueError: the function raises an error, or returns anything but n numbers.
-        """
-        function: Callable[[Trace], Any] = external.load(PolicyName.parse(self.source))
-        for signal in vars(trace).values():
-            if isinstance(signal, np.ndarray):
-                signal.flags.writeable = False  # the next metric measures the same trace
-        try:
-            answer = function(trace)
-        except Exception as problem:
-            raise ValueError(f"the metric {self.source} raises {reason_of(problem)}") from problem
-        try:
-            numbers = np.asarray(answer, dtype=float)
-        except (TypeError, ValueError):
-            numbers = np.array(np.inf)
-        if numbers.shape != (len(trace.seeds),) or np.isinf(numbers).any():
-            raise ValueError(
-                f"the metric {self.source} must return a number for each seed, {len(trace.seeds)} in all, got {answer!r:.200}"
-            )
-        return numbers
-
-
-def find_metrics(text: str) -> tuple[Metric, ...]:
-    """Return external metrics: the functions of a file or module whose names begin without "_".
-
-    No code is run.
-
-    Args:
-        text: a file, "my_metrics.py", or a module and a function, "package.module:power". A file
-            may have a function too, "my_metrics.py:power".
-
-    Raises:
-        ValueError: there are none, or one has the name of a built-in metric or another column.
-    """
-    name = PolicyName.parse(text)
-    source, chosen = name.source, name.attribute
-    is_code = name.form == "module" or (name.form == "file" and Path(source).is_file())
-    modules = external.sources(name) if is_code else {}
-    if not modules:
-        raise ValueError(f"metrics must be a Python file that exists, or module:function, got {text!r}")
-    try:
-        code = ast.parse(next(iter(modules.values())).read_bytes())
-    except SyntaxError as problem:
-        raise ValueError(f"{source} must be Python code: {problem}") from None
-    functions = {node.name: ast.get_docstring(node) or "" for node in code.body if isinstance(node, ast.FunctionDef)}
-    names = [chosen] if chosen else [name for name in functions if not name.startswith("_")]
-    if not names:
-        raise ValueError(f"{source} must have a function of a trace, a metric, whose name does not begin with _")
-    if chosen and chosen not in functions:
-        raise unknown(f"metric of {source}", chosen, functions)
-    for metric in names:
-        if metric.lower() in (*METRICS, *OTHER_COLUMNS):
-            raise ValueError(f"a metric of {source} must have a name that no other column has, got {metric!r}")
-    meanings = {metric: functions[metric].partition("\n")[0].rstrip(".") for metric in names}
-    digest = code_digest(modules)
-    return tuple(Metric(metric, meaning, f"{source}:{metric}", digest) for metric, meaning in meanings.items())
-
 
 def errors(trace: Trace) -> Array:
     """Return the absolute tracking error [T + 1 x n x 2] rad; diverged runs have the worst."""
@@ -174,7 +86,7 @@ def departure(trace: Trace) -> Array:
     return np.where(size > 1e-9, size, 1.0)
 
 
-def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()) -> list[dict[str, float]]:
+def measure(trace: Trace, size: Array | None = None) -> list[dict[str, float]]:
     """Return the metrics of each seed, in the seeds' order.
 
     A metric that does not apply to the trace is NaN.
@@ -182,7 +94,6 @@ def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()
     Args:
         trace: of a rollout.
         size: 100 % of an error [n x 2] rad; left out: the `amplitude`.
-        more: external metrics to add.
     """
     error, size = errors(trace), amplitude(trace) if size is None else size
     alive = trace.alive[..., None]
@@ -220,7 +131,6 @@ def measure(trace: Trace, size: Array | None = None, more: Sequence[Metric] = ()
         "baseline_error_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
         "resolution_pct": 100 * (2 * np.pi / counts / size).mean(axis=-1),
     }
-    columns |= {metric.name: metric(trace) for metric in more}
     return [{name: float(column[i]) for name, column in columns.items()} for i in range(len(trace.seeds))]
 
 
@@ -326,10 +236,3 @@ def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
 def _mean(values: list[float]) -> float:
     known = [x for x in values if not np.isnan(x)]
     return float(np.mean(known)) if known else float("nan")
-
-
-def describe(summary: dict[str, float], more: Sequence[Metric] = ()) -> list[tuple[str, str, str]]:
-    """Return name, value and meaning of each metric, for a table."""
-    meanings = METRICS | {metric.name: metric.meaning for metric in more}
-    values = {name: "-" if np.isnan(summary[name]) else f"{summary[name]:.4g}" for name in meanings}
-    return [(name, values[name], meaning) for name, meaning in meanings.items()]

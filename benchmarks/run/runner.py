@@ -1,6 +1,6 @@
 """Runs the cells that a store lacks, in processes of this machine or of a cluster.
 
-A finished cell is in the store, which this process alone writes. Nothing is lost with a worker.
+A finished cell is in the store, which this process alone writes.
 """
 
 import os
@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from benchmarks.files import remove_unfinished
 from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
 from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Result, Store
@@ -35,7 +36,7 @@ def run(
         limits: of the time and memory of a cell; None: those of external policies.
         cluster: address of a Dask scheduler, whose workers run the cells; empty: this machine.
     """
-    store.clean()
+    remove_unfinished(store.folder)
     absent = []
     for cell in cells:
         if (stored := store.find(cell)) is None:

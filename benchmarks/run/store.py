@@ -8,8 +8,6 @@ The checksum in a file finds damage. It is no signature: whoever writes a file c
 `fbl-gym verify` runs a result again.
 """
 
-import contextlib
-import dataclasses
 import datetime
 import json
 import math
@@ -22,10 +20,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.files import remove_unfinished, write_text
+from benchmarks.files import write_text
 from benchmarks.policies.digest import data_digest
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.metrics import Metric
+from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
 
@@ -34,9 +32,6 @@ FORMAT = 4
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.
 """
-
-DAMAGED = "damaged"
-"""The folder in a store to which damaged files are moved."""
 
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "scipy", "numba")
 
@@ -90,10 +85,6 @@ class Store:
 
     folder: Path
 
-    def clean(self) -> None:
-        """Remove the unfinished files of processes of this machine that were killed."""
-        remove_unfinished(self.folder)
-
     def path(self, cell: Cell) -> Path:
         """Return the file of a cell's result."""
         name = re.sub(r"[^\w@.-]+", "_", f"{cell.policy.name}--{cell.scenario.name}")[-120:]
@@ -114,7 +105,7 @@ class Store:
         return path
 
     def find(self, cell: Cell) -> Result | None:
-        """Return the result of a cell, or None; a damaged one is moved aside, with a warning."""
+        """Return the result of a cell, or None; a damaged one has a warning."""
         path = self.path(cell)
         return self._read(path, cell) if path.exists() else None
 
@@ -126,7 +117,7 @@ class Store:
             return None
 
     def results(self) -> Iterator[Result]:
-        """Yield every result, in the order of the files' names; damaged ones are moved aside."""
+        """Yield every result, in the order of the files' names; a damaged one has a warning."""
         for path in self.files():
             if (result := self._read(path)) is not None:
                 yield result
@@ -136,7 +127,7 @@ class Store:
         return sorted(path for path in self.folder.glob("*--*.json") if not path.name.startswith("."))
 
     def _read(self, path: Path, cell: Cell | None = None) -> Result | None:
-        """Return the result in a file; None if it is of another format, or damaged and moved."""
+        """Return the result in a file; None if it is of another format, or damaged."""
         try:
             result = self.load(path, cell)
             if (right := self.path(result.cell)).name != path.name:
@@ -145,12 +136,7 @@ class Store:
         except OtherFormat:
             return None
         except Damaged as problem:
-            target = self.folder / DAMAGED / path.name
-            target.parent.mkdir(exist_ok=True)
-            with contextlib.suppress(FileNotFoundError):  # another process was faster
-                path.replace(target)
-                text = f"{problem}; moved to {target}; `fbl-gym leaderboard` computes its cell again"
-                warnings.warn(visible(text), stacklevel=3)
+            warnings.warn(visible(f"{problem}; `fbl-gym leaderboard` computes its cell again"), stacklevel=3)
             return None
 
     def load(self, path: Path, cell: Cell | None = None) -> Result:
@@ -171,20 +157,19 @@ class Store:
             if document.pop("sha256") != data_digest(document):
                 raise ValueError("its checksum is wrong")
             if cell is None:
-                metrics = tuple(Metric(**metric) for metric in document.get("metrics", ()))
                 policy = PolicySpec.from_dict(document["policy"])
-                cell = Cell(policy, document["scenario"], tuple(document["seeds"]), metrics)
+                cell = Cell(policy, document["scenario"], tuple(document["seeds"]))
                 if cell.key != document["key"]:
                     raise ValueError("its key is not that of its content")
             elif cell.key != document["key"]:
                 raise ValueError(f"it holds the result {document['id']} with the key {document['key']}")
             columns = document["rows"]
-            if set(columns) != set(cell.columns):
-                others = ", ".join(sorted(set(columns) ^ set(cell.columns)))
+            if set(columns) != set(METRICS):
+                others = ", ".join(sorted(set(columns) ^ set(METRICS)))
                 raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
             error = str(document["error"])
-            numbers = [map(_number, columns[name]) for name in cell.columns]
-            rows = tuple(dict(zip(cell.columns, row, strict=True)) for row in zip(*numbers, strict=True))
+            numbers = [map(_number, columns[name]) for name in METRICS]
+            rows = tuple(dict(zip(METRICS, row, strict=True)) for row in zip(*numbers, strict=True))
             if len(rows) != (0 if error else len(cell.seeds)):
                 raise ValueError(f"it has {len(rows)} rows for {len(cell.seeds)} seeds")
             return Result(cell, rows, _number(document["decision_us"]), error, {**document["provenance"]})
@@ -203,8 +188,7 @@ def _document(result: Result) -> dict[str, Any]:
         "policy": cell.policy.to_dict(),
         "scenario": cell.scenario.to_dict(),
         "seeds": list(cell.seeds),
-        **({"metrics": [dataclasses.asdict(metric) for metric in cell.metrics]} if cell.metrics else {}),
-        "rows": {name: [_json(row[name]) for row in result.rows] for name in cell.columns},
+        "rows": {name: [_json(row[name]) for row in result.rows] for name in METRICS},
         "decision_us": _json(result.decision_us),
         "error": result.error,
         "provenance": result.provenance,

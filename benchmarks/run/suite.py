@@ -16,7 +16,6 @@ from benchmarks.policies.digest import data_digest
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_isolated
 from benchmarks.rl.policy import best_seed, shipped
-from benchmarks.run.metrics import METRICS, Metric
 from benchmarks.seeds import SPLITS
 from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
@@ -36,13 +35,11 @@ class Cell:
         policy: its specification, or the text that names it.
         scenario: a Scenario, its name, or the plain data that makes one.
         seeds: every policy meets the same ones, so comparisons are paired.
-        metrics: external ones to measure, too.
     """
 
     policy: PolicySpec
     scenario: Scenario
     seeds: tuple[int, ...]
-    metrics: tuple[Metric, ...] = ()
 
     def __post_init__(self) -> None:
         set_fields(self, policy=resolve(self.policy), scenario=as_scenario(self.scenario), seeds=tuple(self.seeds))
@@ -62,7 +59,6 @@ class Cell:
             "data": {name: value for name, value in policy["data"].items() if name not in others},
             "scenario": plain_options(self.scenario, "description"),
             "seeds": list(self.seeds),
-            **({"metrics": {metric.name: metric.digest for metric in self.metrics}} if self.metrics else {}),
             **({"packages": versions(self.packages)} if self.packages else {}),
         }
 
@@ -70,11 +66,6 @@ class Cell:
     def packages(self) -> tuple[str, ...]:
         """Names of the packages of extras that compute its numbers."""
         return (*self.policy.packages, *(("mujoco",) if self.scenario.plant is not None else ()))
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the metrics, the built-in ones first."""
-        return (*METRICS, *(metric.name for metric in self.metrics))
 
     @cached_property
     def key(self) -> str:
@@ -109,7 +100,6 @@ class Suite:
         policies: their specifications, or the texts that name them.
         scenarios: the tasks.
         seeds: how many of the test seeds, from 0 on.
-        metrics: external ones to measure, too.
         more_seeds: how many test seeds some scenarios have, by name, if more than `seeds`.
         ceilings: names of the scenarios in which a further policy may be the ceiling, by its name.
     """
@@ -118,7 +108,6 @@ class Suite:
     policies: tuple[PolicySpec | str, ...]
     scenarios: tuple[Scenario, ...]
     seeds: int
-    metrics: tuple[Metric, ...] = ()
     more_seeds: Mapping[str, int] = field(default_factory=dict)
     ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
@@ -136,9 +125,9 @@ class Suite:
         policies = [*map(resolve_isolated, self.policies)]
         seeds = [tuple(SPLITS["test"][: self.more_seeds.get(task.name, self.seeds)]) for task in self.scenarios]
         tasks = [*zip(self.scenarios, seeds, strict=True)]
-        cells = [Cell(policy, task, some, self.metrics) for task, some in tasks for policy in policies]
+        cells = [Cell(policy, task, some) for task, some in tasks for policy in policies]
         return cells + [
-            Cell(resolve(law), task, tuple(SPLITS["test"][: self.seeds]), self.metrics)
+            Cell(resolve(law), task, tuple(SPLITS["test"][: self.seeds]))
             for law, names in self.ceilings.items() if law not in (policy.name for policy in policies)
             for task in self.scenarios if task.name in names
         ]  # fmt: skip
@@ -285,7 +274,6 @@ class SuiteSpec:
         *,
         short: bool = False,
         more: Sequence[PolicySpec | str] = (),
-        metrics: tuple[Metric, ...] = (),
         limits: CallLimits | None = None,
     ) -> Suite:
         """Return the suite of a board: with the `members` of its policies.
@@ -296,7 +284,6 @@ class SuiteSpec:
             seeds: of every scenario, instead of the suite's.
             short: a few of the suite's scenarios, with 8 seeds.
             more: policies to add.
-            metrics: external ones to measure, too.
             limits: of loading an external policy.
         """
         chosen = expand(tasks or (self.short if short else ())) or self.scenarios
@@ -304,7 +291,7 @@ class SuiteSpec:
         specs = members((*(policies or self.policy_names), *more), limits)
         ceilings = {} if policies else self.ceilings
         number, others = (self.seeds, self.more_seeds) if seeds is None else (seeds, {})
-        return Suite(self.name, specs, chosen, number, metrics, others, ceilings)
+        return Suite(self.name, specs, chosen, number, others, ceilings)
 
 
 SHORT_SEEDS = 8

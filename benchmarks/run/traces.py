@@ -25,33 +25,14 @@ UNITS = {
 """The unit of each signal in a file, at the end of its name. A policy's state has none."""
 
 
-def signals(trace: Trace) -> dict[str, Array]:
-    """Return the signals of a trace, [T + 1 x n x ...], by name, and then its `details`.
-
-    From the sample at which a run diverged on, all but the reference are NaN.
-
-    Args:
-        trace: with T steps of n seeds.
-    """
-    named = {name: getattr(trace, name) for name in UNITS if hasattr(trace, name)} | trace.details
-    for name, signal in named.items():
-        alive = trace.alive.reshape(trace.alive.shape + (1,) * (signal.ndim - 2))
-        named[name] = signal if name == "reference" else np.where(alive, signal, np.nan)
-    return named
-
-
-def _column(name: str, place: tuple[int, ...]) -> str:
-    """Return the name of a column: the signal, the place of a number in it from 1, the unit."""
-    return "_".join([name, *(str(i + 1) for i in place), *([UNITS[name]] if name in UNITS else [])])
-
-
 def table(trace: Trace) -> dict[str, Array]:
     """Return a trace as columns of a table, with a row for each seed and sample.
 
-    The columns of joint 1 are named such as "position_1_rad".
+    The columns of joint 1 are named such as "position_1_rad". From the sample at which a run
+    diverged on, all but the reference are NaN.
 
     Args:
-        trace: to be written.
+        trace: to be written, perhaps with its `details`.
     """
     samples, lanes = trace.alive.shape
     columns = {
@@ -59,9 +40,12 @@ def table(trace: Trace) -> dict[str, Array]:
         "time_s": np.tile(trace.time, lanes),
         "alive": trace.alive.T.ravel(),
     }
-    for name, signal in signals(trace).items():
+    signals = {name: getattr(trace, name) for name in UNITS if hasattr(trace, name)} | trace.details
+    for name, signal in signals.items():
         for place in np.ndindex(signal.shape[2:]):
-            columns[_column(name, place)] = signal[:, :, *place].T.ravel()
+            column = "_".join([name, *(str(i + 1) for i in place), *([UNITS[name]] if name in UNITS else [])])
+            numbers = signal[:, :, *place]
+            columns[column] = (numbers if name == "reference" else np.where(trace.alive, numbers, np.nan)).T.ravel()
     return columns
 
 

@@ -196,30 +196,6 @@ def test_what_a_log_cannot_tell_is_named(tmp_path, monkeypatch):
     assert "slow moves" in found.weak.get("coulomb 2", "") or ends(tuple(found.interval()[INDEX["coulomb 2"]]))[1] > 0.5
 
 
-def test_the_stiffness_of_joints_is_found(files):
-    """Motors and links of the arm are both measured."""
-    robot = ROBOT.replace(
-        noise=None, encoder=None, actuator=10.0, joint={"stiffness": (40.0, 7.0), "rotor_inertia": (0.01, 0.005)},
-        physics_dt=0.0002,
-    )  # fmt: skip
-    env = TwoLinkArmEnv(robot, action="torque")
-    env.reset(seed=0)
-    rows = []
-    for k in range(3000):
-        torque = (0.8, 0.3) * np.sin(0.002 * k * np.array([9.0, 13.0]) + (0.0, 1.0))
-        rows.append([0.002 * k, *env.truth.motor_position, *env.truth.position, *torque])
-        env.step(torque)
-    names = ("time_s", *COLUMNS["position"], "l1", "l2", *COLUMNS["torque"])
-    log = read(write(files[0].with_name("elastic.csv"), np.array(rows), names), columns(["link=l1,l2"]))
-    found = fitting.stiffness([log], START)
-    assert found[:, 0] == pytest.approx([40.0, 7.0], rel=0.1)
-    assert (found[:, 1] < found[:, 2]).all()
-    with pytest.raises(ValueError, match=r"above 0.*signs of the motors"):
-        fitting.stiffness([dataclasses.replace(log, link=2 * log.position - log.link)], START)
-    with pytest.raises(ValueError, match="motors and links"):
-        fitting.stiffness([read(files[0])], START)
-
-
 # Planning.
 
 

@@ -178,11 +178,8 @@ def test_a_law_that_does_not_plan_at_every_sample_has_no_margins():
         linearize("nmpc")
 
 
-def test_the_command_prints_and_draws(tmp_path, capsys):
-    picture = tmp_path / "margins.png"
-    line = ["margins", "cascade-flm", "sliding-mode@layer=0", "--at", "-1", "0.5", "--plot", str(picture)]
-    assert cli.main(line) == 0
+def test_the_command_prints_margins_or_the_reason(capsys):
+    assert cli.main(["margins", "cascade-flm", "sliding-mode@layer=0", "--at", "-1", "0.5"]) == 0
     printed = capsys.readouterr().out
     assert " ms " in printed
     assert "no margins of sliding-mode@layer=0: the law has no derivative" in printed
-    assert picture.stat().st_size > 10_000

@@ -1,5 +1,6 @@
 """`fbl-gym record`: the data set says all that happened, and the environment repeats it."""
 
+import os
 import subprocess
 import sys
 
@@ -47,6 +48,8 @@ def test_the_next_run_removes_what_a_killed_one_left(tmp_path):
     )
     line = [*COMMAND, str(tmp_path / "noisy-v0")]
     assert subprocess.run([sys.executable, "-c", code, *line], check=False).returncode == -9
+    (left,) = tmp_path.iterdir()
+    os.utime(left, (0, 0))  # as if that was days ago
     assert cli.main(line) == 0
     assert [path.name for path in tmp_path.iterdir()] == ["noisy-v0"]
 
@@ -57,11 +60,11 @@ def test_an_episode_ends_where_the_arm_diverged(observed, size):
     limits = {"error": 0.5, "error_time": 0.05}
     episodes = record("zero", scenarios.get("nominal").replace(limits=limits), range(3), observed=observed)
     for episode in episodes:
-        steps = len(episode.actions)
+        steps = len(episode["actions"])
         assert steps < 1000
-        assert np.flatnonzero(episode.terminations).tolist() == [steps - 1]
-        assert episode.observations.shape == (steps + 1, size)
-        np.testing.assert_allclose(episode.infos["time"], 0.01 * np.arange(steps + 1))
+        assert np.flatnonzero(episode["terminations"]).tolist() == [steps - 1]
+        assert episode["observations"].shape == (steps + 1, size)
+        np.testing.assert_allclose(episode["infos"]["time"], 0.01 * np.arange(steps + 1))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import controllers
-from benchmarks.report.video import Scene, film, write_video
+from benchmarks.report.video import film, picture, write_video
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmEnv, scenarios
@@ -47,13 +47,13 @@ def test_a_film_is_as_long_as_the_episode_at_any_rate():
 def test_a_film_shows_what_the_environment_draws():
     """Every number, in an episode with everything in it, around pick-up and drop too."""
     scenario = scenarios.get("everything-2")
-    scene = Scene("cascade-flm", rollout("cascade-flm", scenario, [8, 3]))
+    trace = rollout("cascade-flm", scenario, [8, 3])
     env = TwoLinkArmEnv(scenario)
     view, policy, state = View(scenario, 480), controllers.make("cascade-flm", env), None
     observation, _ = env.reset(seed=8)
     for k in range(scenario.steps):
         if k in (0, 1, 299, 300, 301, 500, 699, 700, 701, 702):
-            one, two = (dataclasses.asdict(picture) for picture in (scene.picture(k), view.picture(env.truth)))
+            one, two = map(dataclasses.asdict, (picture("cascade-flm", trace, k), view.picture(env.truth)))
             for name in ("lengths", "position", "reference", "torque", "push", "time"):
                 np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9, err_msg=f"{name} at {k}")
             assert (one["payload"], one["full_torque"]) == (two["payload"], two["full_torque"]), k
@@ -63,7 +63,7 @@ def test_a_film_shows_what_the_environment_draws():
 
 def test_the_running_error_ends_as_the_metric(traces):
     for policy, trace in traces.items():
-        last = Scene(policy, trace).picture(len(trace.time) - 1)
+        last = picture(policy, trace, len(trace.time) - 1)
         assert last.subtitle == f"RMS error {measure(trace)[0]['rms_mrad']:,.1f} mrad"
         assert last.title == policy
 
@@ -72,11 +72,10 @@ def test_an_arm_that_diverged_stays_where_it_was():
     trace = rollout("zero", SHORT.replace(limits={"velocity": 3.0}, duration=2.0), [0])
     end = int(trace.alive[:, 0].sum())
     assert 10 < end < len(trace.time)
-    scene = Scene("zero", trace)
-    assert "diverged" not in scene.picture(end - 1).subtitle
-    last = scene.picture(len(trace.time) - 1)
+    assert "diverged" not in picture("zero", trace, end - 1).subtitle
+    last = picture("zero", trace, len(trace.time) - 1)
     assert last.subtitle == f"diverged at {end * 0.01:.2f} s"
-    assert last.position == scene.picture(end - 1).position
+    assert last.position == picture("zero", trace, end - 1).position
     assert len(list(film({"zero": trace}, 2, size=160))) == 5
 
 
