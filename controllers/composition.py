@@ -164,11 +164,11 @@ class Composed(TorqueLaw):
         q, v, a = ((estimated | motion)[name] for name in SENSORS)
         ahead, due, predictor = 0.0, present, self._made.get("predictor")
         if predictor is not None:
-            missed = a - forward_dynamics(arm, q, v, present)
-            f = estimate[..., 3]
+            f, now = estimate[..., 3], (q, v, present)
             q, v, due = self.drive.predict(arm, q, v, f, present, self.drive.coming(state.acting.queue))
             q, v, torque = self.drive.predict(arm, q, v, f, due, [(predictor.lateness, state.acting.queue[:, 0])])
-            a = forward_dynamics(arm, q, v, torque) + missed
+            if "acceleration" in inside.layout:
+                a = forward_dynamics(arm, q, v, torque) + (a - forward_dynamics(arm, *now))
             ahead = self.drive.delay - self.interface.latency + predictor.lateness
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
         if predictor is None:
