@@ -14,11 +14,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from controllers.dynamics import forward_dynamics
 from controllers.parts import OBSERVERS, Acting, Barrier, Predictor, Springs
 from controllers.policy import Policy, State, TorqueLaw, reference_at
 from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, clip, make_layout
-from fbl_gym.model.arm import Array, forward_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records import declarations, declared
 

@@ -5,10 +5,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from controllers.dynamics import inverse_dynamics
 from controllers.parts import Acting
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
+from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
 from fbl_gym.records import number, pair
 
 

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from controllers.dynamics import forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
 from fbl_gym.kernel import api
-from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
+from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.records import Record, number, pair
 
 TUNE = (15.0, 300.0)

@@ -1,11 +1,48 @@
-"""The motion of a model under torques that are on their way, for laws that predict through a delay.
+"""The model of the laws: its dynamics at an instant, and its motion under torques on their way.
 
-It is the kernel's own physics without friction, so a model that is the real arm predicts its motion
-to the last digits.
+The motion is the kernel's own physics without friction, so a model that is the real arm predicts
+its motion to the last digits. The dynamics has the bits of `arm.py`, whose terms and whose C
+library's sine and cosine it takes.
 """
 
+from math import cos, sin
+
 from fbl_gym.kernel.fastmath import clip, exp, inline_njit, kernel_njit
-from fbl_gym.kernel.physics import load_on_joints, make_runge_kutta, moved, solve_terms, weighted
+from fbl_gym.kernel.physics import (
+    coriolis_terms,
+    gravity_terms,
+    inertia_terms,
+    load_on_joints,
+    make_runge_kutta,
+    moved,
+    solve_terms,
+    weighted,
+)
+
+
+@inline_njit
+def _terms(arm, q, v):
+    """Return the entries of M, and C v + G, of lumped parameters and rotors [7]."""
+    m11, m12, m22 = inertia_terms(arm[0], arm[1], arm[2], arm[5], arm[6], cos(q[1]))
+    c1, c2 = coriolis_terms(arm[2], sin(q[1]), v[0], v[1])
+    g1, g2 = gravity_terms(arm[3], arm[4], cos(q[0]), cos(q[0] + q[1]))
+    return m11, m12, m22, c1, c2, g1, g2
+
+
+@kernel_njit
+def find_torques(arms, q, v, a, out):
+    """Write `arm.inverse_dynamics` of rows [n x 2], for one arm [1 x 7] or an arm each [n x 7]."""
+    for i in range(len(q)):
+        m11, m12, m22, c1, c2, g1, g2 = _terms(arms[i if len(arms) > 1 else 0], q[i], v[i])
+        out[i, 0], out[i, 1] = m11 * a[i, 0] + m12 * a[i, 1] + c1 + g1, m12 * a[i, 0] + m22 * a[i, 1] + c2 + g2
+
+
+@kernel_njit
+def find_accelerations(arms, q, v, torque, out):
+    """Write `arm.forward_dynamics` of each row, as `find_torques`."""
+    for i in range(len(q)):
+        m11, m12, m22, c1, c2, g1, g2 = _terms(arms[i if len(arms) > 1 else 0], q[i], v[i])
+        out[i, 0], out[i, 1] = solve_terms(m11, m12, m22, torque[i, 0] - c1 - g1, torque[i, 1] - c2 - g2)
 
 
 @inline_njit
