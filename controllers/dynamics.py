@@ -23,6 +23,13 @@ def forward_dynamics(arm: ArmParameters | Array, q: Array, v: Array, torque: Arr
     return _run(api.forward, arm, q, v, torque)
 
 
+def momentum(arm: ArmParameters, q: Array, v: Array) -> tuple[Array, Array]:
+    """Return M v [N m s], and C'v - G [N m] with the skew form of C, of signals [n x 2]."""
+    p, drift = np.empty(q.shape), np.empty(q.shape)
+    api.momenta(arm.base, np.ascontiguousarray(q), np.ascontiguousarray(v), p, drift)
+    return p, drift
+
+
 def _run(function: Callable[..., Any], arm: ArmParameters | Array, *signals: Array) -> Array:
     arms = arm.base if isinstance(arm, ArmParameters) else arm if arm.shape[-1] == 7 else with_rotors(arm, 0.0)
     result = np.empty(signals[0].shape)

@@ -129,7 +129,7 @@ class Law(Record):
     def read(self, observation: Array, *slots: str) -> tuple[Array, ...]:
         """Return slots of `interface.layout` of an observation [... x size], each [... x 2]."""
         layout = self.interface.layout
-        return tuple([observation[..., layout[slot]] for slot in slots])
+        return tuple([np.ascontiguousarray(observation[..., layout[slot]]) for slot in slots])
 
     def measured_motion(self, observation: Array) -> tuple[Array, Array]:
         """Return the measured position and velocity [... x 2]; zeros for an absent velocity."""

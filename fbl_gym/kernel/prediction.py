@@ -45,6 +45,41 @@ def find_accelerations(arms, q, v, torque, out):
         out[i, 0], out[i, 1] = solve_terms(m11, m12, m22, torque[i, 0] - c1 - g1, torque[i, 1] - c2 - g2)
 
 
+@kernel_njit
+def find_momenta(arm, q, v, momentum, drift):
+    """Write M v, and C'v - G with the skew form of C, of rows [n x 2]; the arm is [7]."""
+    for i in range(len(q)):
+        v1, v2 = v[i, 0], v[i, 1]
+        m11, m12, m22 = inertia_terms(arm[0], arm[1], arm[2], arm[5], arm[6], cos(q[i, 1]))
+        g1, g2 = gravity_terms(arm[3], arm[4], cos(q[i, 0]), cos(q[i, 0] + q[i, 1]))
+        h = arm[2] * sin(q[i, 1])
+        momentum[i, 0], momentum[i, 1] = m11 * v1 + m12 * v2, m12 * v1 + m22 * v2
+        drift[i, 0], drift[i, 1] = -h * v2 * v1 + h * v1 * v2 - g1, -h * (v1 + v2) * v1 - g2
+
+
+@kernel_njit
+def follow(commands, torque, spans, dt, out):
+    """Write the torque after an interval, and its mean over it [2 x n x 2].
+
+    Args:
+        commands: the newest first [n x m x 2] N m; those that act come last.
+        torque: at the start [n x 2] N m.
+        spans: duration [s] of the older command, share of the gap to it that is left, and this
+            share's integral [s]; then those of the newer one [2 x 3].
+        dt: duration of both [s].
+        out: takes them.
+    """
+    for lane in range(len(torque)):
+        for joint in range(2):
+            now, total = torque[lane, joint], 0.0
+            for i in range(2):
+                wanted = commands[lane, commands.shape[1] - 1 - i, joint]
+                gap = now - wanted
+                total = total + spans[i, 0] * wanted + spans[i, 2] * gap
+                now = wanted + spans[i, 1] * gap
+            out[0, lane, joint], out[1, lane, joint] = now, total / dt
+
+
 @inline_njit
 def _stage(q, v, load, constants):
     """Return the acceleration at one stage of a step."""
