@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.cascade import CascadeFlm
+from controllers.dynamics import forward_dynamics
 from controllers.estimator import estimate, lumped_of, point_masses
 from controllers.gain_scheduling import FORMS, schedule
 from controllers.kalman import RobustFlm
 from controllers.policy import State
-from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, regressor, with_rotors
+from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
 from fbl_gym.records import choice, declared, number
 
 SAMPLES = 3

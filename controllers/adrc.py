@@ -6,10 +6,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from controllers.dynamics import forward_dynamics, inverse_dynamics
 from controllers.parts import Acting, Eso
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, inverse_dynamics
+from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records import pair
 
 

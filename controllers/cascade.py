@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import friction_torque, winds_up
 from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import ArmParameters, Array, inverse_dynamics
+from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.options import Friction
 from fbl_gym.records import Distribution, number, pair, record
 

@@ -14,11 +14,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from controllers.dynamics import forward_dynamics
 from controllers.parts import OBSERVERS, Acting, Barrier, Predictor, Springs
-from controllers.policy import Policy, State, TorqueLaw, reference_at
+from controllers.policy import Policy, State, TorqueLaw, between, steps_at
 from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, clip, make_layout
-from fbl_gym.model.arm import Array, forward_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records import declarations, declared
 
@@ -93,6 +94,13 @@ class Composed(TorqueLaw):
         return {**made, "observer": OBSERVERS[observer](self.interface.control_dt, **self._gains(observer))}
 
     @cached_property
+    def _ahead(self) -> tuple[Array, Array, Array]:
+        """`steps_at` of the reference that the law inside gets, when its torque acts."""
+        samples, dt = len(self.interface.layout.reference) // 6, self.interface.control_dt
+        ahead = self.drive.delay - self.interface.latency + self._made["predictor"].lateness
+        return steps_at(dt, samples, ahead + dt * np.arange(samples, dtype=float))
+
+    @cached_property
     def _estimates(self) -> bool:
         """True if an estimate is needed, for a predictor or in place of a sensor."""
         wanted = (name for name in SENSORS if name in self._inside.interface.layout)
@@ -162,20 +170,18 @@ class Composed(TorqueLaw):
             motion.pop("velocity", None)
             del motion["position"]
         q, v, a = ((estimated | motion)[name] for name in SENSORS)
-        ahead, due, predictor = 0.0, present, self._made.get("predictor")
+        due, predictor = present, self._made.get("predictor")
         if predictor is not None:
-            missed = a - forward_dynamics(arm, q, v, present)
-            f = estimate[..., 3]
+            f, now = estimate[..., 3], (q, v, present)
             q, v, due = self.drive.predict(arm, q, v, f, present, self.drive.coming(state.acting.queue))
             q, v, torque = self.drive.predict(arm, q, v, f, due, [(predictor.lateness, state.acting.queue[:, 0])])
-            a = forward_dynamics(arm, q, v, torque) + missed
-            ahead = self.drive.delay - self.interface.latency + predictor.lateness
+            if "acceleration" in inside.layout:
+                a = forward_dynamics(arm, q, v, torque) + (a - forward_dynamics(arm, *now))
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
-        if predictor is None:
-            reference = observation.take(layout.reference, axis=-1).reshape(len(q), -1, 6)
-        else:
-            times = ahead + inside.control_dt * np.arange(len(layout.reference) // 6, dtype=float)
-            reference = reference_at(self.interface, observation, times)
+        reference = observation.take(layout.reference, axis=-1).reshape(len(q), -1, 6)
+        if predictor is not None:
+            last, following, t = self._ahead
+            reference = between(reference[:, last], reference[:, following], t, inside.control_dt)
         bend = state.bend
         if "springs" in self._made:
             reference, bend = self._made["springs"].moved(reference, bend)

@@ -5,10 +5,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from controllers.dynamics import inverse_dynamics, momentum
 from controllers.parts import Acting
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.records import number, pair
 
 
@@ -73,27 +74,20 @@ class ComputedTorqueDob(ComputedTorque):
     def initial(self, observation: Array) -> State:
         """Return the state: no disturbance, and the torque that leaves the momentum as it is."""
         q, v = self.read(observation, "position", "velocity")
-        momentum, drift = self.motion(q, v)
+        p, drift = momentum(self.interface.nominal, q, v)
         hold = self.drive.hold(self.holding(q))
-        return DobState(np.zeros_like(q), momentum, drift, hold._replace(mean=-drift))
-
-    def motion(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the momentum [n x 2] N m s, and C'v - G [n x 2] N m."""
-        model = self.interface.nominal
-        momentum = np.einsum("nij,nj->ni", inertia_matrix(model, q), v)
-        turning = np.einsum("nji,nj->ni", coriolis_matrix(model, q, v, skew=True), v)
-        return momentum, turning - gravity_torque(model, q)
+        return DobState(np.zeros_like(q), p, drift, hold._replace(mean=-drift))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         q, v = self.read(observation, "position", "velocity")
-        dt, (momentum, drift) = self.interface.control_dt, self.motion(q, v)
+        dt, (p, drift) = self.interface.control_dt, momentum(self.interface.nominal, q, v)
         # d = torque + (C'v - G) - p', averaged over the interval that ends now.
-        missing = state.acting.mean + 0.5 * (state.drift + drift) - (momentum - state.momentum) / dt
+        missing = state.acting.mean + 0.5 * (state.drift + drift) - (p - state.momentum) / dt
         disturbance = state.disturbance - np.expm1(-self.bandwidth * dt) * (missing - state.disturbance)
         torque = inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v)) + disturbance
         acting = self.drive.act(state.acting, self.interface.saturate(torque))
-        return torque, DobState(disturbance, momentum, drift, acting)
+        return torque, DobState(disturbance, p, drift, acting)
 
 
 class TdeState(NamedTuple):

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.dynamics import forward_dynamics
 from fbl_gym.interface import Interface
-from fbl_gym.model.arm import Array, forward_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.options import Friction
 
 

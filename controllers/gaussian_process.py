@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
+from controllers.dynamics import inverse_dynamics
 from controllers.parts import Acting
 from controllers.policy import State
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque, inverse_dynamics
+from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque
 from fbl_gym.records import number
 
 FEATURES = 40

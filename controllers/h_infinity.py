@@ -9,10 +9,11 @@ from scipy.interpolate import pade
 from scipy.linalg import solve_continuous_are
 from scipy.signal import cont2discrete, tf2ss
 
+from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import winds_up
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair, check_pair
-from fbl_gym.model.arm import Array, inverse_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.records import pair
 
 INTEGRAL = 0.2

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from controllers.computed_torque import ComputedTorque
+from controllers.dynamics import inverse_dynamics
 from controllers.policy import State
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, inverse_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.records import number
 
 CAPACITY = 64

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque
+from controllers.dynamics import forward_dynamics, inverse_dynamics
 from controllers.parts import Acting
 from controllers.policy import State
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, forward_dynamics, inverse_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.records import pair
 
 

@@ -7,11 +7,12 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import winds_up
 from controllers.kalman import JointKalman, RobustState
 from controllers.policy import State, TorqueLaw
 from fbl_gym.checks import Pair, check_pair
-from fbl_gym.model.arm import Array, inverse_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.records import number, pair
 
 

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from controllers.dynamics import forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
 from fbl_gym.kernel import api
-from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
+from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.records import Record, number, pair
 
 TUNE = (15.0, 300.0)
@@ -210,13 +211,9 @@ class Drive:
     def act(self, acting: Acting, command: Array) -> Acting:
         """Return the torques after the interval that begins with a new command [n x 2] N m."""
         commands = np.concatenate([command[:, None], acting.queue], axis=1)
-        total, torque = np.zeros_like(command), acting.torque
-        older, newer = commands[:, self.whole + 1], commands[:, self.whole]
-        for duration, wanted in ((self.rest, older), (self.dt - self.rest, newer)):
-            (keep, area), gap = self._fade(duration), torque - wanted
-            total = total + duration * wanted + area * gap
-            torque = wanted + keep * gap
-        return Acting(commands[:, : self.whole + 1], torque, total / self.dt)
+        now = np.empty((2, *command.shape))
+        api.drive(commands, np.ascontiguousarray(acting.torque), self._spans, self.dt, now)
+        return Acting(commands[:, : self.whole + 1], now[0], now[1])
 
     def predict(
         self, arm: ArmParameters, q: Array, v: Array, f: Array, torque: Array, commands: list[tuple[float, Array]]
@@ -241,10 +238,12 @@ class Drive:
             api.predict(arm.base, np.ascontiguousarray(f, dtype=float), durations, torques, self.lag, FASTEST, motion)
         return motion[0], motion[1], motion[2]
 
-    def _fade(self, t: float) -> tuple[float, float]:
-        """Return exp(-t / lag), and its integral from 0 to t."""
-        keep = math.exp(-t / self.lag) if self.lag > 0.0 else 0.0
-        return keep, self.lag * (1.0 - keep)
+    @cached_property
+    def _spans(self) -> Array:
+        """Duration t of older and newer command, exp(-t / lag), and its integral [2 x 3]."""
+        times = (self.rest, self.dt - self.rest)
+        keeps = [math.exp(-t / self.lag) if self.lag > 0.0 else 0.0 for t in times]
+        return np.array([(t, keep, self.lag * (1.0 - keep)) for t, keep in zip(times, keeps, strict=True)])
 
 
 @dataclass(frozen=True)

@@ -33,21 +33,30 @@ def slotine_li_regressor(q: Array, v: Array, v_r: Array, a_r: Array) -> Array:
     first = c2 * (a_r[:, 0] + both) - s2 * (v[:, 1] * v_r[:, 0] + (v[:, 0] + v[:, 1]) * v_r[:, 1])
     second = c2 * a_r[:, 0] + s2 * v[:, 0] * v_r[:, 0]
     rows = ((a_r[:, 0], both, first, c1, c12), (none, both, second, none, c12))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+    return _matrix(rows)
+
+
+def _matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
+    """Return the matrices [n x rows x columns] of their entries [n]."""
+    matrix = np.empty((len(rows[0][0]), len(rows), len(rows[0])))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            matrix[:, i, j] = entry
+    return matrix
 
 
 def momentum_regressor(q: Array, v: Array) -> Array:
     """Return Y [n x 2 x 5] with Y p = M(q) v."""
     c2, both, none = np.cos(q[:, 1]), v[:, 0] + v[:, 1], np.zeros(len(q))
     rows = ((v[:, 0], both, c2 * (v[:, 0] + both), none, none), (none, both, c2 * v[:, 0], none, none))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+    return _matrix(rows)
 
 
 def drift_regressor(q: Array, v: Array) -> Array:
     """Return Y [n x 2 x 5] with Y p = G(q) - C'(q, v) v, so torque = d/dt (M v) + Y p."""
     c1, c12, none = np.cos(q[:, 0]), np.cos(q[:, 0] + q[:, 1]), np.zeros(len(q))
     rows = ((none, none, none, c1, c12), (none, none, np.sin(q[:, 1]) * v[:, 0] * (v[:, 0] + v[:, 1]), none, c12))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+    return _matrix(rows)
 
 
 def friction_regressor(v: Array) -> Array:
@@ -55,7 +64,8 @@ def friction_regressor(v: Array) -> Array:
 
     p has both joints' viscous friction, then both joints' Coulomb friction.
     """
-    return np.concatenate([v[..., None] * np.eye(2), np.tanh(v / TURN)[..., None] * np.eye(2)], axis=-1)
+    dry, none = np.tanh(v / TURN), np.zeros(len(v))
+    return _matrix(((v[:, 0], none, dry[:, 0], none), (none, v[:, 1], none, dry[:, 1])))
 
 
 class SlotineLiState(NamedTuple):

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import winds_up
 from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, inverse_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.records import pair
 
 

@@ -59,12 +59,16 @@ def reference_at(interface: Interface, observation: Array, times: Array) -> Arra
         observation: [n x size].
         times: from now on [k] or [n x k] s.
     """
-    dt = interface.control_dt
     known = observation.take(interface.layout.reference, axis=-1).reshape(len(observation), -1, 6)
-    last = clip((times / dt + 1e-9).astype(int), 0, known.shape[1] - 1)
-    following = np.minimum(last + 1, known.shape[1] - 1)
+    last, following, t = steps_at(interface.control_dt, known.shape[1], times)
     lanes = slice(None) if times.ndim == 1 else np.arange(len(known))[:, None]
-    return between(known[lanes, last], known[lanes, following], (times - last * dt)[..., None], dt)
+    return between(known[lanes, last], known[lanes, following], t, interface.control_dt)
+
+
+def steps_at(dt: float, samples: int, times: Array) -> tuple[Array, Array, Array]:
+    """Return the sample before each time, the one that follows it, and the time since [... x 1]."""
+    last = clip((times / dt + 1e-9).astype(int), 0, samples - 1)
+    return last, np.minimum(last + 1, samples - 1), (times - last * dt)[..., None]
 
 
 def between(sample: Array, following: Array, t: Array, dt: float) -> Array:
@@ -129,7 +133,7 @@ class Law(Record):
     def read(self, observation: Array, *slots: str) -> tuple[Array, ...]:
         """Return slots of `interface.layout` of an observation [... x size], each [... x 2]."""
         layout = self.interface.layout
-        return tuple([observation[..., layout[slot]] for slot in slots])
+        return tuple([np.ascontiguousarray(observation[..., layout[slot]]) for slot in slots])
 
     def measured_motion(self, observation: Array) -> tuple[Array, Array]:
         """Return the measured position and velocity [... x 2]; zeros for an absent velocity."""

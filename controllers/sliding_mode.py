@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.computed_torque import ComputedTorque, ComputedTorqueDob
+from controllers.dynamics import forward_dynamics, inverse_dynamics
 from controllers.feedback_linearization import winds_up
 from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import Array, forward_dynamics, inverse_dynamics
+from fbl_gym.model.arm import Array
 from fbl_gym.records import number, pair
 
 

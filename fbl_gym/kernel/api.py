@@ -28,7 +28,7 @@ from fbl_gym.kernel.memory import (
 )
 from fbl_gym.kernel.motion import update_reference
 from fbl_gym.kernel.physics import acceleration_and_friction, advance
-from fbl_gym.kernel.prediction import advance_model
+from fbl_gym.kernel.prediction import advance_model, find_accelerations, find_momenta, find_torques, follow
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, nominal_acceleration, start_disturbance
 from fbl_gym.kernel.views import array_at, pair, record_at
@@ -305,6 +305,30 @@ def _compile(fingerprint):
         advance_model(arm, push, durations, commands, lag, fastest, motion)
 
     @cached_njit
+    def inverse(arms, q, v, a, out):
+        """Write the torques of a model; see `prediction.find_torques`."""
+        _ = fingerprint
+        find_torques(arms, q, v, a, out)
+
+    @cached_njit
+    def forward(arms, q, v, torque, out):
+        """Write the accelerations of a model; see `prediction.find_accelerations`."""
+        _ = fingerprint
+        find_accelerations(arms, q, v, torque, out)
+
+    @cached_njit
+    def momenta(arm, q, v, momentum, drift):
+        """Write the momentum of a model and its drift; see `prediction.find_momenta`."""
+        _ = fingerprint
+        find_momenta(arm, q, v, momentum, drift)
+
+    @cached_njit
+    def drive(commands, torque, spans, dt, out):
+        """Write a lagged torque and its mean; see `prediction.follow`."""
+        _ = fingerprint
+        follow(commands, torque, spans, dt, out)
+
+    @cached_njit
     def subtract_and_scale(observations, columns, out):
         """Write entries of observations, less others, in units of their scales, clipped to +-10.
 
@@ -324,7 +348,7 @@ def _compile(fingerprint):
                 value = (value - (observations[first + less] if less >= 0 else columns[i, 2])) / columns[i, 3]
                 out[lane * len(columns) + i] = min(max(value, -10.0), 10.0)
 
-    return check, inspect, load, end, predict, subtract_and_scale
+    return check, inspect, load, end, predict, inverse, forward, momenta, drive, subtract_and_scale
 
 
 _KEY = _fingerprint()
@@ -346,4 +370,4 @@ def class_of(settings):
     return 3 if settings["elastic"] else 2 if rare else int(any(settings[name] > 0 for name in _REAL))
 
 
-check, inspect, load, end, predict, subtract_and_scale = _compile(_KEY)
+check, inspect, load, end, predict, inverse, forward, momenta, drive, subtract_and_scale = _compile(_KEY)
