@@ -96,34 +96,27 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 next episode of that lane's last seed. None: the same for every lane. The first
                 `reset` without a seed draws them from the operating system's entropy.
             options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
-                True. {"scenario": s} makes s the task of all lanes.
+                True.
 
         Returns:
             Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
             info.
         """
-        check_reset_options(options, ("reset_mask", "scenario"))
-        options = options or {}
-        mask = self._as_mask(options.get("reset_mask"))
+        check_reset_options(options, ("reset_mask",))
+        mask = self._as_mask((options or {}).get("reset_mask"))
         if not self._begun and not mask.all():
             raise error.ResetNeeded("the first reset must be of every lane: no episode has begun outside reset_mask")
         seeded, seeds = self._as_seeds(seed)
-        if "scenario" in options:
-            if isinstance(options["scenario"], list | tuple) or not mask.all():
-                raise ValueError(
-                    f"scenario must be one for all lanes, which share it: make an environment for each, got {options}"
-                )
-            self.scenario = options["scenario"]
         super().reset(seed=int(seeds[0]) if len(seeds) else None)
-        if not self._seeded:
+        if not self._begun:
             drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
             self._batch.seed(np.arange(self.num_envs), drawn)
         chosen = np.flatnonzero(mask)
         fresh = np.isin(chosen, seeded)
         self._batch.seed(chosen[fresh], seeds[mask[seeded]])
-        if self._seeded:
+        if self._begun:
             self._batch.next_episode(chosen[~fresh])
-        self._seeded = self._begun = True
+        self._begun = True
         observations = np.empty((self.num_envs, self._size))
         self._batch.reset(chosen, observations.reshape(-1))
         return observations, {}
