@@ -12,8 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 from fbl_gym.checks import check_choice, check_whole, nearest
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
-from fbl_gym.kernel.memory import LANES
-from fbl_gym.kernel.program import MAX_BATCH_NUMBERS, Program, make_program
+from fbl_gym.kernel.program import Program, make_program
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
 from fbl_gym.records import build
@@ -56,7 +55,6 @@ class TaskProperties:
                 raise TypeError(f"{type(self).__name__}.__init__() got an unexpected keyword argument {name!r}{advice}")
         self._reward = Reward() if reward is None else build("reward", reward, Reward)
         self._scenario, program = configure(scenario, options, reward=self._reward, **task)
-        _check_memory(lanes, program)
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
@@ -144,16 +142,6 @@ def configure(scenario: Any, options: dict[str, Any], **task: Any) -> tuple[Scen
     if options:
         built = built.replace(**options)
     return built, make_program(built, **task)
-
-
-def _check_memory(lanes: int, program: Program) -> None:
-    """Refuse more arms than `MAX_BATCH_NUMBERS` allow."""
-    numbers = int(program.settings["block_size"]) / LANES + 6 * program.interface.layout.size  # spaces and returns too
-    most = int(MAX_BATCH_NUMBERS / numbers)
-    if lanes > max(most, 1):
-        raise ValueError(
-            f"num_envs must be at most {most:,} here, which take {MAX_BATCH_NUMBERS / 2**27:g} GiB, got {lanes}"
-        )
 
 
 def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int = 1) -> ArmBatch:

@@ -22,12 +22,6 @@ from fbl_gym.scenarios import Scenario
 Settings = NDArray[np.void]
 """One record of the type `memory.SETTINGS`, shape ()."""
 
-MAX_NUMBERS = 2**27
-"""Largest count of numbers that a single option may add to a block of lanes: 1 GiB."""
-
-MAX_BATCH_NUMBERS = 2**31
-"""Largest count of numbers in a batch: 16 GiB."""
-
 
 @dataclass(frozen=True)
 class Program:
@@ -100,8 +94,6 @@ def make_program(
     settings["waypoints"] = reference.pack(packer)
     reward.pack(settings)
     preview, past_actions = check_whole("preview", preview), check_whole("past_actions", past_actions)
-    packer.check_size("preview", preview, "", 6 * preview)
-    packer.check_size("past_actions", past_actions, "", 2 * past_actions)
     settings["past_actions"] = max(int(settings["past_actions"]), past_actions)
     # The rows of a block after its fields: queue, way-points, actions, readings, events.
     settings["past_row"] = memory.ROWS + 2 * (int(settings["delay_steps"]) + 1 + int(settings["waypoints"]))
@@ -158,13 +150,6 @@ class _Packer:
         elif number.log_uniform is not None:
             kind, second = memory.LOG_UNIFORM, log1p(values[1] / values[0] - 1.0)
         self.draws.append((row, joint, kind, first, second, *divmod(int(stream_key(path)), 2**32)))
-
-    def check_size(self, option: str, value: float, unit: str, rows: int) -> None:
-        if LANES * rows > MAX_NUMBERS:
-            raise ValueError(
-                f"{option} must be at most some {MAX_NUMBERS / (LANES * rows / value):.3g}{unit} here, which take "
-                f"{MAX_NUMBERS / 2**27:g} GiB for {LANES} arms, got {value!r}{unit}"
-            )
 
 
 def _make_interface(scenario: Scenario, action: str, settings: Settings, preview: int) -> Interface:

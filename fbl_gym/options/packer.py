@@ -28,6 +28,3 @@ class Packer(Protocol):
 
     def vary_row(self, row: int, value: Any, path: str, scale: float = 1.0) -> None:
         """Set a row of a block, or the rows of both joints, as `vary` does."""
-
-    def check_size(self, option: str, value: float, unit: str, rows: int) -> None:
-        """Raise an error if an option adds too many rows to a block of lanes."""

@@ -105,7 +105,6 @@ class _Points(_Reference):
         settings["reference_low"], settings["reference_high"] = self.low, self.high
         if self.points is None:
             n = int(duration / self.interval + 1e-9) + 2  # one more than is reached, for a jump at the very end
-            packer.check_size("duration", duration, " s", 2 * self.pairs * n)
             settings["reference_table"] = -1
         else:
             n = len(self.points)
@@ -189,7 +188,6 @@ class _Oscillation(_Reference):
         """Write the sines; those of `FourierReference` have drawn phases."""
         settings, fields = packer.settings, vars(self)
         n, phase = fields.get("harmonics", 1), fields.get("phase")
-        packer.check_size("reference.harmonics", n, "", 2 * n)
         weights = 1.0 / np.arange(1, n + 1)
         settings["reference_points"], settings["reference_middle"] = n, self.centre
         settings["base_rate"] = 2 * np.pi * fields["frequency"]
@@ -262,7 +260,6 @@ class ArrayReference(_Reference):
     def pack(self, packer: Packer) -> int:
         """Write a sample for each control step, and one more, held for previews beyond it."""
         scenario, count = packer.scenario, packer.scenario.steps + 2
-        packer.check_size("duration", scenario.duration, " s", 6 * count)
         samples = self.samples(scenario.control_dt * np.arange(count))
         samples[-1, 2:] = 0.0
         packer.settings["reference_points"] = count

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from fbl_gym.checks import Pair, check_choice, unknown
-from fbl_gym.exact import MAX_STEPS
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
@@ -140,8 +139,6 @@ class Scenario(Record):
     def check_multiple(self, name: str, duration: float, dt_name: str, least: int = 0) -> None:
         """Refuse a duration that is no multiple of a time step, or less than `least` steps."""
         dt = getattr(self, dt_name)
-        if duration / dt > MAX_STEPS:
-            raise ValueError(f"{name} must be at most {MAX_STEPS:.2g} times {dt_name}={dt:g} s, got {duration:g} s")
         steps = round(duration / dt)
         if not math.isclose(steps * dt, duration, rel_tol=1e-9, abs_tol=1e-12):
             raise ValueError(f"{name} must be a multiple of {dt_name}={dt:g} s, got {name}={duration:g} s")

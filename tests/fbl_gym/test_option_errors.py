@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import Scenario, TwoLinkArmEnv
 from tests.fbl_gym.declared import TABLE
 from tests.fbl_gym.episodes import ID
 
@@ -71,18 +71,8 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         ({"disturbance": {"kind": "pulses", "amplitude": 1, "start": 0.0125}}, "physics_dt=0.001.*start=0.0125"),
         ({"disturbance": {"kind": "pulses", "amplitude": 1, "period": 2.0005}}, "physics_dt=0.001.*period=2.0005"),
         ({"disturbance": {"kind": "array", "torque": TABLE, "dt": 0.0125}}, "physics_dt=0.001.*dt=0.0125"),
-        # Too large for the memory or for whole numbers
-        ({"duration": 1e12}, r"duration must be at most some 8.39e\+06 s here, .* for 16 arms, got 1000000000000.0 s"),
-        ({"duration": 1e9, "reference": {"kind": "array", "position": TABLE}}, "duration must be at most some"),
-        ({"duration": 1e9, "reference": "filtered-steps"}, "duration must be at most some"),
-        ({"duration": 1.7e308}, "duration must be at most .* times control_dt=0.01 s"),
-        ({"actuator": {"delay": 1e9}}, r"actuator.delay must be at most some 2.1e\+04 s here"),
-        ({"actuator": {"delay": 1.7e308}}, "actuator.delay must be at most .* times physics_dt"),
-        ({"actuator": {"delay": {"uniform": [0, 1.7e308]}}}, r"actuator.delay must be .* not above 9.0072e\+12"),
-        ({"preview": 10**400}, r"preview must be at most some 1.4e\+06 here"),
-        ({"reference": {"kind": "fourier", "harmonics": 10**9}}, r"reference.harmonics must be at most some 4.19e\+06"),
+        # Too many physics steps
         ({"physics_dt": 1e-12}, "control_dt must have at most 10000 physics steps .*, got 10000000000"),
-        ({"physics_dt": 1e-300}, "control_dt must be at most .* times physics_dt=1e-300 s, got 0.01 s"),
         (
             {"plant": {"kind": "mujoco", "substeps": 1001}},
             "control_dt must have at most 10000 physics steps .*, got 10010",
@@ -166,11 +156,6 @@ def test_an_error_does_not_change_the_next_environment():
         with pytest.raises(ValueError, match=r"must be|unknown"):
             TwoLinkArmEnv(**bad)
     np.testing.assert_array_equal(TwoLinkArmEnv().reset(seed=0)[0], before)
-
-
-def test_a_batch_beyond_any_memory_is_refused():
-    with pytest.raises(ValueError, match=r"num_envs must be at most [\d,]+ here, which take 16 GiB, got 1000000000"):
-        TwoLinkArmVectorEnv(10**9)
 
 
 def test_a_payload_that_is_never_picked_up_is_no_error():
