@@ -72,6 +72,7 @@ def make_program(
     for name in ("gravity", "centre", "inertia", "rotor"):
         settings[name] = getattr(arm, name)
     settings["real_rotor"] = scenario.rotor
+    settings["external_physics"] = scenario.plant is not None
     settings["senses_acceleration"] = "acceleration" in scenario.sensors
     # Numbers that are not zero without their option.
     for name in ("payload_pick_up", "payload_drop"):
