@@ -63,7 +63,7 @@ def _compile() -> None:
         {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
     ):
         TwoLinkArmVectorEnv(1, **options)  # a class of scenarios has a step of its own
-    env = TwoLinkArmVectorEnv(32, threads=2)
+    env = TwoLinkArmVectorEnv(32)
     observation, _ = env.reset(seed=0)
     _ = env.truth
     for name in ("adaptive-flm", "ppo-memory"):  # together they use all compiled code

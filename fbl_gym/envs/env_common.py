@@ -41,7 +41,6 @@ class TaskProperties:
         *,
         reward: Any,
         lanes: int = 1,
-        threads: int = 1,
         info: bool,
         render_mode: str | None,
         render_size: int,
@@ -64,7 +63,7 @@ class TaskProperties:
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
         self.interface, self._size = program.interface, program.interface.layout.size
         self._steps = int(program.settings["last_step"])
-        self._batch = make_batch(self._scenario, program, lanes, threads)
+        self._batch = make_batch(self._scenario, program, lanes)
         self._begun = False
         self._views: list[Any] = []  # of `render.View`
         self._constrained = self._scenario.constraints is not None
@@ -144,10 +143,10 @@ def configure(scenario: Any, options: dict[str, Any], **task: Any) -> tuple[Scen
     return built, make_program(built, **task)
 
 
-def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int = 1) -> ArmBatch:
+def make_batch(scenario: Scenario, program: Program, lanes: int) -> ArmBatch:
     """Return a batch of arms on the scenario's plant."""
     if scenario.plant is None:
-        return ArmBatch(program, lanes, threads)
+        return ArmBatch(program, lanes)
     try:
         from fbl_gym.envs.mujoco_batch import MuJoCoBatch
     except ImportError:

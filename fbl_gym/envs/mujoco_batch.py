@@ -107,7 +107,7 @@ class MuJoCoBatch(ArmBatch):
         """Start the lanes marked RESTART, and write all observations, by the compiled step."""
         blocks, lanes = self._blocks, self._lanes
         starts = np.flatnonzero(self.field("status") == RESTART)
-        self._step(self._memory, out, 0, 0)
+        self._step(self._memory, out, False)
         if not len(starts):
             return
         models = self._models()
@@ -116,7 +116,7 @@ class MuJoCoBatch(ArmBatch):
             arm.start(*(blocks[name][lanes][lane] for name in _MOTION))
         if self._senses_acceleration:
             blocks["acceleration"][lanes] = self._accelerate()[0]
-            self._step(self._memory, out, 0, 0)
+            self._step(self._memory, out, False)
 
     def _mean(self, torque: str) -> Array:
         """Return the mean of a torque over the physics step, [lanes x 2]."""
@@ -138,10 +138,8 @@ class MuJoCoBatch(ArmBatch):
 
     def truth(self) -> Truth:
         """Return the truth at this instant."""
-        truth = super().truth()
         acceleration, friction = self._accelerate()
-        leakage = truth.leakage + truth.acceleration - acceleration
-        return dataclasses.replace(truth, acceleration=acceleration, friction_torque=friction, leakage=leakage)
+        return dataclasses.replace(super().truth(), acceleration=acceleration, friction_torque=friction)
 
 
 class _Arm:

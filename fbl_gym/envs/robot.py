@@ -74,7 +74,7 @@ class Robot(ArmBatch):
         """
         observation = np.empty((1, self.interface.layout.size))
         self._memory[self._inputs] = np.concatenate([motion, reference[:6]])
-        self._step(self._memory, observation, 0, 0)
+        self._step(self._memory, observation, False)
         if len(reference) > 6:
             observation[0, self._ahead] = np.clip(reference[6:], *self._bounds)
         return observation

@@ -44,8 +44,6 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after this number of steps, if the scenario's duration is
             longer.
-        threads: number of threads that share the lanes. More than one pays from some 1,000 lanes
-            on. It changes no number.
         render_mode: "rgb_array" or None.
         render_size: width and height of each lane's frame [pixels].
     """
@@ -64,7 +62,6 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         info: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        threads: int = 1,
         render_mode: str | None = None,
         render_size: int = 480,
         **options: Any,
@@ -74,10 +71,9 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         self.autoreset_mode = AutoresetMode(check_choice("autoreset_mode", mode, modes))
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, low=1)
-        check_whole("threads", threads, low=1)
         self._prepare(
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            lanes=self.num_envs, threads=threads, max_episode_steps=max_episode_steps,
+            lanes=self.num_envs, max_episode_steps=max_episode_steps,
             autoreset=_AUTORESET[self.autoreset_mode], render_mode=render_mode, render_size=render_size,
         )  # fmt: skip
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}

@@ -5,7 +5,7 @@ import numpy as np
 from fbl_gym.kernel.elastic import advance_elastic, start_motors
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.events import apply_events, carry_payload
-from fbl_gym.kernel.fastmath import cached_njit, inline_njit, merged_njit
+from fbl_gym.kernel.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
 from fbl_gym.kernel.memory import (
     BLOCK,
     BLOCK_SIZE,
@@ -22,7 +22,7 @@ from fbl_gym.kernel.motion import update_reference
 from fbl_gym.kernel.physics import acceleration_and_friction, advance
 from fbl_gym.kernel.prediction import advance_model
 from fbl_gym.kernel.readings import observe, sense
-from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, nominal_acceleration, start_disturbance
+from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, start_disturbance
 from fbl_gym.kernel.views import array_at, pair, record_at
 
 _ZERO, _ONE = np.int64(0), np.uint64(1)
@@ -56,8 +56,8 @@ def _actions(memory, settings, number, count):
     return array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
 
 
-@cached_njit
-def check(memory):
+@kernel_njit
+def _check(memory):
     """Return -1 if all lanes can be stepped.
 
     Else return 2 i if lane i is the first whose action is not finite, or 2 i + 1 if all actions
@@ -154,30 +154,26 @@ def _compile_step(real, rare, elastic):
     """
 
     @cached_njit
-    def step(memory, out, part, parts):
+    def step(memory, out, moves):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
 
-        Nothing moves if `check` finds a problem.
+        Nothing moves if `_check` finds a problem.
 
         Args:
             memory: of the batch, see `memory.py`.
             out: takes the observations [lanes * size].
-            part: the part of the lanes to work on, from 0.
-            parts: number of parts, one for each thread. One: all lanes, after a check. More: no
-                check. Zero: no lane moves, but episodes start and readings are taken.
+            moves: False: no lane moves, but episodes start and readings are taken.
 
         Returns:
-            The result of `check`; then reward, terminated and truncated of the first lane.
+            The result of `_check`; then reward, terminated and truncated of the first lane.
         """
-        if parts == 1:
-            problem = check(memory)
+        if moves:
+            problem = _check(memory)
             if problem >= 0:
                 return problem, 0.0, False, False
-        moves, parts = parts > 0, max(parts, 1)
         settings = record_at(memory, 0, SETTINGS)
         lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
-        blocks = (lanes + LANES - 1) // LANES
-        for number in range(blocks * part // parts, blocks * (part + 1) // parts):
+        for number in range((lanes + LANES - 1) // LANES):
             block, rows, queue, waypoints = _views(memory, settings, number)
             first, count = number * LANES, _count(settings, number)
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
@@ -223,11 +219,9 @@ def inspect(memory, out):
         a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
         if settings.elastic:
             (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
-        expected1, expected2 = nominal_acceleration(block, settings, lane)
         instant.time = float(np.int64(block.step[lane])) * settings.control_dt
         instant.acceleration[0], instant.acceleration[1] = a1, a2
         instant.friction_torque[0], instant.friction_torque[1] = friction1, friction2
-        instant.leakage[0], instant.leakage[1] = expected1 - a1, expected2 - a2
 
 
 @cached_njit
@@ -236,17 +230,17 @@ def load(memory, substep):
 
     With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
     load(memory, substeps - 1), each before the engine's physics step, then `end`, then
-    step(memory, out, 0, 0).
+    step(memory, out, False).
 
     Args:
         memory: of the batch, see `memory.py`.
         substep: number of the physics step within the control step. 0 takes the actions first.
 
     Returns:
-        The result of `check` at substep 0, else -1.
+        The result of `_check` at substep 0, else -1.
     """
     if substep == 0:
-        problem = check(memory)
+        problem = _check(memory)
         if problem >= 0:
             return problem
     settings = record_at(memory, 0, SETTINGS)
