@@ -170,10 +170,7 @@ def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) 
 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
     """Return actions as an array of real numbers; refuse another shape."""
-    try:
-        array = np.asarray(action)
-    except ValueError:
-        array = np.empty(0, dtype=object)  # rows of different lengths
+    array = np.asarray(action)
     if array.dtype.kind not in "fiu":
         raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
     if array.shape != shape:

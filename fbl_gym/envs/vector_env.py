@@ -208,9 +208,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             first = check_seed(seed)
             check_seed(first + self.num_envs - 1)
             return np.arange(self.num_envs), np.uint64(first) + np.arange(self.num_envs, dtype=np.uint64)
-        if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str) or np.shape(seed) == ():
+        if np.shape(seed) != (self.num_envs,):
             raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
-        if len(seed) != self.num_envs:
-            raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")
         lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
         return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)

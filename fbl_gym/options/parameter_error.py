@@ -112,10 +112,6 @@ class ParameterError(Record):
         """Return the fixed ratios of m1, m2, L1 and L2."""
         return self.ratio  # type: ignore[return-value]
 
-    def check(self, scenario: Any) -> None:
-        """Refuse real arms whose numbers no float holds."""
-        self.lightest(scenario.arm)
-
     def lightest(self, arm: ArmParameters) -> list[ArmParameters]:
         """Return the lightest real arms of a nominal one, with their least and largest lengths.
 

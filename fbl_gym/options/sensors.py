@@ -14,9 +14,6 @@ from fbl_gym.records import Number, Numbers, Record, ends, number, pair, record,
 
 SENSORS = ("position", "velocity", "acceleration")
 
-MAX_SAMPLES = 10_000
-"""Oldest reading that an encoder may need, in control samples."""
-
 
 @dataclass(frozen=True)
 class SensorError(Record):
@@ -129,13 +126,9 @@ class Encoder(Record):
     dropout_length: int = whole(1, low=1)
 
     def validate(self) -> None:
-        """Refuse a filter of a measured velocity, and readings too old to be stored."""
+        """Refuse a filter of a measured velocity."""
         if self.low_pass is not None and self.difference is None:
             raise ValueError(f"low_pass filters a computed velocity: give difference too, got low_pass={self.low_pass}")
-        for name in ("difference", "latency", "dropout_length"):
-            value = getattr(self, name)
-            if value is not None and value > MAX_SAMPLES:
-                raise ValueError(f"{name} must be a whole number not above {MAX_SAMPLES}, got {value}")
 
     def check(self, scenario: Any) -> None:
         """Refuse a velocity that is not read or measured too, and two kinds of rounding."""

@@ -130,8 +130,8 @@ class Scenario(Record):
             )
         self.check_multiple("duration", self.duration, "control_dt", least=1)
         for option in (
-            self.parameter_error, self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint,
-            self.reference, self.disturbance, self.datasheet,
+            self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint, self.reference,
+            self.disturbance, self.datasheet,
         ):  # fmt: skip
             if option is not None:
                 option.check(self)

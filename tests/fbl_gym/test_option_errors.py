@@ -37,17 +37,7 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         ),
         ({"reference": STEPS}, r"low must not exceed high, got low=\(1.0, 1.0\) and"),
         ({"reference": SHORT}, "velocity must have the 2 rows"),
-        (
-            {"reference": {**SHORT, "velocity": [[1e200, 0.0]] * 2}},
-            r"velocity must change by less in dt=0.01 s, got 1e\+200",
-        ),
-        (
-            {"reference": {"kind": "array", "position": TABLE, "dt": 1e-200}},
-            "position must change by less in dt=1e-200",
-        ),
         ({"reward": NO_WEIGHTS}, "at least one of weight_tracking, weight_effort, weight_chatter must be positive"),
-        ({"reward": {"worst": 1e-300}}, "worst / resolution must be from 1e-9 to 1e15"),
-        ({"reward": {"weight_effort": 1.7e308, "weight_chatter": 1.7e308}}, "must be finite"),
         ({"actuator": None}, "action='normalized' needs a torque limit"),
         ({"sensors": ("position",), "action": "acceleration"}, "has none"),
         ({"sensors": ("velocity",)}, "sensors must include 'position'"),
@@ -57,9 +47,6 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         ({"arm": {"L1": 1e200}}, r"arm must have inertia about both joints, .*L1=1e\+200"),
         ({"arm": {"L1": 1e-105}}, "arm must have inertia about both joints, .*L1=1e-105"),
         ({"arm": {"gravity": 1e308}}, r"arm must have inertia about both joints, .*gravity=1e\+308"),
-        ({"parameter_error": {"ratio": 1e200}}, "arm must have inertia about both joints"),
-        ({"arm": {"m2": 1e-317, "centre": 2.0}, "friction": {"viscous": 1.0}}, "friction must decay at a finite rate"),
-        ({"joint": {"stiffness": 1.0, "rotor_inertia": 5e-324}}, "joint must have a finite rate"),
         ({"actuator": {"torque_limit": 1e200}, "action": "torque"}, r"torque_limit must be .* not above 1e\+30"),
         # Times that are no multiples of their step
         ({"control_dt": 0.01, "physics_dt": 0.003}, "multiple of physics_dt=0.003 s, got control_dt=0.01 s"),
