@@ -115,9 +115,12 @@ def make_program(
 
 
 class _Packer:
-    """The numbers of a scenario that is being packed; see `options/packer.py`.
+    """The numbers of a scenario that is being packed, to which each option adds its own by `pack`.
 
     Attributes:
+        scenario: the whole one, for its rates and for what options mean to each other.
+        settings: a record of the type `memory.SETTINGS`.
+        tables: arrays that the scenario contains, one after the other.
         fixed: of the numbers that may vary, in the order of `memory.VARIED`.
         draws: of the others, `memory.DRAW_SIZE` numbers each.
     """
@@ -130,9 +133,15 @@ class _Packer:
         self.draws: list[tuple[float, ...]] = []
 
     def vary(self, field: str, value: Any, path: str, *, scale: float = 1.0, first: int = 0) -> None:
+        """Set a field of `memory.VARIED`, from its number `first` on, to a scaled value.
+
+        The value is a number, a distribution, or a pair of them. The option's path names the random
+        stream.
+        """
         self.vary_row(memory.rows(field)[first], value, path, scale)
 
     def vary_row(self, row: int, value: Any, path: str, scale: float = 1.0) -> None:
+        """Set a row of a block, or the rows of both joints, as `vary` does."""
         for joint, number in enumerate(value if isinstance(value, tuple) else (value,)):
             index, number = row + joint - FIRST_VARIED, scaled(number, scale)
             if isinstance(number, Distribution):

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from fbl_gym.checks import Pair
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Distribution, Number, Numbers, Record, ends, number, pair, whole
 
 
@@ -46,7 +45,7 @@ class Actuator(Record):
             if isinstance(getattr(self, name), float):
                 scenario.check_multiple(f"actuator.{name}", getattr(self, name), "physics_dt")
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write limits, gain, delay and lag."""
         settings, scenario = packer.settings, packer.scenario
         settings["torque_limit"] = np.inf if self.torque_limit is None else self.torque_limit

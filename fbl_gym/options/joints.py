@@ -19,7 +19,6 @@ import numpy as np
 
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import ArmParameters, inertia_matrix
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Numbers, Record, choice, ends, pair
 
 LARGEST_STEP = 0.5
@@ -55,7 +54,7 @@ class ElasticJoint(Record):
         rate = max(fastest_rate(arm, rotor, self, viscous) for arm in scenario.lightest)
         scenario.check_rate("these joints", rate, LARGEST_STEP)
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write springs, rotors and the encoders' side."""
         packer.settings["elastic"], packer.settings["encoder_on_motor"] = True, self.encoder == "motor"
         for name in ("stiffness", "damping", "backlash"):

@@ -12,7 +12,6 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from fbl_gym.checks import Pair
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Record, kind, number, pair, table, whole
 
 # Joint angles that the default references stay within, one radian about hanging. The moves of
@@ -94,7 +93,7 @@ class _Points(_Reference):
                 f"got {self.interval:g} s"
             )
 
-    def pack(self, packer: Packer) -> int:
+    def pack(self, packer: Any) -> int:
         """Write the points, or the box from which they are drawn."""
         settings, duration = packer.settings, packer.scenario.duration
         settings["point_time"] = self.interval
@@ -124,7 +123,7 @@ class MinimumJerk(_Points):
 
     times: ClassVar[tuple[str, ...]] = ("move_time", "hold_time")
 
-    def pack(self, packer: Packer) -> int:
+    def pack(self, packer: Any) -> int:
         """Write the points and the duration of a move."""
         packer.settings["move_time"] = self.move_time
         return super().pack(packer)
@@ -157,7 +156,7 @@ class FilteredSteps(_Points):
 
     pairs: ClassVar[int] = 3  # also the filter's state at the start of each segment
 
-    def pack(self, packer: Packer) -> int:
+    def pack(self, packer: Any) -> int:
         """Write the points and the filter."""
         packer.settings["bandwidth"] = self.bandwidth
         return super().pack(packer)
@@ -180,7 +179,7 @@ class _Oscillation(_Reference):
         """Return the lowest and the highest position of each joint [rad], for any phase."""
         return _range(np.array(self.centre) + np.outer([-1, 1], self.amplitude))
 
-    def pack(self, packer: Packer) -> int:
+    def pack(self, packer: Any) -> int:
         """Write the sines; those of `FourierReference` have drawn phases."""
         settings, fields = packer.settings, vars(self)
         n, phase = fields.get("harmonics", 1), fields.get("phase")
@@ -251,7 +250,7 @@ class ArrayReference(_Reference):
             if rows is not None and len(rows) != len(self.position):
                 raise ValueError(f"{name} must have the {len(self.position)} rows of position, got {len(rows)}")
 
-    def pack(self, packer: Packer) -> int:
+    def pack(self, packer: Any) -> int:
         """Write a sample for each control step, and one more, held for previews beyond it."""
         scenario, count = packer.scenario, packer.scenario.steps + 2
         samples = self.samples(scenario.control_dt * np.arange(count))

@@ -9,7 +9,6 @@ import numpy as np
 
 from fbl_gym.checks import Pair
 from fbl_gym.exact import exp
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Number, Numbers, Record, ends, number, pair, record, scaled, whole
 
 SENSORS = ("position", "velocity", "acceleration")
@@ -51,7 +50,7 @@ class SensorError(Record):
             return tuple(scaled(density, 1 / math.sqrt(2 * control_dt)) for density in self.density)  # type: ignore[union-attr]
         return self.sigma
 
-    def pack(self, packer: Packer, name: str) -> None:
+    def pack(self, packer: Any, name: str) -> None:
         """Write the errors of a sensor."""
         settings, sensor = packer.settings, SENSORS.index(name)
         std, size = self.std_at(packer.scenario.control_dt), "sigma" if self.density == (0.0, 0.0) else "density"
@@ -88,7 +87,7 @@ class Noise(Record):
             if sensor not in scenario.sensors:
                 raise ValueError(f"noise.{sensor} is given, but sensors={scenario.sensors} has no {sensor} sensor")
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write the errors of all sensors."""
         for name, error in self.errors.items():
             error.pack(packer, name)
@@ -146,7 +145,7 @@ class Encoder(Record):
         """Return what policies know of the encoders, as fields of `Interface`."""
         return {"latency": self.latency * scenario.control_dt}
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write counts, difference, filter and latency."""
         settings = packer.settings
         if self.counts is not None:

@@ -18,6 +18,7 @@ from fbl_gym.options import Actuator, Datasheet, ElasticJoint, Friction, MuJoCo,
 from fbl_gym.options.disturbance import DISTURBANCES, Disturbance
 from fbl_gym.options.events import Event, FrictionChange, events
 from fbl_gym.options.limits import Constraints, Limits
+from fbl_gym.options.parameter_error import times
 from fbl_gym.options.plants import PLANTS
 from fbl_gym.options.references import REFERENCES, MinimumJerk, Reference
 from fbl_gym.options.sensors import SENSORS, Encoder, Noise
@@ -116,9 +117,6 @@ class Scenario(Record):
 
     def validate(self) -> None:
         """Refuse times that do not divide, too many steps, and options that do not fit together."""
-        for name in ("name", "description"):
-            if not isinstance(getattr(self, name), str):
-                raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         if "position" not in self.sensors:
             raise ValueError(f"sensors must include 'position', got {self.sensors}")
         self.check_multiple("control_dt", self.control_dt, "physics_dt")
@@ -171,10 +169,7 @@ class Scenario(Record):
     @property
     def least_rotor(self) -> Pair:
         """Return the least real rotor inertias [kg m^2]."""
-        if self.parameter_error is None:
-            return self.rotor
-        first, second = (r * ends(x)[0] for r, x in zip(self.rotor, self.parameter_error.rotor, strict=True))  # type: ignore[arg-type]
-        return first, second
+        return self.rotor if self.parameter_error is None else times(self.rotor, self.parameter_error.rotor, 0)
 
     @property
     def lightest(self) -> list[ArmParameters]:

@@ -187,15 +187,6 @@ def test_the_nearest_scenario_is_suggested(name, near):
         TwoLinkArmVectorEnv(2, name)
 
 
-@pytest.mark.parametrize("name", ["everything", "section-2-2/mass-error"])
-def test_a_family_without_a_severity_names_its_severities(name):
-    severities = f"{name}-0, {name}-1, {name}-2 or {name}-3"
-    with pytest.raises(ValueError, match=f"scenario '{name}' needs a severity: {severities}"):
-        scenarios.get(name)
-    with pytest.raises(ValueError, match="needs a severity"):
-        TwoLinkArmEnv(name)
-
-
 def test_the_papers_scenarios_run_at_the_papers_rates():
     rates = {name: scenarios.get(name).control_dt for name in scenarios.names() if name.startswith("paper-")}
     assert rates.pop("paper-6b") == 1e-4
