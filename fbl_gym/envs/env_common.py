@@ -19,7 +19,6 @@ from fbl_gym.records import build
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
-MIN_RENDER_SIZE = 160
 ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "render_mode", "render_size")
 
 
@@ -58,7 +57,7 @@ class TaskProperties:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self._info = info
-        self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
+        self.render_size = check_whole("render_size", render_size, low=160)
         # A film with one frame per step then runs in real time.
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
         self.interface, self._size = program.interface, program.interface.layout.size

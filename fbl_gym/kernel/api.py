@@ -20,7 +20,7 @@ from fbl_gym.kernel.memory import (
 )
 from fbl_gym.kernel.motion import update_reference
 from fbl_gym.kernel.physics import acceleration_and_friction, advance
-from fbl_gym.kernel.prediction import advance_model
+from fbl_gym.kernel.prediction import predict as predict
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, start_disturbance
 from fbl_gym.kernel.views import array_at, pair, record_at
@@ -265,12 +265,6 @@ def end(memory):
         count = _count(settings, number)
         _end(block, rows, waypoints, settings, tables, count, True, True, False)
         _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
-
-
-@cached_njit
-def predict(arm, push, durations, commands, lag, fastest, motion):
-    """Move a model through commands; see `prediction.advance_model`."""
-    advance_model(arm, push, durations, commands, lag, fastest, motion)
 
 
 @cached_njit

@@ -4,7 +4,7 @@ It is the kernel's own physics without friction, so a model that is the real arm
 to the last digits.
 """
 
-from fbl_gym.kernel.fastmath import clip, exp, inline_njit, kernel_njit
+from fbl_gym.kernel.fastmath import cached_njit, clip, exp, inline_njit
 from fbl_gym.kernel.physics import load_on_joints, make_runge_kutta, moved, solve_terms, weighted
 
 
@@ -26,8 +26,8 @@ def _toward(command, torque, keep):
     return command[0] + keep * (torque[0] - command[0]), command[1] + keep * (torque[1] - command[1])
 
 
-@kernel_njit
-def advance_model(arm, push, durations, commands, lag, fastest, motion):
+@cached_njit
+def predict(arm, push, durations, commands, lag, fastest, motion):
     """Move each lane through some commands, one Runge-Kutta step each.
 
     Args:

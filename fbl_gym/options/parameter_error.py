@@ -106,17 +106,12 @@ class ParameterError(Record):
     inertia: Numbers = pair(1.0, varies=True, low=0)
     rotor: Numbers = pair(1.0, varies=True, above=0)
 
-    @property
-    def ratios(self) -> Ratios:
-        """Return the fixed ratios of m1, m2, L1 and L2."""
-        return self.ratio  # type: ignore[return-value]
-
     def lightest(self, arm: ArmParameters) -> list[ArmParameters]:
         """Return the lightest real arms of a nominal one, with their least and largest lengths.
 
         Their links' centres are the nearest and the farthest ones.
         """
-        m1, m2, L1, L2 = (getattr(arm, name) * ratio for name, ratio in zip(PARAMETERS, self.ratios, strict=True))
+        m1, m2, L1, L2 = (getattr(arm, name) * ratio for name, ratio in zip(PARAMETERS, self.ratio, strict=True))  # type: ignore[arg-type]
         s1, s2, s3, s4 = (1.0 + self.radius if name in self.parameters else 1.0 for name in PARAMETERS)
         lengths = [(L1 * x1, L2 * x2) for x1 in {1.0 / s3, s3} for x2 in {1.0 / s4, s4}]
         inertia, rotor = times(arm.inertia, self.inertia, 0), times(arm.rotor, self.rotor, 0)
@@ -130,7 +125,7 @@ class ParameterError(Record):
     def pack(self, packer: Any) -> None:
         """Write ratio, radius and payload."""
         settings, radius = packer.settings, log1p(self.radius)
-        settings["ratio"] = self.ratios
+        settings["ratio"] = self.ratio
         settings["log_radius"] = [radius if name in self.parameters else 0.0 for name in PARAMETERS]
         settings["drawn_together"] = self.sampling == "together"
         for name in ("centre", "inertia", "rotor"):

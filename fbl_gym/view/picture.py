@@ -33,6 +33,7 @@ Colour: TypeAlias = tuple[int, int, int]
 BLUE, ORANGE = (0, 114, 178), (230, 159, 0)
 VERMILLION, PURPLE = (213, 94, 0), (204, 121, 167)
 PAPER, RULE, GHOST, INK = (252, 252, 250), (224, 224, 220), (168, 168, 164), (44, 44, 44)
+PALE = (210, 210, 207)
 
 FULL_TURN = 1.5 * math.pi
 """Arc that stands for a joint's full torque [rad]."""
@@ -98,12 +99,12 @@ def draw(picture: Picture, size: int = 480) -> Frame:
     canvas = blank(size, size)
     size = FINER * size
     reach = functools.partial(project, lengths=picture.lengths, size=size)
-    base, elbow, tip = _points(reach(joints(picture.lengths, picture.position)))
+    base, elbow, tip = reach(joints(picture.lengths, picture.position)).tolist()
     pygame.draw.circle(canvas, RULE, base, (REACH + 0.0015) * size, round(0.003 * size))
     _line(canvas, [base, (base[0], base[1] + 0.085 * size)], [0.06 * size] * 2, RULE)
     widths = [size * width for width in WIDTHS]
-    reference = _points(reach(joints(picture.lengths, picture.reference)))
-    _line(canvas, reference, widths, _mix(GHOST, PAPER, 0.5))
+    reference = reach(joints(picture.lengths, picture.reference)).tolist()
+    _line(canvas, reference, widths, PALE)
     if picture.payload > 0.0:
         pygame.draw.circle(canvas, ORANGE, tip, 0.03 * size)
     _line(canvas, [base, elbow, tip], widths, BLUE)
@@ -204,18 +205,8 @@ def write(canvas: pygame.Surface, text: str, at: Point, height: float, colour: C
     canvas.blit(letters, (max(round(at[0] - align * wide), 0), max(round(at[1] - high / 2), 0)))
 
 
-def _points(array: Array) -> list[Point]:
-    return [(x, y) for x, y in array.tolist()]
-
-
 def _on_circle(centre: Point, radius: float, angle: float) -> Point:
     return centre[0] + radius * math.cos(angle), centre[1] - radius * math.sin(angle)
-
-
-def _mix(colour: Colour, other: Colour, share: float) -> Colour:
-    """Return a colour with a share of the first and the rest of the other."""
-    r, g, b = (round(share * x + (1.0 - share) * y) for x, y in zip(colour, other, strict=True))
-    return r, g, b
 
 
 @functools.lru_cache(maxsize=256)

@@ -57,7 +57,7 @@ def test_records_are_frozen_and_hashable():
 
 
 def test_the_papers_scenarios_have_the_papers_arms():
-    assert scenarios.get("paper-3b").parameter_error.ratios == (2.0,) * 4
+    assert scenarios.get("paper-3b").parameter_error.ratio == (2.0,) * 4
     real = TwoLinkArmEnv("paper-3b", action="torque")
     real.reset(seed=0)
     np.testing.assert_allclose([*real.truth.masses, *real.truth.lengths], [0.7, 0.5, 20.0, 15.0])
