@@ -13,17 +13,10 @@ from controllers.gain_scheduling import FORMS, schedule
 from controllers.kalman import RobustFlm
 from controllers.policy import State
 from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
-from fbl_gym.records import choice, declared, number
+from fbl_gym.records import choice, number, table
 
 SAMPLES = 3
 """Samples of an estimate: the paper's three."""
-
-
-def _check_alpha(name: str, value: object) -> tuple[tuple[float, ...], ...]:
-    alpha = np.asarray(value, dtype=float)
-    if alpha.shape != (2, 2) or not np.isfinite(alpha).all() or (alpha < 0).any():
-        raise ValueError(f"{name} must be four numbers [2 x 2], zero or more, got {value!r}")
-    return tuple(tuple(float(x) for x in row) for row in alpha)
 
 
 class AdaptiveState(NamedTuple):
@@ -66,7 +59,7 @@ class AdaptiveFlm(CascadeFlm):
             Below 1e-12 it is rounding.
     """
 
-    alpha: Any = declared(((0.0, 0.0), (0.0, 0.0)), _check_alpha, "four numbers [2 x 2], zero or more")
+    alpha: Any = table(((0.0, 0.0), (0.0, 0.0)))
     v_s: float = number(1e-3, unit="(rad/s)^2", above=0)
     scheduling: str = choice("soft", FORMS)
     spacing: float = number(0.0, unit="s", low=0, tune=(0.01, 1.0))

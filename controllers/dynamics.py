@@ -9,24 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from fbl_gym.kernel import api
+from fbl_gym.kernel import prediction
 from fbl_gym.model.arm import ArmParameters, Array, with_rotors
 
 
 def inverse_dynamics(arm: ArmParameters | Array, q: Array, v: Array, a: Array) -> Array:
     """Return the torque M a + C v + G [N m] for an acceleration a, as `arm.inverse_dynamics`."""
-    return _run(api.inverse, arm, q, v, a)
+    return _run(prediction.find_torques, arm, q, v, a)
 
 
 def forward_dynamics(arm: ArmParameters | Array, q: Array, v: Array, torque: Array) -> Array:
     """Return the acceleration M^-1 (torque - C v - G) [rad/s^2], as `arm.forward_dynamics`."""
-    return _run(api.forward, arm, q, v, torque)
+    return _run(prediction.find_accelerations, arm, q, v, torque)
 
 
 def momentum(arm: ArmParameters, q: Array, v: Array) -> tuple[Array, Array]:
     """Return M v [N m s], and C'v - G [N m] with the skew form of C, of signals [n x 2]."""
     p, drift = np.empty(q.shape), np.empty(q.shape)
-    api.momenta(arm.base, np.ascontiguousarray(q), np.ascontiguousarray(v), p, drift)
+    prediction.find_momenta(arm.base, np.ascontiguousarray(q), np.ascontiguousarray(v), p, drift)
     return p, drift
 
 

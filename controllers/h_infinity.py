@@ -12,7 +12,7 @@ from scipy.signal import cont2discrete, tf2ss
 from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import winds_up
 from controllers.policy import State, TorqueLaw
-from fbl_gym.checks import Pair, check_pair
+from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array
 from fbl_gym.records import pair
 
@@ -88,7 +88,7 @@ class HInfinity(TorqueLaw):
     def controller(self) -> tuple[Array, Array, Array, Array]:
         """A [2 x 5 x 5], B [2 x 5], C [2 x 5] and D [2] of both joints, discrete."""
         joints = []
-        for w in check_pair("bandwidth", self.bandwidth):
+        for w in self.bandwidth:  # type: ignore[union-attr]
             a, b, c, _ = robust_controller(min(max(w * self.dead, LEAST), MOST))
             joints.append(cont2discrete((w * a, w * b, -c, 0.0), self.interface.control_dt, "bilinear")[:4])
         a, b, c, d = (np.array(matrix) for matrix in zip(*joints, strict=True))

@@ -11,7 +11,7 @@ from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import winds_up
 from controllers.kalman import JointKalman, RobustState
 from controllers.policy import State, TorqueLaw
-from fbl_gym.checks import Pair, check_pair
+from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array
 from fbl_gym.records import number, pair
 
@@ -70,7 +70,7 @@ class Lqg(TorqueLaw):
     @cached_property
     def gain(self) -> Array:
         """K [2 x 3], per joint."""
-        weights = zip(*(check_pair("", x) for x in (self.integral, self.position, self.velocity)), strict=True)
+        weights = zip(self.integral, self.position, self.velocity, strict=True)  # type: ignore[arg-type]
         return np.array([regulator(self.interface.control_dt, *joint) for joint in weights])
 
     @cached_property

@@ -17,7 +17,7 @@ from scipy.linalg import cholesky, solve_discrete_are
 
 from controllers.parts import Eso, runge_kutta
 from controllers.policy import State, TorqueLaw, reference_at
-from fbl_gym.checks import Pair, check_pair
+from fbl_gym.checks import Pair
 from fbl_gym.model.arm import (
     ArmParameters,
     Array,
@@ -189,8 +189,7 @@ class Nmpc(TorqueLaw):
         The estimate [n x 2 x 4] is that of `parts.Observer`.
         """
         n = len(plan)
-        weights = check_pair("position", self.position), check_pair("velocity", self.velocity)
-        step = self.stride * self.interface.control_dt
+        step, weights = self.stride * self.interface.control_dt, (self.position, self.velocity)
         improve = planner(self.interface.nominal, step, weights, self.interface.torque_limit, n)
         start = estimate[..., [0, 1, 3]].transpose(2, 1, 0).reshape(6, n)
         times = step * np.arange(HORIZON + 1, dtype=float)

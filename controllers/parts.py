@@ -15,7 +15,7 @@ from scipy.linalg import solve_discrete_are
 from controllers.dynamics import forward_dynamics, inverse_dynamics
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
-from fbl_gym.kernel import api
+from fbl_gym.kernel import prediction
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.records import Record, number, pair
 
@@ -212,7 +212,7 @@ class Drive:
         """Return the torques after the interval that begins with a new command [n x 2] N m."""
         commands = np.concatenate([command[:, None], acting.queue], axis=1)
         now = np.empty((2, *command.shape))
-        api.drive(commands, np.ascontiguousarray(acting.torque), self._spans, self.dt, now)
+        prediction.follow(commands, np.ascontiguousarray(acting.torque), self._spans, self.dt, now)
         return Acting(commands[:, : self.whole + 1], now[0], now[1])
 
     def predict(
@@ -235,7 +235,9 @@ class Drive:
         motion = np.array([q, v, torque], dtype=float)
         if steps:
             durations, torques = np.array([h for h, _ in steps]), np.array([x for _, x in steps], dtype=float)
-            api.predict(arm.base, np.ascontiguousarray(f, dtype=float), durations, torques, self.lag, FASTEST, motion)
+            prediction.predict(
+                arm.base, np.ascontiguousarray(f, dtype=float), durations, torques, self.lag, FASTEST, motion
+            )
         return motion[0], motion[1], motion[2]
 
     @cached_property

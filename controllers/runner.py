@@ -19,9 +19,6 @@ from fbl_gym.scenarios import Scenario, as_scenario
 _UNITS = {"position": "rad", "velocity": "rad_s", "acceleration": "rad_s2", "reference": "rad", "torque": "Nm"}
 """The signals of a log, each with its unit in the names of the columns."""
 
-_PLACES = ("reference (max_error)", "start (limits.position)", "last reading (limits.velocity times control_dt)")
-"""The places from which a joint is never far, each with the bound on the distance."""
-
 
 class Runner:
     """A policy in a loop that reads a robot and commands its torques.
@@ -183,14 +180,15 @@ class Runner:
     def _check(self, position: list[float], reference: list[float], observation: Array) -> None:
         """Raise a ValueError where a reading is beyond a limit."""
         limits, constraints = self._scenario.limits, self._scenario.constraints
-        for joint in (0, 1):
-            q, bounds = position[joint], (self._max_error, limits.position, limits.velocity * self.control_dt)
-            far = [abs(q - x[joint]) for x in (reference, self._first, self._before)]
-            for distance, most, place in zip(far, bounds, _PLACES, strict=True):
-                if distance > most:
-                    raise ValueError(
-                        f"joint {joint + 1} is {distance:.3g} rad from its {place}, more than {most:.3g} rad"
-                    )
+        places = {
+            "reference (max_error)": (reference, self._max_error),
+            "start (limits.position)": (self._first, limits.position),
+            "last reading (limits.velocity times control_dt)": (self._before, limits.velocity * self.control_dt),
+        }
+        for place, (other, most) in places.items():
+            for joint in (0, 1):
+                if (far := abs(position[joint] - other[joint])) > most:
+                    raise ValueError(f"joint {joint + 1} is {far:.3g} rad from its {place}, more than {most:.3g} rad")
         if constraints is not None and constraints.violation == "end":
             velocity = observation[0, 2:4] if "velocity" in self._scenario.sensors else np.zeros(2)
             if constraints.violated(np.array(position), velocity):

@@ -8,12 +8,11 @@ Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium;
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from fbl_gym.neighbours import IS_COMMAND, IS_OVERVIEW, warn_of_hidden
+from fbl_gym.neighbours import IS_OVERVIEW
 
 __version__ = "0.1.0"
 
 if not IS_OVERVIEW:
-    # A command that is stopped during the imports below says so in one line.
     from gymnasium.envs.registration import register
 
     from fbl_gym import options, scenarios
@@ -34,8 +33,6 @@ if not IS_OVERVIEW:
     register("fbl_gym/TwoLinkArm-v0", _ENV, vector_entry_point=_VECTOR_ENV)
     register("fbl_gym/TwoLinkArmMuJoCo-v0", _ENV, vector_entry_point=_VECTOR_ENV, kwargs={"plant": "mujoco"})
     register("fbl_gym/TwoLinkArmTracking-v0", f"{_TRACKING}Env", vector_entry_point=f"{_TRACKING}VectorEnv")
-    if not IS_COMMAND:
-        warn_of_hidden()
 
 if TYPE_CHECKING:
     from fbl_gym.envs.env import TwoLinkArmEnv

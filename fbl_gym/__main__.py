@@ -7,13 +7,12 @@ user has one of these names and comes first in `sys.path`.
 import importlib
 import sys
 
-from fbl_gym.neighbours import ROOT, hidden_by
+from fbl_gym.neighbours import ROOT
 
 
 def main() -> int:
     """Run a command and return the exit status."""
-    if hidden_by():
-        sys.path.insert(0, str(ROOT))  # workers get the same path
+    sys.path.insert(0, str(ROOT))  # workers get the same path
     status: int = importlib.import_module("benchmarks.cli").main()
     return status
 

@@ -32,11 +32,11 @@ def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
     """
     names = sorted(known)
     suggestion = nearest(name, names) or "."
-    if len(names) <= MAX_NAMES:
-        return ValueError(f"unknown {what} {name!r}{suggestion} Known: {', '.join(names) or 'none'}")
-    near = difflib.get_close_matches(str(name), names, n=3, cutoff=0.0)
-    others = ", ".join(other for other in near if repr(other) not in suggestion)
-    return ValueError(f"unknown {what} {name!r}{suggestion} Also near: {others or 'none'}")
+    few = len(names) <= MAX_NAMES
+    near = names if few else difflib.get_close_matches(str(name), names, n=3, cutoff=0.0)
+    return ValueError(
+        f"unknown {what} {name!r}{suggestion} {'Known' if few else 'Nearest'}: {', '.join(near) or 'none'}"
+    )
 
 
 def check_choice(name: str, value: object, known: Iterable[str]) -> str:

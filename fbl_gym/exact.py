@@ -4,9 +4,6 @@ from decimal import Context, Decimal
 
 _DIGITS = Context(prec=50)
 
-MAX_STEPS = 2**53
-"""Largest number of steps in any duration: beyond it, a float64 does not hold each whole number."""
-
 
 def exp(x: float) -> float:
     """Return e**x, rounded once."""

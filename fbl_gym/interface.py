@@ -49,15 +49,14 @@ class Slot:
         start: index of the first entry.
         size: number of entries.
         unit: of the entries; several units, joined by commas, repeat in turn, each for two entries.
-        low, high: bounds of the entries, [size] in their units.
+        bound: largest size of each entry, of either sign, [size] in their units.
     """
 
     name: str
     start: int
     size: int
     unit: str
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    bound: tuple[float, ...]
 
     @property
     def slice(self) -> slice:
@@ -110,11 +109,11 @@ class Layout:
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """The lowest and the highest value of each entry, [size] each."""
-        low = np.array([x for slot in self.slots for x in slot.low])
-        high = np.array([x for slot in self.slots for x in slot.high])
-        low.setflags(write=False)
-        high.setflags(write=False)
-        return low, high
+        high = np.array([x for slot in self.slots for x in slot.bound])
+        both = -high, high
+        for bound in both:
+            bound.setflags(write=False)
+        return both
 
 
 @dataclass(frozen=True)
@@ -246,7 +245,7 @@ def make_layout(
 
     def add(name: str, unit: str, bound: tuple[float, ...]) -> None:
         start = slots[-1].start + slots[-1].size if slots else 0
-        slots.append(Slot(name, start, len(bound), unit, tuple(-x for x in bound), bound))
+        slots.append(Slot(name, start, len(bound), unit, bound))
 
     position, velocity = (2 * limits.position,) * 2, (2 * limits.velocity,) * 2
     acceleration = (limits.acceleration,) * 2

@@ -183,19 +183,11 @@ def _article(cls: type) -> str:
     return f"{'an' if cls.__name__[0] in 'AEIOU' else 'a'} {cls.__name__}"
 
 
-def _check_ends(name: str, value: object, above: float | None = None) -> Range:
-    """Return the ends of a range."""
-    if not isinstance(value, list | tuple | np.ndarray) or len(value) != 2:
-        raise ValueError(f"{name} must be the two ends of a range, got {value!r}")
-    low = check_number(f"{name}[0]", value[0], above=above)
-    return low, check_number(f"{name}[1]", value[1], low=low)
-
-
-def _check_values(name: str, value: object) -> tuple[float, ...]:
+def _check_values(name: str, value: object, above: float | None = None) -> tuple[float, ...]:
     """Return one number or more."""
     if not isinstance(value, list | tuple | np.ndarray) or len(value) == 0:
         raise ValueError(f"{name} must be a list of numbers, got {value!r}")
-    return tuple(check_number(f"{name}[{i}]", each) for i, each in enumerate(value))
+    return tuple(check_number(f"{name}[{i}]", each, above=above) for i, each in enumerate(value))
 
 
 @dataclass(frozen=True)
@@ -208,16 +200,18 @@ class Distribution(Record):
         choice: values with the same chance each.
     """
 
-    uniform: Range | None = declared(None, _check_ends, "two numbers in order")
+    uniform: Range | None = declared(None, _check_values, "two numbers in order")
     log_uniform: Range | None = declared(
-        None, lambda name, value: _check_ends(name, value, above=0.0), "two numbers in order, greater than 0"
+        None, functools.partial(_check_values, above=0.0), "two numbers in order, greater than 0"
     )
     choice: tuple[float, ...] | None = declared(None, _check_values, "one number or more")
 
     def validate(self) -> None:
-        """Refuse none and several fields."""
+        """Refuse none and several fields, and a range without two ends in order."""
         if sum(value is not None for value in vars(self).values()) != 1:
             raise ValueError(f"give one of {', '.join(vars(self))}, got {self}")
+        if self.choice is None and (len(self.values) != 2 or self.values[0] > self.values[1]):
+            raise ValueError(f"a range must be two numbers in order, got {self.values}")
 
     @property
     def values(self) -> tuple[float, ...]:

@@ -137,13 +137,3 @@ def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
     done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
     for name in ("controllers", "benchmarks"):
         assert f"warning: {tmp_path / name / '__init__.py'} may be imported in its place" in done.stdout
-
-
-def test_a_users_folder_of_the_same_name_is_named_by_the_import(tmp_path):
-    (tmp_path / "controllers.py").write_text("")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
-    line = [sys.executable, "-c", "import fbl_gym"]
-    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert f"UserWarning: import controllers finds {tmp_path / 'controllers.py'}, which hides" in done.stderr
-    assert "import benchmarks" not in done.stderr

@@ -49,10 +49,10 @@ def _compile() -> None:
         {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
     ):
         TwoLinkArmVectorEnv(1, **options)  # a class of scenarios has a step of its own
-    env = TwoLinkArmVectorEnv(32, threads=2)
+    env = TwoLinkArmVectorEnv(32)
     observation, _ = env.reset(seed=0)
     _ = env.truth
-    for name in ("adaptive-flm", "ppo-memory"):  # together they use all compiled code
+    for name in ("adaptive-flm", "computed-torque-dob+predictor", "ppo-memory"):  # together they use all compiled code
         policy, state = controllers.make(name, env), None
         for _ in range(300):  # until the arms have moved enough to be estimated
             action, state = policy.predict(observation, state)

@@ -46,8 +46,15 @@ def _pulse_motion(scenario: Scenario) -> Array:
 
 
 def leakage_of(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Array:
-    """Return LS(t) = a - q'' of equation (5) from the simulated acceleration, [n x 2] rad/s^2."""
-    return env.truth.leakage
+    """Return LS(t) = a - q'' of equation (5) from the simulated acceleration, [n x 2] rad/s^2.
+
+    a is the acceleration that the nominal model expects of the applied torque.
+    """
+    truth = env.truth
+    return (
+        forward_dynamics(env.interface.nominal, truth.position, truth.velocity, truth.applied_torque)
+        - truth.acceleration
+    )
 
 
 def _leakage_formula(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Array:

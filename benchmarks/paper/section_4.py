@@ -120,8 +120,8 @@ def _mismatch(env: TwoLinkArmVectorEnv, policy: Any, state: Any) -> Array:
     """
     truth = env.truth
     motion = truth.position, truth.velocity, truth.applied_torque
-    change = forward_dynamics(state.lumped, *motion) - forward_dynamics(env.interface.nominal, *motion)
-    return np.stack([truth.leakage, truth.leakage + change], axis=1)
+    models = [forward_dynamics(arm, *motion) for arm in (env.interface.nominal, state.lumped)]
+    return np.stack(models, axis=1) - truth.acceleration[:, None]
 
 
 def _estimation(v: Values, **watch: Any) -> tuple[Trace, int]:

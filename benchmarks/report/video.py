@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.files import replacing
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
-from fbl_gym.view.picture import INK, LETTERS, MARGIN, Canvas, Frame, Picture, draw
+from fbl_gym.view.picture import FINER, INK, LETTERS, MARGIN, Frame, Picture, blank, draw, frame_of, write
 from fbl_gym.view.render import full_torque, pair
 
 FPS = {".mp4": 50, ".gif": 25}
@@ -56,9 +56,9 @@ def write_video(traces: Mapping[str, Trace], path: Path, size: int = 480) -> Non
 def film(traces: Mapping[str, Trace], fps: float, size: int = 480) -> Iterator[Frame]:
     """Yield the frames of `write_video`, one for each 1 / fps seconds of the episode."""
     first = next(iter(traces.values()))
-    header = Canvas(len(traces) * size, 2 * round(0.04 * size))
-    header.write(f"{first.scenario.name}, seed {first.seeds[0]}", (MARGIN * size, 0.048 * size), LETTERS * size, INK)
-    strip = header.frame
+    header, fine = blank(len(traces) * size, 2 * round(0.04 * size)), FINER * size
+    write(header, f"{first.scenario.name}, seed {first.seeds[0]}", (MARGIN * fine, 0.048 * fine), LETTERS * fine, INK)
+    strip = frame_of(header)
     for k in range(int(first.time[-1] * fps + 1e-9) + 1):
         sample = min(round(k / fps / first.scenario.control_dt), len(first.time) - 1)
         yield np.vstack(

@@ -4,7 +4,6 @@ One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of it
 of 4,096 arms are compared with the same arms in C (`reference.c`).
 """
 
-import os
 import time
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
@@ -14,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 
 from benchmarks.speed.c_reference import Reference, SameWork, load
-from fbl_gym import TABLE_1, TwoLinkArmVectorEnv
+from fbl_gym import TABLE_1
 from fbl_gym.model.arm import ArmParameters, Array
 
 Contestant: TypeAlias = Callable[[], int]
@@ -59,10 +58,6 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
                 c_arms = SameWork(library, env.unwrapped) if kind else Reference(library, TABLE_1, lanes)
                 contestants[peer] = (c_arms.step, "")
             contestants[f"TwoLinkArm-v0 batch, {lanes}{kind}"] = (arms, peer)
-    threads = os.cpu_count() or 1
-    if threads > 1:
-        env = TwoLinkArmVectorEnv(16384, threads=threads)
-        contestants[f"TwoLinkArm-v0 batch, 16384, {threads} threads"] = (batch(env, np.zeros((16384, 2))), _ACROBOTS)
     return contestants
 
 

@@ -113,10 +113,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     ## Determinism
 
     An episode is a function of (scenario, seed, actions). `reset(seed=s)` starts the first episode
-    of seed s, `reset()` the next one of the same seed. `reset(options={"scenario": ...})` starts it
-    in another scenario with the same observation and action; the options above still hold. Each
-    random number comes from a named stream, so that an option does not change the random numbers of
-    another.
+    of seed s, `reset()` the next one of the same seed. Each random number comes from a named
+    stream, so that an option does not change the random numbers of another.
 
     ## Another engine
 
@@ -156,21 +154,18 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         Args:
             seed: 0 to 2**64 - 1; None: the next episode of the last seed. The first `reset` without
                 a seed draws one from the operating system's entropy.
-            options: {"scenario": s} makes s the task, as does `env.unwrapped.scenario = s`.
+            options: there are none.
 
         Returns:
             The first observation, [size], and an empty info.
         """
-        check_reset_options(options, ("scenario",))
+        check_reset_options(options, ())
         if seed is not None:
             seed = check_seed(seed)
-        if options:
-            self.scenario = options["scenario"]
         super().reset(seed=seed)
-        if seed is not None or not self._seeded:
+        if seed is not None or not self._begun:
             new_seed = self.np_random.integers(MAX_SEED, dtype=np.uint64) if seed is None else np.uint64(seed)
             self._batch.seed(_LANE, new_seed)
-            self._seeded = True
         else:
             self._batch.next_episode(_LANE)
         self._begun = True
@@ -238,4 +233,6 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
 
     def close(self) -> None:
         """Close the window, if it is open."""
-        self._close_views()
+        for view in self._views:
+            view.close()
+        self._views = []

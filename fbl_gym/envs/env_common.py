@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,13 @@ from gymnasium.envs.registration import EnvSpec
 from fbl_gym.checks import check_choice, check_whole, nearest
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
-from fbl_gym.kernel.memory import LANES
-from fbl_gym.kernel.program import MAX_BATCH_NUMBERS, Program, make_program
+from fbl_gym.kernel.program import Program, make_program
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
 from fbl_gym.records import build
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
-MIN_RENDER_SIZE = 160
 ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "render_mode", "render_size")
 
 
@@ -43,7 +40,6 @@ class TaskProperties:
         *,
         reward: Any,
         lanes: int = 1,
-        threads: int = 1,
         info: bool,
         render_mode: str | None,
         render_size: int,
@@ -56,50 +52,26 @@ class TaskProperties:
                 advice = nearest(name, (*ARGUMENTS, *known))
                 raise TypeError(f"{type(self).__name__}.__init__() got an unexpected keyword argument {name!r}{advice}")
         self._reward = Reward() if reward is None else build("reward", reward, Reward)
-        self._options, self._task = options, {**task, "reward": self._reward}
-        self._lanes, self._threads = lanes, threads
-        built, program = configure(scenario, options, **self._task)
-        _check_memory(lanes, program)
+        self._scenario, program = configure(scenario, options, reward=self._reward, **task)
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self._info = info
-        self.render_size = check_whole("render_size", render_size, low=MIN_RENDER_SIZE)
+        self.render_size = check_whole("render_size", render_size, low=160)
         # A film with one frame per step then runs in real time.
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / built.control_dt))}
-        self._size = program.interface.layout.size
-        self._seeded = False
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
+        self.interface, self._size = program.interface, program.interface.layout.size
+        self._steps = int(program.settings["last_step"])
+        self._batch = make_batch(self._scenario, program, lanes)
+        self._begun = False
         self._views: list[Any] = []  # of `render.View`
-        self._take(built, program.interface, make_batch(built, program, lanes, threads))
-
-    def _take(self, scenario: Scenario, interface: Interface, batch: ArmBatch) -> None:
-        """Make a scenario the task; it begins with the next reset."""
-        self._scenario, self.interface, self._batch, self._begun = scenario, interface, batch, False
-        self._constrained = scenario.constraints is not None
-        self._reports = self._info or self._constrained or self.render_mode == "human"
+        self._constrained = self._scenario.constraints is not None
+        self._reports = info or self._constrained or render_mode == "human"
 
     @property
     def scenario(self) -> Scenario:
-        """Return the task.
-
-        A new one, which may be a name or plain data, begins with the next `reset`. The options that
-        `gym.make` got replace its fields. It must leave the observation and the action unchanged.
-        """
+        """Return the task."""
         return self._scenario
-
-    @scenario.setter
-    def scenario(self, scenario: Any) -> None:
-        built, program = configure(scenario, self._options, **self._task)
-        new, old = program.interface, self.interface
-        if (new.layout, new.action, new.action_limit) != (old.layout, old.action, old.action_limit):
-            raise ValueError(
-                f"scenario must have the observation and action of the environment's, {_entries(old)}, "
-                f"got {built.name!r} with {_entries(new)}; `past_actions`, `sensors` and `limits` make them equal"
-            )
-        batch = make_batch(built, program, self._lanes, self._threads)
-        batch.take_seeds(self._batch)
-        self._take(built, new, batch)
-        self._close_views()
 
     def _expect_begun(self, name: str) -> None:
         """Refuse to read a property before the first reset."""
@@ -116,13 +88,8 @@ class TaskProperties:
         if not self._views:
             from fbl_gym.view.render import View
 
-            self._views = [View(self.scenario, self.render_size) for _ in range(self._lanes)]
+            self._views = [View(self.scenario, self.render_size) for _ in range(self._batch.lanes)]
         return self._views
-
-    def _close_views(self) -> None:
-        for view in self._views:
-            view.close()
-        self._views = []
 
     def _measures(self) -> dict[str, Array]:
         """Return the quantities of the last step that go into its info, of each lane."""
@@ -149,7 +116,7 @@ class TaskProperties:
     def spec(self, spec: EnvSpec | None) -> None:
         if spec is not None:
             spec.kwargs = _plain(spec.kwargs)
-            spec.max_episode_steps = min(self._scenario.steps, self._task.get("max_episode_steps") or sys.maxsize)
+            spec.max_episode_steps = self._steps
         self._spec = spec
 
     @property
@@ -175,26 +142,10 @@ def configure(scenario: Any, options: dict[str, Any], **task: Any) -> tuple[Scen
     return built, make_program(built, **task)
 
 
-def _entries(interface: Interface) -> str:
-    """Return the slots of an observation and the bound of an action as text."""
-    slots = ", ".join(f"{slot.name}[{slot.size}]" for slot in interface.layout.slots)
-    return f"{slots} and actions within {interface.action_limit}"
-
-
-def _check_memory(lanes: int, program: Program) -> None:
-    """Refuse more arms than `MAX_BATCH_NUMBERS` allow."""
-    numbers = int(program.settings["block_size"]) / LANES + 6 * program.interface.layout.size  # spaces and returns too
-    most = int(MAX_BATCH_NUMBERS / numbers)
-    if lanes > max(most, 1):
-        raise ValueError(
-            f"num_envs must be at most {most:,} here, which take {MAX_BATCH_NUMBERS / 2**27:g} GiB, got {lanes}"
-        )
-
-
-def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int = 1) -> ArmBatch:
+def make_batch(scenario: Scenario, program: Program, lanes: int) -> ArmBatch:
     """Return a batch of arms on the scenario's plant."""
     if scenario.plant is None:
-        return ArmBatch(program, lanes, threads)
+        return ArmBatch(program, lanes)
     try:
         from fbl_gym.envs.mujoco_batch import MuJoCoBatch
     except ImportError:
@@ -218,10 +169,7 @@ def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) 
 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
     """Return actions as an array of real numbers; refuse another shape."""
-    try:
-        array = np.asarray(action)
-    except ValueError:
-        array = np.empty(0, dtype=object)  # rows of different lengths
+    array = np.asarray(action)
     if array.dtype.kind not in "fiu":
         raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
     if array.shape != shape:

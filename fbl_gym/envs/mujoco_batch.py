@@ -12,7 +12,6 @@ held over each of MuJoCo's steps, taken at the stretch expected in the step's mi
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -64,14 +63,8 @@ class MuJoCoBatch(ArmBatch):
         self._arms_change = any(self._settings[name] for name in ("has_payload", "events"))
         self._unchanging = not (self._settings["torque_varies"] or self._arms_change)
         self._senses_acceleration = bool(self._settings["senses_acceleration"])
-        self._settings["external_physics"] = True
         self._arms: dict[int, _Arm] = {}  # of each lane
         self._lanes = np.arange(lanes) // LANES, slice(None), np.arange(lanes) % LANES
-
-    @property
-    def _step(self) -> Any:
-        """The compiled step, of which only the start of episodes and the observation are used."""
-        return api.STEPS[2]
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
@@ -111,10 +104,10 @@ class MuJoCoBatch(ArmBatch):
         return self.step(np.array([action1, action2]), out)
 
     def _observe(self, out: Array) -> None:
-        """Start the lanes marked RESTART, and write all observations."""
+        """Start the lanes marked RESTART, and write all observations, by the compiled step."""
         blocks, lanes = self._blocks, self._lanes
         starts = np.flatnonzero(self.field("status") == RESTART)
-        self._step(self._memory, out, 0, 0)
+        self._step(self._memory, out, False)
         if not len(starts):
             return
         models = self._models()
@@ -123,7 +116,7 @@ class MuJoCoBatch(ArmBatch):
             arm.start(*(blocks[name][lanes][lane] for name in _MOTION))
         if self._senses_acceleration:
             blocks["acceleration"][lanes] = self._accelerate()[0]
-            self._step(self._memory, out, 0, 0)
+            self._step(self._memory, out, False)
 
     def _mean(self, torque: str) -> Array:
         """Return the mean of a torque over the physics step, [lanes x 2]."""
@@ -145,10 +138,8 @@ class MuJoCoBatch(ArmBatch):
 
     def truth(self) -> Truth:
         """Return the truth at this instant."""
-        truth = super().truth()
         acceleration, friction = self._accelerate()
-        leakage = truth.leakage + truth.acceleration - acceleration
-        return dataclasses.replace(truth, acceleration=acceleration, friction_torque=friction, leakage=leakage)
+        return dataclasses.replace(super().truth(), acceleration=acceleration, friction_torque=friction)
 
 
 class _Arm:

@@ -1,7 +1,6 @@
 """A robot's observation and torque command, by the code that computes those of the environments."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -44,8 +43,9 @@ class Robot(ArmBatch):
         # The arm starts at an error from a reference of zeros, which is its first position.
         changes = dict.fromkeys(_ABSENT) | {"encoder": encoder, "events": (), "initial_error": 0.0}
         rest = {"kind": "array", "position": [[0.0, 0.0]] * 2}
-        super().__init__(configure(scenario, {**changes, "initial_velocity": 0.0, "reference": rest}, **task)[1], 1)
-        self._settings["external_physics"] = True
+        program = configure(scenario, {**changes, "initial_velocity": 0.0, "reference": rest}, **task)[1]
+        program.settings["external_physics"] = True
+        super().__init__(program, 1)
         first, layout = self._parts["blocks"].start, self.interface.layout
         names = (*self.needs, *(f"reference_{name}" for name in _SIGNALS))
         self._inputs = first + memory.LANES * np.concatenate([memory.rows(name) for name in names])
@@ -53,11 +53,6 @@ class Robot(ArmBatch):
         self._time = first + memory.LANES * memory.rows("step")[0]
         self._ahead = layout["preview"] if preview else slice(0)
         self._bounds = [bound[self._ahead] for bound in layout.bounds]
-
-    @property
-    def _step(self) -> Any:
-        """The compiled step, of which only the start and the readings are used."""
-        return api.STEPS[2]
 
     def start(self, motion: Array) -> None:
         """Start a run at rest, or at the measured velocity, under the torque that holds still.
@@ -79,7 +74,7 @@ class Robot(ArmBatch):
         """
         observation = np.empty((1, self.interface.layout.size))
         self._memory[self._inputs] = np.concatenate([motion, reference[:6]])
-        self._step(self._memory, observation, 0, 0)
+        self._step(self._memory, observation, False)
         if len(reference) > 6:
             observation[0, self._ahead] = np.clip(reference[6:], *self._bounds)
         return observation

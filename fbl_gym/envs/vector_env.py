@@ -11,10 +11,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from fbl_gym.checks import check_choice, check_whole
+from fbl_gym.checks import check_whole
 from fbl_gym.envs.env_common import MAX_SEED, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Flags, Truth
-from fbl_gym.kernel.memory import NEXT_STEP, NO_AUTORESET, SAME_STEP
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
 from fbl_gym.scenarios import Scenario
@@ -22,11 +21,8 @@ from fbl_gym.scenarios import Scenario
 if TYPE_CHECKING:
     from fbl_gym.view.render import Frame
 
-_AUTORESET = {
-    AutoresetMode.NEXT_STEP: NEXT_STEP,
-    AutoresetMode.SAME_STEP: SAME_STEP,
-    AutoresetMode.DISABLED: NO_AUTORESET,
-}
+_AUTORESET = (AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
+"""The modes, in the order of their numbers in the kernel."""
 
 
 class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
@@ -44,8 +40,6 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after this number of steps, if the scenario's duration is
             longer.
-        threads: number of threads that share the lanes. More than one pays from some 1,000 lanes
-            on. It changes no number.
         render_mode: "rgb_array" or None.
         render_size: width and height of each lane's frame [pixels].
     """
@@ -64,21 +58,18 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         info: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        threads: int = 1,
         render_mode: str | None = None,
         render_size: int = 480,
         **options: Any,
     ) -> None:
         self.num_envs = check_whole("num_envs", num_envs, low=1)
-        mode, modes = getattr(autoreset_mode, "value", autoreset_mode), [mode.value for mode in AutoresetMode]
-        self.autoreset_mode = AutoresetMode(check_choice("autoreset_mode", mode, modes))
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, low=1)
-        check_whole("threads", threads, low=1)
         self._prepare(
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            lanes=self.num_envs, threads=threads, max_episode_steps=max_episode_steps,
-            autoreset=_AUTORESET[self.autoreset_mode], render_mode=render_mode, render_size=render_size,
+            lanes=self.num_envs, max_episode_steps=max_episode_steps,
+            autoreset=_AUTORESET.index(self.autoreset_mode), render_mode=render_mode, render_size=render_size,
         )  # fmt: skip
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = self.interface.observation_space
@@ -96,34 +87,27 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 next episode of that lane's last seed. None: the same for every lane. The first
                 `reset` without a seed draws them from the operating system's entropy.
             options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
-                True. {"scenario": s} makes s the task of all lanes.
+                True.
 
         Returns:
             Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
             info.
         """
-        check_reset_options(options, ("reset_mask", "scenario"))
-        options = options or {}
-        mask = self._as_mask(options.get("reset_mask"))
+        check_reset_options(options, ("reset_mask",))
+        mask = self._as_mask((options or {}).get("reset_mask"))
         if not self._begun and not mask.all():
             raise error.ResetNeeded("the first reset must be of every lane: no episode has begun outside reset_mask")
         seeded, seeds = self._as_seeds(seed)
-        if "scenario" in options:
-            if isinstance(options["scenario"], list | tuple) or not mask.all():
-                raise ValueError(
-                    f"scenario must be one for all lanes, which share it: make an environment for each, got {options}"
-                )
-            self.scenario = options["scenario"]
         super().reset(seed=int(seeds[0]) if len(seeds) else None)
-        if not self._seeded:
+        if not self._begun:
             drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
             self._batch.seed(np.arange(self.num_envs), drawn)
         chosen = np.flatnonzero(mask)
         fresh = np.isin(chosen, seeded)
         self._batch.seed(chosen[fresh], seeds[mask[seeded]])
-        if self._seeded:
+        if self._begun:
             self._batch.next_episode(chosen[~fresh])
-        self._seeded = self._begun = True
+        self._begun = True
         observations = np.empty((self.num_envs, self._size))
         self._batch.reset(chosen, observations.reshape(-1))
         return observations, {}
@@ -207,8 +191,6 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             return np.ones(self.num_envs, dtype=bool)
         if not (isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,)):
             raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}")
-        if not mask.any():
-            raise ValueError("reset_mask must have at least one True, got none")
         return mask
 
     def _as_seeds(self, seed: Any) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
@@ -219,9 +201,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             first = check_seed(seed)
             check_seed(first + self.num_envs - 1)
             return np.arange(self.num_envs), np.uint64(first) + np.arange(self.num_envs, dtype=np.uint64)
-        if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str) or np.shape(seed) == ():
+        if np.shape(seed) != (self.num_envs,):
             raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
-        if len(seed) != self.num_envs:
-            raise ValueError(f"seed must be one number or {self.num_envs}, one for each lane, got {len(seed)}")
         lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
         return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)

@@ -1,12 +1,4 @@
-"""The functions that `batch.py` calls, compiled once and cached on disk.
-
-Numba notices a change in the file of a cached function, but not in the files of the functions that
-it calls. Therefore each function below closes over a fingerprint of all the sources that it is
-compiled from. Numba makes the fingerprint part of the cache's key.
-"""
-
-import hashlib
-from pathlib import Path
+"""The functions that `batch.py` calls, compiled once and cached on disk."""
 
 import numpy as np
 
@@ -28,22 +20,11 @@ from fbl_gym.kernel.memory import (
 )
 from fbl_gym.kernel.motion import update_reference
 from fbl_gym.kernel.physics import acceleration_and_friction, advance
-from fbl_gym.kernel.prediction import advance_model, find_accelerations, find_momenta, find_torques, follow
 from fbl_gym.kernel.readings import observe, sense
-from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, nominal_acceleration, start_disturbance
+from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, start_disturbance
 from fbl_gym.kernel.views import array_at, pair, record_at
 
-_SOURCES = ("model/arm.py", "kernel/*.py")
 _ZERO, _ONE = np.int64(0), np.uint64(1)
-
-
-def _fingerprint() -> int:
-    folder = Path(__file__).parents[1]
-    digest = hashlib.sha256()
-    for pattern in _SOURCES:
-        for path in sorted(folder.glob(pattern)):
-            digest.update(path.read_bytes())
-    return int.from_bytes(digest.digest()[:7], "big")
 
 
 @inline_njit
@@ -76,6 +57,11 @@ def _actions(memory, settings, number, count):
 
 @kernel_njit
 def _check(memory):
+    """Return -1 if all lanes can be stepped.
+
+    Else return 2 i if lane i is the first whose action is not finite, or 2 i + 1 if all actions
+    are finite and lane i is the first whose episode is over.
+    """
     settings = record_at(memory, 0, SETTINGS)
     for lane in range(settings.lanes):
         index = settings.actions + 2 * lane
@@ -158,7 +144,7 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _compile_step(fingerprint, real, rare, elastic):
+def _compile_step(real, rare, elastic):
     """Return the step of a class of scenarios, without the code that only other classes use.
 
     `real`: there may be payloads, disturbances, dry friction and errors of the sensors. `rare`:
@@ -167,31 +153,26 @@ def _compile_step(fingerprint, real, rare, elastic):
     """
 
     @cached_njit
-    def step(memory, out, part, parts):
+    def step(memory, out, moves):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
 
-        Nothing moves if `check` finds a problem.
+        Nothing moves if `_check` finds a problem.
 
         Args:
             memory: of the batch, see `memory.py`.
             out: takes the observations [lanes * size].
-            part: the part of the lanes to work on, from 0.
-            parts: number of parts, one for each thread. One: all lanes, after a check. More: no
-                check. Zero: no lane moves, but episodes start and readings are taken.
+            moves: False: no lane moves, but episodes start and readings are taken.
 
         Returns:
-            The result of `check`; then reward, terminated and truncated of the first lane.
+            The result of `_check`; then reward, terminated and truncated of the first lane.
         """
-        _ = fingerprint
-        if parts == 1:
+        if moves:
             problem = _check(memory)
             if problem >= 0:
                 return problem, 0.0, False, False
-        moves, parts = parts > 0, max(parts, 1)
         settings = record_at(memory, 0, SETTINGS)
         lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
-        blocks = (lanes + LANES - 1) // LANES
-        for number in range(blocks * part // parts, blocks * (part + 1) // parts):
+        for number in range((lanes + LANES - 1) // LANES):
             block, rows, queue, waypoints = _views(memory, settings, number)
             first, count = number * LANES, _count(settings, number)
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
@@ -221,142 +202,95 @@ def _compile_step(fingerprint, real, rare, elastic):
     return step
 
 
-def _compile(fingerprint):
-    @cached_njit
-    def check(memory):
-        """Return -1 if all lanes can be stepped.
+@cached_njit
+def inspect(memory, out):
+    """Write the truth of each lane that the blocks do not have.
 
-        Else return 2 i if lane i is the first whose action is not finite, or 2 i + 1 if all actions
-        are finite and lane i is the first whose episode is over.
-        """
-        _ = fingerprint
-        return _check(memory)
+    Args:
+        memory: of the batch, see `memory.py`.
+        out: takes it, records of the type `INSTANT` [lanes].
+    """
+    settings = record_at(memory, 0, SETTINGS)
+    for i in range(len(out)):
+        block, _, _, _ = _views(memory, settings, i // LANES)
+        lane, instant = i % LANES, out[i]
+        law = settings.friction_law
+        a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
+        if settings.elastic:
+            (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
+        instant.time = float(np.int64(block.step[lane])) * settings.control_dt
+        instant.acceleration[0], instant.acceleration[1] = a1, a2
+        instant.friction_torque[0], instant.friction_torque[1] = friction1, friction2
 
-    @cached_njit
-    def inspect(memory, out):
-        """Write the truth of each lane that the blocks do not have.
 
-        Args:
-            memory: of the batch, see `memory.py`.
-            out: takes it, records of the type `INSTANT` [lanes].
-        """
-        _ = fingerprint
-        settings = record_at(memory, 0, SETTINGS)
-        for i in range(len(out)):
-            block, _, _, _ = _views(memory, settings, i // LANES)
-            lane, instant = i % LANES, out[i]
-            law = settings.friction_law
-            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
-            if settings.elastic:
-                (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
-            expected1, expected2 = nominal_acceleration(block, settings, lane)
-            instant.time = float(np.int64(block.step[lane])) * settings.control_dt
-            instant.acceleration[0], instant.acceleration[1] = a1, a2
-            instant.friction_torque[0], instant.friction_torque[1] = friction1, friction2
-            instant.leakage[0], instant.leakage[1] = expected1 - a1, expected2 - a2
+@cached_njit
+def load(memory, substep):
+    """Set the torques and payloads of a physics step, for an engine other than the kernel.
 
-    @cached_njit
-    def load(memory, substep):
-        """Set the torques and payloads of a physics step, for an engine other than the kernel.
+    With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
+    load(memory, substeps - 1), each before the engine's physics step, then `end`, then
+    step(memory, out, False).
 
-        With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
-        load(memory, substeps - 1), each before the engine's physics step, then `end`, then
-        step(memory, out, 0, 0).
+    Args:
+        memory: of the batch, see `memory.py`.
+        substep: number of the physics step within the control step. 0 takes the actions first.
 
-        Args:
-            memory: of the batch, see `memory.py`.
-            substep: number of the physics step within the control step. 0 takes the actions first.
-
-        Returns:
-            The result of `check` at substep 0, else -1.
-        """
-        _ = fingerprint
+    Returns:
+        The result of `_check` at substep 0, else -1.
+    """
+    if substep == 0:
+        problem = _check(memory)
+        if problem >= 0:
+            return problem
+    settings = record_at(memory, 0, SETTINGS)
+    tables = _tables(memory, settings)
+    for number in range((settings.lanes + LANES - 1) // LANES):
+        block, rows, queue, _ = _views(memory, settings, number)
+        count = _count(settings, number)
         if substep == 0:
-            problem = _check(memory)
-            if problem >= 0:
-                return problem
-        settings = record_at(memory, 0, SETTINGS)
-        tables = _tables(memory, settings)
-        for number in range((settings.lanes + LANES - 1) // LANES):
-            block, rows, queue, _ = _views(memory, settings, number)
-            count = _count(settings, number)
-            if substep == 0:
-                actions = _actions(memory, settings, number, count)
-                command(block, rows, queue, settings, actions, count)
-            _load(block, rows, queue, settings, tables, count, substep, True, True)
-        return -1
-
-    @cached_njit
-    def end(memory):
-        """End a control step after its physics: clock, readings, reference, reward and flags."""
-        _ = fingerprint
-        settings = record_at(memory, 0, SETTINGS)
-        tables = _tables(memory, settings)
-        for number in range((settings.lanes + LANES - 1) // LANES):
-            block, rows, _, waypoints = _views(memory, settings, number)
-            count = _count(settings, number)
-            _end(block, rows, waypoints, settings, tables, count, True, True, False)
-            _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
-
-    @cached_njit
-    def predict(arm, push, durations, commands, lag, fastest, motion):
-        """Move a model through commands; see `prediction.advance_model`."""
-        _ = fingerprint
-        advance_model(arm, push, durations, commands, lag, fastest, motion)
-
-    @cached_njit
-    def inverse(arms, q, v, a, out):
-        """Write the torques of a model; see `prediction.find_torques`."""
-        _ = fingerprint
-        find_torques(arms, q, v, a, out)
-
-    @cached_njit
-    def forward(arms, q, v, torque, out):
-        """Write the accelerations of a model; see `prediction.find_accelerations`."""
-        _ = fingerprint
-        find_accelerations(arms, q, v, torque, out)
-
-    @cached_njit
-    def momenta(arm, q, v, momentum, drift):
-        """Write the momentum of a model and its drift; see `prediction.find_momenta`."""
-        _ = fingerprint
-        find_momenta(arm, q, v, momentum, drift)
-
-    @cached_njit
-    def drive(commands, torque, spans, dt, out):
-        """Write a lagged torque and its mean; see `prediction.follow`."""
-        _ = fingerprint
-        follow(commands, torque, spans, dt, out)
-
-    @cached_njit
-    def subtract_and_scale(observations, columns, out):
-        """Write entries of observations, less others, in units of their scales, clipped to +-10.
-
-        Args:
-            observations: [lanes * size].
-            columns: of each result, the entry, the entry that is subtracted, or -1 for a number,
-                this number, and the scale, [results x 4].
-            out: takes them [lanes * results].
-        """
-        _ = fingerprint
-        lanes = len(out) // len(columns)
-        for lane in range(lanes):
-            first = lane * (len(observations) // lanes)
-            for i in range(len(columns)):
-                less = int(columns[i, 1])
-                value = observations[first + int(columns[i, 0])]
-                value = (value - (observations[first + less] if less >= 0 else columns[i, 2])) / columns[i, 3]
-                out[lane * len(columns) + i] = min(max(value, -10.0), 10.0)
-
-    return check, inspect, load, end, predict, inverse, forward, momenta, drive, subtract_and_scale
+            actions = _actions(memory, settings, number, count)
+            command(block, rows, queue, settings, actions, count)
+        _load(block, rows, queue, settings, tables, count, substep, True, True)
+    return -1
 
 
-_KEY = _fingerprint()
+@cached_njit
+def end(memory):
+    """End a control step after its physics: clock, readings, reference, reward and flags."""
+    settings = record_at(memory, 0, SETTINGS)
+    tables = _tables(memory, settings)
+    for number in range((settings.lanes + LANES - 1) // LANES):
+        block, rows, _, waypoints = _views(memory, settings, number)
+        count = _count(settings, number)
+        _end(block, rows, waypoints, settings, tables, count, True, True, False)
+        _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+
+
+@cached_njit
+def subtract_and_scale(observations, columns, out):
+    """Write entries of observations, less others, in units of their scales, clipped to +-10.
+
+    Args:
+        observations: [lanes * size].
+        columns: of each result, the entry, the entry that is subtracted, or -1 for a number,
+            this number, and the scale, [results x 4].
+        out: takes them [lanes * results].
+    """
+    lanes = len(out) // len(columns)
+    for lane in range(lanes):
+        first = lane * (len(observations) // lanes)
+        for i in range(len(columns)):
+            less = int(columns[i, 1])
+            value = observations[first + int(columns[i, 0])]
+            value = (value - (observations[first + less] if less >= 0 else columns[i, 2])) / columns[i, 3]
+            out[lane * len(columns) + i] = min(max(value, -10.0), 10.0)
+
+
 STEPS = (
-    _compile_step(_KEY, False, False, False),
-    _compile_step(_KEY, True, False, False),
-    _compile_step(_KEY, True, True, False),
-    _compile_step(_KEY, True, True, True),
+    _compile_step(False, False, False),
+    _compile_step(True, False, False),
+    _compile_step(True, True, False),
+    _compile_step(True, True, True),
 )
 """The steps of plain scenarios, of real ones, of those with rare options, and of elastic joints."""
 
@@ -366,8 +300,7 @@ _RARE = ("events", "history", "dropout_length")
 
 def class_of(settings):
     """Return the index in `STEPS` of the step that a scenario needs."""
+    if settings["external_physics"]:
+        return 2
     rare = any(settings[name] > 0 for name in _RARE)
     return 3 if settings["elastic"] else 2 if rare else int(any(settings[name] > 0 for name in _REAL))
-
-
-check, inspect, load, end, predict, inverse, forward, momenta, drive, subtract_and_scale = _compile(_KEY)

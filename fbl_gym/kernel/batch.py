@@ -6,10 +6,7 @@ Both environments are a thin layer over this module; the single one is a batch o
 from __future__ import annotations
 
 import dataclasses
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -48,8 +45,6 @@ class Truth:
         applied_torque: torque of the drives [N m], after limit, delay, lag, gain and ripple.
         friction_torque: F of equation (1) [N m]; of a joint that sticks, the torque that holds it.
         disturbance: tau_d of equation (1) [N m].
-        leakage: LS of equation (5) [rad/s^2]: the acceleration that the nominal model expects of
-            the applied torque, less the real one.
         masses: of the links [kg], without the payload.
         lengths: of the links [m].
         lumped: the five lumped parameters with the payload carried now, [5] or [lanes x 5];
@@ -85,7 +80,6 @@ class Truth:
     applied_torque: Array
     friction_torque: Array
     disturbance: Array
-    leakage: Array
     masses: Array
     lengths: Array
     lumped: Array
@@ -112,10 +106,9 @@ class ArmBatch:
     Args:
         program: the scenario in numbers.
         lanes: number of arms, one or more.
-        threads: number of threads between which the lanes are divided.
     """
 
-    def __init__(self, program: Program, lanes: int, threads: int = 1) -> None:
+    def __init__(self, program: Program, lanes: int) -> None:
         settings = program.settings
         blocks, size = -(-lanes // LANES), program.interface.layout.size
         finals = lanes * size if settings["autoreset"] == memory.SAME_STEP else 0
@@ -134,7 +127,6 @@ class ArmBatch:
         self._first_action = self._actions.start
         self.lanes = lanes
         self._class = api.class_of(settings)
-        self._threads = min(threads, blocks)
         self._memory = np.zeros(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
         self._settings[...] = settings
@@ -143,7 +135,7 @@ class ArmBatch:
             self._settings[name] = self._parts[name].start
         # The last block's spare lanes get an episode too, which keeps their numbers finite.
         self._blocks["status"] = RESTART
-        self._step(self._memory, np.empty(lanes * size), 0, 0)
+        self._step(self._memory, np.empty(lanes * size), False)
         # Before its first step, a lane must be reset.
         self._blocks["status"] = ENDED
 
@@ -197,35 +189,27 @@ class ArmBatch:
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
-        self._step(self._memory, out, 0, 0)
+        self._step(self._memory, out, False)
 
     def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
-        """Advance every lane by one control step, unless `kernel.api.check` finds a problem.
+        """Advance every lane by one control step, unless an action or a lane is refused.
 
         Args:
             actions: [2 * lanes].
             out: takes the observations [lanes * size].
 
         Returns:
-            The result of `check`; then reward, terminated and truncated of the first lane.
+            The result of `api._check`; then reward, terminated and truncated of the first lane.
         """
-        memory = self._memory
-        memory[self._actions] = actions
-        parts = self._threads
-        if parts == 1:
-            return _STEPS[self._class](memory, out, 0, 1)
-        problem: int = api.check(memory)
-        if problem >= 0:
-            return problem, 0.0, False, False
-        first, *_ = _pool(parts).map(lambda part: self._step(memory, out, part, parts), range(parts))
-        return first
+        self._memory[self._actions] = actions
+        return _STEPS[self._class](self._memory, out, True)
 
     def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:
         """Advance a batch of one lane, as `step` does, faster."""
         memory, first = self._memory, self._first_action
         memory[first] = action1
         memory[first + 1] = action2
-        return _STEPS[self._class](memory, out, 0, 1)
+        return _STEPS[self._class](memory, out, True)
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:
@@ -280,16 +264,6 @@ _STORED = [
     if field.name not in (*(INSTANT.names or ()), "masses", "lengths", "rotor", "commands", "event_times")
 ]
 """Fields of `Truth` that a block has."""
-
-
-@lru_cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    """Return the threads that all batches share. The kernel runs without the interpreter's lock."""
-    return ThreadPoolExecutor(threads, thread_name_prefix="fbl-gym")
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of its parent's threads
 
 
 def single(truth: Truth) -> Truth:

@@ -10,8 +10,9 @@ Microsystems 1993). Those of exp and log are plain Taylor series, long enough th
 below rounding. `tests/fbl_gym/test_fastmath.py` bounds their distance from the C library.
 """
 
+import hashlib
 import warnings
-from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,9 @@ from numba import njit, types
 from numba.core import caching
 from numba.extending import intrinsic
 
-from fbl_gym.kernel.compiler import KernelCompiler
-
 # Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) leaves no exits
 # in the loops over lanes: a loop with an exit is not vectorised.
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "pipeline_class": KernelCompiler}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "_nrt": False}
 
 inline_njit = njit(forceinline=True, **_INNER)
@@ -36,40 +35,36 @@ merged_njit = njit(inline="always", **_INNER)
 """Copy a function's source into its only caller before compilation, where that compiles faster."""
 
 
-class _OutsideThePackage(caching.CompileResultCacheImpl):
-    """Numba's choice of a folder, but for `__pycache__`: `pip uninstall` leaves files there."""
-
-    _locator_classes = [  # noqa: RUF012 - as in Numba
-        locator for locator in caching.CacheImpl._locator_classes if "InTree" not in locator.__name__
-    ]
+_PACKAGE = Path(__file__).parents[1]
+_SOURCES = hashlib.sha256()
+for _path in (_PACKAGE / "model" / "arm.py", *sorted((_PACKAGE / "kernel").glob("*.py"))):
+    _SOURCES.update(_path.read_bytes())
 
 
 class _Cache(caching.FunctionCache):
-    _impl_class = _OutsideThePackage
+    """Numba's cache on disk, which alone notices changes in a function's own file only."""
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return the key of compiled code: Numba's, and a hash of all that functions may call."""
+        return *super()._index_key(sig, codegen), _SOURCES.hexdigest()
 
 
 def cached_njit(function: Any) -> Any:
     """Compile a function that Python calls, and cache the result on disk.
 
-    The folder is `NUMBA_CACHE_DIR`, else the user's cache directory. Where none can be written,
-    warn; then each process compiles.
+    The folder is Numba's choice. Where none can be written, warn; then each process compiles.
     """
     dispatcher = njit(nogil=True, **_OPTIONS)(function)
     try:
         dispatcher._cache = _Cache(function)
-    except RuntimeError:  # Numba's, if no folder can be written
-        _warn_of_no_cache()
+    except RuntimeError:
+        warnings.warn(
+            "compiled code cannot be kept, as no folder can be written: every process compiles for some seconds. Set "
+            "the environment variable NUMBA_CACHE_DIR to a folder that can be written.",
+            RuntimeWarning,
+            stacklevel=1,
+        )
     return dispatcher
-
-
-@lru_cache(maxsize=1)
-def _warn_of_no_cache() -> None:
-    warnings.warn(
-        "compiled code cannot be kept, as the user's cache directory cannot be written: every process compiles "
-        "for some seconds. Set the environment variable NUMBA_CACHE_DIR to a folder that can be written.",
-        RuntimeWarning,
-        stacklevel=1,
-    )
 
 
 @intrinsic

@@ -267,7 +267,6 @@ INSTANT = np.dtype(
         ("time", np.float64),  # [s]
         ("acceleration", np.float64, 2),  # [rad/s^2]
         ("friction_torque", np.float64, 2),  # [N m]
-        ("leakage", np.float64, 2),  # [rad/s^2]
     ]
 )
 """What `api.inspect` computes of a lane at an instant; the rest of the truth is in the blocks."""

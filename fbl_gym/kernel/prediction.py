@@ -7,7 +7,7 @@ library's sine and cosine it takes.
 
 from math import cos, sin
 
-from fbl_gym.kernel.fastmath import clip, exp, inline_njit, kernel_njit
+from fbl_gym.kernel.fastmath import cached_njit, clip, exp, inline_njit
 from fbl_gym.kernel.physics import (
     coriolis_terms,
     gravity_terms,
@@ -29,7 +29,7 @@ def _terms(arm, q, v):
     return m11, m12, m22, c1, c2, g1, g2
 
 
-@kernel_njit
+@cached_njit
 def find_torques(arms, q, v, a, out):
     """Write `arm.inverse_dynamics` of rows [n x 2], for one arm [1 x 7] or an arm each [n x 7]."""
     for i in range(len(q)):
@@ -37,7 +37,7 @@ def find_torques(arms, q, v, a, out):
         out[i, 0], out[i, 1] = m11 * a[i, 0] + m12 * a[i, 1] + c1 + g1, m12 * a[i, 0] + m22 * a[i, 1] + c2 + g2
 
 
-@kernel_njit
+@cached_njit
 def find_accelerations(arms, q, v, torque, out):
     """Write `arm.forward_dynamics` of each row, as `find_torques`."""
     for i in range(len(q)):
@@ -45,7 +45,7 @@ def find_accelerations(arms, q, v, torque, out):
         out[i, 0], out[i, 1] = solve_terms(m11, m12, m22, torque[i, 0] - c1 - g1, torque[i, 1] - c2 - g2)
 
 
-@kernel_njit
+@cached_njit
 def find_momenta(arm, q, v, momentum, drift):
     """Write M v, and C'v - G with the skew form of C, of rows [n x 2]; the arm is [7]."""
     for i in range(len(q)):
@@ -57,7 +57,7 @@ def find_momenta(arm, q, v, momentum, drift):
         drift[i, 0], drift[i, 1] = -h * v2 * v1 + h * v1 * v2 - g1, -h * (v1 + v2) * v1 - g2
 
 
-@kernel_njit
+@cached_njit
 def follow(commands, torque, spans, dt, out):
     """Write the torque after an interval, and its mean over it [2 x n x 2].
 
@@ -98,8 +98,8 @@ def _toward(command, torque, keep):
     return command[0] + keep * (torque[0] - command[0]), command[1] + keep * (torque[1] - command[1])
 
 
-@kernel_njit
-def advance_model(arm, push, durations, commands, lag, fastest, motion):
+@cached_njit
+def predict(arm, push, durations, commands, lag, fastest, motion):
     """Move each lane through some commands, one Runge-Kutta step each.
 
     Args:

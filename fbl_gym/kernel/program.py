@@ -22,12 +22,6 @@ from fbl_gym.scenarios import Scenario
 Settings = NDArray[np.void]
 """One record of the type `memory.SETTINGS`, shape ()."""
 
-MAX_NUMBERS = 2**27
-"""Largest count of numbers that a single option may add to a block of lanes: 1 GiB."""
-
-MAX_BATCH_NUMBERS = 2**31
-"""Largest count of numbers in a batch: 16 GiB."""
-
 
 @dataclass(frozen=True)
 class Program:
@@ -78,6 +72,7 @@ def make_program(
     for name in ("gravity", "centre", "inertia", "rotor"):
         settings[name] = getattr(arm, name)
     settings["real_rotor"] = scenario.rotor
+    settings["external_physics"] = scenario.plant is not None
     settings["senses_acceleration"] = "acceleration" in scenario.sensors
     # Numbers that are not zero without their option.
     for name in ("payload_pick_up", "payload_drop"):
@@ -100,8 +95,6 @@ def make_program(
     settings["waypoints"] = reference.pack(packer)
     reward.pack(settings)
     preview, past_actions = check_whole("preview", preview), check_whole("past_actions", past_actions)
-    packer.check_size("preview", preview, "", 6 * preview)
-    packer.check_size("past_actions", past_actions, "", 2 * past_actions)
     settings["past_actions"] = max(int(settings["past_actions"]), past_actions)
     # The rows of a block after its fields: queue, way-points, actions, readings, events.
     settings["past_row"] = memory.ROWS + 2 * (int(settings["delay_steps"]) + 1 + int(settings["waypoints"]))
@@ -122,9 +115,12 @@ def make_program(
 
 
 class _Packer:
-    """The numbers of a scenario that is being packed; see `options/packer.py`.
+    """The numbers of a scenario that is being packed, to which each option adds its own by `pack`.
 
     Attributes:
+        scenario: the whole one, for its rates and for what options mean to each other.
+        settings: a record of the type `memory.SETTINGS`.
+        tables: arrays that the scenario contains, one after the other.
         fixed: of the numbers that may vary, in the order of `memory.VARIED`.
         draws: of the others, `memory.DRAW_SIZE` numbers each.
     """
@@ -137,9 +133,15 @@ class _Packer:
         self.draws: list[tuple[float, ...]] = []
 
     def vary(self, field: str, value: Any, path: str, *, scale: float = 1.0, first: int = 0) -> None:
+        """Set a field of `memory.VARIED`, from its number `first` on, to a scaled value.
+
+        The value is a number, a distribution, or a pair of them. The option's path names the random
+        stream.
+        """
         self.vary_row(memory.rows(field)[first], value, path, scale)
 
     def vary_row(self, row: int, value: Any, path: str, scale: float = 1.0) -> None:
+        """Set a row of a block, or the rows of both joints, as `vary` does."""
         for joint, number in enumerate(value if isinstance(value, tuple) else (value,)):
             index, number = row + joint - FIRST_VARIED, scaled(number, scale)
             if isinstance(number, Distribution):
@@ -158,13 +160,6 @@ class _Packer:
         elif number.log_uniform is not None:
             kind, second = memory.LOG_UNIFORM, log1p(values[1] / values[0] - 1.0)
         self.draws.append((row, joint, kind, first, second, *divmod(int(stream_key(path)), 2**32)))
-
-    def check_size(self, option: str, value: float, unit: str, rows: int) -> None:
-        if LANES * rows > MAX_NUMBERS:
-            raise ValueError(
-                f"{option} must be at most some {MAX_NUMBERS / (LANES * rows / value):.3g}{unit} here, which take "
-                f"{MAX_NUMBERS / 2**27:g} GiB for {LANES} arms, got {value!r}{unit}"
-            )
 
 
 def _make_interface(scenario: Scenario, action: str, settings: Settings, preview: int) -> Interface:

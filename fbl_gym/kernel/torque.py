@@ -4,7 +4,7 @@ import numpy as np
 
 from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.memory import ACCELERATION, ARRAY, NO_DISTURBANCE, NORMALIZED, PIECEWISE_CONSTANT, PULSES, SINE
-from fbl_gym.kernel.physics import load_on_joints, lumped_terms, solve_terms
+from fbl_gym.kernel.physics import load_on_joints, lumped_terms
 from fbl_gym.kernel.streams import TWO_PI, stream_key, uniforms
 from fbl_gym.kernel.views import pair, put
 
@@ -51,27 +51,13 @@ def command(block, rows, queue, settings, actions, count):
 
 
 @inline_njit
-def _nominal_load(settings, q, v, torque):
-    """Return the inertia matrix of the nominal arm, and the load on its joints."""
-    m1, m2, length1, length2 = settings.parameters
-    lumped = lumped_terms(m1, m2, length1, length2, settings.gravity, settings.centre, settings.inertia)
-    return load_on_joints(lumped, (settings.rotor[0], settings.rotor[1]), q, v, torque)
-
-
-@inline_njit
 def nominal_torque(block, settings, lane, a1, a2):
     """Return the nominal feedback linearisation mapping at the measured state (figure 2)."""
+    m1, m2, length1, length2 = settings.parameters
+    lumped = lumped_terms(m1, m2, length1, length2, settings.gravity, settings.centre, settings.inertia)
     q, v = pair(block.measured[0], lane), pair(block.measured[1], lane)
-    m11, m12, m22, load1, load2 = _nominal_load(settings, q, v, (0.0, 0.0))
+    m11, m12, m22, load1, load2 = load_on_joints(lumped, (settings.rotor[0], settings.rotor[1]), q, v, (0.0, 0.0))
     return m11 * a1 + m12 * a2 - load1, m12 * a1 + m22 * a2 - load2
-
-
-@inline_njit
-def nominal_acceleration(block, settings, lane):
-    """Return the nominal model's acceleration under the applied torque at the true state."""
-    q, v, torque = pair(block.position, lane), pair(block.velocity, lane), pair(block.torque, lane)
-    m11, m12, m22, load1, load2 = _nominal_load(settings, q, v, torque)
-    return solve_terms(m11, m12, m22, load1, load2)
 
 
 @kernel_njit

@@ -6,7 +6,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fbl_gym.checks import Pair, check_number
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Numbers, Record, ends, kind, number, pair, table
 
 TIMES = {"period": 1, "width": 1, "start": 0, "dt": 1}
@@ -22,7 +21,7 @@ class _Timed(Record):
             if hasattr(self, name):
                 scenario.check_multiple(f"disturbance.{name}", getattr(self, name), "physics_dt", least)
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write amplitude and times."""
         settings, scenario = packer.settings, packer.scenario
         for name in TIMES.keys() & vars(self).keys():
@@ -70,7 +69,7 @@ class SineDisturbance(_Timed):
                 f"disturbance.frequency must be at most {limit:g} Hz, a quarter of 1 / physics_dt, got {fastest:g} Hz"
             )
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write amplitude, frequency and phase."""
         super().pack(packer)
         settings = packer.settings
@@ -115,7 +114,7 @@ class ArrayDisturbance(_Timed):
     dt: float = number(0.01, unit="s", above=0)
     kind: str = kind("array")
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write the samples."""
         super().pack(packer)
         settings = packer.settings

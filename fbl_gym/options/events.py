@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Number, Numbers, Record, build_kind, declared, kind, number, pair
 
 
@@ -24,7 +23,7 @@ class _Event(Record):
     def check(self, scenario: Any) -> None:
         """Refuse an event that the scenario does not allow."""
 
-    def pack(self, packer: Packer, row: int, path: str) -> None:
+    def pack(self, packer: Any, row: int, path: str) -> None:
         """Write the time to a row of a block, and the size to the next one or two."""
         for name, value in vars(self).items():
             if name == "time":
@@ -83,7 +82,7 @@ class DriveChange(_Event):
     factor: Numbers = pair(varies=True, low=0)
     kind: str = kind("drive")
 
-    def pack(self, packer: Packer, row: int, path: str) -> None:
+    def pack(self, packer: Any, row: int, path: str) -> None:
         """Write time and factor."""
         super().pack(packer, row, path)
         packer.settings["torque_varies"] = True

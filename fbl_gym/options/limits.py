@@ -1,13 +1,13 @@
 """Limits beyond which an arm has diverged, and constraints that it shall keep."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Record, choice, number, pair
 
 
@@ -32,7 +32,7 @@ class Limits(Record):
     error: float | None = number(None, unit="rad", above=0)
     error_time: float = number(1.0, unit="s", above=0)
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write the limits."""
         settings = packer.settings
         settings["max_position"], settings["max_velocity"] = self.position, self.velocity
@@ -74,7 +74,7 @@ class Constraints(Record):
         )
         return low, high, velocity
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write the bounds."""
         settings = packer.settings
         settings["constraint_low"], settings["constraint_high"], settings["constraint_velocity"] = self.bounds

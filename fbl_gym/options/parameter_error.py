@@ -14,7 +14,6 @@ import numpy as np
 from fbl_gym.checks import Pair, check_choice, check_number
 from fbl_gym.exact import log1p
 from fbl_gym.model.arm import ArmParameters
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Number, Numbers, Record, choice, choices, declared, ends, number, pair, record
 
 PARAMETERS = ("m1", "m2", "L1", "L2")
@@ -46,7 +45,7 @@ class Payload(Record):
         if self.drop is not None:
             check_number("drop", ends(self.drop)[0], above=ends(self.pick_up)[1])
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write mass and times."""
         path, scale = "parameter_error.payload.", 1 / packer.scenario.physics_dt
         packer.settings["has_payload"] = ends(self.mass)[1] > 0
@@ -73,7 +72,7 @@ def _ratios(name: str, value: object) -> Ratios:
     return m1, m2, L1, L2
 
 
-def _times(nominal: Any, ratio: Any, end: int) -> Pair:
+def times(nominal: Any, ratio: Any, end: int) -> Pair:
     """Return both joints' least (end 0) or largest (end 1) real numbers."""
     first, second = (number * ends(x)[end] for number, x in zip(nominal, ratio, strict=True))
     return first, second
@@ -107,35 +106,26 @@ class ParameterError(Record):
     inertia: Numbers = pair(1.0, varies=True, low=0)
     rotor: Numbers = pair(1.0, varies=True, above=0)
 
-    @property
-    def ratios(self) -> Ratios:
-        """Return the fixed ratios of m1, m2, L1 and L2."""
-        return self.ratio  # type: ignore[return-value]
-
-    def check(self, scenario: Any) -> None:
-        """Refuse real arms whose numbers no float holds."""
-        self.lightest(scenario.arm)
-
     def lightest(self, arm: ArmParameters) -> list[ArmParameters]:
         """Return the lightest real arms of a nominal one, with their least and largest lengths.
 
         Their links' centres are the nearest and the farthest ones.
         """
-        m1, m2, L1, L2 = (getattr(arm, name) * ratio for name, ratio in zip(PARAMETERS, self.ratios, strict=True))
+        m1, m2, L1, L2 = (getattr(arm, name) * ratio for name, ratio in zip(PARAMETERS, self.ratio, strict=True))  # type: ignore[arg-type]
         s1, s2, s3, s4 = (1.0 + self.radius if name in self.parameters else 1.0 for name in PARAMETERS)
         lengths = [(L1 * x1, L2 * x2) for x1 in {1.0 / s3, s3} for x2 in {1.0 / s4, s4}]
-        inertia, rotor = _times(arm.inertia, self.inertia, 0), _times(arm.rotor, self.rotor, 0)
+        inertia, rotor = times(arm.inertia, self.inertia, 0), times(arm.rotor, self.rotor, 0)
         links = {"m1": m1 / s1, "m2": m2 / s2, "inertia": inertia, "rotor": rotor}
         return [
             dataclasses.replace(arm, L1=x1, L2=x2, centre=centre, **links)
             for x1, x2 in lengths
-            for centre in {_times(arm.centre, self.centre, end) for end in (0, 1)}
+            for centre in {times(arm.centre, self.centre, end) for end in (0, 1)}
         ]
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write ratio, radius and payload."""
         settings, radius = packer.settings, log1p(self.radius)
-        settings["ratio"] = self.ratios
+        settings["ratio"] = self.ratio
         settings["log_radius"] = [radius if name in self.parameters else 0.0 for name in PARAMETERS]
         settings["drawn_together"] = self.sampling == "together"
         for name in ("centre", "inertia", "rotor"):

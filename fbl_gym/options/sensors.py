@@ -9,13 +9,9 @@ import numpy as np
 
 from fbl_gym.checks import Pair
 from fbl_gym.exact import exp
-from fbl_gym.options.packer import Packer
 from fbl_gym.records import Number, Numbers, Record, ends, number, pair, record, scaled, whole
 
 SENSORS = ("position", "velocity", "acceleration")
-
-MAX_SAMPLES = 10_000
-"""Oldest reading that an encoder may need, in control samples."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +50,7 @@ class SensorError(Record):
             return tuple(scaled(density, 1 / math.sqrt(2 * control_dt)) for density in self.density)  # type: ignore[union-attr]
         return self.sigma
 
-    def pack(self, packer: Packer, name: str) -> None:
+    def pack(self, packer: Any, name: str) -> None:
         """Write the errors of a sensor."""
         settings, sensor = packer.settings, SENSORS.index(name)
         std, size = self.std_at(packer.scenario.control_dt), "sigma" if self.density == (0.0, 0.0) else "density"
@@ -91,7 +87,7 @@ class Noise(Record):
             if sensor not in scenario.sensors:
                 raise ValueError(f"noise.{sensor} is given, but sensors={scenario.sensors} has no {sensor} sensor")
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write the errors of all sensors."""
         for name, error in self.errors.items():
             error.pack(packer, name)
@@ -129,13 +125,9 @@ class Encoder(Record):
     dropout_length: int = whole(1, low=1)
 
     def validate(self) -> None:
-        """Refuse a filter of a measured velocity, and readings too old to be stored."""
+        """Refuse a filter of a measured velocity."""
         if self.low_pass is not None and self.difference is None:
             raise ValueError(f"low_pass filters a computed velocity: give difference too, got low_pass={self.low_pass}")
-        for name in ("difference", "latency", "dropout_length"):
-            value = getattr(self, name)
-            if value is not None and value > MAX_SAMPLES:
-                raise ValueError(f"{name} must be a whole number not above {MAX_SAMPLES}, got {value}")
 
     def check(self, scenario: Any) -> None:
         """Refuse a velocity that is not read or measured too, and two kinds of rounding."""
@@ -153,7 +145,7 @@ class Encoder(Record):
         """Return what policies know of the encoders, as fields of `Interface`."""
         return {"latency": self.latency * scenario.control_dt}
 
-    def pack(self, packer: Packer) -> None:
+    def pack(self, packer: Any) -> None:
         """Write counts, difference, filter and latency."""
         settings = packer.settings
         if self.counts is not None:

@@ -87,9 +87,6 @@ def get(name: str) -> Scenario:
         return classes.get(name)
     if name in ideal.MEMBERS:
         return ideal.get(name)
-    severities = [other for other in _MEMBERS if other.startswith(f"{name}-") and other[-1].isdigit()]
-    if severities:
-        raise ValueError(f"scenario {name!r} needs a severity: {', '.join(severities[:-1])} or {severities[-1]}")
     raise unknown("scenario", name, names())
 
 

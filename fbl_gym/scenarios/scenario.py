@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from fbl_gym.checks import Pair, check_choice, unknown
-from fbl_gym.exact import MAX_STEPS
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
@@ -19,6 +18,7 @@ from fbl_gym.options import Actuator, Datasheet, ElasticJoint, Friction, MuJoCo,
 from fbl_gym.options.disturbance import DISTURBANCES, Disturbance
 from fbl_gym.options.events import Event, FrictionChange, events
 from fbl_gym.options.limits import Constraints, Limits
+from fbl_gym.options.parameter_error import times
 from fbl_gym.options.plants import PLANTS
 from fbl_gym.options.references import REFERENCES, MinimumJerk, Reference
 from fbl_gym.options.sensors import SENSORS, Encoder, Noise
@@ -117,9 +117,6 @@ class Scenario(Record):
 
     def validate(self) -> None:
         """Refuse times that do not divide, too many steps, and options that do not fit together."""
-        for name in ("name", "description"):
-            if not isinstance(getattr(self, name), str):
-                raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         if "position" not in self.sensors:
             raise ValueError(f"sensors must include 'position', got {self.sensors}")
         self.check_multiple("control_dt", self.control_dt, "physics_dt")
@@ -131,8 +128,8 @@ class Scenario(Record):
             )
         self.check_multiple("duration", self.duration, "control_dt", least=1)
         for option in (
-            self.parameter_error, self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint,
-            self.reference, self.disturbance, self.datasheet,
+            self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint, self.reference,
+            self.disturbance, self.datasheet,
         ):  # fmt: skip
             if option is not None:
                 option.check(self)
@@ -140,8 +137,6 @@ class Scenario(Record):
     def check_multiple(self, name: str, duration: float, dt_name: str, least: int = 0) -> None:
         """Refuse a duration that is no multiple of a time step, or less than `least` steps."""
         dt = getattr(self, dt_name)
-        if duration / dt > MAX_STEPS:
-            raise ValueError(f"{name} must be at most {MAX_STEPS:.2g} times {dt_name}={dt:g} s, got {duration:g} s")
         steps = round(duration / dt)
         if not math.isclose(steps * dt, duration, rel_tol=1e-9, abs_tol=1e-12):
             raise ValueError(f"{name} must be a multiple of {dt_name}={dt:g} s, got {name}={duration:g} s")
@@ -174,10 +169,7 @@ class Scenario(Record):
     @property
     def least_rotor(self) -> Pair:
         """Return the least real rotor inertias [kg m^2]."""
-        if self.parameter_error is None:
-            return self.rotor
-        first, second = (r * ends(x)[0] for r, x in zip(self.rotor, self.parameter_error.rotor, strict=True))  # type: ignore[arg-type]
-        return first, second
+        return self.rotor if self.parameter_error is None else times(self.rotor, self.parameter_error.rotor, 0)
 
     @property
     def lightest(self) -> list[ArmParameters]:

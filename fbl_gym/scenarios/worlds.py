@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from fbl_gym.checks import unknown
+from fbl_gym.checks import check_choice
 from fbl_gym.options import WORLDS
 from fbl_gym.scenarios.scenario import Scenario
 
@@ -12,9 +12,7 @@ def in_world(scenario: Scenario, world: str) -> Scenario:
 
     In "mujoco-lab", the arm and the rate are other ones too.
     """
-    if world not in WORLDS:
-        raise unknown("world", world, WORLDS)
-    name = f"{scenario.name}@{world}"
+    name = f"{scenario.name}@{check_choice('world', world, WORLDS)}"
     return (_in_lab(scenario) if world == "mujoco-lab" else scenario).replace(name=name, plant=WORLDS[world])
 
 

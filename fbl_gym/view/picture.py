@@ -33,6 +33,7 @@ Colour: TypeAlias = tuple[int, int, int]
 BLUE, ORANGE = (0, 114, 178), (230, 159, 0)
 VERMILLION, PURPLE = (213, 94, 0), (204, 121, 167)
 PAPER, RULE, GHOST, INK = (252, 252, 250), (224, 224, 220), (168, 168, 164), (44, 44, 44)
+PALE = (210, 210, 207)
 
 FULL_TURN = 1.5 * math.pi
 """Arc that stands for a joint's full torque [rad]."""
@@ -45,6 +46,9 @@ TITLE, SUBTITLE, TABLE = 0.045, 0.088, 0.856
 LETTERS = 0.034
 WIDTHS = (0.04, 0.032, 0.02)
 """Widths of the links at base, elbow and tip."""
+
+FINER = 3
+"""A canvas has this many times the frame's pixels in each direction."""
 
 
 @dataclass(frozen=True)
@@ -92,26 +96,27 @@ def draw(picture: Picture, size: int = 480) -> Frame:
     for the torque and one for the disturbance. The arcs grow with the square root of their share of
     the full torque.
     """
-    canvas = Canvas(size, size)
+    canvas = blank(size, size)
+    size = FINER * size
     reach = functools.partial(project, lengths=picture.lengths, size=size)
-    base, elbow, tip = _points(reach(joints(picture.lengths, picture.position)))
-    canvas.disc(base, (REACH + 0.0015) * size, RULE, 0.003 * size)
-    canvas.line([base, (base[0], base[1] + 0.085 * size)], [0.06 * size] * 2, RULE)
+    base, elbow, tip = reach(joints(picture.lengths, picture.position)).tolist()
+    pygame.draw.circle(canvas, RULE, base, (REACH + 0.0015) * size, round(0.003 * size))
+    _line(canvas, [base, (base[0], base[1] + 0.085 * size)], [0.06 * size] * 2, RULE)
     widths = [size * width for width in WIDTHS]
-    reference = _points(reach(joints(picture.lengths, picture.reference)))
-    canvas.line(reference, widths, _mix(GHOST, PAPER, 0.5))
+    reference = reach(joints(picture.lengths, picture.reference)).tolist()
+    _line(canvas, reference, widths, PALE)
     if picture.payload > 0.0:
-        canvas.disc(tip, 0.03 * size, ORANGE)
-    canvas.line([base, elbow, tip], widths, BLUE)
+        pygame.draw.circle(canvas, ORANGE, tip, 0.03 * size)
+    _line(canvas, [base, elbow, tip], widths, BLUE)
     _draw_torques(canvas, picture, (base, elbow), size)
     for joint, radius in ((base, 0.013), (elbow, 0.011), (tip, 0.009)):
-        canvas.disc(joint, (radius + 0.004) * size, PAPER)
-        canvas.disc(joint, radius * size, INK)
+        pygame.draw.circle(canvas, PAPER, joint, (radius + 0.004) * size)
+        pygame.draw.circle(canvas, INK, joint, radius * size)
     _write_numbers(canvas, picture, size)
-    return canvas.frame
+    return frame_of(canvas)
 
 
-def _draw_torques(canvas: Canvas, picture: Picture, joints: tuple[Point, Point], size: int) -> None:
+def _draw_torques(canvas: pygame.Surface, picture: Picture, joints: tuple[Point, Point], size: int) -> None:
     q1, q2 = picture.position
     push = picture.push or (0.0, 0.0)
     for i, (joint, angle) in enumerate(zip(joints, (q1, q1 + q2), strict=True)):
@@ -119,112 +124,89 @@ def _draw_torques(canvas: Canvas, picture: Picture, joints: tuple[Point, Point],
             share = min(abs(torque) / picture.full_torque[i], 1.0)
             sweep = math.copysign(FULL_TURN * math.sqrt(share), torque)
             start = angle + math.copysign(0.6 * WIDTHS[0] / radius, torque)  # beside the link
-            canvas.arrow(joint, radius * size, start, sweep, 0.007 * size, colour)
+            _arrow(canvas, joint, radius * size, start, sweep, 0.007 * size, colour)
 
 
-def _write_numbers(canvas: Canvas, picture: Picture, size: int) -> None:
+def _write_numbers(canvas: pygame.Surface, picture: Picture, size: int) -> None:
     left, right, line = MARGIN * size, (1.0 - MARGIN) * size, LETTERS * size
-    canvas.write(picture.title, (left, TITLE * size), 1.2 * line, INK)
-    canvas.write(picture.subtitle, (left, SUBTITLE * size), line, INK)
-    canvas.write(f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
+    write(canvas, picture.title, (left, TITLE * size), 1.2 * line, INK)
+    write(canvas, picture.subtitle, (left, SUBTITLE * size), line, INK)
+    write(canvas, f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
     if picture.payload > 0.0:
-        canvas.write(f"payload {picture.payload:.3g} kg", (right, SUBTITLE * size), line, INK, 1.0)
+        write(canvas, f"payload {picture.payload:.3g} kg", (right, SUBTITLE * size), line, INK, 1.0)
     error = [1e3 * (r - q) for r, q in zip(picture.reference, picture.position, strict=True)]
     rows = [("error [mrad]", error, GHOST), ("torque [N m]", picture.torque, VERMILLION)]
     if picture.push is not None:
         rows.append(("push [N m]", picture.push, PURPLE))
     columns = (0.7 * size, right)
     for i, x in enumerate(columns):
-        canvas.write(f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
+        write(canvas, f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
     for i, (name, values, colour) in enumerate(rows, start=1):
         y = TABLE * size + 1.06 * i * line
-        canvas.disc((left + 0.3 * line, y), 0.25 * line, colour)
-        canvas.write(name, (left + line, y), line, INK)
+        pygame.draw.circle(canvas, colour, (left + 0.3 * line, y), 0.25 * line)
+        write(canvas, name, (left + line, y), line, INK)
         for value, x in zip(values, columns, strict=True):
             number = f"{value:+,.1f}" if abs(value) < 1e6 else f"{value:+.1e}"
-            canvas.write(number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
+            write(canvas, number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
 
 
-class Canvas:
-    """A pygame surface for shapes; lengths in pixels of the frame, from its upper left corner."""
-
-    FINER = 3
-    """The surface has this many times the frame's pixels in each direction."""
-
-    def __init__(self, width: int, height: int) -> None:
-        self._size = width, height
-        self._surface = pygame.Surface((self.FINER * width, self.FINER * height), depth=32)
-        self._surface.fill(PAPER)
-
-    @property
-    def frame(self) -> Frame:
-        """Return the picture, [height x width x 3]."""
-        surface = pygame.transform.smoothscale(self._surface, self._size)
-        return np.ascontiguousarray(pygame.surfarray.array3d(surface).swapaxes(0, 1))
-
-    def disc(self, centre: Point, radius: float, colour: Colour, width: float = 0.0) -> None:
-        """Draw a circle: filled, or a ring of a width within the radius."""
-        pygame.draw.circle(
-            self._surface, colour, self._fine(centre), round(self.FINER * radius), round(self.FINER * width)
-        )
-
-    def line(self, points: Sequence[Point], widths: Sequence[float], colour: Colour) -> None:
-        """Draw a line through points, with its width at each, and round ends."""
-        for (x0, y0), (x1, y1), w0, w1 in zip(points[:-1], points[1:], widths[:-1], widths[1:], strict=True):
-            length = math.hypot(x1 - x0, y1 - y0)
-            if length > 0.0:
-                nx, ny = (y1 - y0) / length / 2, (x0 - x1) / length / 2
-                corners = [(x0 + w0 * nx, y0 + w0 * ny), (x1 + w1 * nx, y1 + w1 * ny)]
-                corners += [(x1 - w1 * nx, y1 - w1 * ny), (x0 - w0 * nx, y0 - w0 * ny)]
-                self._polygon(corners, colour)
-        for point, width in zip(points, widths, strict=True):
-            self.disc(point, width / 2, colour)
-
-    def arrow(self, centre: Point, radius: float, start: float, sweep: float, width: float, colour: Colour) -> None:
-        """Draw an arc with an arrowhead; angles counter-clockwise from the right [rad]."""
-        if abs(sweep) * radius < 0.5 * width:
-            return
-        end = start + sweep
-        angles = np.linspace(start, end, 2 + int(abs(sweep) / 0.1))
-        outer = [_on_circle(centre, radius + width / 2, angle) for angle in angles]
-        inner = [_on_circle(centre, radius - width / 2, angle) for angle in angles[::-1]]
-        self._polygon(outer + inner, colour)
-        self.disc(_on_circle(centre, radius, start), width / 2, colour)
-        head = 3.0 * width
-        point = _on_circle(centre, radius, end + math.copysign(head / radius, sweep))
-        wings = (_on_circle(centre, radius + wing, end) for wing in (-0.6 * head, 0.6 * head))
-        self._polygon([point, *wings], colour)
-
-    def write(self, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
-        """Write a line of text, at half of whose height is the point `at`.
-
-        `align` 0: `at` is the left end, 1/2: the middle, 1: the right end.
-        """
-        letters = _letters(text, round(1.36 * self.FINER * height), colour)
-        wide, high = letters.get_size()
-        x, y = self._fine(at)
-        self._surface.blit(letters, (max(round(x - align * wide), 0), max(round(y - high / 2), 0)))
-
-    def _polygon(self, corners: Sequence[Point], colour: Colour) -> None:
-        pygame.draw.polygon(self._surface, colour, [self._fine(corner) for corner in corners])
-
-    def _fine(self, point: Point) -> tuple[int, int]:
-        """Return the pixel of the surface."""
-        return round(self.FINER * point[0]), round(self.FINER * point[1])
+def blank(width: int, height: int) -> pygame.Surface:
+    """Return an empty canvas of a frame's size, `FINER` times as large in pixels."""
+    canvas = pygame.Surface((FINER * width, FINER * height), depth=32)
+    canvas.fill(PAPER)
+    return canvas
 
 
-def _points(array: Array) -> list[Point]:
-    return [(x, y) for x, y in array.tolist()]
+def frame_of(canvas: pygame.Surface) -> Frame:
+    """Return the frame of a canvas, [height x width x 3]."""
+    width, height = canvas.get_size()
+    smooth = pygame.transform.smoothscale(canvas, (width // FINER, height // FINER))
+    return np.ascontiguousarray(pygame.surfarray.array3d(smooth).swapaxes(0, 1))
+
+
+def _line(canvas: pygame.Surface, points: Sequence[Point], widths: Sequence[float], colour: Colour) -> None:
+    """Draw a line through points, with its width at each, and round ends."""
+    for (x0, y0), (x1, y1), w0, w1 in zip(points[:-1], points[1:], widths[:-1], widths[1:], strict=True):
+        length = math.hypot(x1 - x0, y1 - y0)
+        if length > 0.0:
+            nx, ny = (y1 - y0) / length / 2, (x0 - x1) / length / 2
+            corners = [(x0 + w0 * nx, y0 + w0 * ny), (x1 + w1 * nx, y1 + w1 * ny)]
+            corners += [(x1 - w1 * nx, y1 - w1 * ny), (x0 - w0 * nx, y0 - w0 * ny)]
+            pygame.draw.polygon(canvas, colour, corners)
+    for point, width in zip(points, widths, strict=True):
+        pygame.draw.circle(canvas, colour, point, width / 2)
+
+
+def _arrow(
+    canvas: pygame.Surface, centre: Point, radius: float, start: float, sweep: float, width: float, colour: Colour
+) -> None:
+    """Draw an arc with an arrowhead; angles counter-clockwise from the right [rad]."""
+    if abs(sweep) * radius < 0.5 * width:
+        return
+    end = start + sweep
+    angles = np.linspace(start, end, 2 + int(abs(sweep) / 0.1))
+    outer = [_on_circle(centre, radius + width / 2, angle) for angle in angles]
+    inner = [_on_circle(centre, radius - width / 2, angle) for angle in angles[::-1]]
+    pygame.draw.polygon(canvas, colour, outer + inner)
+    pygame.draw.circle(canvas, colour, _on_circle(centre, radius, start), width / 2)
+    head = 3.0 * width
+    point = _on_circle(centre, radius, end + math.copysign(head / radius, sweep))
+    wings = (_on_circle(centre, radius + wing, end) for wing in (-0.6 * head, 0.6 * head))
+    pygame.draw.polygon(canvas, colour, [point, *wings])
+
+
+def write(canvas: pygame.Surface, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
+    """Write a line of text, at half of whose height is the point `at`.
+
+    `align` 0: `at` is the left end, 1/2: the middle, 1: the right end.
+    """
+    letters = _letters(text, round(1.36 * height), colour)
+    wide, high = letters.get_size()
+    canvas.blit(letters, (max(round(at[0] - align * wide), 0), max(round(at[1] - high / 2), 0)))
 
 
 def _on_circle(centre: Point, radius: float, angle: float) -> Point:
     return centre[0] + radius * math.cos(angle), centre[1] - radius * math.sin(angle)
-
-
-def _mix(colour: Colour, other: Colour, share: float) -> Colour:
-    """Return a colour with a share of the first and the rest of the other."""
-    r, g, b = (round(share * x + (1.0 - share) * y) for x, y in zip(colour, other, strict=True))
-    return r, g, b
 
 
 @functools.lru_cache(maxsize=256)

@@ -21,7 +21,7 @@ from benchmarks.run.suite import load
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Also near: "),
+        ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Nearest: "),
         ("evaluate ppo", "unknown policy 'ppo'; did you mean 'ppo-"),
         ("evaluate pid-flm@tund", "did you mean 'pid-flm@tuned'"),
         ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),

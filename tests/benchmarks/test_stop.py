@@ -9,7 +9,6 @@ import time
 import pytest
 
 from benchmarks.run.store import Store
-from fbl_gym.neighbours import ROOT
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 
@@ -145,11 +144,3 @@ def test_other_commands_say_what_is_kept_too(tmp_path):
     assert (process.returncode, errors) == (
         130, "fbl-gym: stopped; finished trials are kept, and the same command goes on\n",
     )  # fmt: skip
-
-
-def test_a_command_that_is_stopped_while_it_is_imported_says_so(tmp_path):
-    (tmp_path / "gymnasium.py").write_text("raise KeyboardInterrupt")
-    line = [sys.executable, "-m", "fbl_gym", "list"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(line, capture_output=True, text=True, check=False, cwd=tmp_path, env=environment)
-    assert (done.returncode, done.stderr) == (-signal.SIGINT, "fbl-gym: stopped\n")

@@ -127,7 +127,7 @@ def test_a_double_keeps_its_precision():
         (np.zeros((1, 2)), r"have shape \(2,\), got shape \(1, 2\)"),
         (0.5, r"have shape \(2,\)"),
         (("a", "b"), r"be numbers of shape \(2,\), got \('a', 'b'\)"),
-        *[(bad, "") for bad in ("ab", None, [None, None], {}, (1j, 0.0), np.array([1j, 0.0]), [[0.0], [0.0, 1.0]])],
+        *[(bad, "") for bad in ("ab", None, [None, None], {}, (1j, 0.0), np.array([1j, 0.0]))],
     ],
     ids=str,
 )

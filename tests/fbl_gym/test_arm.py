@@ -335,7 +335,6 @@ def test_rotors_reach_the_plant_and_the_nominal_model():
         env.reset(seed=0)
         env.step((3.0, -2.0))
         truth = env.truth
-        np.testing.assert_allclose(truth.leakage, 0.0, atol=1e-10)
         expected = forward_dynamics(arm, truth.position, truth.velocity, truth.applied_torque)
         np.testing.assert_allclose(truth.acceleration, expected, rtol=1e-12)
     assert np.abs(forward_dynamics(plain, truth.position, truth.velocity, truth.applied_torque) - expected).min() > 0.1

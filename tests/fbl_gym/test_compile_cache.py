@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from fbl_gym.kernel import api
+from fbl_gym.kernel import api, fastmath
 from fbl_gym.kernel.program import make_program
 from fbl_gym.options import Reward
 from fbl_gym.scenarios import Scenario
@@ -57,8 +57,10 @@ def test_processes_share_what_one_has_compiled(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == files
 
 
-def test_compiled_code_is_kept_outside_the_package():
-    assert os.path.dirname(api.__file__) not in api.STEPS[0]._cache.cache_path
+def test_a_change_of_any_source_changes_the_key():
+    """Numba itself notices changes in the file of a cached function only."""
+    key = api.STEPS[0]._cache._index_key(None, api.STEPS[0].targetctx.codegen())
+    assert key[-1] == fastmath._SOURCES.hexdigest()
 
 
 @pytest.mark.parametrize(

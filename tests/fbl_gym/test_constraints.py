@@ -78,16 +78,6 @@ def test_an_end_has_no_reward():
     assert (step[1], step[4]["cost"]) == (0.0, 1.0)
 
 
-def test_a_new_scenario_has_its_own_constraints():
-    env = TwoLinkArmEnv()
-    env.reset(seed=0)
-    assert env.step((0.0, 0.0))[4] == {}
-    env.reset(options={"scenario": {"constraints": TIGHT}})
-    assert set(env.step((0.0, 0.0))[4]) == {"cost"}
-    env.reset(options={"scenario": "nominal"})
-    assert env.step((0.0, 0.0))[4] == {}
-
-
 def test_the_checkers_accept_costs():
     for name in NAMES:
         env = gym.make(name, constraints=TIGHT).unwrapped

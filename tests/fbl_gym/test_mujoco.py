@@ -94,7 +94,7 @@ def test_motions_agree_to_rounding(options):
     ours, theirs = run(options), run({**options, "plant": "mujoco"})
     assert distance(ours, theirs, "position") < 1e-12
     assert distance(ours, theirs, "velocity") < 1e-11
-    for name in ("acceleration", "leakage", "friction_torque", "disturbance", "payload", "lumped"):
+    for name in ("acceleration", "friction_torque", "disturbance", "payload", "lumped"):
         assert distance(ours, theirs, name) < 1e-9, name
     for a, b in zip(ours[1], theirs[1], strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
@@ -136,7 +136,7 @@ def test_elastic_joints_agree(side):
     ours, theirs = (run({**options, "plant": plant}, policy="pd-gravity", seconds=2.0) for plant in (None, "mujoco"))
     for name in MOTORS:
         assert distance(ours, theirs, name) < 1e-9, name
-    for name in ("acceleration", "leakage", "friction_torque", "stiffness", "applied_torque"):
+    for name in ("acceleration", "friction_torque", "stiffness", "applied_torque"):
         assert distance(ours, theirs, name) < 1e-7, name
     for a, b in zip(ours[1], theirs[1], strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import Scenario, TwoLinkArmEnv
 from tests.fbl_gym.declared import TABLE
 from tests.fbl_gym.episodes import ID
 
@@ -37,17 +37,7 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         ),
         ({"reference": STEPS}, r"low must not exceed high, got low=\(1.0, 1.0\) and"),
         ({"reference": SHORT}, "velocity must have the 2 rows"),
-        (
-            {"reference": {**SHORT, "velocity": [[1e200, 0.0]] * 2}},
-            r"velocity must change by less in dt=0.01 s, got 1e\+200",
-        ),
-        (
-            {"reference": {"kind": "array", "position": TABLE, "dt": 1e-200}},
-            "position must change by less in dt=1e-200",
-        ),
         ({"reward": NO_WEIGHTS}, "at least one of weight_tracking, weight_effort, weight_chatter must be positive"),
-        ({"reward": {"worst": 1e-300}}, "worst / resolution must be from 1e-9 to 1e15"),
-        ({"reward": {"weight_effort": 1.7e308, "weight_chatter": 1.7e308}}, "must be finite"),
         ({"actuator": None}, "action='normalized' needs a torque limit"),
         ({"sensors": ("position",), "action": "acceleration"}, "has none"),
         ({"sensors": ("velocity",)}, "sensors must include 'position'"),
@@ -57,9 +47,6 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         ({"arm": {"L1": 1e200}}, r"arm must have inertia about both joints, .*L1=1e\+200"),
         ({"arm": {"L1": 1e-105}}, "arm must have inertia about both joints, .*L1=1e-105"),
         ({"arm": {"gravity": 1e308}}, r"arm must have inertia about both joints, .*gravity=1e\+308"),
-        ({"parameter_error": {"ratio": 1e200}}, "arm must have inertia about both joints"),
-        ({"arm": {"m2": 1e-317, "centre": 2.0}, "friction": {"viscous": 1.0}}, "friction must decay at a finite rate"),
-        ({"joint": {"stiffness": 1.0, "rotor_inertia": 5e-324}}, "joint must have a finite rate"),
         ({"actuator": {"torque_limit": 1e200}, "action": "torque"}, r"torque_limit must be .* not above 1e\+30"),
         # Times that are no multiples of their step
         ({"control_dt": 0.01, "physics_dt": 0.003}, "multiple of physics_dt=0.003 s, got control_dt=0.01 s"),
@@ -71,27 +58,16 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         ({"disturbance": {"kind": "pulses", "amplitude": 1, "start": 0.0125}}, "physics_dt=0.001.*start=0.0125"),
         ({"disturbance": {"kind": "pulses", "amplitude": 1, "period": 2.0005}}, "physics_dt=0.001.*period=2.0005"),
         ({"disturbance": {"kind": "array", "torque": TABLE, "dt": 0.0125}}, "physics_dt=0.001.*dt=0.0125"),
-        # Too large for the memory or for whole numbers
-        ({"duration": 1e12}, r"duration must be at most some 8.39e\+06 s here, .* for 16 arms, got 1000000000000.0 s"),
-        ({"duration": 1e9, "reference": {"kind": "array", "position": TABLE}}, "duration must be at most some"),
-        ({"duration": 1e9, "reference": "filtered-steps"}, "duration must be at most some"),
-        ({"duration": 1.7e308}, "duration must be at most .* times control_dt=0.01 s"),
-        ({"actuator": {"delay": 1e9}}, r"actuator.delay must be at most some 2.1e\+04 s here"),
-        ({"actuator": {"delay": 1.7e308}}, "actuator.delay must be at most .* times physics_dt"),
-        ({"actuator": {"delay": {"uniform": [0, 1.7e308]}}}, r"actuator.delay must be .* not above 9.0072e\+12"),
-        ({"preview": 10**400}, r"preview must be at most some 1.4e\+06 here"),
-        ({"reference": {"kind": "fourier", "harmonics": 10**9}}, r"reference.harmonics must be at most some 4.19e\+06"),
+        # Too many physics steps
         ({"physics_dt": 1e-12}, "control_dt must have at most 10000 physics steps .*, got 10000000000"),
-        ({"physics_dt": 1e-300}, "control_dt must be at most .* times physics_dt=1e-300 s, got 0.01 s"),
         (
             {"plant": {"kind": "mujoco", "substeps": 1001}},
             "control_dt must have at most 10000 physics steps .*, got 10010",
         ),
         # Names and types
-        ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean .* Also near"),
+        ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean .* Nearest"),
         ({"scenario": "mixed-eror-2"}, "unknown scenario 'mixed-eror-2'; did you mean 'mixed-error-2'"),
         ({"scenario": 3}, "scenario must be a Scenario, .*got 3"),
-        ({"scenario": {"name": ["a"]}}, r"name must be text, got \['a'\]"),
         ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'.* Known: "),
         ({"arm": "tabel-1"}, "unknown arm 'tabel-1'; did you mean 'table-1'"),
         (
@@ -117,13 +93,13 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         # Distributions
         (
             {"friction": {"coulomb": {"uniform": [5, 1]}}},
-            r"friction: coulomb: uniform\[1\] must be .* not below 5, got 1",
+            r"friction: coulomb: a range must be two numbers in order, got \(5.0, 1.0\)",
         ),
         (
             {"friction": {"coulomb": {"log_uniform": [0, 1]}}},
             r"coulomb: log_uniform\[0\] must be .* greater than 0, got 0",
         ),
-        ({"friction": {"coulomb": {"uniform": 3}}}, "coulomb: uniform must be the two ends of a range, got 3"),
+        ({"friction": {"coulomb": {"uniform": 3}}}, "coulomb: uniform must be a list of numbers, got 3"),
         ({"friction": {"coulomb": {"choice": []}}}, r"coulomb: choice must be a list of numbers, got \[\]"),
         ({"friction": {"coulomb": {"unifrom": [0, 1]}}}, "unknown field of coulomb 'unifrom'; did you mean 'uniform'"),
         (
@@ -166,11 +142,6 @@ def test_an_error_does_not_change_the_next_environment():
         with pytest.raises(ValueError, match=r"must be|unknown"):
             TwoLinkArmEnv(**bad)
     np.testing.assert_array_equal(TwoLinkArmEnv().reset(seed=0)[0], before)
-
-
-def test_a_batch_beyond_any_memory_is_refused():
-    with pytest.raises(ValueError, match=r"num_envs must be at most [\d,]+ here, which take 16 GiB, got 1000000000"):
-        TwoLinkArmVectorEnv(10**9)
 
 
 def test_a_payload_that_is_never_picked_up_is_no_error():

@@ -20,7 +20,7 @@ from scipy import ndimage
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import ArmParameters, inverse_dynamics, joint_positions
 from fbl_gym.view import picture, render
-from fbl_gym.view.picture import INK, ORANGE, PURPLE, RULE, VERMILLION, Canvas, Picture, draw
+from fbl_gym.view.picture import INK, ORANGE, PURPLE, RULE, VERMILLION, Picture, draw
 from fbl_gym.view.render import View
 
 ID = "fbl_gym/TwoLinkArm-v0"
@@ -132,7 +132,7 @@ def test_an_arc_begins_at_its_link_and_grows_with_the_square_root_of_the_torque(
 
 def test_the_numbers_are_those_of_the_picture(monkeypatch):
     written = []
-    monkeypatch.setattr(Canvas, "write", lambda self, text, *_: written.append(text))
+    monkeypatch.setattr(picture, "write", lambda canvas, text, *_: written.append(text))
     values = {"title": "here", "subtitle": "there", "time": 1.234, "position": (0.5, 1.2), "payload": 2.5}
     draw(instant(**values, torque=(-1234.56, 2.0), push=(-3.0, 1e300)))
     assert {"here", "there", "1.23 s", "payload 2.5 kg"} < set(written)

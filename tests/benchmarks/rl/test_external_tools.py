@@ -30,16 +30,6 @@ def test_sb3_learns_on_the_registered_environments(name):
     assert model.learn(128).num_timesteps == 128
 
 
-def test_sb3_changes_the_scenario_of_its_environments():
-    """Its own `set_attr` sets an attribute of the outermost wrapper."""
-    envs = make_vec_env("fbl_gym/TwoLinkArmTracking-v0", n_envs=2)
-    envs.env_method("set_wrapper_attr", "scenario", "everything-1")
-    assert [scenario.name for scenario in envs.get_attr("scenario")] == ["everything-1"] * 2
-    envs.set_options({"scenario": "everything-2"})
-    envs.reset()
-    assert [scenario.name for scenario in envs.get_attr("scenario")] == ["everything-2"] * 2
-
-
 @pytest.mark.slow
 def test_rl_zoo3_trains_with_the_shipped_file_and_its_archive_is_a_policy(tmp_path):
     pytest.importorskip("rl_zoo3")
