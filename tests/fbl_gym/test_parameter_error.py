@@ -93,6 +93,7 @@ def test_errors_change_the_real_arm_and_not_the_nominal_model():
         SECTION_2_2,
         TABLE_1.as_rods(),
         ArmParameters(gravity=1.6),
+        ArmParameters(rotor=(6.0, 2.0)),
         ArmParameters(m1=1.0, m2=2.0, L1=0.3, L2=0.4, centre=0.7, inertia=0.2),
     ],
 )
