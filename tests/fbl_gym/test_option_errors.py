@@ -12,6 +12,7 @@ from tests.fbl_gym.episodes import ID
 
 STEPS = {"kind": "steps", "low": 1.0, "high": (2.0, 0.0)}
 SHORT = {"kind": "array", "position": TABLE, "velocity": TABLE[:1]}
+JOINT = {"stiffness": 500.0, "rotor_inertia": 0.5}
 NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"), 0.0)
 
 
@@ -61,6 +62,9 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         ({"arm": {"m2": 1e-317, "centre": 2.0}, "friction": {"viscous": 1.0}}, "friction must decay at a finite rate"),
         ({"joint": {"stiffness": 1.0, "rotor_inertia": 5e-324}}, "joint must have a finite rate"),
         ({"actuator": {"torque_limit": 1e200}, "action": "torque"}, r"torque_limit must be .* not above 1e\+30"),
+        ({"joint": 1000.0}, r"need rotors: give joint.rotor_inertia or arm.rotor"),
+        ({"joint": {**JOINT, "stiffness": {"choice": [500.0, 1e8]}}}, "too long for these joints"),
+        ({"joint": JOINT, "friction": {"law": "literal"}}, r"friction\.law must be 'exact' with elastic joints"),
         # Times that are no multiples of their step
         ({"control_dt": 0.01, "physics_dt": 0.003}, "multiple of physics_dt=0.003 s, got control_dt=0.01 s"),
         ({"physics_dt": 0.02}, "control_dt must be a multiple of physics_dt=0.02 s, got control_dt=0.01 s"),

@@ -140,6 +140,7 @@ def test_none_switches_an_option_off():
     scenario = TwoLinkArmEnv("everything-3", **off).scenario
     assert dataclasses.replace(scenario, name="nominal", description=Scenario().description) == Scenario()
     assert TwoLinkArmEnv(actuator=None, action="torque").interface.torque_limit is None
+    assert Scenario(events=None).events == ()
 
 
 def test_a_record_does_not_share_the_data_it_was_made_from():
