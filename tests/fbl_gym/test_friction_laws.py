@@ -40,30 +40,6 @@ def test_each_part_of_friction_reaches_the_plant(law):
             )
 
 
-def test_friction_of_one_joint_does_not_act_on_the_other():
-    for joint in (0, 1):
-        level = [0.0, 0.0]
-        level[joint] = 6.0
-        for part in ("viscous", "coulomb", "stiction"):
-            _, _, truths = play(steps=30, friction={part: level, "v_s": 100.0})
-            friction = np.array([truth.friction_torque for truth in truths])
-            assert not friction[..., 1 - joint].any()
-            assert np.any(friction[5:, :, joint] != 0.0)
-
-
-def test_the_laws_of_friction_differ_at_rest():
-    """The exact law holds a joint at rest; the printed one does not act on it."""
-    rest = {"arm": {"gravity": 0.0}, "reference": {"kind": "minimum-jerk", "points": [(0.0, 0.0)]}, "action": "torque"}
-    moved = {}
-    for law in ("exact", "literal"):
-        env = TwoLinkArmEnv(friction={"coulomb": 20.0, "law": law}, **rest)
-        env.reset(seed=0)
-        env.step((5.0, 0.0))
-        moved[law] = env.truth.position
-    np.testing.assert_array_equal(moved["exact"], 0.0)
-    assert np.abs(moved["literal"]).max() > 0.0
-
-
 def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
     """In motion both laws are the printed curve; a swing agrees as closely as the step allows."""
     swings = []

@@ -39,19 +39,6 @@ def test_moderate_viscous_friction_keeps_the_fourth_order():
     np.testing.assert_allclose(position, expected, atol=1e-7)
 
 
-@pytest.mark.parametrize("law", ["exact", "literal"])
-def test_the_stribeck_curve_has_its_width(law):
-    friction = {"coulomb": 3.0, "stiction": (4.0, 2.0), "v_s": (0.04, 0.25)}
-    velocity, torque = watch(
-        "velocity", "friction_torque", torque=(100.0, 60.0), steps=200, friction={**friction, "law": law}
-    )
-    moving = np.abs(velocity) > 1e-9
-    fade = np.exp(-((velocity / [0.2, 0.5]) ** 2))
-    expected = np.sign(velocity) * (3.0 + np.array([4.0, 2.0]) * fade)
-    np.testing.assert_allclose(torque[moving], expected[moving], rtol=1e-12)
-    assert moving.mean() > 0.9
-
-
 def test_the_creep_of_the_printed_law_is_an_effect_of_the_step_size():
     creep = {}
     for h in (1e-3, 1e-4):
