@@ -59,14 +59,6 @@ def test_the_interface_holds_the_nominal_model_and_the_rates():
     assert env.observation_space.dtype == np.float64
 
 
-@pytest.mark.parametrize("name", [ID, "fbl_gym:fbl_gym/TwoLinkArm-v0"])
-def test_the_environment_is_made_by_id_and_by_class(name):
-    env = gym.make(name, scenario="noise-1")
-    assert isinstance(env.unwrapped, TwoLinkArmEnv)
-    assert env.unwrapped.scenario.name == "noise-1"
-    assert env.spec.id == ID
-
-
 def test_returned_arrays_are_never_changed_later():
     env = TwoLinkArmEnv(**RECORDS)
     observations = [env.reset(seed=0)[0]] + [env.step((0.1, 0.1))[0] for _ in range(50)] + [env.reset()[0]]
@@ -91,12 +83,3 @@ def test_actions_and_options_are_neither_changed_nor_shared():
     action[:] = 0.0
     twin.step((3.0, -0.5))
     np.testing.assert_array_equal(env.step((0.1, 0.1))[0], twin.step((0.1, 0.1))[0])
-
-
-def test_duration_and_initial_error_reach_the_episode():
-    env = TwoLinkArmEnv(duration=0.05, initial_error=(0.1, -0.2))
-    plain = TwoLinkArmEnv()
-    env.reset(seed=0)
-    plain.reset(seed=0)
-    np.testing.assert_allclose(env.truth.position - plain.truth.position, [0.1, -0.2])
-    assert [env.step((0, 0))[3] for _ in range(5)] == [False] * 4 + [True]

@@ -43,12 +43,6 @@ def test_an_arm_may_be_far_from_its_reference_unless_a_limit_is_given():
     assert end()[1:3] == (False, True)
 
 
-def test_the_last_step_can_terminate_and_truncate():
-    """As in Gymnasium's sync environments, whose time limit counts the step that terminates."""
-    steps, *_ = end(limits={"error": 0.5, "error_time": 0.3})
-    assert end(limits={"error": 0.5, "error_time": 0.3}, duration=steps * 0.01)[1:3] == (True, True)
-
-
 def test_an_error_time_may_be_as_long_as_a_number():
     assert end(limits={"error": 0.01, "error_time": 1.7e308})[1:3] == (False, True)
 

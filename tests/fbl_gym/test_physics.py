@@ -371,8 +371,8 @@ def test_the_acceleration_sensor_reads_newtons_law(case):
         observation, *_ = env.step(rng.uniform(-1, 1, 2) * (200.0, 60.0))
 
 
-def test_leakage_is_equation_6_with_the_errata():
-    """LS = M^-1 [(M - M^) a + (C - C^) v + (G - G^) + F + tau_d], a: nominal acceleration."""
+def test_leakage_is_equations_5_and_6_with_the_errata():
+    """LS = M^-1 [(M - M^) a + (C - C^) v + (G - G^) + F + tau_d], a: nominal acceleration; the true one is a - LS."""
     options, _ = CASES["all at once"]
     env = TwoLinkArmEnv(action="torque", control_dt=0.02, reference=SWAY, **options)
     env.reset(seed=0)
@@ -385,3 +385,4 @@ def test_leakage_is_equation_6_with_the_errata():
         leakage = np.linalg.solve(inertia_matrix(truth.lumped, q), torque)
         assert np.abs(leakage).min() > 0.0
         np.testing.assert_allclose(truth.leakage, leakage, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(truth.acceleration, a - truth.leakage, rtol=1e-9, atol=1e-9)
