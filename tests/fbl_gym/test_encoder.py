@@ -122,8 +122,6 @@ def test_a_density_is_the_same_sensor_at_every_rate():
     [
         ({"encoder": {"low_pass": 10}}, "low_pass filters a computed velocity: give difference too, got low_pass=10.0"),
         ({"encoder": {"latency": 20_000}}, "latency must be a whole number not above 10000, got 20000"),
-        ({"encoder": {"difference": 0}}, "difference must be a whole number not below 1, got 0"),
-        ({"encoder": 0}, "counts must be a finite number not below 0.001, got 0"),
         ({"encoder": {"difference": 1}, "noise": {"velocity": 0.1}}, "noise.velocity is of a measured velocity"),
         ({"encoder": {"difference": 1}, "sensors": "position"}, "encoder.difference computes a velocity, but sensors"),
         (
