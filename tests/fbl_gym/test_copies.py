@@ -1,31 +1,13 @@
-"""The same environment again: from plain data, from its spec, pickled and copied; batches too."""
+"""The same environment again, pickled and copied; batches too."""
 
 import copy
 import pickle
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import EVENTFUL, ID, RECORDS, episode
-
-PLAIN = {
-    "parameter_error": {"ratio": {"m2": 2.0}, "radius": 0.5, "payload": {"mass": 3.0, "pick_up": 0.2}},
-    "noise": {"position": {"sigma": 0.01, "bias": 1e-3, "quantization": 1e-3}, "velocity": 0.02},
-    "friction": {"coulomb": 5.0, "stiction": (3.0, 2.0)},
-    "disturbance": {"kind": "sine", "amplitude": 10.0},
-    "actuator": {"delay": 0.015, "lag": 0.02},
-    "reference": {"kind": "filtered-steps", "bandwidth": 6.0},
-    "preview": 2,
-    "duration": 1.0,
-}
-
-
-def test_plain_data_makes_the_same_environment_as_records():
-    one, two = gym.make(ID, **RECORDS), gym.make(ID, **PLAIN)
-    assert one.unwrapped.scenario == two.unwrapped.scenario
-    np.testing.assert_array_equal(episode(one), episode(two))
+from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode
 
 
 @pytest.mark.parametrize(
@@ -56,16 +38,6 @@ def test_a_pickled_batch_continues_alike():
     other = pickle.loads(pickle.dumps(env))
     for _ in range(25):
         np.testing.assert_array_equal(env.step(np.full((20, 2), 0.1))[0], other.step(np.full((20, 2), 0.1))[0])
-
-
-def test_a_copy_shares_no_state():
-    env = TwoLinkArmVectorEnv(3)
-    env.reset(seed=0)
-    other = copy.deepcopy(env)
-    other.step(np.ones((3, 2)))
-    untouched = TwoLinkArmVectorEnv(3)
-    untouched.reset(seed=0)
-    np.testing.assert_array_equal(env.step(np.zeros((3, 2)))[0], untouched.step(np.zeros((3, 2)))[0])
 
 
 def test_an_environment_unpickled_onto_read_only_memory_steps():
