@@ -48,17 +48,6 @@ def test_a_choice_has_equal_chances():
     assert stats.chisquare(counts).pvalue > 1e-3
 
 
-def test_delays_are_drawn_per_arm():
-    """Each arm moves as an arm with its delay alone."""
-    delays = [0.0, 0.004, 0.01, 0.023]
-    _, _, ours = play(40, 64, actuator={"delay": {"choice": delays}})
-    theirs = [play(40, 64, actuator={"delay": delay})[2] for delay in delays]
-    motion = np.array([truth.position for truth in ours])
-    match = [np.all(motion == [truth.position for truth in run], axis=(0, 2)) for run in theirs]
-    assert np.sum(match, axis=0).tolist() == [1] * 64
-    assert min(np.sum(match, axis=1)) >= 5
-
-
 def test_a_fixed_number_is_the_choice_of_it_alone():
     ours = play(friction={"viscous": {"choice": [2.0]}, "coulomb": {"uniform": [3.0, 3.0]}})
     theirs = play(friction={"viscous": 2.0, "coulomb": 3.0})

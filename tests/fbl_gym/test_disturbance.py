@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmVectorEnv
 from tests.fbl_gym.paired_runs import LANES, play, same, watch
 
 
@@ -26,21 +26,6 @@ def test_a_piecewise_constant_disturbance_has_uniform_levels():
     assert np.abs(levels_seen).max() <= 1.0
     for joint in (0, 1):
         assert stats.kstest(levels_seen[:, joint], stats.uniform(-1, 2).cdf).pvalue > 1e-3
-
-
-def test_a_period_may_be_any_multiple_of_the_physics_step():
-    env = TwoLinkArmEnv(
-        control_dt=0.001, disturbance={"kind": "piecewise-constant", "amplitude": 20.0, "period": 0.003}
-    )
-    coarse = TwoLinkArmEnv(disturbance={"kind": "piecewise-constant", "amplitude": 20.0, "period": 0.003})
-    env.reset(seed=0)
-    coarse.reset(seed=0)
-    for _ in range(10):
-        for _ in range(10):
-            env.step((0.1, 0.1))
-        coarse.step((0.1, 0.1))
-        np.testing.assert_array_equal(env.truth.disturbance, coarse.truth.disturbance)
-        np.testing.assert_allclose(env.truth.position, coarse.truth.position, atol=1e-13)
 
 
 def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():

@@ -31,11 +31,6 @@ def test_an_episode_is_truncated_after_its_duration_and_then_needs_a_reset():
     env.step((0, 0))
 
 
-def test_reset_refuses_unknown_options():
-    with pytest.raises(ValueError, match="unknown reset option 'low'"):
-        TwoLinkArmEnv().reset(options={"low": 1})
-
-
 def test_truth_is_a_copy_and_reading_it_changes_nothing():
     env, twin = TwoLinkArmEnv("everything-2"), TwoLinkArmEnv("everything-2")
     env.reset(seed=0)

@@ -22,12 +22,6 @@ def test_the_losses_add_up_to_the_reward(reward):
     assert env.step((-1.5, 0.5))[4]["saturation"] == 0.5
 
 
-def test_the_info_is_empty_without_the_option():
-    env = TwoLinkArmEnv()
-    env.reset(seed=0)
-    assert env.step(np.zeros(2))[4] == {}
-
-
 @pytest.mark.parametrize("action", ["normalized", "torque", "acceleration"])
 def test_previous_actions_are_observed_on_demand(action):
     plain, env = TwoLinkArmEnv(action=action), TwoLinkArmEnv(action=action, past_actions=2)

@@ -55,21 +55,6 @@ def test_an_error_time_of_one_step_ends_at_once():
     assert reward == 0.0
 
 
-def test_lanes_are_lost_one_by_one():
-    options = {"limits": {"error": 0.3, "error_time": 0.2}, "action": "torque", "duration": 3.0}
-    envs = TwoLinkArmVectorEnv(20, autoreset_mode="SameStep", **options)
-    envs.reset(seed=0)
-    ends = {}
-    for k in range(300):
-        *_, terminated, _, _ = envs.step(np.zeros((20, 2)))
-        for lane in np.flatnonzero(terminated):
-            ends.setdefault(int(lane), k)
-    for lane in (0, 7, 19):
-        env = TwoLinkArmEnv(**options)
-        env.reset(seed=lane)
-        assert next(k for k in range(300) if env.step((0.0, 0.0))[2]) == ends[lane]
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
