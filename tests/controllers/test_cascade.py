@@ -1,4 +1,4 @@
-"""The paper's cascade against its linear error equation, its inner poles and a constant load."""
+"""The paper's cascade against its linear error equation and a constant load."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The regulator against value iteration, the cost of its closed loop and its poles; the law against its linear equation."""
+"""The regulator against value iteration and its continuous limit; the law against its linear equation."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Constraints: their cost in the info and their end of an episode, for one arm and for a batch."""
+"""Constraints: their cost in the info and their end of an episode. `test_lanes.py` compares batches with single arms."""
 
 import gymnasium as gym
 import numpy as np

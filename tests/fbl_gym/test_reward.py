@@ -1,4 +1,4 @@
-"""The reward: equation, bounds and slope."""
+"""The reward: equation and slope."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Joints that stick, slide and come to rest, against mechanics."""
+"""Joints that stick and slide, against mechanics."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""The random streams against NumPy's Philox and against their distributions."""
+"""The random streams against NumPy's Philox, to the bit."""
 
 import hashlib
 

@@ -1,4 +1,4 @@
-"""`fbl_gym/TwoLinkArmTracking-v0`: the observation of learning agents, single and in batches."""
+"""`fbl_gym/TwoLinkArmTracking-v0`: the observation of learning agents. `test_lanes.py` compares batches with single arms."""
 
 import gymnasium as gym
 import numpy as np
