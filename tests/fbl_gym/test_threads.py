@@ -47,12 +47,6 @@ def test_no_lane_moves_if_one_thread_finds_an_error():
     assert np.array_equal(env.truth.position, before)
 
 
-@pytest.mark.parametrize("threads", [0, -1, 1.5, "two"])
-def test_a_number_of_threads_is_whole_and_positive(threads):
-    with pytest.raises(ValueError, match="threads must be"):
-        TwoLinkArmVectorEnv(4, threads=threads)
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_forked_process_starts_its_own_threads():
     env = TwoLinkArmVectorEnv(64, threads=2)

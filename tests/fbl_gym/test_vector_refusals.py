@@ -14,6 +14,7 @@ from tests.fbl_gym.episodes import EVENTFUL
         *[({"num_envs": n}, "num_envs must be a whole number not below 1, got") for n in (0, -1, 2.5, True, "2", None)],
         ({"num_envs": 2, "autoreset_mode": "Nextstep"}, "did you mean 'NextStep'"),
         ({"num_envs": 2, "max_episode_steps": 0}, "max_episode_steps must be"),
+        *[({"num_envs": 4, "threads": n}, "threads must be") for n in (0, -1, 1.5, "two")],
     ],
 )
 def test_bad_arguments_are_named(arguments, message):
