@@ -54,6 +54,7 @@ from benchmarks.run.suite import load
         ("leaderboard --cell-timeout nan", "cell-timeout must be a finite number"),
         ("leaderboard --cell-memory -1", "cell-memory must be a finite number"),
         ("leaderboard --world mujoco --tex table.tex", "--tex is for one board"),
+        ("evaluate os:getcwd --seeds 1", "getcwd makes no policy: it must take the interface"),
         ("check-policy nowhere.py", "there is no file nowhere.py"),
         ("check-policy nomod:f", "but there is no module nomod, installed or in "),
         ("check-policy .nomod:f", "must name a module as in an import, such as my_laws.pd, got '.nomod'"),
@@ -215,11 +216,6 @@ def test_help_on_training_needs_no_extra(capsys, monkeypatch, tmp_path):
         cli.main(["train", "--help"])
     assert cli.main(["train", "ppo", "--steps", "10"]) == 2
     assert "pip install 'fbl-gym[rl]'" in capsys.readouterr().err
-
-
-def test_what_takes_no_interface_makes_no_policy(capsys):
-    assert cli.main(["evaluate", "os:getcwd", "--seeds", "1"]) == 2
-    assert "getcwd makes no policy: it must take the interface" in capsys.readouterr().err
 
 
 WITHOUT_EXTRAS = """
