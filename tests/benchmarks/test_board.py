@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import functools
 import io
 import sys
 
@@ -40,18 +41,6 @@ def test_a_lane_of_a_rollout_is_the_single_environment():
             observation = env.step(action)[0]
 
 
-def test_all_policies_meet_the_same_worlds():
-    one = rollout("pid-flm", scenarios.get("disturbance-1"), range(4))
-    two = rollout("cascade-flm", scenarios.get("disturbance-1"), range(4))
-    np.testing.assert_array_equal(one.disturbance, two.disturbance)
-    np.testing.assert_array_equal(one.reference, two.reference)
-
-
-def test_a_rollout_repeats_bit_for_bit():
-    one, two = (rollout("cascade-flm", scenarios.get("everything-3"), range(3)) for _ in range(2))
-    np.testing.assert_array_equal(one.position, two.position)
-
-
 def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
     scenario = scenarios.get("disturbance-3")
     found = rollout("zero", scenario, range(16))
@@ -66,31 +55,10 @@ def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
     np.testing.assert_array_equal(found.reference, rollout("pd-gravity", scenario, range(16)).reference)
 
 
-def test_the_scenarios_cover_every_family_on_both_arms():
-    names = scenarios.in_tier("ideal")
-    assert len(names) == len(set(names)) == 2 * (1 + 3 * (len(scenarios.families()) - 1))
-    stiction = [scenario.name for scenario in load("ideal").build(["zero"], ["stiction"]).scenarios]
-    assert stiction == [f"{arm}stiction-{s}" for arm in ("", "section-2-2/") for s in (1, 2, 3)]
-
-
 SOME = ["--policies", "zero", "pid-flm", "cascade-flm", "oracle-flm", "--workers", "1"]
 
 
-def test_leaderboard_command(tmp_path, capsys):
-    arguments = ["leaderboard", *SOME[:-2], "--seeds", "4", "--scenarios", "mass-error-1", "section-2-2/nominal"]
-    assert cli.main([*arguments, "--workers", "1", "--store", str(tmp_path)]) == 0
-    shown = capsys.readouterr().out
-    for word in ("2 scenarios, 4 seeds each", "cascade-flm", "(oracle-flm)", "a page of them"):
-        assert word in shown.replace("\n", "")
-    out = tmp_path / "out"
-    assert cli.main(["report", *arguments[1:], "--store", str(tmp_path), "--out", str(out)]) == 0
-    with (out / "board.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 2 * 4 * 4
-    assert set(rows[0]) == {"policy", "scenario", "control_dt", "seed", *METRICS}
-    assert not list(tmp_path.glob(".*"))
-
-
+@functools.cache
 def board(policies=("zero", "pid-flm", "cascade-flm", "oracle-flm"), seeds=8, families=("nominal", "mass-error")):
     return assemble([run_cell(cell) for cell in load("ideal").build(policies, families, seeds).cells])
 
@@ -304,10 +272,13 @@ def test_family_of():
         assert family_of(name) == family
 
 
-def test_the_report_has_every_run_and_the_accesses(tmp_path):
+def test_the_report_has_every_run_and_the_accesses(tmp_path, capsys):
     store, out = tmp_path / "store", tmp_path / "out"
     same = [*SOME[:-2], "--seeds", "3", "--scenarios", "nominal", "--store", str(store)]
     assert cli.main(["leaderboard", *same, "--workers", "1"]) == 0
+    shown = capsys.readouterr().out.replace("\n", "")
+    assert all(text in shown for text in ("1 scenario, 3 seeds each", "cascade-flm", "(oracle-flm)", "a page of them"))
+    assert not list(store.glob(".*"))
     readme = tmp_path / "README.md"
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
     assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
@@ -329,6 +300,7 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path):
     runs = list(csv.DictReader((out / "board.csv").read_text().splitlines()))
     assert len(runs) == 12
     assert len({run["policy"] for run in runs}) == 4
+    assert set(runs[0]) == {"policy", "scenario", "control_dt", "seed", *METRICS}
 
 
 def test_verify_command(tmp_path, capsys):
@@ -346,51 +318,6 @@ def test_verify_command(tmp_path, capsys):
     assert "DIFFERS: error_pct by up to" in capsys.readouterr().out
     assert cli.main(["verify", "pid-flm/noise-2", "--store", str(tmp_path)]) == 2
     assert "did you mean 'pid-flm/noise-1'" in capsys.readouterr().err
-
-
-STRANGER = """
-from dataclasses import dataclass
-
-import controllers
-from fbl_gym.model.arm import inverse_dynamics
-
-
-@dataclass(frozen=True)
-class Mine(controllers.TorqueLaw):
-    w: float = 8.0
-
-    def torque(self, observation, state):
-        q, v = self.read(observation, "position", "velocity")
-        r, dr, ddr = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        a = ddr + self.w**2 * (r - q) + 2 * self.w * (dr - v)
-        return inverse_dynamics(self.interface.nominal, q, v, a), state
-
-
-make_policy = Mine
-"""
-
-
-def test_a_strangers_file_joins_the_board(tmp_path, capsys):
-    file = tmp_path / "mine.py"
-    file.write_text(STRANGER)
-    assert cli.main(["check-policy", str(file)]) == 0
-    assert "keeps every promise of a policy" in capsys.readouterr().out
-    assert cli.main(["evaluate", f"{file}:Mine", "--seeds", "2"]) == 0
-    arguments = [
-        "--policies",
-        "zero",
-        "--policy",
-        str(file),
-        "--scenarios",
-        "nominal",
-        "--seeds",
-        "2",
-        "--workers",
-        "1",
-    ]
-    capsys.readouterr()
-    assert cli.main(["leaderboard", *arguments, "--store", str(tmp_path / "store")]) == 0
-    assert "mine.py" in capsys.readouterr().out
 
 
 CHEAT = """
@@ -485,22 +412,6 @@ def test_lanes_are_compared_on_the_same_readings(action, kept, tmp_path):
     assert lanes.kept is kept, lanes.detail
 
 
-@pytest.mark.parametrize(
-    ("policy", "message"),
-    [
-        ("nowhere.py", "there is no file nowhere.py"),
-        ("controllers.simple:Zeros", "unknown factory of controllers.simple 'Zeros'; did you mean 'Zero'"),
-        ("pid-fml", "did you mean 'pid-flm'"),
-        ("nomod:f", "but there is no module nomod, installed or in "),
-        ("controllers.nomod:f", "but there is no module controllers.nomod, installed or in "),
-        (".nomod:f", "must name a module as in an import, such as my_laws.pd, got '.nomod'"),
-    ],
-)
-def test_policies_that_cannot_be_found(policy, message, capsys):
-    assert cli.main(["check-policy", policy]) == 2
-    assert message in capsys.readouterr().err
-
-
 HELPED = """
 from helper import GAIN
 from controllers.simple import PdGravity
@@ -532,82 +443,19 @@ def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
         monkeypatch.delitem(sys.modules, name, raising=False)
 
 
-def test_an_archive_is_not_loaded_without_trust(tmp_path, capsys):
-    archive = tmp_path / "model.zip"
-    archive.write_bytes(b"PK")
-    assert cli.main(["check-policy", str(archive)]) == 2
-    assert "runs any code that it holds; give --trust" in capsys.readouterr().err
-
-
 def test_tuned_gains_make_a_policy_of_their_own():
     for name in controllers.tuned("servo"):
         made = controllers.make(name, TwoLinkArmEnv())
         for gain, value in controllers.registry.tuned_gains(name).items():
             assert np.allclose(getattr(made, gain), value)
-    with pytest.raises(ValueError, match="zero has no tuned gains for the class servo"):
-        controllers.make("zero@tuned", TwoLinkArmEnv())
 
 
 def test_evaluate_command_with_a_plot(tmp_path, capsys):
-    picture = tmp_path / "trace.png"
-    assert cli.main(["evaluate", "pid-flm", "--scenario", "paper-3a", "--seeds", "1", "--plot", str(picture)]) == 0
-    shown = capsys.readouterr().out
-    assert "[mrad]" in shown.replace("\n", "")
-    assert "settling_s" in shown
-    assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-def test_the_papers_pid_settles_with_a_perfect_model_and_not_with_half_of_it():
-    """Figures 3a and 3b: settled within each step, against far off."""
-    perfect = measure(rollout("pid-flm", scenarios.get("paper-3a"), [0]))[0]
-    half = measure(rollout("pid-flm", scenarios.get("paper-3b"), [0]))[0]
-    assert perfect["settling_s"] < 4.0
-    assert perfect["steady_1_pct"] < 5.0
-    assert half["error_pct"] > 3 * perfect["error_pct"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["evaluate", "pid-fml"], "did you mean 'pid-flm'"),
-        (["evaluate", "zero", "--scenario", "paper-3"], "did you mean 'paper-3"),
-        (["leaderboard", "--policies", "nobody"], "unknown policy 'nobody'"),
-        (["leaderboard", "--scenarios", "everythin"], "unknown scenario or family 'everythin'"),
-    ],
-)
-def test_wrong_names_are_named(arguments, message, capsys):
-    assert cli.main(arguments) == 2
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("seeds", ["0", "-1", "many"])
-def test_seeds_must_be_a_number(seeds, capsys):
-    with pytest.raises(SystemExit):
-        cli.main(["evaluate", "zero", "--seeds", seeds])
-    assert "whole number" in capsys.readouterr().err
-
-
-def test_a_missing_extra_is_named(monkeypatch, capsys, tmp_path):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert cli.main(["evaluate", "zero", "--seeds", "1", "--plot", str(tmp_path / "trace.png")]) == 2
-    assert "this needs matplotlib, which is not installed: pip install 'fbl-gym[bench]'" in capsys.readouterr().err
-
-
-def test_a_folder_that_cannot_be_written_is_an_error(tmp_path, capsys):
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    arguments = ["leaderboard", "--seeds", "1", "--policies", "zero", "--scenarios", "nominal", "--workers", "1"]
-    assert cli.main([*arguments, "--store", str(blocked)]) == 2
-    assert "file" in capsys.readouterr().err
-
-
-def test_a_comparison_and_the_doctor(tmp_path, capsys):
-    picture = tmp_path / "errors.png"
-    assert cli.main(["evaluate", "cascade-flm", "zero", "--seeds", "4", "--plot", str(picture)]) == 0
-    assert "0 % (0-0)" in capsys.readouterr().out
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert cli.main(["doctor"]) == 0
-    assert "all is well" in capsys.readouterr().out
+    for line, shown in (("pid-flm --scenario paper-3a --seeds 1", "settling_s"), ("pid-flm zero --seeds 4", "(0-0)")):
+        picture = tmp_path / f"{shown}.png"
+        assert cli.main(["evaluate", *line.split(), "--plot", str(picture)]) == 0
+        assert shown in capsys.readouterr().out
+        assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_help_names_every_command(capsys):
@@ -618,14 +466,3 @@ def test_help_names_every_command(capsys):
         assert f"  {name} " in shown
         with pytest.raises(SystemExit, match="0"):
             cli.main([name, "--help"])
-    assert cli.main(["leaderbord"]) == 2
-    assert "did you mean 'leaderboard'" in capsys.readouterr().err
-
-
-def test_lists(capsys):
-    assert cli.main(["list", "policies"]) == 0
-    assert cli.main(["list", "scenarios"]) == 0
-    shown = capsys.readouterr().out
-    once = [name for name in scenarios.names() if name[-2:] not in ("-1", "-2", "-3") and "-practice-" not in name]
-    assert "geared-practice-FAMILY" in shown
-    assert all(name in shown for name in (*controllers.names(), *scenarios.families(), *once))

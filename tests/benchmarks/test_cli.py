@@ -47,10 +47,54 @@ from benchmarks.run.suite import load
         ("report --store nowhere", "the folder nowhere lacks these results: run `fbl-gym leaderboard`"),
         ("tune zero", "zero has nothing to tune"),
         ("reproduce --only figure-77", "unknown claim 'figure-77'; did you mean 'figure-7'"),
+        ("leaderbord", "did you mean 'leaderboard'"),
+        ("evaluate zero --seeds 0", "must be a whole number, 1 or more, got '0'"),
+        ("evaluate zero --trace trace.txt", "must end in .csv, got 'trace.txt'"),
+        ("leaderboard --cell-timeout 0", "cell-timeout must be a finite number"),
+        ("leaderboard --cell-timeout nan", "cell-timeout must be a finite number"),
+        ("leaderboard --cell-memory -1", "cell-memory must be a finite number"),
+        ("leaderboard --world mujoco --tex table.tex", "--tex is for one board"),
+        ("evaluate os:getcwd --seeds 1", "getcwd makes no policy: it must take the interface"),
+        ("check-policy nowhere.py", "there is no file nowhere.py"),
+        ("check-policy nomod:f", "but there is no module nomod, installed or in "),
+        ("check-policy .nomod:f", "must name a module as in an import, such as my_laws.pd, got '.nomod'"),
+        ("check-policy controllers.nomod:f", "but there is no module controllers.nomod, installed or in "),
+        (
+            "check-policy controllers.simple:Zeros",
+            "unknown factory of controllers.simple 'Zeros'; did you mean 'Zero'",
+        ),
+        (
+            "tune controllers.simple:PdGravity --ship",
+            "--ship is for the laws that fbl-gym comes with, got 'controllers.",
+        ),
+        ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
+        ("tune pid-flm --storage results", "storage must be the URL of a database, such as sqlite:///"),
+        ("tune pid-flm --scenarios servo-noise-2", "its motion is the board's"),
+        ("train ppo --steps 10 --scenario servo-noise-2", "its motion is the board's"),
+        ("sweep zero --over noise.position=1:2:log", "must be such as noise.position=1e-4:1e-2:log:9"),
+        (
+            "sweep zero --over noise.position=0.0010000001,0.0010000002",
+            "must have values that differ in their first six digits",
+        ),
+        ("sweep zero --over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
+        (
+            "sweep zero --over arm.m1=1 --over arm.m2=1 --over arm.m1=2",
+            "--over must name options that are no part of each other, got arm.m1 arm.m2 arm.m1",
+        ),
+        ("identify", "give the logs"),
+        ("identify --validate none.csv", "none.csv not found"),
+        ("identify --start servo-elastic-1 --plan plan.csv", "rigid"),
+        ("record zero --scenario servo-noise-2 --out a-v0", "servo-noise-2 is for judging alone"),
+        ("record zero --out mine", "must end in a name and a version, such as data/expert-v0, got 'mine'"),
+        ("record zero --out old-v0", "must be a new folder, got 'old-v0', which exists; give another version"),
+        ("record zero --out a-v0 --episodes 1001", "episodes must be at most 1000, the seeds of one --seed, got 1001"),
+        ("record zero --out a-v0 --seed 99999999", "seed must be 0 to 2146482"),
+        ("record zero --out a-v0 --noise -1", "noise must not be negative, got -1"),
     ],
 )
 def test_a_mistake_is_answered_with_what_is_right(line, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "old-v0").mkdir()
     try:
         status = cli.main(shlex.split(line))
     except SystemExit as left:
@@ -59,7 +103,7 @@ def test_a_mistake_is_answered_with_what_is_right(line, message, capsys, tmp_pat
     shown = capsys.readouterr()
     assert message in shown.err
     assert shown.out == ""
-    assert list(tmp_path.iterdir()) in ([], [tmp_path / "results"])
+    assert {path.name for path in tmp_path.iterdir()} <= {"old-v0", "results"}
 
 
 def test_a_mistake_in_a_file_is_one_line(capsys, tmp_path, monkeypatch):
@@ -161,11 +205,6 @@ def test_help_on_training_needs_no_extra(capsys, monkeypatch, tmp_path):
         cli.main(["train", "--help"])
     assert cli.main(["train", "ppo", "--steps", "10"]) == 2
     assert "pip install 'fbl-gym[rl]'" in capsys.readouterr().err
-
-
-def test_what_takes_no_interface_makes_no_policy(capsys):
-    assert cli.main(["evaluate", "os:getcwd", "--seeds", "1"]) == 2
-    assert "getcwd makes no policy: it must take the interface" in capsys.readouterr().err
 
 
 WITHOUT_EXTRAS = """

@@ -54,10 +54,6 @@ def test_tuned_gains_are_changed_one_by_one():
     assert changed == {**tuned, "kp": [7.0, 7.0]}
 
 
-def test_a_composed_law_has_gains():
-    assert resolve("pid-flm+kalman@kp=7").make(TwoLinkArmEnv()).kp == (7.0, 7.0)
-
-
 def test_changed_gains_are_another_cell(folder):
     spec = resolve("law.py@gains.json")
     (folder / "gains.json").write_text('{"frequency": 7}')

@@ -241,34 +241,8 @@ def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch):
     path = tmp_path / "robot.toml"
     path.write_text('base = "servo-practice-nominal"\nduration = 8.0\nfriction.load = 0.0\n')
     start = scenarios.get(str(path))
-    cli.main(
-        [
-            "evaluate",
-            "pd-gravity",
-            "--scenario",
-            str(path),
-            "--seeds",
-            "1",
-            "--trace",
-            str(tmp_path / "run.csv"),
-        ]
-    )
+    cli.main(f"evaluate pd-gravity --scenario {path} --seeds 1 --trace {tmp_path}/run.csv".split())
     runs = [read(tmp_path / "run.csv")]
     assert runs[0].difference == 1
     (tmp_path / "arm.toml").write_text(result.text(identify(runs, start), runs, start, str(path), ""))
     assert scenarios.get(str(tmp_path / "arm.toml")).noise.velocity is None
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "give the logs"),
-        (["--validate", "none.csv"], "none.csv not found"),
-        (["--start", "servo-elastic-1"], "rigid"),
-    ],
-)
-def test_wrong_arguments_are_refused(arguments, message, capsys):
-    if "rigid" in message:
-        arguments = [*arguments, "--plan", "plan.csv"]
-    assert cli.main(["identify", *arguments]) == 2
-    assert message in capsys.readouterr().err

@@ -49,8 +49,3 @@ def test_commands_write_their_table(line, rows, columns, tmp_path, monkeypatch, 
     body = (tmp_path / "table.tex").read_text().split("\\midrule\n")[1].split("\\bottomrule")[0].splitlines()
     assert len(body) >= rows
     assert all(row.count("&") >= columns - 1 and row.endswith(r"\\") for row in body)
-
-
-def test_a_table_of_several_boards_is_refused(capsys):
-    assert cli.main(shlex.split("leaderboard --world mujoco --tex table.tex")) == 2
-    assert "--tex is for one board" in capsys.readouterr().err

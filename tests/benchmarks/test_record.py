@@ -65,26 +65,3 @@ def test_an_episode_ends_where_the_arm_diverged(observed, size):
         assert np.flatnonzero(episode["terminations"]).tolist() == [steps - 1]
         assert episode["observations"].shape == (steps + 1, size)
         np.testing.assert_allclose(episode["infos"]["time"], 0.01 * np.arange(steps + 1))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("--scenario servo-noise-2 --out a-v0", "servo-noise-2 is for judging alone"),
-        ("--out mine", "must end in a name and a version, such as data/expert-v0, got 'mine'"),
-        ("--out old-v0", "must be a new folder, got 'old-v0', which exists; give another version"),
-        ("--out a-v0 --episodes 1001", "episodes must be at most 1000, the seeds of one --seed, got 1001"),
-        ("--out a-v0 --seed 99999999", "seed must be 0 to 2146482"),
-        ("--out a-v0 --noise -1", "noise must not be negative, got -1"),
-    ],
-)
-def test_a_mistake_is_answered_with_what_is_right(options, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "old-v0").mkdir()
-    try:
-        status = cli.main(["record", "zero", *options.split()])
-    except SystemExit as end:
-        status = end.code
-    assert status == 2
-    assert message in capsys.readouterr().err
-    assert len(list(tmp_path.iterdir())) == 1

@@ -105,17 +105,8 @@ def test_a_stopped_board_leaves_no_process_and_says_what_is_kept(start):
 def test_a_board_whose_store_cannot_be_written_ends(tmp_path):
     """With more cells than workers."""
     (tmp_path / "file").write_text("")
-    command = [sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", "pd-gravity", "--workers", "2"]
-    command += [
-        "--scenarios",
-        "nominal",
-        "noise",
-        "mass-error",
-        "--seeds",
-        "1",
-        "--store",
-        str(tmp_path / "file" / "store"),
-    ]
+    line = "leaderboard --policies zero pd-gravity --workers 2 --scenarios nominal noise mass-error --seeds 1 --store"
+    command = [sys.executable, "-m", "fbl_gym", *line.split(), str(tmp_path / "file" / "store")]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 2
     assert "Not a directory" in done.stderr

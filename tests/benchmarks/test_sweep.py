@@ -4,7 +4,6 @@ import csv
 import dataclasses
 import shlex
 
-import numpy as np
 import pytest
 
 from benchmarks import cli
@@ -58,46 +57,3 @@ def test_two_options_give_every_pair_of_values(folder):
     drawn = (folder / "two.svg").read_text()
     assert "pd-gravity, noise.position 0<" in drawn
     assert "pd-gravity, noise.position 0.01<" in drawn
-
-
-@pytest.mark.parametrize(
-    ("over", "message"),
-    [
-        ("--over noise.position=1:2:log", "must be such as noise.position=1e-4:1e-2:log:9"),
-        ("--over noise.position=0.0010000001,0.0010000002", "must have values that differ in their first six digits"),
-        ("--over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
-        (
-            "--over arm.m1=1 --over arm.m2=1 --over arm.m1=2",
-            "--over must name options that are no part of each other, got arm.m1 arm.m2 arm.m1",
-        ),
-    ],
-)
-def test_a_wrong_sweep_is_refused(over, message, capsys):
-    try:
-        status = cli.main(shlex.split(f"sweep zero {over}"))
-    except SystemExit as end:
-        status = end.code
-    assert status == 2
-    assert message in capsys.readouterr().err
-
-
-def test_a_trace_has_names_with_units():
-    assert cli.main(shlex.split("evaluate pd-gravity --scenario arm.toml --seeds 2 --trace trace.csv")) == 0
-    samples = [row for row in rows("trace.csv") if row["seed"] == "1"]
-    assert (len(samples), samples[-1]["time_s"]) == (51, "0.5")
-    assert set(samples[0]) >= {"alive", "velocity_1_rad_s", "torque_2_Nm", "payload_kg"}
-    assert np.isfinite([float(row["position_2_rad"]) for row in samples]).all()
-
-
-def test_a_trace_of_another_format_is_refused_before_the_run(capsys):
-    with pytest.raises(SystemExit):
-        cli.main(shlex.split("evaluate pd-gravity --trace trace.txt"))
-    assert "must end in .csv, got 'trace.txt'" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("command", ["tune pid-flm --scenarios", "train ppo --steps 10 --scenario"])
-def test_a_judged_scenario_is_neither_tuned_nor_trained_on(command, capsys):
-    assert cli.main([*command.split(), "servo-noise-2"]) == 2
-    error = capsys.readouterr().err
-    assert "servo-noise-2" in error
-    assert "its motion is the board's" in error

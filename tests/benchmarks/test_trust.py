@@ -36,26 +36,18 @@ def test_a_result_that_names_code_is_verified_only_with_trust(name, flag, capsys
     assert flag.exists()
 
 
-def test_a_suite_that_names_code_runs_only_with_trust(flag, capsys):
-    (flag.parent / "mine.toml").write_text(
-        'policies = ["zero", "law_for_trust.py"]\nscenarios = ["nominal"]\nseeds = 1\n'
-    )
-    line = ["leaderboard", "--suite", "mine.toml", "--store", "store", "--workers", "1"]
-    assert cli.main(line) == 2
-    assert "mine.toml names law_for_trust.py, whose code would be run" in capsys.readouterr().err
-    assert not flag.exists()
-    assert cli.main([*line, "--trust"]) == 0
-    assert flag.exists()
-
-
-def test_trust_covers_the_archives_that_a_suite_names(flag, capsys):
+@pytest.mark.parametrize(("named", "status"), [("law_for_trust.py", 0), ("a.zip", 1)])
+def test_a_suite_that_names_code_runs_only_with_trust(named, status, flag, capsys):
+    """Trust covers archives too; this one is then refused for its content."""
     (flag.parent / "a.zip").write_bytes(b"PK")
-    (flag.parent / "mine.toml").write_text('policies = ["zero", "a.zip"]\nscenarios = ["nominal"]\nseeds = 1\n')
+    (flag.parent / "mine.toml").write_text(f'policies = ["zero", "{named}"]\nscenarios = ["nominal"]\nseeds = 1\n')
     line = ["leaderboard", "--suite", "mine.toml", "--store", "store", "--workers", "1"]
     assert cli.main(line) == 2
-    assert "give --trust" in capsys.readouterr().err
-    assert cli.main([*line, "--trust"]) == 1
-    assert "a.zip must be an archive" in " ".join(capsys.readouterr().out.split())
+    assert f"mine.toml names {named}, whose code would be run; give --trust" in capsys.readouterr().err
+    assert not flag.exists()
+    assert cli.main([*line, "--trust"]) == status
+    assert flag.exists() == (status == 0)
+    assert ("a.zip must be an archive" in " ".join(capsys.readouterr().out.split())) == (status == 1)
 
 
 def test_an_unknown_access_in_a_result_is_damage(tmp_path):

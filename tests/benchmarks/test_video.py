@@ -2,8 +2,6 @@
 
 import dataclasses
 import itertools
-import re
-from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
@@ -16,7 +14,6 @@ from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmEnv, scenarios
 from fbl_gym.view.render import View
 
-DOCS = Path(__file__).parents[2] / "docs" / "how-to" / "pictures.md"
 SHORT = scenarios.get("everything-1").replace(duration=0.4)
 
 
@@ -84,17 +81,3 @@ def test_frames_stand_side_by_side(traces):
     for together, *alone in itertools.islice(zip(film(traces, 50, size=160), *apart, strict=True), 5):
         for i, frame in enumerate(alone):
             np.testing.assert_array_equal(together[12:, 160 * i : 160 * (i + 1)], frame[12:])
-
-
-def test_another_ending_is_refused(tmp_path, traces):
-    with pytest.raises(ValueError, match=r"path must end in \.mp4 or \.gif, got .*film\.avi"):
-        write_video(traces, tmp_path / "film.avi")
-    assert not list(tmp_path.iterdir())
-
-
-def test_the_documentations_code_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (code,) = re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)
-    exec(code, {})
-    frames, _ = imageio_ffmpeg.count_frames_and_secs("disturbance-3.mp4")
-    assert frames == 151

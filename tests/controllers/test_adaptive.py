@@ -40,12 +40,6 @@ def test_small_parameters_need_a_fast_loop():
     assert slow["diverged"] == 1.0
 
 
-def test_acceleration_noise_ruins_three_samples():
-    """sigma = 0.01 rad/s^2 on the accelerometer, and the typical estimate is off by half and more."""
-    noisy = scenarios.get("paper-6a").replace(noise={"acceleration": 0.01})
-    assert np.median(learn(noisy, 2000)[1000:]) > 0.3
-
-
 def test_samples_that_lie_apart_bear_noise():
     """The same noise: half a second apart, the estimates are within some per cent."""
     exciting = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}

@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 import controllers
 from controllers.parts import Eso
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.model.arm import gravity_torque, inertia_matrix
 from tests.controllers.closed_loop import tracking
+from tests.controllers.linear import response
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 FAST = {"control_dt": 1e-3, "physics_dt": 1e-3}
@@ -59,10 +59,7 @@ def test_the_error_obeys_its_linear_equation():
     """Exact model: the observer has nothing to find, and e'' + 2 w e' + w^2 e = 0."""
     env = TwoLinkArmEnv(actuator=None, action="torque", reference=STILL, initial_error=(-0.2, 0.0), **FAST)
     errors, _ = run(controllers.make("computed-torque-eso", env, controller_bandwidth=5.0), env, 2000)
-    step, x, expected = expm(np.array([[0.0, 1.0], [-25.0, -10.0]]) * 1e-3), np.array([0.2, 0.0]), []
-    for _ in range(2001):
-        expected.append(x[0])
-        x = step @ x
+    expected = response([[0.0, 1.0], [-25.0, -10.0]], [0.2, 0.0], 1e-3, 2000)
     assert np.abs(errors - np.transpose([expected, np.zeros(2001)])).max() < 5e-3 * 0.2
 
 

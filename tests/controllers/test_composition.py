@@ -1,20 +1,13 @@
 """Laws composed with observers and a predictor."""
 
-import dataclasses
-import json
-
 import numpy as np
 import pytest
 
 import controllers
 from benchmarks.policies.spec import resolve
 from benchmarks.run.contract import check
-from controllers import registry
-from controllers.composition import Composed, compose
-from controllers.oracle import OracleFlm
+from controllers.composition import Composed
 from controllers.parts import OBSERVERS, Drive, Springs
-from controllers.pid import PidFlm
-from controllers.policy import TorqueLaw
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records import tuning_ranges
@@ -197,32 +190,6 @@ def test_a_composition_has_the_gains_of_law_and_parts():
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Named(PidFlm):
-    observer: float = 2.0
-    predictor: float = 3.0
-    inside: float = 4.0
-
-
-def test_a_gain_may_have_the_name_of_a_part():
-    law = compose(Named, "kalman", "predictor")(TwoLinkArmEnv(sensors=("position",)).interface, observer=5.0)
-    assert (law.observer, law._inside.observer, law._inside.predictor, law._inside.inside) == (5.0, 5.0, 3.0, 4.0)
-    assert law.predict(np.zeros(law.interface.layout.size))[0].shape == (2,)
-
-
-def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
-    monkeypatch.setattr(registry, "TUNED", tmp_path)
-    name = "computed-torque+kalman@tuned"
-    with pytest.raises(ValueError, match="has no tuned gains for any class of robots"):
-        registry.tuned_gains(name)
-    gains = {"frequency": 8.0, "kalman_bandwidth": 60.0}
-    (tmp_path / "servo").mkdir()
-    (tmp_path / "servo" / "computed-torque+kalman.json").write_text(json.dumps({"gains": gains}))
-    assert registry.tuned_gains(name) == gains
-    assert resolve(name).tuning == "tuned"
-    assert controllers.make(name, TwoLinkArmEnv())._made["observer"].bandwidth == 60.0
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -237,21 +204,3 @@ def test_tuned_gains_are_those_of_the_composition(monkeypatch, tmp_path):
 def test_a_wrong_composition_is_named(name, message):
     with pytest.raises(ValueError, match=message):
         resolve(name)
-
-
-def test_a_law_of_a_user_is_composed():
-    @dataclasses.dataclass(frozen=True)
-    class Mine(TorqueLaw):
-        gains: tuple = (4.0,)
-
-        def torque(self, observation, state):
-            q, v = self.read(observation, "position", "velocity")
-            return -self.gains[0] * (q + v), state
-
-    env = TwoLinkArmEnv(sensors=("position",))
-    observation, _ = env.reset(seed=0)
-    for factory in (Mine, compose(Mine, "kalman", "predictor")):
-        assert np.isfinite(controllers.make(factory, env, gains=(2.0,)).predict(observation)[0]).all()
-    assert compose(Mine, "predictor", "kalman") is not None
-    with pytest.raises(ValueError, match="subclass of TorqueLaw"):
-        compose(OracleFlm, "kalman")

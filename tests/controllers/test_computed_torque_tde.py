@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 import controllers
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix
 from tests.controllers.closed_loop import tracking
+from tests.controllers.linear import response
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 AT_ONCE = 1e6
@@ -61,11 +61,8 @@ def test_the_error_equation_under_a_constant_load():
     policy = controllers.make("computed-torque-tde", env, frequency=w, bandwidth=g)
     errors, _ = tracking(policy, env, 2000)
     # x = (e, e', what is left to find), each per joint, in units of M^-1 d.
-    step = expm(np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * w, 1.0], [0.0, 0.0, -g]]) * 1e-3)
-    x, expected = np.array([0.0, 0.0, 1.0]), []
-    for _ in range(2001):
-        expected.append(x[0])
-        x = step @ x
+    rates = [[0.0, 1.0, 0.0], [-w * w, -2.0 * w, 1.0], [0.0, 0.0, -g]]
+    expected = response(rates, [0.0, 0.0, 1.0], 1e-3, 2000)
     push = np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), load)
     expected = np.outer(expected, push)
     assert np.abs(errors - expected).max() < 0.03 * np.abs(expected).max()

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 import controllers
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
 from tests.controllers.closed_loop import tracking
+from tests.controllers.linear import response
 
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 
@@ -24,10 +24,7 @@ def test_the_error_equation_under_a_constant_load(pole):
     share = pole * dt / np.expm1(pole * dt)
     # x = (e, e', z, f), in units of f = M^-1 d.
     rates = np.array([[0, 1, 0, 0], [-w * w, -2 * w, -1, 1], [0, 0, -g, g * share], [0, 0, 0, 0]])
-    step, x, expected = expm(rates * dt), np.array([0.0, 0.0, 0.0, 1.0]), []
-    for _ in range(2001):
-        expected.append(x[0])
-        x = step @ x
+    expected = response(rates, [0.0, 0.0, 0.0, 1.0], dt, 2000)
     f = np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), load)
     assert np.abs(errors - np.outer(expected, f)).max() < 0.03 * np.abs(np.outer(expected, f)).max()
     np.testing.assert_allclose(states[-1][1][0], -share * f, rtol=0.01)

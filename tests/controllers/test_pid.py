@@ -38,11 +38,6 @@ def test_pid_deviation_halves_with_the_sampling_interval():
     np.testing.assert_allclose(fine / coarse, 0.5, atol=0.02)
 
 
-def test_pid_is_decoupled():
-    """With an exact model, an error of one joint does not reach the other."""
-    assert pid_deviation(TABLE_1, (0.0, 0.0), (0.3, 0.0), 1e-3)[1] < 2e-4
-
-
 def test_the_printed_gains_are_unstable():
     """P, I, D = 10, 3, 0 as printed: the error grows as exp(0.149 t), the roots of s^3 + 10 s + 3."""
     env = TwoLinkArmEnv(

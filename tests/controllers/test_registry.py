@@ -39,20 +39,6 @@ def misspelt_factory(interface):
 misspelt_factory.access = "truth"
 
 
-@pytest.mark.parametrize(
-    ("name", "gains", "message"),
-    [
-        ("pid-fml", {}, "did you mean 'pid-flm'"),
-        ("pid-flm", {"kpp": 3}, "unknown argument of pid-flm 'kpp'; did you mean 'kp'"),
-        ("pid-flm", {"kp": float("nan")}, "kp must be a finite number"),
-        ("zero@tuned", {}, "zero has no tuned gains for the class servo"),
-    ],
-)
-def test_a_wrong_name_or_argument_is_named(name, gains, message):
-    with pytest.raises(ValueError, match=message):
-        controllers.make(name, TwoLinkArmEnv(), **gains)
-
-
 def test_a_name_is_registered_once():
     with pytest.raises(ValueError, match="registered already"):
         controllers.register("zero", "controllers.simple:Zero", "again")

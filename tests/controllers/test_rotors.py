@@ -5,24 +5,18 @@ import pytest
 
 import controllers
 from fbl_gym import ArmParameters, TwoLinkArmVectorEnv
+from tests.controllers.closed_loop import tracking
 
 ROTORS = ArmParameters(rotor=(8.0, 4.0))
 LAWS = ("computed-torque", "cascade-flm", "adaptive-flm", "slotine-li", "slotine-li-composite", "spong-robust",
          "computed-torque-tde", "rbf-adaptive", "computed-torque-dob", "nmpc")  # fmt: skip
 
 
-def mean_error(name, arm, **real):
+def mean_error(name, arm):
     """Return the mean position error [rad] over two seconds in four lanes."""
-    env = TwoLinkArmVectorEnv(4, arm=arm, action="torque", actuator=None, **real)
-    law = controllers.factory(name)(env.interface)
-    observation, _ = env.reset(seed=0)
-    state, first, errors = None, np.ones(4, dtype=bool), []
-    for _ in range(200):
-        action, state = law.predict(observation, state=state, episode_start=first)
-        observation, *_ = env.step(action)
-        first = np.zeros(4, dtype=bool)
-        errors.append(np.abs(env.truth.reference - env.truth.position))
-    return np.mean(errors)
+    env = TwoLinkArmVectorEnv(4, arm=arm, action="torque", actuator=None)
+    errors, _ = tracking(controllers.factory(name)(env.interface), env, 200)
+    return np.abs(errors[1:]).mean()
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -36,11 +30,5 @@ def test_estimates_are_those_of_the_links():
     exciting = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
     options = {"action": "torque", "actuator": None, "control_dt": 1e-3, "reference": exciting}
     env = TwoLinkArmVectorEnv(2, arm=ROTORS, parameter_error=1.2, **options)
-    policy = controllers.make("adaptive-flm", env)
-    observation, _ = env.reset(seed=0)
-    state, first = None, np.ones(2, dtype=bool)
-    for _ in range(4000):
-        action, state = policy.predict(observation, state=state, episode_start=first)
-        observation, *_ = env.step(action)
-        first = np.zeros(2, dtype=bool)
-    np.testing.assert_allclose(state.lumped, env.truth.lumped, rtol=0.05)
+    _, states = tracking(controllers.make("adaptive-flm", env), env, 4000)
+    np.testing.assert_allclose(states[-1].lumped, env.truth.lumped, rtol=0.05)

@@ -1,6 +1,5 @@
 """`TorqueLaw`: a subclass is a policy, with or without declared gains, and its errors name the mistake."""
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,9 +64,3 @@ def test_a_wrong_observation_is_refused():
     policy = controllers.make("pid-flm", TwoLinkArmEnv())
     with pytest.raises(ValueError, match=r"observation must have shape \(12,\)"):
         policy.predict(np.zeros(7))
-
-
-def test_a_law_with_another_gain_is_a_copy():
-    policy = controllers.make("pid-flm", TwoLinkArmEnv())
-    assert dataclasses.replace(policy, kp=20).kp == (20.0, 20.0)
-    assert policy.kp == (10.0, 10.0)

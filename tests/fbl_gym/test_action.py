@@ -27,20 +27,6 @@ def test_three_modes_with_equivalent_actions_are_one_motion():
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_actions_and_torques_are_each_others_inverse(mode):
-    interface = TwoLinkArmEnv(action=mode).interface
-    rng = np.random.default_rng(0)
-    q, v = rng.uniform(-3, 3, (500, 2)), rng.uniform(-3, 3, (500, 2))
-    torque = rng.uniform(-1, 1, (500, 2)) * (300.0, 60.0)
-    action = interface.action_from_torque(torque, q, v)
-    inside = (np.abs(action) < interface.action_limit).all(axis=1)
-    assert inside.mean() > 0.5
-    np.testing.assert_allclose(
-        interface.torque_from_action(action, q, v)[inside], torque[inside], rtol=1e-11, atol=1e-10
-    )
-
-
-@pytest.mark.parametrize("mode", MODES)
 def test_the_interface_says_what_torque_an_action_makes(mode):
     """At the measured state, noise and all, which is where an acceleration goes through the nominal model."""
     env = TwoLinkArmEnv(action=mode, noise={"position": 0.1, "velocity": 0.3}, parameter_error=1.5)

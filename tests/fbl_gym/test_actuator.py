@@ -5,7 +5,7 @@ import pytest
 
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import gravity_torque
-from tests.fbl_gym.paired_runs import plain, play, torques, watch
+from tests.fbl_gym.paired_runs import play, torques, watch
 
 
 def test_the_torque_limit_clips_the_applied_torque():
@@ -26,19 +26,6 @@ def test_a_normalized_action_is_a_fraction_of_the_torque_limit():
     np.testing.assert_array_equal(env.truth.applied_torque, [300.0, 50.0])
 
 
-@pytest.mark.parametrize("delay", [0.001, 0.01, 0.013, 0.02, 0.035])
-def test_a_delay_shifts_the_applied_torque(delay):
-    layout, seen, truths = play(actuator={"delay": delay})
-    late = round(delay / 0.001)
-    held = gravity_torque(TABLE_1, truths[0].position)
-    for k in range(1, 101):
-        # The torque at the interval's last millisecond was commanded `delay` before.
-        step = (10 * k - 1 - late) // 10
-        np.testing.assert_allclose(truths[k].applied_torque, held if step < 0 else torques(step), rtol=1e-12)
-        np.testing.assert_allclose(seen[k][..., layout["previous_actions"]][..., :2], torques(k - 1))
-    assert "previous_actions" not in plain()[0]
-
-
 @pytest.mark.parametrize("late", [1, 3, 10, 13, 20, 37])
 def test_a_delay_counts_in_physics_steps(late):
     """An arm without a delay gets the same commands later, and before them the torque at rest."""
@@ -55,15 +42,6 @@ def test_a_delay_counts_in_physics_steps(late):
         np.testing.assert_array_equal(slow.truth.position, prompt.truth.position)
         np.testing.assert_array_equal(slow.truth.velocity, prompt.truth.velocity)
         np.testing.assert_array_equal(slow.truth.applied_torque, prompt.truth.applied_torque)
-
-
-def test_a_lag_is_an_exponential():
-    layout, _, truths = play(actuator={"lag": 0.05})
-    assert "previous_actions" in layout
-    torque = gravity_torque(TABLE_1, truths[0].position)
-    for k in range(100):
-        torque = torques(k) + (torque - torques(k)) * np.exp(-0.01 / 0.05)
-        np.testing.assert_allclose(truths[k + 1].applied_torque, torque, rtol=1e-11)
 
 
 def test_a_lag_behind_a_delay_is_a_late_exponential():

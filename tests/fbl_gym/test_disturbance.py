@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmVectorEnv
 from tests.fbl_gym.paired_runs import LANES, play, same, watch
 
 
@@ -26,30 +26,6 @@ def test_a_piecewise_constant_disturbance_has_uniform_levels():
     assert np.abs(levels_seen).max() <= 1.0
     for joint in (0, 1):
         assert stats.kstest(levels_seen[:, joint], stats.uniform(-1, 2).cdf).pvalue > 1e-3
-
-
-def test_a_piecewise_constant_disturbance_changes_at_its_physics_steps():
-    (seen,) = watch(
-        "disturbance", disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.013}
-    )
-    changes = np.flatnonzero(np.any(np.diff(seen[1:], axis=0) != 0, axis=1)) + 1
-    np.testing.assert_array_equal(changes, np.arange(13, 150, 13))
-    assert np.all(np.abs(seen) <= (20.0, 5.0))
-
-
-def test_a_period_may_be_any_multiple_of_the_physics_step():
-    env = TwoLinkArmEnv(
-        control_dt=0.001, disturbance={"kind": "piecewise-constant", "amplitude": 20.0, "period": 0.003}
-    )
-    coarse = TwoLinkArmEnv(disturbance={"kind": "piecewise-constant", "amplitude": 20.0, "period": 0.003})
-    env.reset(seed=0)
-    coarse.reset(seed=0)
-    for _ in range(10):
-        for _ in range(10):
-            env.step((0.1, 0.1))
-        coarse.step((0.1, 0.1))
-        np.testing.assert_array_equal(env.truth.disturbance, coarse.truth.disturbance)
-        np.testing.assert_allclose(env.truth.position, coarse.truth.position, atol=1e-13)
 
 
 def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():
@@ -85,14 +61,6 @@ def test_the_phases_of_a_sine_disturbance_are_uniform():
     assert abs(np.corrcoef(env.truth.disturbance.T)[0, 1]) < 0.06
 
 
-def test_pulses_act_at_their_times():
-    disturbance, _ = levels(
-        disturbance={"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.5, "width": 0.1, "start": 0.3}
-    )
-    on = np.array([k - 1 >= 30 and (k - 1 - 30) % 50 < 10 for k in range(1, 201)])
-    assert np.array_equal(disturbance[1:, 0], on[:, None] * np.array([20.0, -5.0]))
-
-
 @pytest.mark.parametrize("start", [0.0, 0.017, 0.05])
 def test_pulses_start_and_end_at_their_physics_steps(start):
     option = {"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.03, "width": 0.007, "start": start}
@@ -101,13 +69,6 @@ def test_pulses_start_and_end_at_their_physics_steps(start):
     on = [k >= first and (k - first) % 30 < 7 for k in range(150)]
     # Sample k + 1 is the disturbance of the step from k to k + 1 ms.
     np.testing.assert_array_equal(seen[1:], np.outer(on, [20.0, -5.0]))
-
-
-def test_an_array_disturbance_holds_its_last_sample():
-    table = np.random.default_rng(0).uniform(-9, 9, (4, 2))
-    disturbance, _ = levels(disturbance={"kind": "array", "torque": table, "dt": 0.25})
-    for k in range(1, 201):
-        assert np.array_equal(disturbance[k, 3], table[min((k - 1) // 25, 3)])
 
 
 def test_an_array_disturbance_is_its_samples():

@@ -66,13 +66,6 @@ def test_an_arm_under_a_rate_limit_moves_as_by_a_solver(lag):
     np.testing.assert_allclose(position, motion, atol=2e-5)
 
 
-def test_a_rate_limit_bounds_every_change_of_the_torque():
-    _, _, truths = play(actuator={"rate_limit": (2000.0, 300.0)})
-    torque = np.array([truth.applied_torque for truth in truths])
-    assert (np.abs(np.diff(torque, axis=0)).max(axis=(0, 1)) <= np.array([20.0, 3.0]) * (1 + 1e-12)).all()
-    assert not same(truths, plain()[2], "position")
-
-
 def test_a_gain_scales_the_applied_torque():
     _, _, truths = play(actuator={"gain": (1.2, 0.7)})
     for k in range(100):
@@ -152,31 +145,6 @@ def test_previous_actions_are_those_on_their_way(actuator, count):
         observation = env.step(actions[0])[0]
         np.testing.assert_array_equal(observation[at], np.ravel(actions[:count]))
         assert observation in env.observation_space
-
-
-def test_previous_actions_make_the_state_known():
-    """Two arms with equal states and previous actions move alike, whatever came before."""
-
-    def run(first):
-        env = TwoLinkArmEnv(action="torque", actuator={"delay": 0.025}, arm={"gravity": 0.0})
-        env.reset(seed=0)
-        layout, observations = env.layout, []
-        for k in range(6):
-            observations.append(env.step(first[k] if k < len(first) else (5.0, 1.0))[0])
-        return layout, observations
-
-    layout, one = run([(3.0, 1.0)])
-    assert layout["previous_actions"].stop - layout["previous_actions"].start == 6
-    _, two = run([(4.0, 1.0)])
-    np.testing.assert_array_equal(one[0][:12], two[0][:12])
-    assert not np.array_equal(one[0], two[0])
-    assert not np.array_equal(one[3][:12], two[3][:12])
-
-
-def test_a_rate_limit_that_never_acts_changes_nothing():
-    limited = watch("position", "velocity", torque=JUMP, steps=50, actuator={"rate_limit": 1e12, "lag": 0.004})
-    free = watch("position", "velocity", torque=JUMP, steps=50, actuator={"lag": 0.004})
-    np.testing.assert_allclose(limited, free, rtol=1e-5)
 
 
 def test_a_drive_that_fails_gives_no_torque_at_once_whatever_its_lag():

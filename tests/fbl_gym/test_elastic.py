@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics, inertia_matrix
 from fbl_gym.options.joints import ElasticJoint, fastest_rate
-from tests.fbl_gym.energy import energy
 from tests.fbl_gym.paired_runs import same
 
 K, D, B = np.array([4000.0, 1500.0]), np.array([6.0, 2.0]), np.array([0.6, 0.3])
@@ -120,22 +119,6 @@ def test_stiff_joints_become_the_rigid_arm():
     assert np.all((ratios > 3.3) & (ratios < 4.7)), (distances, ratios)
 
 
-def test_energy_is_constant_without_damping_and_torque():
-    joint = {**JOINT, "damping": 0.0}
-    env = TwoLinkArmEnv(**OPTIONS, joint=joint, physics_dt=2.5e-4)
-    env.reset(seed=0)
-    total = []
-    for _ in range(100):
-        env.step((0.0, 0.0))
-        truth = env.truth
-        spring = 0.5 * (K * (truth.motor_position - truth.position) ** 2).sum()
-        total.append(
-            energy(TABLE_1, truth.position, truth.velocity) + spring + 0.5 * (B * truth.motor_velocity**2).sum()
-        )
-    assert np.ptp(total) < 1e-4
-    assert np.abs(truth.velocity).min() > 0.3
-
-
 def test_backlash_agrees_with_the_solver():
     """The links swing through the gap several times; each contact costs the step some accuracy."""
     truths = run(100, physics_dt=1e-4, joint={**JOINT, "backlash": 0.02})
@@ -190,11 +173,6 @@ def test_a_motor_sticks_while_its_link_swings():
         np.testing.assert_allclose(env.truth.friction_torque, -spring, atol=1e-12)
     assert np.ptp(motors, axis=0).max() == 0.0
     assert np.ptp(positions, axis=0).min() > 1e-4
-
-
-def test_the_literal_law_is_for_rigid_joints():
-    with pytest.raises(ValueError, match=r"friction\.law must be 'exact' with elastic joints"):
-        TwoLinkArmEnv(**OPTIONS, joint=JOINT, friction={"coulomb": 4.0, "law": "literal"})
 
 
 @pytest.mark.parametrize("side", ["motor", "link"])
@@ -255,35 +233,6 @@ def test_the_fastest_rate_is_the_textbooks():
     assert soft == pytest.approx(np.sqrt(800.0 * (1 / 0.5 + 1 / m)), rel=1e-3)
     damped = fastest_rate(arm, (0.5, 1e3), ElasticJoint((1e-3, 1e-6), damping=(100.0, 0.0)), (0.0, 0.0))
     assert damped == pytest.approx(100.0 * (1 / 0.5 + 1 / m), rel=1e-3)
-
-
-def test_elastic_joints_need_rotors():
-    with pytest.raises(ValueError, match=r"need rotors: give joint.rotor_inertia or arm.rotor"):
-        TwoLinkArmEnv(joint=1000.0)
-    env = TwoLinkArmEnv(joint=1000.0, arm={"rotor": 0.5})
-    assert env.scenario.rotor == (0.5, 0.5)
-
-
-def test_springs_may_vary():
-    """Each lane has its springs; the arm's own draws stay the same."""
-    spring = {
-        "stiffness": {"log_uniform": [500.0, 5000.0]},
-        "damping": ({"uniform": [1.0, 5.0]}, 2.0),
-        "rotor_inertia": 0.5,
-    }
-    options = {"parameter_error": {"radius": 0.2}, "physics_dt": 5e-4}
-    env, rigid = TwoLinkArmVectorEnv(64, joint=spring, **options), TwoLinkArmVectorEnv(64, **options)
-    env.reset(seed=0), rigid.reset(seed=0)
-    truth = env.truth
-    assert len(np.unique(truth.stiffness)) == 128
-    assert 500.0 <= truth.stiffness.min() < 700.0 < 4000.0 < truth.stiffness.max() <= 5000.0
-    assert np.all(truth.damping[:, 1] == 2.0)
-    np.testing.assert_allclose(
-        truth.stiffness * (truth.motor_position - truth.position), truth.applied_torque, atol=1e-9
-    )
-    np.testing.assert_array_equal(truth.masses, rigid.truth.masses)
-    with pytest.raises(ValueError, match="too long"):
-        TwoLinkArmEnv(joint={**spring, "stiffness": {"choice": [500.0, 1e8]}})
 
 
 def test_stribeck_friction_acts_on_the_motors():

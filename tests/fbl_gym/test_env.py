@@ -31,11 +31,6 @@ def test_an_episode_is_truncated_after_its_duration_and_then_needs_a_reset():
     env.step((0, 0))
 
 
-def test_reset_refuses_unknown_options():
-    with pytest.raises(ValueError, match="unknown reset option 'low'"):
-        TwoLinkArmEnv().reset(options={"low": 1})
-
-
 def test_truth_is_a_copy_and_reading_it_changes_nothing():
     env, twin = TwoLinkArmEnv("everything-2"), TwoLinkArmEnv("everything-2")
     env.reset(seed=0)
@@ -57,14 +52,6 @@ def test_the_interface_holds_the_nominal_model_and_the_rates():
     assert env.layout.size == env.observation_space.shape[0]
     assert len(env.layout.names) == env.layout.size
     assert env.observation_space.dtype == np.float64
-
-
-@pytest.mark.parametrize("name", [ID, "fbl_gym:fbl_gym/TwoLinkArm-v0"])
-def test_the_environment_is_made_by_id_and_by_class(name):
-    env = gym.make(name, scenario="noise-1")
-    assert isinstance(env.unwrapped, TwoLinkArmEnv)
-    assert env.unwrapped.scenario.name == "noise-1"
-    assert env.spec.id == ID
 
 
 def test_returned_arrays_are_never_changed_later():
@@ -91,12 +78,3 @@ def test_actions_and_options_are_neither_changed_nor_shared():
     action[:] = 0.0
     twin.step((3.0, -0.5))
     np.testing.assert_array_equal(env.step((0.1, 0.1))[0], twin.step((0.1, 0.1))[0])
-
-
-def test_duration_and_initial_error_reach_the_episode():
-    env = TwoLinkArmEnv(duration=0.05, initial_error=(0.1, -0.2))
-    plain = TwoLinkArmEnv()
-    env.reset(seed=0)
-    plain.reset(seed=0)
-    np.testing.assert_allclose(env.truth.position - plain.truth.position, [0.1, -0.2])
-    assert [env.step((0, 0))[3] for _ in range(5)] == [False] * 4 + [True]

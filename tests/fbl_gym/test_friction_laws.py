@@ -11,7 +11,7 @@ from fbl_gym.kernel.memory import FRICTION_LAWS
 from fbl_gym.model.arm import forward_dynamics
 from fbl_gym.options import Friction
 from fbl_gym.records import declarations
-from tests.fbl_gym.dry_arm import BREAKAWAY, DRY, FLAT, STILL
+from tests.fbl_gym.dry_arm import DRY, FLAT, STILL
 from tests.fbl_gym.paired_runs import plain, play, same, watch
 
 
@@ -38,30 +38,6 @@ def test_each_part_of_friction_reaches_the_plant(law):
             np.testing.assert_allclose(
                 truth.friction_torque[moving], expected(truth.velocity)[moving], rtol=1e-9, atol=1e-12
             )
-
-
-def test_friction_of_one_joint_does_not_act_on_the_other():
-    for joint in (0, 1):
-        level = [0.0, 0.0]
-        level[joint] = 6.0
-        for part in ("viscous", "coulomb", "stiction"):
-            _, _, truths = play(steps=30, friction={part: level, "v_s": 100.0})
-            friction = np.array([truth.friction_torque for truth in truths])
-            assert not friction[..., 1 - joint].any()
-            assert np.any(friction[5:, :, joint] != 0.0)
-
-
-def test_the_laws_of_friction_differ_at_rest():
-    """The exact law holds a joint at rest; the printed one does not act on it."""
-    rest = {"arm": {"gravity": 0.0}, "reference": {"kind": "minimum-jerk", "points": [(0.0, 0.0)]}, "action": "torque"}
-    moved = {}
-    for law in ("exact", "literal"):
-        env = TwoLinkArmEnv(friction={"coulomb": 20.0, "law": law}, **rest)
-        env.reset(seed=0)
-        env.step((5.0, 0.0))
-        moved[law] = env.truth.position
-    np.testing.assert_array_equal(moved["exact"], 0.0)
-    assert np.abs(moved["literal"]).max() > 0.0
 
 
 def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
@@ -121,20 +97,6 @@ def test_the_literal_law_has_no_friction_at_rest():
     free = forward_dynamics(FLAT, (0.4, 0.7), (0.0, 0.0), (6.0, -2.0))
     np.testing.assert_allclose(env.truth.acceleration, free, rtol=1e-12)
     assert env.truth.friction_torque.tolist() == [0.0, 0.0]
-
-
-def test_under_the_literal_law_nothing_sticks():
-    """A load below breakaway moves the arm under the printed formula, but not under the exact rule."""
-    moved = {}
-    for law in ("literal", "exact"):
-        env = TwoLinkArmEnv(arm=FLAT, action="torque", actuator=None, reference=STILL, friction={**DRY, "law": law})
-        env.reset(seed=0)
-        start = env.truth.position
-        for _ in range(500):
-            env.step(0.9 * BREAKAWAY)
-        moved[law] = np.abs(env.truth.position - start).max()
-    assert moved["exact"] == 0.0
-    assert moved["literal"] > 1e-4
 
 
 @pytest.mark.parametrize("law", ["exact", "literal"])

@@ -6,21 +6,6 @@ import pytest
 from fbl_gym import TwoLinkArmVectorEnv
 from tests.fbl_gym.paired_runs import play, same, torques
 
-
-def test_adding_noise_friction_and_error_shifts_no_other_number():
-    disturbance = {"kind": "piecewise-constant", "amplitude": 20.0}
-    _, _, alone = play(disturbance=disturbance)
-    _, _, crowd = play(
-        disturbance=disturbance,
-        noise={"position": 0.01, "velocity": 0.1},
-        friction={"coulomb": 3.0},
-        parameter_error={"radius": 0.5},
-    )
-    assert same(alone, crowd, "disturbance", "reference")
-    _, _, error = play(parameter_error={"radius": 0.5})
-    assert same(error, crowd, "masses", "lengths")
-
-
 UNRELATED = ("applied_torque", "disturbance", "masses", "lengths", "payload")
 CROWDED = {
     "parameter_error": {"radius": 0.5, "payload": {"mass": 3.0, "pick_up": 0.3}},

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from gymnasium.vector import SyncVectorEnv
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmEnv
 
 REWARDS = [{}, {"tracking": "l1", "weight_effort": 0.5, "weight_chatter": 0.0}]
 
@@ -21,28 +20,6 @@ def test_the_losses_add_up_to_the_reward(reward):
         np.testing.assert_array_equal(info["tracking_error"], env.truth.reference - env.truth.position)
     env.step((1.0, 0.0))
     assert env.step((-1.5, 0.5))[4]["saturation"] == 0.5
-
-
-def test_the_info_is_empty_without_the_option():
-    env = TwoLinkArmEnv()
-    env.reset(seed=0)
-    assert env.step(np.zeros(2))[4] == {}
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_the_info_of_a_batch_is_that_of_single_environments(mode):
-    options = {"scenario": "everything-2", "duration": 0.1, "info": True}
-    ours = TwoLinkArmVectorEnv(2, autoreset_mode=mode, **options)
-    theirs = SyncVectorEnv([lambda: TwoLinkArmEnv(**options)] * 2, autoreset_mode=mode)
-    ours.reset(seed=0)
-    theirs.reset(seed=0)
-    for step in range(1, 25):
-        a, b = (env.step(np.full((2, 2), 0.3))[4] for env in (ours, theirs))
-        restarts = step % 10 == 0 if mode == "SameStep" else step % 11 == 0
-        assert not (a["_tracking_error"] ^ (not restarts)).any()
-        if not restarts:
-            for name in ("tracking_error", "tracking_loss", "effort_loss", "chatter_loss", "saturation"):
-                np.testing.assert_allclose(a[name], b[name], rtol=1e-12)
 
 
 @pytest.mark.parametrize("action", ["normalized", "torque", "acceleration"])

@@ -43,12 +43,6 @@ def test_an_arm_may_be_far_from_its_reference_unless_a_limit_is_given():
     assert end()[1:3] == (False, True)
 
 
-def test_the_last_step_can_terminate_and_truncate():
-    """As in Gymnasium's sync environments, whose time limit counts the step that terminates."""
-    steps, *_ = end(limits={"error": 0.5, "error_time": 0.3})
-    assert end(limits={"error": 0.5, "error_time": 0.3}, duration=steps * 0.01)[1:3] == (True, True)
-
-
 def test_an_error_time_may_be_as_long_as_a_number():
     assert end(limits={"error": 0.01, "error_time": 1.7e308})[1:3] == (False, True)
 
@@ -59,21 +53,6 @@ def test_an_error_time_of_one_step_ends_at_once():
     _, reward, terminated, *_ = env.step((0.0, 0.0))
     assert terminated
     assert reward == 0.0
-
-
-def test_lanes_are_lost_one_by_one():
-    options = {"limits": {"error": 0.3, "error_time": 0.2}, "action": "torque", "duration": 3.0}
-    envs = TwoLinkArmVectorEnv(20, autoreset_mode="SameStep", **options)
-    envs.reset(seed=0)
-    ends = {}
-    for k in range(300):
-        *_, terminated, _, _ = envs.step(np.zeros((20, 2)))
-        for lane in np.flatnonzero(terminated):
-            ends.setdefault(int(lane), k)
-    for lane in (0, 7, 19):
-        env = TwoLinkArmEnv(**options)
-        env.reset(seed=lane)
-        assert next(k for k in range(300) if env.step((0.0, 0.0))[2]) == ends[lane]
 
 
 @pytest.mark.parametrize(

@@ -38,15 +38,6 @@ def test_sensors_in_any_order_fill_their_slots(sensors):
     assert [slot.name for slot in layout.slots][: len(sensors)] == [name for name in WAYS if name in sensors]
 
 
-def test_the_preview_is_the_coming_reference():
-    layout, seen, truths = play(preview=3)
-    assert same(truths, plain()[2], *PLANT)
-    reference = seen[..., layout["reference_position"].start : layout["reference_acceleration"].stop]
-    for ahead in range(3):
-        preview = seen[..., layout["preview"]][..., 6 * ahead : 6 * ahead + 6]
-        assert np.array_equal(preview[: -ahead - 1], reference[ahead + 1 :])
-
-
 def test_the_first_observation_of_a_heavy_unlimited_arm_lies_in_its_space():
     """The torque that holds it, the previous action, exceeds the box of a torque action."""
     env = TwoLinkArmEnv(arm={"m1": 1e5, "L1": 50.0}, action="torque", actuator={"torque_limit": None, "delay": 0.01})

@@ -3,19 +3,7 @@
 import numpy as np
 
 from fbl_gym import TABLE_1
-from tests.fbl_gym.paired_runs import PLANT, plain, play, same, watch
-
-
-def test_payload_is_carried_from_pick_up_to_drop():
-    _, _, truths = play(parameter_error={"payload": {"mass": 6.0, "pick_up": 0.25, "drop": 0.6}})
-    assert [truth.payload[0] for truth in truths] == [6.0 if 25 < k <= 60 else 0.0 for k in range(101)]
-    assert same(truths[:26], plain()[2][:26], *PLANT)
-    L1, L2, g = TABLE_1.L1, TABLE_1.L2, TABLE_1.gravity
-    extra = truths[40].lumped[0] - plain()[2][40].lumped[0]
-    np.testing.assert_allclose(extra, 6.0 * np.array([L1 * L1, L2 * L2, L1 * L2, L1 * g, L2 * g]), rtol=1e-12)
-    assert same(truths[61:], plain()[2][61:], "lumped")
-    _, _, always = play(steps=1, parameter_error={"payload": 6.0})
-    assert np.all(always[0].payload == 6.0)
+from tests.fbl_gym.paired_runs import watch
 
 
 def test_a_payload_acts_from_its_physics_step_on():

@@ -1,21 +1,9 @@
-"""The reward: equation, bounds and slope."""
+"""The reward: equation and slope."""
 
 import numpy as np
 import pytest
 
 from fbl_gym import TwoLinkArmEnv
-
-
-def test_the_option_changes_the_reward():
-    rewards = []
-    for reward in (None, {"tracking": "l1"}, {"worst": 0.5}, {"resolution": 0.1}, {"weight_effort": 1.0}):
-        env = TwoLinkArmEnv(reward=reward, initial_error=0.05)
-        env.reset(seed=0)
-        rewards.append(env.step((0.1, 0.1))[1])
-    env = TwoLinkArmEnv(reward={"weight_chatter": 2.0}, initial_error=0.05)
-    env.reset(seed=0)
-    rewards.append(env.step((0.1, 0.1))[1])
-    assert len(set(rewards)) == 6
 
 
 @pytest.mark.parametrize("form", ["log", "l1"])
@@ -49,22 +37,6 @@ def test_effort_and_chatter_measure_the_command_not_the_applied_torque():
         u = np.clip(u, -1.0, 1.0)
         assert reward == pytest.approx(1 - (np.abs(u).mean() + 3.0 * np.abs(u - before).mean() / 2) / 4.0, abs=1e-12)
         before = u
-
-
-@pytest.mark.parametrize("form", ["log", "l1"])
-def test_reward_stays_within_its_bounds_at_any_action(form):
-    env = TwoLinkArmEnv(reward={"tracking": form, "worst": 0.3, "weight_effort": 1.0, "weight_chatter": 1.0})
-    env.reset(seed=0)
-    rng = np.random.default_rng(0)
-    rewards = []
-    for _ in range(200):
-        _, reward, terminated, _, _ = env.step(np.sign(rng.normal(size=2)) * 5.0)
-        rewards.append(reward)
-        if terminated:
-            env.reset()
-    assert all(0.0 <= reward <= 1.0 for reward in rewards)
-    assert all(type(reward) is float for reward in rewards)
-    assert len(set(rewards)) > 10
 
 
 def test_without_torque_limits_only_tracking_counts():

@@ -5,7 +5,7 @@ import warnings
 import gymnasium as gym
 import pytest
 
-from benchmarks.run.suite import Suite, load
+from benchmarks.run.suite import load
 from fbl_gym import scenarios
 from fbl_gym.scenarios import as_scenario
 
@@ -68,13 +68,6 @@ def test_environments_and_suites_take_files(folder):
 def test_a_world_moves_the_arm_of_a_file(folder):
     (folder / "rigid.toml").write_text('base = "noise-1"')
     assert scenarios.get(f"{folder}/rigid.toml@mujoco-bend").plant is not None
-
-
-def test_two_files_of_one_name_are_two_scenarios(folder):
-    (folder / "arms/arm.toml").write_text('base = "noise-1"')
-    (folder / "arm.toml").write_text('base = "noise-2"')
-    both = Suite("own", ("zero",), tuple(scenarios.get(str(folder / f)) for f in ("arm.toml", "arms/arm.toml")), 1)
-    assert len({cell.id for cell in both.cells}) == 2
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`fbl_gym/TwoLinkArmTracking-v0`: the observation of learning agents, single and in batches."""
+"""`fbl_gym/TwoLinkArmTracking-v0`: the observation of learning agents. `test_lanes.py` compares batches with single arms."""
 
 import gymnasium as gym
 import numpy as np
@@ -8,9 +8,7 @@ from gymnasium.utils.env_checker import check_env
 
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.envs.error_scales import ErrorScales
-from tests.fbl_gym.episodes import ID, RECORDS
-
-TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
+from tests.fbl_gym.episodes import ID, RECORDS, TRACKING
 
 
 @pytest.mark.parametrize("options", [{}, RECORDS, {"scenario": "servo-delay-2"}], ids=["default", "many", "delay"])
@@ -40,24 +38,6 @@ def test_the_observation_is_that_of_the_error_coordinates_with_the_previous_acti
 def test_the_shape_is_the_same_with_and_without_an_acceleration_sensor():
     assert gym.make(TRACKING).observation_space.shape == (12,)
     assert gym.make(TRACKING, sensors=("position", "velocity")).observation_space.shape == (12,)
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_each_lane_equals_the_single_environment(mode):
-    options = {"scenario": "everything-2", "duration": 0.3, "preview": 1}
-    ours = gym.make_vec(TRACKING, 3, "vector_entry_point", autoreset_mode=mode, **options)
-    theirs = gym.vector.SyncVectorEnv([lambda: gym.make(TRACKING, **options)] * 3, autoreset_mode=mode)
-    np.testing.assert_array_equal(ours.reset(seed=4)[0], theirs.reset(seed=4)[0])
-    rng = np.random.default_rng(0)
-    for _ in range(70):
-        actions = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
-        a, b = ours.step(actions), theirs.step(actions)
-        np.testing.assert_array_equal(a[0], b[0])
-        for lane in np.flatnonzero(a[4].get("_final_obs", ())):
-            np.testing.assert_array_equal(a[4]["final_obs"][lane], b[4]["final_obs"][lane])
-        if mode == "Disabled" and (done := a[2] | a[3]).any():
-            a, b = (env.reset(options={"reset_mask": done})[0] for env in (ours, theirs))
-            np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("name", [ID, TRACKING])

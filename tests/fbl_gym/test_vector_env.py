@@ -90,18 +90,6 @@ def test_an_episode_ends_at_the_smaller_of_max_episode_steps_and_duration(mode):
         assert np.array(flags).all(axis=1).tolist() == [False] * (expected - 1) + [True]
 
 
-@pytest.mark.parametrize("lanes", [1, 16, 17])
-def test_a_step_does_not_write_to_the_arrays_of_the_last_one(lanes):
-    env = TwoLinkArmVectorEnv(lanes)
-    env.reset(seed=0)
-    returned = env.step(np.full((lanes, 2), 0.5))[:4]
-    copies = [part.copy() for part in returned]
-    for _ in range(3):
-        env.step(np.full((lanes, 2), -1.0))
-    assert all(np.array_equal(a, b) for a, b in zip(returned, copies, strict=True))
-    assert not any(np.shares_memory(part, env._batch._memory) for part in returned)
-
-
 def test_actions_of_any_memory_layout_and_type_move_the_arms_alike():
     """None of them needs another compilation."""
     spread = np.zeros((8, 4))
