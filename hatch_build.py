@@ -8,6 +8,9 @@ from hatchling.metadata.plugin.interface import MetadataHookInterface
 LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:|#)([^)\s]+)\)")
 """A link or a picture within the repository."""
 
+PICTURE = re.compile(r"<picture>.*?</picture>\n*", flags=re.S)
+"""A picture with a form for dark pages."""
+
 
 def readme(text: str, url: str, tag: str) -> str:
     """Return the README with absolute links and a badge; without a URL, with words alone."""
@@ -19,6 +22,7 @@ def readme(text: str, url: str, tag: str) -> str:
         return f"{picture}[{words}]({url}/{'raw' if picture else 'blob'}/{tag}/{path})"
 
     text = LINK.sub(absolute, text)
+    text = re.sub(r'(src|srcset)="(?!https?:)', rf'\1="{url}/raw/{tag}/', text) if url else PICTURE.sub("", text)
     badge = f"[![tests]({url}/actions/workflows/test.yml/badge.svg)]({url}/actions/workflows/test.yml)"
     return text.replace("\n\n", f"\n\n{badge}\n\n", 1) if url else text
 

@@ -1,12 +1,15 @@
 """Configuration of Sphinx, for `make docs`."""
 
+import csv
 import inspect
 import itertools
+import json
 import os
 import re
 from pathlib import Path
 
 from docutils import nodes
+from myst_parser.parsers.sphinx_ import MystParser
 
 from benchmarks.cli import COMMANDS, prepare
 from benchmarks.cli.names import options
@@ -84,9 +87,56 @@ def without_mail(_app, doctree) -> None:
             link.replace_self(link.children)
 
 
+def with_dark_pictures(app, doctree) -> None:
+    """Show a picture's dark form on dark pages, where there is one: arm-dark.gif for arm.gif."""
+    for image in [image for image in doctree.findall(nodes.image) if ":" not in image["uri"]]:
+        dark = Path(image["uri"]).with_stem(f"{Path(image['uri']).stem}-dark")
+        if (Path(app.env.doc2path(app.env.docname)).parent / dark).exists():
+            image.parent.insert(image.parent.index(image) + 1, other := image.copy())
+            other["uri"] = dark.as_posix()
+            image["classes"], other["classes"] = ["only-light"], ["only-dark"]
+
+
+def with_csv(app, doctree, page) -> None:
+    """Write each table of ten columns or more as CSV, and link it below the table."""
+    for number, table in enumerate(doctree.findall(nodes.table), 1):
+        rows = [[cell.astext() for cell in row.findall(nodes.entry)] for row in table.findall(nodes.row)]
+        if app.builder.name == "html" and len(rows[0]) >= 10:
+            path = f"tables/{page.replace('/', '-')}-{number}.csv"
+            (file := Path(app.outdir) / path).parent.mkdir(exist_ok=True)
+            with file.open("w", encoding="utf-8", newline="") as opened:
+                csv.writer(opened, lineterminator="\n").writerows(rows)
+            link = nodes.reference("", "This table as CSV", refuri="../" * page.count("/") + path)
+            table.parent.insert(table.parent.index(table) + 1, nodes.paragraph("", "", link))
+
+
+class NotebookParser(MystParser):
+    """Reads a notebook as Markdown: its cells with their printed lines and their figures."""
+
+    supported = ("notebook",)
+
+    def parse(self, inputstring, document) -> None:
+        """Turn the cells into Markdown and parse that."""
+        text = ""
+        for cell in json.loads(inputstring)["cells"]:
+            source = "".join(cell["source"])
+            text += f"\n{source}\n" if cell["cell_type"] == "markdown" else f"\n```python\n{source}\n```\n"
+            outputs = cell.get("outputs", ())
+            if printed := "".join(line for output in outputs for line in output.get("text", ())):
+                text += f"\n```text\n{printed}\n```\n"
+            for output in outputs:
+                if figure := output.get("data", {}).get("image/png"):
+                    text += f"\n![Figure of the cell above](data:image/png;base64,{''.join(figure).strip()})\n"
+        super().parse(text, document)
+
+
 def setup(app) -> None:
-    """Add what `without_mail` does to the build."""
+    """Add the steps above to the build."""
     app.connect("doctree-read", without_mail)
+    app.connect("doctree-read", with_dark_pictures, priority=0)  # before pictures are collected
+    app.connect("doctree-resolved", with_csv)
+    app.add_source_suffix(".ipynb", "notebook")
+    app.add_source_parser(NotebookParser)
 
 
 project, author, release = "fbl-gym", "The fbl-gym authors", __version__

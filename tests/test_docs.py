@@ -158,6 +158,16 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
             assert cli.main([*command, *short]) == 0, command
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_a_notebook_runs(path, tmp_path):
+    """In an empty folder, from its first cell to its last."""
+    pytest.importorskip("nbclient")
+    if path.stem == "agent":
+        pytest.importorskip("stable_baselines3")
+    runpy.run_path(path.with_name("execute.py"))["execute"](path, tmp_path)
+
+
 def test_the_suite_of_the_documentation_is_read(tmp_path, monkeypatch):
     """The file of docs/how-to/own-suite.md, with the law of docs/start/your-robot.md beside it."""
     monkeypatch.chdir(tmp_path)

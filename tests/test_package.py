@@ -82,9 +82,11 @@ def test_the_readme_of_the_index_has_no_dead_link():
     with_url = python(code.format("h.links('https://github.com/a/b', 'v1')", "https://github.com/a/b"), cwd=ROOT)
     without = python(code.format("h.links('', 'v1')", ""), cwd=ROOT)
     assert re.findall(r"\]\((?!https:)", with_url) == re.findall(r"\]\((?!https:)", without) == []
-    assert "https://github.com/a/b/raw/v1/docs/pictures/arm.gif" in with_url
+    assert 'src="https://github.com/a/b/raw/v1/docs/pictures/arm.gif"' in with_url
+    assert 'srcset="https://github.com/a/b/raw/v1/docs/pictures/arm-dark.gif"' in with_url
     assert "https://a.github.io/b/" in with_url
     assert "github.com/a/b" not in without
+    assert "docs/pictures" not in without
 
 
 def test_importing_brings_no_graphics_and_no_learning():

@@ -1,0 +1,23 @@
+"""Write the dark form of arm.gif: `python docs/pictures/dark.py`. Colours keep their hue."""
+
+import colorsys
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+
+
+def inverted(red, green, blue):
+    """Return a colour of the palette with the opposite lightness, from that of a dark page on."""
+    hue, light, vivid = colorsys.rgb_to_hls(red / 255, green / 255, blue / 255)
+    spread = max(red, green, blue) - min(red, green, blue)
+    dark = 1 - 0.93 * light
+    dark += min(spread / 128, 1) * max(0.6 - dark, 0)  # colours stay bright
+    return (round(255 * part) for part in colorsys.hls_to_rgb(hue, dark, vivid if spread > 8 else 0.0))
+
+
+film = bytearray((FOLDER / "arm.gif").read_bytes())
+assert film[10] & 0x80, "all frames share one palette"
+colours = 2 ** ((film[10] & 7) + 1)  # they begin at byte 13, three bytes each
+for start in range(13, 13 + 3 * colours, 3):
+    film[start : start + 3] = bytes(inverted(*film[start : start + 3]))
+(FOLDER / "arm-dark.gif").write_bytes(film)
