@@ -135,7 +135,3 @@ def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
     line = [sys.executable, "-m", "fbl_gym", *command.split()]
     done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr + done.stdout
-    line = [sys.executable, "-m", "fbl_gym", "doctor"]
-    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
-    for name in ("controllers", "benchmarks"):
-        assert f"warning: {tmp_path / name / '__init__.py'} may be imported in its place" in done.stdout

@@ -139,6 +139,8 @@ def _read_joint(joint: Element) -> _Joint:
     name, kind = joint.attrib["name"], joint.attrib["type"]
     parent, child = (_child(joint, end).attrib["link"] for end in ("parent", "child"))
     axis = _read_vector(joint.find("axis"), "xyz", "1 0 0")
+    if not np.linalg.norm(axis) > 0.0:
+        raise ValueError(f"axis of {name} must have a direction, got {axis}")
     return _Joint(name, kind, parent, child, axis, _read_pose(joint))
 
 

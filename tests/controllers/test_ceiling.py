@@ -7,7 +7,7 @@ from scipy.linalg import solve_discrete_are
 import controllers
 from controllers.oracle import regulator
 from controllers.true_arm import TrueArm
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmVectorEnv
 from tests.controllers.closed_loop import tracking
 
 SPRING = {"stiffness": (8000.0, 2000.0), "damping": 5.0, "rotor_inertia": (3.0, 1.0), "encoder": "link"}
@@ -71,10 +71,3 @@ def test_gains_follow_the_arm():
     observation, _ = env.reset(seed=5)
     _, third = law.predict(observation, second)
     assert not np.array_equal(third[1], first[1])
-
-
-def test_a_wrong_number_of_observations_is_named():
-    env = TwoLinkArmEnv("servo-nominal")
-    observation, _ = env.reset(seed=0)
-    with pytest.raises(ValueError, match="environment of 1 lanes, got 2 observations"):
-        controllers.make("oracle-elastic", env).predict(np.stack([observation, observation]))

@@ -36,7 +36,7 @@ def test_fixed_ratios_multiply_the_nominal_parameters():
 )
 def test_a_radius_draws_factors_log_uniformly_around_the_ratio(error):
     """A factor for each parameter, or one for some of them; the others have none."""
-    factors = ratios(play(steps=1, lanes=4096, parameter_error=error)[2]) / ParameterError(**error).ratios
+    factors = ratios(play(steps=1, lanes=4096, parameter_error=error)[2]) / np.array(ParameterError(**error).ratio)
     drawn, together = np.log(factors) / np.log(1 + error["radius"]), "sampling" in error
     touched = [1, 2] if together else [0, 1, 2, 3]
     np.testing.assert_array_equal(np.delete(factors, touched, axis=1), 1.0)

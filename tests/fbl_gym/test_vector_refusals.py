@@ -64,7 +64,7 @@ def test_the_first_bad_lane_is_named_and_the_episode_continues():
         ],
         *[
             ({"seed": 5, "options": {"reset_mask": mask}}, "reset_mask must")
-            for mask in ([True, False], np.array([1, 0]), np.array([True]), np.ones(3, bool))
+            for mask in ([True, False], np.array([1, 0]), np.array([True]), np.zeros(2, bool), np.ones(3, bool))
         ],
         ({"options": {"reset_masc": np.ones(2, bool)}}, "unknown reset option 'reset_masc'; did you mean 'reset_mask'"),
     ],
