@@ -131,7 +131,7 @@ def test_other_commands_say_what_is_kept_too(tmp_path):
     assert wait(lambda: list(tmp_path.glob("*.db")), 240)
     time.sleep(1)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (
         130, "fbl-gym: stopped; finished trials are kept, and the same command goes on\n",
     )  # fmt: skip
