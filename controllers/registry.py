@@ -8,7 +8,6 @@ class of robots. POLICY@tuned has the gains for the class of the robot that it i
 LAW+PART has no such file, it has the gains of LAW, and the part its defaults.
 """
 
-import importlib
 import inspect
 import json
 from collections.abc import Callable
@@ -135,10 +134,8 @@ def _entry(text: str) -> _Entry:
 
 
 def _load(entry: _Entry) -> Callable[..., Any]:
-    if callable(entry.factory):
-        return entry.factory
-    module, attribute = entry.factory.split(":")
-    build: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
+    given = entry.factory
+    build: Callable[..., Any] = metadata.EntryPoint("", given, "").load() if isinstance(given, str) else given
     return build
 
 

@@ -1,8 +1,6 @@
 """`fbl-gym recommend`."""
 
 import argparse
-import dataclasses
-import json
 from collections.abc import Sequence
 from functools import partial
 
@@ -28,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     meaning = "time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none"
     add_option(parser, "--minutes", float, 5.0, "M", meaning)
-    parser.add_argument("--json", action="store_true", help="print JSON")
     add_run(parser, seeds=16)
 
 
@@ -41,15 +38,10 @@ def run(arguments: argparse.Namespace) -> int:
     base, run_cells = as_scenario(arguments.scenario), partial(results_by_id, arguments=arguments)
     likeness = Likeness.of(base)
     policies = arguments.policies or recommend.candidates(likeness.classes)
-    if not arguments.json:
-        Screen().say(likeness.text)
+    Screen().say(likeness.text)
     tune = partial(_tune, base, seconds, arguments.workers) if seconds else None
     result = recommend.recommend(base, policies, arguments.seeds, run_cells, tune)
-    if arguments.json:
-        more = {"classes": likeness.classes, "safe": result.safe, "rule": RULE}
-        print(json.dumps(dataclasses.asdict(result) | more, indent=1))
-    else:
-        _print(result)
+    _print(result)
     return 0 if result.safe else 1
 
 

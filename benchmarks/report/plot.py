@@ -109,7 +109,7 @@ def _figure(title: str, path: Path, size: tuple[float, float]) -> Iterator[Figur
 
 
 def plot_lines(title: str, panels: Sequence[Panel], path: Path, columns: int = 2, across: int | None = None) -> None:
-    """Draw panels, with one legend where the first has all labels.
+    """Draw panels with one legend, that of the first.
 
     Args:
         title: of the file.
@@ -121,9 +121,8 @@ def plot_lines(title: str, panels: Sequence[Panel], path: Path, columns: int = 2
     across = min(across or columns, len(panels))
     rows = -(-len(panels) // across)
     labels = [line.label for line in panels[0].lines if not line.label.startswith("_")]
-    shared = all({line.label for line in panel.lines} <= {*labels, "_"} for panel in panels)
     in_row = min(max(1, int(WIDTHS[columns] / (0.065 * max(map(len, labels)) + 0.5))), len(labels))
-    height = rows * (2.2 if rows == 1 else 1.5) + (0.16 * -(-len(labels) // in_row) if shared else 0.0)
+    height = rows * (2.2 if rows == 1 else 1.5) + 0.16 * -(-len(labels) // in_row)
     same_x = len({(panel.x, line.x[0], line.x[-1]) for panel in panels for line in panel.lines}) == 1
     with _figure(title, path, (WIDTHS[columns], height)) as figure:
         grid = figure.subplots(rows, across, squeeze=False, sharex=same_x)
@@ -132,11 +131,9 @@ def plot_lines(title: str, panels: Sequence[Panel], path: Path, columns: int = 2
             if not (same_x and i + across < len(panels)):
                 axes.set_xlabel(panel.x)
                 axes.tick_params(labelbottom=True)
-            if not shared:
-                axes.legend()
         for axes in grid.ravel()[len(panels) :]:
             axes.set_visible(False)
-        if shared and len(labels) > 1:
+        if len(labels) > 1:
             figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=in_row)
 
 

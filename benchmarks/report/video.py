@@ -16,7 +16,7 @@ from benchmarks.files import replacing
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
 from fbl_gym.view.picture import FINER, INK, LETTERS, MARGIN, Frame, Picture, blank, draw, frame_of, write
-from fbl_gym.view.render import full_torque, pair
+from fbl_gym.view.render import pair
 
 FPS = {".mp4": 50, ".gif": 25}
 """Frames per second; a GIF's frames last whole hundredths of a second."""
@@ -79,6 +79,5 @@ def picture(title: str, trace: Trace, k: int) -> Picture:
         reference=pair(trace.reference[k, 0]),
         torque=pair(trace.torque[sample, 0]),
         push=None if trace.scenario.disturbance is None else pair(-trace.disturbance[sample, 0]),
-        full_torque=full_torque(trace.scenario),
         payload=float(trace.payload[sample, 0]),
     )

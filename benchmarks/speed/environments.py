@@ -6,7 +6,6 @@ of 4,096 arms are compared with the same arms in C (`reference.c`).
 
 import time
 from collections.abc import Callable, Mapping
-from importlib.util import find_spec
 from typing import Any, TypeAlias
 
 import gymnasium as gym
@@ -14,7 +13,7 @@ import numpy as np
 
 from benchmarks.speed.c_reference import Reference, SameWork, load
 from fbl_gym import TABLE_1
-from fbl_gym.model.arm import ArmParameters, Array
+from fbl_gym.model.arm import Array
 
 Contestant: TypeAlias = Callable[[], int]
 """A function that takes one step, and returns the number of environments that it stepped."""
@@ -38,16 +37,12 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
     acrobots = gym.make_vec(_ACROBOT, num_envs=256, vectorization_mode="sync")
     contestants: dict[str, tuple[Contestant, str]] = {
         _ACROBOT: (single(gym.make(_ACROBOT), 1), ""),
-        "Pendulum-v1": (single(gym.make("Pendulum-v1"), np.zeros(1)), _ACROBOT),
         "TwoLinkArm-v0": (single(gym.make(_ARM), np.zeros(2)), _ACROBOT),
         "TwoLinkArm-v0, busy": (single(gym.make(_ARM, **_BUSY), np.zeros(2)), _ACROBOT),
         "TwoLinkArmTracking-v0": (single(gym.make(_ARM.replace("Arm-", "ArmTracking-")), np.zeros(2)), _ACROBOT),
         "TwoLinkArm-v0, unwrapped": (single(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
         _ACROBOTS: (batch(acrobots, np.ones(256, dtype=int)), ""),
     }
-    if find_spec("mujoco"):
-        contestants["Reacher-v5"] = (single(gym.make("Reacher-v5"), np.zeros(2)), _ACROBOT)
-        contestants["MuJoCo, the same arm, RK4"] = (mujoco_arm(TABLE_1), _ACROBOT)
     library = load()
     for lanes in (16, 256, 4096):
         for kind, options in (("", {}), (", busy", _BUSY), (", servo-elastic-2", {"scenario": "servo-elastic-2"})):
@@ -98,27 +93,6 @@ def measure_rates(contestants: Mapping[Any, Contestant], rounds: int) -> dict[An
                     count += step()
             rates[name].append(count / elapsed)
     return {name: np.array(values) for name, values in rates.items()}
-
-
-def mujoco_arm(arm: ArmParameters) -> Contestant:
-    """Return a contestant: the same arm in MuJoCo, ten Runge-Kutta steps of 1 ms at once."""
-    import mujoco  # the extra `mujoco`
-
-    tip = '<geom type="sphere" size="0.01" mass="{}" pos="{} 0 0"/>'
-    first, second = tip.format(arm.m1, arm.L1), tip.format(arm.m2, arm.L2)
-    joint = '<joint type="hinge" axis="0 0 1"/>'
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler inertiafromgeom="true"/><option timestep="0.001" gravity="0 -{arm.gravity} 0" integrator="RK4">'
-        f'<flag contact="disable"/></option><worldbody><body>{joint}{first}<body pos="{arm.L1} 0 0">{joint}{second}</body>'
-        "</body></worldbody></mujoco>"
-    )
-    data = mujoco.MjData(model)
-
-    def step() -> int:
-        mujoco.mj_step(model, data, 10)
-        return 1
-
-    return step
 
 
 def measure_environments(rounds: int = 7) -> list[dict[str, Any]]:

@@ -35,9 +35,6 @@ VERMILLION, PURPLE = (213, 94, 0), (204, 121, 167)
 PAPER, RULE, GHOST, INK = (252, 252, 250), (224, 224, 220), (168, 168, 164), (44, 44, 44)
 PALE = (210, 210, 207)
 
-FULL_TURN = 1.5 * math.pi
-"""Arc that stands for a joint's full torque [rad]."""
-
 # Positions and lengths, as fractions of the frame's size.
 CENTRE = (0.5, 0.458)
 REACH = 0.35
@@ -62,7 +59,6 @@ class Picture:
         position, reference: joint angles [rad].
         torque: applied to the joints [N m].
         push: torque of the disturbance, -tau_d of equation (1) [N m]; None: the scenario has none.
-        full_torque: torque of the longest arc [N m].
         payload: mass carried at the tip [kg].
     """
 
@@ -74,7 +70,6 @@ class Picture:
     reference: Pair
     torque: Pair
     push: Pair | None
-    full_torque: Pair
     payload: float
 
 
@@ -92,9 +87,8 @@ def joints(lengths: Pair, q: Pair) -> Array:
 def draw(picture: Picture, size: int = 480) -> Frame:
     """Return the frame of a picture, [size x size x 3].
 
-    It shows the arm in blue, the reference in grey, the payload, and for each joint an arc
-    for the torque and one for the disturbance. The arcs grow with the square root of their share of
-    the full torque.
+    It shows the arm in blue, the reference in grey, the payload, and the errors and torques of both
+    joints as numbers.
     """
     canvas = blank(size, size)
     size = FINER * size
@@ -108,23 +102,11 @@ def draw(picture: Picture, size: int = 480) -> Frame:
     if picture.payload > 0.0:
         pygame.draw.circle(canvas, ORANGE, tip, 0.03 * size)
     _line(canvas, [base, elbow, tip], widths, BLUE)
-    _draw_torques(canvas, picture, (base, elbow), size)
     for joint, radius in ((base, 0.013), (elbow, 0.011), (tip, 0.009)):
         pygame.draw.circle(canvas, PAPER, joint, (radius + 0.004) * size)
         pygame.draw.circle(canvas, INK, joint, radius * size)
     _write_numbers(canvas, picture, size)
     return frame_of(canvas)
-
-
-def _draw_torques(canvas: pygame.Surface, picture: Picture, joints: tuple[Point, Point], size: int) -> None:
-    q1, q2 = picture.position
-    push = picture.push or (0.0, 0.0)
-    for i, (joint, angle) in enumerate(zip(joints, (q1, q1 + q2), strict=True)):
-        for torque, radius, colour in ((picture.torque[i], 0.052, VERMILLION), (push[i], 0.076, PURPLE)):
-            share = min(abs(torque) / picture.full_torque[i], 1.0)
-            sweep = math.copysign(FULL_TURN * math.sqrt(share), torque)
-            start = angle + math.copysign(0.6 * WIDTHS[0] / radius, torque)  # beside the link
-            _arrow(canvas, joint, radius * size, start, sweep, 0.007 * size, colour)
 
 
 def _write_numbers(canvas: pygame.Surface, picture: Picture, size: int) -> None:
@@ -177,24 +159,6 @@ def _line(canvas: pygame.Surface, points: Sequence[Point], widths: Sequence[floa
         pygame.draw.circle(canvas, colour, point, width / 2)
 
 
-def _arrow(
-    canvas: pygame.Surface, centre: Point, radius: float, start: float, sweep: float, width: float, colour: Colour
-) -> None:
-    """Draw an arc with an arrowhead; angles counter-clockwise from the right [rad]."""
-    if abs(sweep) * radius < 0.5 * width:
-        return
-    end = start + sweep
-    angles = np.linspace(start, end, 2 + int(abs(sweep) / 0.1))
-    outer = [_on_circle(centre, radius + width / 2, angle) for angle in angles]
-    inner = [_on_circle(centre, radius - width / 2, angle) for angle in angles[::-1]]
-    pygame.draw.polygon(canvas, colour, outer + inner)
-    pygame.draw.circle(canvas, colour, _on_circle(centre, radius, start), width / 2)
-    head = 3.0 * width
-    point = _on_circle(centre, radius, end + math.copysign(head / radius, sweep))
-    wings = (_on_circle(centre, radius + wing, end) for wing in (-0.6 * head, 0.6 * head))
-    pygame.draw.polygon(canvas, colour, [point, *wings])
-
-
 def write(canvas: pygame.Surface, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
     """Write a line of text, at half of whose height is the point `at`.
 
@@ -203,10 +167,6 @@ def write(canvas: pygame.Surface, text: str, at: Point, height: float, colour: C
     letters = _letters(text, round(1.36 * height), colour)
     wide, high = letters.get_size()
     canvas.blit(letters, (max(round(at[0] - align * wide), 0), max(round(at[1] - high / 2), 0)))
-
-
-def _on_circle(centre: Point, radius: float, angle: float) -> Point:
-    return centre[0] + radius * math.cos(angle), centre[1] - radius * math.sin(angle)
 
 
 @functools.lru_cache(maxsize=256)

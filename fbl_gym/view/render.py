@@ -3,7 +3,6 @@
 Imported when a picture is first needed. A frame alone opens no window.
 """
 
-import dataclasses
 import math
 import time
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from fbl_gym.checks import Pair
 from fbl_gym.kernel.batch import Truth
-from fbl_gym.model.arm import STANDARD_GRAVITY, Array
+from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
 from fbl_gym.view.picture import Frame, Picture, draw, pygame
 
@@ -19,24 +18,11 @@ WINDOW_FPS = 50
 """Largest number of pictures in the window per simulated second; pygame has one per process."""
 
 
-def full_torque(scenario: Scenario) -> Pair:
-    """Return the torque of the longest arc [N m].
-
-    This is the torque limit. Without a limit, it is ten times the torque that holds the nominal arm
-    stretched out on Earth.
-    """
-    if scenario.actuator.torque_limit is not None:
-        return scenario.actuator.torque_limit  # type: ignore[return-value]
-    *_, p4, p5 = dataclasses.replace(scenario.arm, gravity=STANDARD_GRAVITY).lumped
-    return 10.0 * float(p4 + p5), 10.0 * float(p5)
-
-
 class View:
     """The pictures of one arm, `size` pixels wide and high, and the window, which shows one arm."""
 
     def __init__(self, scenario: Scenario, size: int) -> None:
         self.scenario, self.size = scenario, size
-        self._full_torque = full_torque(scenario)
         self._last_time, self._due = math.inf, 0.0
 
     def picture(self, truth: Truth) -> Picture:
@@ -45,7 +31,7 @@ class View:
         push = None if self.scenario.disturbance is None else pair(-truth.disturbance)
         return Picture(
             title=self.scenario.name, subtitle="", time=float(truth.time), lengths=lengths, position=q, reference=r,
-            torque=torque, push=push, full_torque=self._full_torque, payload=float(truth.payload),
+            torque=torque, push=push, payload=float(truth.payload),
         )  # fmt: skip
 
     def frame(self, truth: Truth) -> Frame:

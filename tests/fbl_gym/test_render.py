@@ -20,7 +20,7 @@ from scipy import ndimage
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import ArmParameters, inverse_dynamics, joint_positions
 from fbl_gym.view import picture, render
-from fbl_gym.view.picture import INK, ORANGE, PURPLE, RULE, VERMILLION, Picture, draw
+from fbl_gym.view.picture import INK, ORANGE, PURPLE, RULE, Picture, draw
 from fbl_gym.view.render import View
 
 ID = "fbl_gym/TwoLinkArm-v0"
@@ -38,7 +38,7 @@ def _without_a_display(monkeypatch):
 def instant(**changes):
     plain = {
         "title": "", "subtitle": "", "time": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1),
-        "torque": (0.0, 0.0), "push": None, "full_torque": (2000.0, 800.0), "payload": 0.0,
+        "torque": (0.0, 0.0), "push": None, "payload": 0.0,
     }  # fmt: skip
     return Picture(**(plain | changes))
 
@@ -94,32 +94,17 @@ def test_an_environment_draws_the_real_arm():
     np.testing.assert_allclose(discs(frame, expected), expected, atol=0.5)
     assert truth.payload > 0.0
     assert count(frame, ORANGE) > 100
-    assert count(frame, PURPLE) > 50
+    assert count(frame, PURPLE) > 20  # its line of the table
 
 
 def test_a_change_of_the_picture_changes_the_frame():
     bare = draw(instant())
     assert count(bare, ORANGE) == 0
     assert count(draw(instant(payload=2.0)), ORANGE) > 100
-    assert count(draw(instant(push=(0.0, 0.0))), PURPLE) > count(bare, PURPLE)  # its line of the table
-    loads = [count(draw(instant(torque=(torque, 0.0))), VERMILLION) for torque in (0.0, 100.0, 500.0, 2000.0, 1e9)]
-    assert loads == sorted(loads)
-    assert loads[0] < loads[1] < loads[2] < loads[3] == loads[4]
+    assert count(draw(instant(push=(0.0, 0.0))), PURPLE) > count(bare, PURPLE)
     for change in ({"title": "x"}, {"subtitle": "x"}, {"time": 1.0}, {"reference": (0.9, 1.1)}, {"torque": (0.1, 0.0)}):
         assert not np.array_equal(draw(instant(**change)), bare), change
     np.testing.assert_array_equal(draw(instant()), bare)
-
-
-@pytest.mark.parametrize("turn", [1, -1])
-def test_an_arc_begins_at_its_link_and_grows_with_the_square_root_of_the_torque(turn):
-    """A quarter of joint 2's full torque gives half the longest arc, and an arrowhead at its end."""
-    q = (0.6, 1.1)
-    frame = draw(instant(position=q, torque=(0.0, turn * 200.0)), 800)
-    x, y = picture.project(joint_positions(ArmParameters(), q)[1], (0.7, 0.5), 800)
-    rows, columns = np.nonzero(mask(frame[:640], VERMILLION))
-    away = turn * (np.arctan2(y - rows - 0.5, columns + 0.5 - x) - sum(q)) % (2 * np.pi)
-    assert away.min() == pytest.approx(0.6 * 0.04 / 0.052, abs=0.1)
-    assert away.max() - away.min() == pytest.approx(0.5 * picture.FULL_TURN + 3 * 0.007 / 0.052, abs=0.15)
 
 
 def test_the_numbers_are_those_of_the_picture(monkeypatch):
@@ -360,16 +345,3 @@ def test_an_arm_that_diverged_can_be_drawn():
     env.reset(seed=0)
     assert env.step((1.0, -1.0))[2]
     assert count(env.render(), RULE) > 100
-
-
-@pytest.mark.parametrize("scenario", ["nominal", "section-2-2/nominal", "paper-10"])
-def test_without_a_torque_limit_the_longest_arc_is_ten_times_the_arms_weight(scenario):
-    env = TwoLinkArmEnv(scenario, action="torque")
-    env.reset(seed=0)
-    limit = env.interface.torque_limit
-    full = View(env.scenario, 160).picture(env.truth).full_torque
-    nominal = env.interface.nominal
-    weight = 9.81 * np.array(
-        [(nominal.m1 + nominal.m2) * nominal.L1 + nominal.m2 * nominal.L2, nominal.m2 * nominal.L2]
-    )
-    np.testing.assert_allclose(full, 10 * weight if limit is None else limit)

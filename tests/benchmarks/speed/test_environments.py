@@ -7,7 +7,6 @@ import pytest
 
 from benchmarks.speed import __main__, environments
 from benchmarks.speed.environments import compare
-from fbl_gym import TABLE_1
 
 ROWS = [{"name": "peer", "ratio": 1.0, "peer": ""}, {"name": "arm", "ratio": 8.0, "peer": "peer"}]
 
@@ -35,8 +34,3 @@ def test_the_command_prints_and_stores_the_measurements(monkeypatch, tmp_path, c
     with pytest.raises(SystemExit):
         __main__.main()
     assert "--rounds: must be at least 1, got 0" in capsys.readouterr().err
-
-
-def test_mujoco_steps_the_arm():
-    pytest.importorskip("mujoco")
-    assert environments.mujoco_arm(TABLE_1)() == 1
