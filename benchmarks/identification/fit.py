@@ -38,6 +38,12 @@ PRECISION = 2e-4
 BLOCK = 1.0
 """Length of the parts of one or two logs that are left out in turn [s]."""
 
+MIXED = 3.0
+"""Error of a log by the model of all logs, relative to its own model's, beyond which robots differ.
+
+It is below 2 for each log of two real arms, and 3.9 and more if logs of both are mixed.
+"""
+
 EXCITE = {
     "p": "moves of both joints together and against each other, fast and through large angles",
     "rotor": "fast reversals of joint 2 while joint 1 swings",
@@ -216,8 +222,19 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
 
     x, _, _, size = problem(free).solve()
     first = problem(free).unpack(x[None])[0][0]
-    # Few logs are held out in thirds.
+    # Few logs are judged and held out in thirds.
     part = data.log if len(logs) > 2 else 3 * data.log + (2.999 * data.time / data.time.max()).astype(int)
+    ratios = []
+    for k in np.unique(part):
+        models = [problem(names, data.take(part == k), first) for names in ((), free)]
+        errors = [np.abs(model.error(model.solve(1, 8, size)[0][None])).mean(axis=(0, 1, 2)) + 1e-4 for model in models]
+        ratios.append(np.exp(np.log(errors[0] / errors[1]).mean()))
+    if (worst := max(ratios)) > MIXED:
+        name = logs[data.log[part == np.unique(part)[np.argmax(ratios)]][0]].name
+        raise ValueError(
+            f"logs must be of one robot that does not change, but a model of {name} alone has errors {worst:.1f} times smaller "
+            "than the model of all logs"
+        )
     fold = part % FOLDS
 
     def held_out(free: tuple[str, ...]) -> Array:

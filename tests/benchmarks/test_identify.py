@@ -142,6 +142,13 @@ def test_a_file_that_is_no_table_is_refused(tmp_path, text, message):
 # Fitting.
 
 
+def test_logs_of_two_robots_are_refused(files, tmp_path):
+    heavy = ROBOT.replace(arm=dataclasses.replace(ROBOT.arm, m1=1.2, m2=1.0))
+    other = read(write(tmp_path / "heavy.csv", run(5, robot=heavy)))
+    with pytest.raises(ValueError, match="one robot"):
+        identify([read(path) for path in files] + [other], START)
+
+
 def test_the_command_of_coverage_counts_intervals_that_hold(capsys, monkeypatch):
     monkeypatch.setattr(fitting, "FOLDS", 2)
     identification_coverage.main(["1"])
