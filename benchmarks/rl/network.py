@@ -6,16 +6,13 @@ in the kernel.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fbl_gym.checks import check_choice
-from fbl_gym.kernel import fastmath
 from fbl_gym.kernel.fastmath import cached_njit, exp, fma, kernel_njit
 from fbl_gym.model.arm import Array
 
@@ -55,36 +52,27 @@ def _apply(function, y):
             y[o] = (1.0 - power) / (1.0 + power)
 
 
-def _compile(fingerprint):
-    """Return the forward pass. The fingerprint of `fastmath` is a part of its key in the cache."""
+@cached_njit
+def _forward(observation, weights, sizes, functions):
+    """Return the outputs of the last layer [n x sizes[-1]].
 
-    @cached_njit
-    def forward(observation, weights, sizes, functions):
-        """Return the outputs of the last layer [n x sizes[-1]].
-
-        Args:
-            observation: [n x sizes[0]].
-            weights: of each layer in turn, [inputs + 1 x outputs], the bias in the first row.
-            sizes: number of inputs, then the number of outputs of each layer.
-            functions: index in `_FUNCTIONS` of the function after each layer.
-        """
-        _ = fingerprint
-        actions = np.empty((len(observation), sizes[-1]))
-        hidden = np.empty((2, sizes.max()))
-        for lane in range(len(observation)):
-            x, place = observation[lane], 0
-            for layer in range(len(functions)):
-                rows, outputs = sizes[layer] + 1, sizes[layer + 1]
-                y = actions[lane] if layer == len(functions) - 1 else hidden[layer % 2, :outputs]
-                _layer(x, weights[place : place + rows * outputs].reshape(rows, outputs), y)
-                _apply(functions[layer], y)
-                x, place = y, place + rows * outputs
-        return actions
-
-    return forward
-
-
-_forward = _compile(hashlib.sha256(Path(fastmath.__file__).read_bytes()).hexdigest())
+    Args:
+        observation: [n x sizes[0]].
+        weights: of each layer in turn, [inputs + 1 x outputs], the bias in the first row.
+        sizes: number of inputs, then the number of outputs of each layer.
+        functions: index in `_FUNCTIONS` of the function after each layer.
+    """
+    actions = np.empty((len(observation), sizes[-1]))
+    hidden = np.empty((2, sizes.max()))
+    for lane in range(len(observation)):
+        x, place = observation[lane], 0
+        for layer in range(len(functions)):
+            rows, outputs = sizes[layer] + 1, sizes[layer + 1]
+            y = actions[lane] if layer == len(functions) - 1 else hidden[layer % 2, :outputs]
+            _layer(x, weights[place : place + rows * outputs].reshape(rows, outputs), y)
+            _apply(functions[layer], y)
+            x, place = y, place + rows * outputs
+    return actions
 
 
 @dataclass(frozen=True, eq=False)

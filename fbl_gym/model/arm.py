@@ -27,7 +27,6 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -253,49 +252,26 @@ def _joints(x: ArrayLike) -> tuple[Array, Array]:
     return x[..., 0], x[..., 1]
 
 
-def _parts(arm: ArmParameters | ArrayLike, *signals: ArrayLike) -> tuple[Any, ...]:
-    """Return the shape of one arm's result, and both joints of each signal.
-
-    The joints of one arm are floats, with which its terms have the same bits in a tenth of the
-    time. Those of several are arrays, and the shape is None.
-    """
-    arrays = [np.asarray(signal, dtype=float) for signal in signals]
-    shape = arrays[0].shape
-    if isinstance(arm, ArmParameters) and shape in ((2,), (1, 2)) and all(x.shape == shape for x in arrays):
-        return shape[:-1], *[x.ravel().tolist() for x in arrays]
-    return None, *[(x[..., 0], x[..., 1]) for x in arrays]
-
-
-def _cos(x: Any) -> Any:
-    return float(np.cos(x)) if type(x) is float else np.cos(x)
-
-
-def _sin(x: Any) -> Any:
-    return float(np.sin(x)) if type(x) is float else np.sin(x)
-
-
-def _stack(shape: tuple[int, ...] | None, *parts: Any) -> Array:
-    """Stack the parts of a result along a new last axis; the shape is that of `_parts`."""
-    if shape is not None:
-        return np.array(parts).reshape(*shape, len(parts))
+def _stack(*parts: Any) -> Array:
+    """Stack the parts of a result along a new last axis."""
     stacked = np.empty((*np.broadcast(*parts).shape, len(parts)))
     for i, part in enumerate(parts):
         stacked[..., i] = part
     return stacked
 
 
-def _matrix(shape: tuple[int, ...] | None, *entries: Any) -> Array:
-    """Return the matrices [... x 2 x 2] of their four entries; the shape is that of `_parts`."""
-    stacked = _stack(shape, *entries)
+def _matrix(*entries: Any) -> Array:
+    """Return the matrices [... x 2 x 2] of their four entries."""
+    stacked = _stack(*entries)
     return stacked.reshape(*stacked.shape[:-1], 2, 2)
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
     """Return the inertia matrix M(q) of equation (2) [kg m^2], [... x 2 x 2]."""
     p1, p2, p3, _, _, r1, r2 = _lumped(arm)
-    shape, (_, q2) = _parts(arm, q)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, _cos(q2))
-    return _matrix(shape, m11, m12, m12, m22)
+    _, q2 = _joints(q)
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
+    return _matrix(m11, m12, m12, m22)
 
 
 def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, *, skew: bool = False) -> Array:
@@ -307,17 +283,17 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
     h = p3 sin q2.
     """
     _, _, p3, _, _, _, _ = _lumped(arm)
-    shape, (_, q2), (v1, v2) = _parts(arm, q, v)
-    h = p3 * _sin(q2)
+    (_, q2), (v1, v2) = _joints(q), _joints(v)
+    h = p3 * np.sin(q2)
     c11, c12 = (-h * v2, -h * (v1 + v2)) if skew else (-2.0 * h * v2, -h * v2)
-    return _matrix(shape, c11, c12, h * v1, 0.0)
+    return _matrix(c11, c12, h * v1, 0.0)
 
 
 def gravity_torque(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
     """Return the gravity torque G(q) of equation (4) [N m], [... x 2]."""
     _, _, _, p4, p5, _, _ = _lumped(arm)
-    shape, (q1, q2) = _parts(arm, q)
-    return _stack(shape, *gravity_terms(p4, p5, _cos(q1), _cos(q1 + q2)))
+    q1, q2 = _joints(q)
+    return _stack(*gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2)))
 
 
 def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
@@ -327,25 +303,24 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
     the paper (figure 2).
     """
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
-    shape, (q1, q2), (v1, v2), (a1, a2) = _parts(arm, q, v, a)
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, _cos(q2))
-    b1, b2 = coriolis_terms(p3, _sin(q2), v1, v2)
-    g1, g2 = gravity_terms(p4, p5, _cos(q1), _cos(q1 + q2))
-    return _stack(shape, m11 * a1 + m12 * a2 + b1 + g1, m12 * a1 + m22 * a2 + b2 + g2)
+    (q1, q2), (v1, v2), (a1, a2) = map(_joints, (q, v, a))
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
+    b1, b2 = coriolis_terms(p3, np.sin(q2), v1, v2)
+    g1, g2 = gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2))
+    return _stack(m11 * a1 + m12 * a2 + b1 + g1, m12 * a1 + m22 * a2 + b2 + g2)
 
 
 def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, torque: ArrayLike) -> Array:
     """Return the acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2]."""
-    shape, *parts = _parts(arm, q, v, torque)
-    return _stack(shape, *accelerations(arm, *chain(*parts)))
+    return _stack(*accelerations(arm, *_joints(q), *_joints(v), *_joints(torque)))
 
 
 def accelerations(arm: ArmParameters | ArrayLike, q1: Any, q2: Any, v1: Any, v2: Any, t1: Any, t2: Any) -> Any:
-    """Return the accelerations of `forward_dynamics` from both joints' parts, arrays or floats."""
+    """Return the accelerations of `forward_dynamics` from both joints' parts."""
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
-    b1, b2 = coriolis_terms(p3, _sin(q2), v1, v2)
-    g1, g2 = gravity_terms(p4, p5, _cos(q1), _cos(q1 + q2))
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, _cos(q2))
+    b1, b2 = coriolis_terms(p3, np.sin(q2), v1, v2)
+    g1, g2 = gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2))
+    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
     return solve_terms(m11, m12, m22, t1 - b1 - g1, t2 - b2 - g2)
 
 
@@ -361,7 +336,7 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     c2, s2, c12 = np.cos(q2), np.sin(q2), np.cos(q1 + q2)
     first = (a1, a1 + a2, (2.0 * a1 + a2) * c2 - v2 * (2.0 * v1 + v2) * s2, np.cos(q1), c12)
     second = (0.0, a1 + a2, a1 * c2 + v1 * v1 * s2, 0.0, c12)
-    both = _stack(None, *first, *second)
+    both = _stack(*first, *second)
     return both.reshape(*both.shape[:-1], 2, 5)
 
 
