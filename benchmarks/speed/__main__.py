@@ -15,7 +15,7 @@ from benchmarks.speed.environments import compare, measure_environments
 LEGEND = """
 x peer: to Acrobot-v1 through gym.make for a single environment, to SyncVectorEnv of 256 for a batch, to the same arms
 in C for a batch of 4,096. busy: stick-slip friction, noise on every sensor and a disturbance.
-One step is ten Runge-Kutta steps of 1 ms. All but the last row of the arm use one thread."""
+One step is ten Runge-Kutta steps of 1 ms."""
 
 
 def main() -> None:
@@ -26,16 +26,16 @@ def main() -> None:
     parser.add_argument("--baseline", type=Path, metavar="FILE", help="compare the ratios with those of such a file")
     parser.add_argument(
         "--decisions", nargs="*", metavar="POLICY",
-        help="instead, measure one decision of one arm by these policies, or by all that the board ranks",
+        help="instead, measure a decision by these policies, or by all that the board ranks: of one arm, and of 32 at 1 kHz",
     )  # fmt: skip
     arguments = parser.parse_args()
     if arguments.rounds < 1:
         parser.error(f"argument --rounds: must be at least 1, got {arguments.rounds}")
     if arguments.decisions is not None:
         ranked = [name for name in load("servo").policy_names if resolve(name).ranked]
-        print(f"{'decision of one arm, microseconds':<42} {'median':>8} {'99 %':>8}")
-        for row in measure_decisions(arguments.decisions or ranked):
-            print(f"{row['name']:<42} {row['median_us']:>8.0f} {row['p99_us']:>8.0f}")
+        print(f"{'decision, median microseconds':<42} {'one arm':>8} {'32 arms':>8}")
+        for name, one, batch in measure_decisions(arguments.decisions or ranked):
+            print(f"{name:<42} {one:>8.0f} {batch:>8.0f}")
         return
     rows = measure_environments(arguments.rounds)
     print(f"{'environment steps per second':<42} {'median':>12} {'spread':>8} {'x peer':>8}")

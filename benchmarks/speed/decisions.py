@@ -1,16 +1,20 @@
-"""Time of one decision of one arm: a step of `controllers.Runner`, from reading to torque."""
+"""Time of a decision: by `controllers.Runner`, from reading to torque, and of a batch of arms."""
 
 import time
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
+from benchmarks.policies.spec import resolve
 from controllers import Runner
 from fbl_gym import TwoLinkArmEnv, scenarios
+from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 
-SCENARIO = "servo-delay-2"
+SCENARIO, BATCH = "servo-delay-2", "geared-delay-2"
+"""Of the single arm, and of a batch of `LANES` at 1 kHz."""
+
+LANES = 32
 
 WARM_UP = 50
 """First decisions, which do not count."""
@@ -39,14 +43,24 @@ def decisions(policy: str) -> Iterator[float]:
             ended, k = terminated or truncated, k + 1
 
 
-def measure_decisions(policies: Iterable[str], turns: int = 20) -> list[dict[str, Any]]:
-    """Return name, median and 99 % quantile [microseconds] of each policy's decisions, in turns."""
-    loops = {policy: decisions(policy) for policy in policies}
-    waits: dict[str, list[float]] = {policy: [] for policy in loops}
-    for loop in loops.values():
-        next(islice(loop, WARM_UP, None))
-    for _ in range(turns):
-        for policy, loop in loops.items():
-            waits[policy].extend(islice(loop, TURN))
-    quantiles = {policy: 1e6 * np.quantile(times, (0.5, 0.99)) for policy, times in waits.items()}
-    return [{"name": policy, "median_us": float(a), "p99_us": float(b)} for policy, (a, b) in quantiles.items()]
+def batch_decisions(policy: str) -> Iterator[float]:
+    """Yield the time of each decision for `LANES` arms of `BATCH` [s], without end."""
+    env = TwoLinkArmVectorEnv(LANES, BATCH)
+    law, state = resolve(policy).make(env), None
+    observation, _ = env.reset(seed=0)
+    while True:
+        begin = time.perf_counter()
+        action, state = law.predict(observation, state)
+        yield time.perf_counter() - begin
+        observation = env.step(action)[0]
+
+
+def measure_decisions(policies: Iterable[str], turns: int = 20) -> list[tuple[str, float, float]]:
+    """Return each policy with its median times [microseconds]: of one arm, of a batch; in turns."""
+    loops = {policy: (decisions(policy), batch_decisions(policy)) for policy in policies}
+    waits: dict[str, tuple[list[float], list[float]]] = {policy: ([], []) for policy in loops}
+    for turn in range(turns + 1):
+        for policy, pair in loops.items():
+            for loop, times in zip(pair, waits[policy], strict=True):
+                times.extend(islice(loop, TURN) if turn else islice(loop, WARM_UP, WARM_UP))
+    return [(name, *(1e6 * float(np.median(times)) for times in pair)) for name, pair in waits.items()]  # type: ignore[misc]

@@ -62,6 +62,11 @@ def wait(until, seconds):
     return until()
 
 
+def obey():
+    """Let a process take Ctrl-C, which a shell's background job ignores."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture
 def start(tmp_path):
     """A board with a law that never ends, once the law runs and some cells are stored."""
@@ -76,9 +81,7 @@ def start(tmp_path):
             "--workers", str(workers), "--store", str(tmp_path / "store"),
         ]  # fmt: skip
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        pipes["preexec_fn"] = lambda: signal.signal(
-            signal.SIGINT, signal.SIG_DFL
-        )  # a shell's background job ignores it
+        pipes["preexec_fn"] = obey
         process = subprocess.Popen(command, **pipes, start_new_session=True, stdin=subprocess.DEVNULL, cwd=tmp_path)
         processes.append(process)
         assert wait(lambda: flag.exists() and (workers == 1 or Store(tmp_path / "store").files()), 120)
@@ -126,7 +129,8 @@ def test_workers_end_within_five_seconds_of_a_killed_parent(how, workers, number
 def test_other_commands_say_what_is_kept_too(tmp_path):
     command = ["tune", "pd-gravity", "--trials", "100000", "--seeds", "1", "--scenarios", "nominal", "--storage"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "fbl_gym", *command, f"sqlite:///{tmp_path}/studies.db"], stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-m", "fbl_gym", *command, f"sqlite:///{tmp_path}/studies.db"],
+        stderr=subprocess.PIPE, text=True, preexec_fn=obey,
     )  # fmt: skip
     assert wait(lambda: list(tmp_path.glob("*.db")), 240)
     time.sleep(1)
