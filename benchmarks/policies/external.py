@@ -83,17 +83,13 @@ def load(name: PolicyName) -> Callable[..., Any]:
 
 
 def _no_factory(source: str, name: str, module: ModuleType) -> str:
-    """Return the error of a file or module without a factory; imported names are no factories."""
-    top = module.__name__.partition(".")[0]
-    factories = {
-        attribute: value for attribute, value in vars(module).items()
-        if callable(value) and not attribute.startswith("_")
-        and str(getattr(value, "__module__", "")).partition(".")[0] == top
-    }  # fmt: skip
-    if name or not factories:
-        return str(unknown(f"factory of {source}", name or ATTRIBUTE, factories))
-    last = [*factories, *(attribute for attribute, value in factories.items() if isinstance(value, type))][-1]
-    return f"{source} has no {ATTRIBUTE}: add `{ATTRIBUTE} = {last}`, or give {source}:{last}"
+    """Return the error of a file or module without a factory, which names its own classes."""
+    own = [
+        key for key, value in vars(module).items() if isinstance(value, type) and value.__module__ == module.__name__
+    ]
+    if name or not own:
+        return str(unknown(f"factory of {source}", name or ATTRIBUTE, own))
+    return f"{source} has no {ATTRIBUTE}: add `{ATTRIBUTE} = {own[-1]}`, or give {source}:{own[-1]}"
 
 
 def _load_module(source: str) -> ModuleType:

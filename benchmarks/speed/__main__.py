@@ -38,14 +38,14 @@ def main() -> None:
             print(f"{name:<42} {one:>8.0f} {batch:>8.0f}")
         return
     rows = measure_environments(arguments.rounds)
-    print(f"{'environment steps per second':<42} {'median':>12} {'spread':>8} {'x peer':>8}")
+    print(f"{'environment steps per second':<42} {'median':>12} {'x peer':>8}")
     for row in rows:
-        spread, ratio = (row["high"] - row["low"]) / row["median"], f"{row['ratio']:.3g}" if row["peer"] else ""
-        print(f"{row['name']:<42} {row['median']:>12,.0f} {spread:>8.0%} {ratio:>8}")
+        ratio = f"{row['ratio']:.3g}" if row["peer"] else ""
+        print(f"{row['name']:<42} {row['median']:>12,.0f} {ratio:>8}")
     print(LEGEND)
     if arguments.baseline is not None:
-        stored = json.loads(arguments.baseline.read_text(encoding="utf-8"))
-        for name, change in compare(rows, stored["contestants"]).items():
+        stored = json.loads(arguments.baseline.read_text(encoding="utf-8"))["contestants"]
+        for name, change in compare(rows, stored).items():
             print(f"{name:<42} {change:.2f} times its ratio in {arguments.baseline}")
     if arguments.json is not None:
         document = {"contestants": rows, **provenance(f"python -m benchmarks.speed {' '.join(sys.argv[1:])}")}

@@ -11,10 +11,8 @@ from controllers import Runner
 from fbl_gym import TwoLinkArmEnv, scenarios
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 
-SCENARIO, BATCH = "servo-delay-2", "geared-delay-2"
-"""Of the single arm, and of a batch of `LANES` at 1 kHz."""
-
-LANES = 32
+SCENARIO, BATCH, LANES = "servo-delay-2", "geared-delay-2", 32
+"""Of the single arm, and of a batch at 1 kHz with its number of arms."""
 
 WARM_UP = 50
 """First decisions, which do not count."""

@@ -34,14 +34,13 @@ _ACROBOT, _ACROBOTS = "Acrobot-v1", "SyncVectorEnv(Acrobot-v1), 256"
 
 def _contestants() -> dict[str, tuple[Contestant, str]]:
     """Return each contestant and the name of its peer, by name."""
-    acrobots = gym.make_vec(_ACROBOT, num_envs=256, vectorization_mode="sync")
     contestants: dict[str, tuple[Contestant, str]] = {
         _ACROBOT: (single(gym.make(_ACROBOT), 1), ""),
         "TwoLinkArm-v0": (single(gym.make(_ARM), np.zeros(2)), _ACROBOT),
         "TwoLinkArm-v0, busy": (single(gym.make(_ARM, **_BUSY), np.zeros(2)), _ACROBOT),
         "TwoLinkArmTracking-v0": (single(gym.make(_ARM.replace("Arm-", "ArmTracking-")), np.zeros(2)), _ACROBOT),
         "TwoLinkArm-v0, unwrapped": (single(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
-        _ACROBOTS: (batch(acrobots, np.ones(256, dtype=int)), ""),
+        _ACROBOTS: (batch(gym.make_vec(_ACROBOT, 256, "sync"), np.ones(256, dtype=int)), ""),
     }
     library = load()
     for lanes in (16, 256, 4096):
@@ -98,19 +97,16 @@ def measure_rates(contestants: Mapping[Any, Contestant], rounds: int) -> dict[An
 def measure_environments(rounds: int = 7) -> list[dict[str, Any]]:
     """Return the speed of every contestant in environment steps per second.
 
-    Each row has the contestant's name, the median, smallest ("low") and largest ("high") number of
-    the rounds, the name of its peer, if there is one, and the median ratio to it.
+    Each row has the contestant's name, the median of the rounds, the name of its peer, if there is
+    one, and the median ratio to it.
     """
     contestants = _contestants()
     rates = measure_rates({name: step for name, (step, _) in contestants.items()}, rounds)
-    ratios = {name: float(np.median(rates[name] / rates[peer or name])) for name, (_, peer) in contestants.items()}
-    return [
-        {
-            "name": name, "median": float(np.median(rates[name])), "low": float(rates[name].min()),
-            "high": float(rates[name].max()), "ratio": ratios[name], "peer": peer,
-        }
-        for name, (_, peer) in contestants.items()
-    ]  # fmt: skip
+    rows = []
+    for name, (_, peer) in contestants.items():
+        median, ratio = np.median(rates[name]), np.median(rates[name] / rates[peer or name])
+        rows.append({"name": name, "median": float(median), "ratio": float(ratio), "peer": peer})
+    return rows
 
 
 def compare(rows: list[dict[str, Any]], baseline: list[dict[str, Any]]) -> dict[str, float]:
@@ -119,5 +115,4 @@ def compare(rows: list[dict[str, Any]], baseline: list[dict[str, Any]]) -> dict[
     Contestants that the baseline lacks, or compares with another peer, are left out.
     """
     before = {(row["name"], row["peer"]): row["ratio"] for row in baseline if row["peer"]}
-    keys = {(row["name"], row["peer"]): row["ratio"] for row in rows}
-    return {name: ratio / before[name, peer] for (name, peer), ratio in keys.items() if (name, peer) in before}
+    return {row["name"]: row["ratio"] / before[key] for row in rows if (key := (row["name"], row["peer"])) in before}
