@@ -69,6 +69,12 @@ class AdaptiveFlm(CascadeFlm):
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
 
+    def validate(self) -> None:
+        """Refuse an alpha that is not four numbers, zero or more."""
+        super().validate()
+        if np.shape(self.alpha) != (2, 2) or np.min(self.alpha) < 0.0:
+            raise ValueError(f"alpha must be four numbers [2 x 2], zero or more, got {self.alpha!r}")
+
     def initial(self, observation: Array) -> State:
         """Return the state before the first observation, with the nominal estimate."""
         n = len(observation)

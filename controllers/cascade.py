@@ -10,7 +10,7 @@ from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.options import Friction
-from fbl_gym.records import number, pair, record
+from fbl_gym.records import Distribution, number, pair, record
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,12 @@ class CascadeFlm(TorqueLaw):
     feedforward: float = number(0.0, low=0, high=1)
     friction: Friction | None = record(Friction, None)
     disturbance: Pair | float = pair(0.0, unit="N m")
+
+    def validate(self) -> None:
+        """Refuse a known friction that varies."""
+        super().validate()
+        if self.friction and any(isinstance(value, Distribution) for value in vars(self.friction).values()):
+            raise ValueError(f"friction must have fixed numbers, got {self.friction}")
 
     def initial(self, observation: Array) -> State:
         """Return the state: the integral of the velocity error [n x 2], zero."""

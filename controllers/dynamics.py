@@ -33,6 +33,8 @@ def momentum(arm: ArmParameters, q: Array, v: Array) -> tuple[Array, Array]:
 def _run(function: Callable[..., Any], arm: ArmParameters | Array, *signals: Array) -> Array:
     arms = arm.base if isinstance(arm, ArmParameters) else arm if arm.shape[-1] == 7 else with_rotors(arm, 0.0)
     result = np.empty(signals[0].shape)
-    rows = [np.ascontiguousarray(signal).reshape(-1, 2) for signal in (*signals, result)]
+    # Compiled code does not check shapes.
+    same = (x if x.shape == result.shape else np.broadcast_to(x, result.shape) for x in signals)
+    rows = [np.ascontiguousarray(x).reshape(-1, 2) for x in (*same, result)]
     function(np.ascontiguousarray(arms).reshape(-1, 7), *rows)
     return result

@@ -89,10 +89,10 @@ def check_number(
     return x
 
 
-def check_whole(name: str, value: object, *, low: int = 0) -> int:
-    """Return `value` as an int that is not below `low`."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or value < low:
-        raise ValueError(f"{name} must be a whole number not below {low}, got {value!r}")
+def check_whole(name: str, value: object, *, low: int = 0, high: float = math.inf) -> int:
+    """Return `value` as an int within its bounds."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or not low <= value <= high:
+        raise ValueError(f"{name} must be a whole number{bounds_text(low, high)}, got {value!r}")
     return int(value)
 
 

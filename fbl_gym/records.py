@@ -118,15 +118,15 @@ pair = functools.partial(number, joints=True)
 """Declare one number per joint; a single number or distribution stands for both joints."""
 
 
-def whole(default: Any = MISSING, *, low: int = 0, varies: bool = False) -> Any:
-    """Declare a whole number not below `low`; draws of a distribution are to be rounded."""
+def whole(default: Any = MISSING, *, low: int = 0, high: float = math.inf, varies: bool = False) -> Any:
+    """Declare a whole number within bounds; draws of a distribution are to be rounded."""
 
     def convert(name: str, value: Any) -> Any:
         if varies and isinstance(value, Distribution | Mapping):
-            return _check_varying(name, value, low=low)
-        return check_whole(name, value, low=low)
+            return _check_varying(name, value, low=low, high=high)
+        return check_whole(name, value, low=low, high=high)
 
-    return declared(default, convert, f"a whole number{' or distribution' * varies} not below {low}")
+    return declared(default, convert, f"a whole number{' or distribution' * varies}{bounds_text(low, high)}")
 
 
 def choice(default: Any, known: Iterable[str]) -> Any:

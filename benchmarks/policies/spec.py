@@ -235,6 +235,8 @@ def _check(name: PolicyName) -> None:
     elif name.source not in names() or (name.seed is None and code != name.registered):
         if (Path(code) / "agent.json").is_file():
             raise ValueError(f"unknown policy {code!r}; the folder of that name is named by its path, ./{code}")
+        if "/" in code or os.sep in code:
+            raise ValueError(f"policy must be a name, an existing file, or a folder with an agent.json, got {code!r}")
         raise unknown("policy", code, names())
 
 

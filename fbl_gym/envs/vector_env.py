@@ -62,7 +62,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         render_size: int = 480,
         **options: Any,
     ) -> None:
-        self.num_envs = check_whole("num_envs", num_envs, low=1)
+        self.num_envs = check_whole("num_envs", num_envs, low=1, high=10**7)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, low=1)

@@ -33,7 +33,7 @@ def _terms(arm, q, v):
 def find_torques(arms, q, v, a, out):
     """Write `arm.inverse_dynamics` of rows [n x 2], for one arm [1 x 7] or an arm each [n x 7]."""
     for i in range(len(q)):
-        m11, m12, m22, c1, c2, g1, g2 = _terms(arms[i if len(arms) > 1 else 0], q[i], v[i])
+        m11, m12, m22, c1, c2, g1, g2 = _terms(arms[i % len(arms)], q[i], v[i])
         out[i, 0], out[i, 1] = m11 * a[i, 0] + m12 * a[i, 1] + c1 + g1, m12 * a[i, 0] + m22 * a[i, 1] + c2 + g2
 
 
@@ -41,7 +41,7 @@ def find_torques(arms, q, v, a, out):
 def find_accelerations(arms, q, v, torque, out):
     """Write `arm.forward_dynamics` of each row, as `find_torques`."""
     for i in range(len(q)):
-        m11, m12, m22, c1, c2, g1, g2 = _terms(arms[i if len(arms) > 1 else 0], q[i], v[i])
+        m11, m12, m22, c1, c2, g1, g2 = _terms(arms[i % len(arms)], q[i], v[i])
         out[i, 0], out[i, 1] = solve_terms(m11, m12, m22, torque[i, 0] - c1 - g1, torque[i, 1] - c2 - g2)
 
 

@@ -30,12 +30,12 @@ class Actuator(Record):
     """
 
     torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, high=1e30, optional=True)
-    delay: Number = number(0.0, unit="s", varies=True, low=0)
+    delay: Number = number(0.0, unit="s", varies=True, low=0, high=100)
     lag: Number = number(0.0, unit="s", varies=True, low=0)
     gain: Numbers = pair(1.0, varies=True, low=0)
-    delay_samples: Number = whole(0, varies=True)
+    delay_samples: Number = whole(0, high=10_000, varies=True)
     rate_limit: Numbers | None = pair(None, unit="N m/s", varies=True, above=0)
-    jitter: Number = number(0.0, unit="s", varies=True, low=0)
+    jitter: Number = number(0.0, unit="s", varies=True, low=0, high=100)
     ripple: Numbers = pair(0.0, unit="N m", varies=True, low=0)
     ripple_order: Pair | float = pair(36.0, above=0, high=1e6)
 

@@ -27,7 +27,7 @@ class MuJoCo(Record):
     """
 
     integrator: Literal["RK4", "implicitfast"] = choice("RK4", ("RK4", "implicitfast"))
-    substeps: int = whole(1, low=1)
+    substeps: int = whole(1, low=1, high=10_000)
     friction: Literal["coulomb", "breakaway"] = choice("coulomb", ("coulomb", "breakaway"))
     bend: Pair | float | None = pair(None, unit="Hz", low=1e-3, high=1e4)
     bend_damping: float = number(0.1, low=0)

@@ -217,7 +217,7 @@ class FourierReference(_Oscillation):
     """
 
     frequency: float = number(0.1, unit="Hz", above=0, high=1e6)
-    harmonics: int = whole(5, low=1)
+    harmonics: int = whole(5, low=1, high=10_000)
     kind: str = kind("fourier")
 
 

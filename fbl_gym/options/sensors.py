@@ -118,11 +118,11 @@ class Encoder(Record):
     """
 
     counts: Pair | float | None = pair(None, low=1e-3)
-    difference: int | None = whole(None, low=1)
+    difference: int | None = whole(None, low=1, high=10_000)
     low_pass: float | None = number(None, unit="Hz", above=0)
-    latency: int = whole(0)
+    latency: int = whole(0, high=10_000)
     dropout: Number = number(0.0, varies=True, low=0, high=1)
-    dropout_length: int = whole(1, low=1)
+    dropout_length: int = whole(1, low=1, high=10_000)
 
     def validate(self) -> None:
         """Refuse a filter of a measured velocity."""

@@ -53,14 +53,17 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path} is no TOML: {problem}") from None
 
 
-def load(path: Path, entry: str, named: Named) -> Scenario:
+def load(path: Path, entry: str, named: Named, above: tuple[str, ...] = ()) -> Scenario:
     """Return the scenario of a file. Without a name in it, the file's name is the scenario's.
 
     Args:
         path: of a TOML file.
         entry: name of one of the file's `scenarios`, if it is a suite; empty: the whole file.
         named: returns a scenario by name.
+        above: the files whose base this one is.
     """
+    if (place := f"{path.resolve()}:{entry}") in above:
+        raise ValueError(f"{path}: base must be another scenario, but leads back to this file")
     table = read_toml(path)
     if entry:
         names = [each if isinstance(each, str) else each.get("name") for each in table.get("scenarios", ())]
@@ -71,10 +74,12 @@ def load(path: Path, entry: str, named: Named) -> Scenario:
             return named(table)
     elif "scenarios" in table:
         raise ValueError(f"{path} is a suite: give it to --suite, or name one of its scenarios, {path}:NAME")
-    return from_table({"name": path.stem, **table}, named, path)
+    return from_table({"name": path.stem, **table}, named, path, (*above, place))
 
 
-def from_table(table: Mapping[str, Any], named: Named, path: Path | None = None) -> Scenario:
+def from_table(
+    table: Mapping[str, Any], named: Named, path: Path | None = None, above: tuple[str, ...] = ()
+) -> Scenario:
     """Return the scenario of a table: fields of `Scenario`, and optionally `base`.
 
     The path is that of the table's file, for errors and for relative paths; None: it has none. The
@@ -84,7 +89,7 @@ def from_table(table: Mapping[str, Any], named: Named, path: Path | None = None)
     fields = {name: value for name, value in table.items() if name != "base"}
     base = table.get("base", "")
     file, entry, world = split(str(base))
-    parent = load(folder / file, entry, named) if file else Scenario()
+    parent = load(folder / file, entry, named, above) if file else Scenario()
     if ".urdf" in str(arm := fields.get("arm")):
         fields["arm"] = str(folder / str(arm))
     try:

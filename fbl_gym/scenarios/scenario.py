@@ -107,7 +107,7 @@ class Scenario(Record):
     reference: Reference = one_of(REFERENCES, MinimumJerk())
     control_dt: float = number(0.01, unit="s", above=0)
     physics_dt: float = number(0.001, unit="s", above=0)
-    duration: float = number(10.0, unit="s", above=0)
+    duration: float = number(10.0, unit="s", above=0, high=1e6)
     initial_error: Numbers = pair(0.0, unit="rad", varies=True)
     initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True)
     limits: Limits = record(Limits, Limits())

@@ -16,3 +16,10 @@ def test_compiled_dynamics_has_the_bits_of_the_arms(name, shape):
     for model in models:
         compiled = getattr(dynamics, name)(model, q, v, x)
         np.testing.assert_array_equal(compiled, getattr(arm, name)(model, q, v, x))
+
+
+def test_an_acceleration_for_all_rows_is_broadcast():
+    q, v = np.random.default_rng(1).normal(size=(2, 5, 2))
+    model = arm.ArmParameters()
+    torque = dynamics.inverse_dynamics(model, q, v, np.array([1.0, -2.0]))
+    np.testing.assert_array_equal(torque, dynamics.inverse_dynamics(model, q, v, np.tile([1.0, -2.0], (5, 1))))

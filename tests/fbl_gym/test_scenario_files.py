@@ -90,6 +90,13 @@ def test_an_error_names_the_file_and_the_key_once(text, message, tmp_path, monke
             scenarios.get(name)
 
 
+def test_a_base_must_not_lead_back_to_its_file(tmp_path):
+    (tmp_path / "a.toml").write_text('base = "b.toml"')
+    (tmp_path / "b.toml").write_text('base = "a.toml"')
+    with pytest.raises(ValueError, match=r"a\.toml: base must be another scenario, but leads back"):
+        scenarios.get(str(tmp_path / "a.toml"))
+
+
 def test_the_torques_of_a_tier_follow_the_arm(tmp_path):
     (tmp_path / "mine.toml").write_text('base = "servo-friction-2"\narm = "pelican"\ncontrol_dt = 0.005\n')
     scenario = scenarios.get(str(tmp_path / "mine.toml"))
