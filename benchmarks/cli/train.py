@@ -26,7 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("algorithm", choices=tuple(ALGORITHMS), help="algorithm of stable-baselines3 or sb3-contrib")
     parser.add_argument("--interface", choices=ACTIONS, default="torque", help="meaning of the agent's action (torque)")
     add_option(parser, "--history", int, 0, "N", "number of earlier steps that the agent observes")
-    parser.add_argument("--base", metavar="LAW", help="law under a residual (computed-torque at 15 rad/s)")
+    parser.add_argument("--base", metavar="LAW", help="law under a residual or blend (computed-torque at 15 rad/s)")
+    parser.add_argument("--second", metavar="LAW", help="other law of a blend")
     parser.add_argument(
         "--drive", action="store_true", help="let the agent observe the drive's stated delay and lag, and the class of robots"
     )  # fmt: skip
@@ -39,6 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)"
     )
+    parser.add_argument(
+        "--memory", type=float, default=0.0, metavar="S",
+        help="time constant of running mean squares that the agent observes [s] (none)",
+    )  # fmt: skip
     parser.add_argument(
         "--context", action="store_true", help="let the agent observe the true parameters (privileged access)"
     )
@@ -88,10 +93,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _adapter(arguments: argparse.Namespace, scenario: scenarios.Scenario) -> AdapterSettings:
-    names = ("history", "drive", "period", "context", "sensors")
+    names = ("history", "memory", "drive", "period", "context", "sensors")
     options: dict[str, Any] = {name: getattr(arguments, name) for name in names}
     if arguments.scales is not None:
         options["scales"] = arguments.scales
+    if arguments.second is not None:
+        options["second"] = arguments.second
     if arguments.base is not None:
         law: Any = controllers.make(arguments.base, TwoLinkArmVectorEnv(1, scenario).interface)
         gains = {name: value for name, value in vars(law).items() if name in law.__dataclass_fields__}

@@ -19,7 +19,7 @@ from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.records import Record, choice, choices, declared, number, pair, whole
 from fbl_gym.scenarios.classes import CLASSES
 
-ACTIONS = ("torque", "acceleration", "residual")
+ACTIONS = ("torque", "acceleration", "residual", "blend")
 
 SENSORS = ("position", "velocity", "acceleration")
 
@@ -28,6 +28,9 @@ CONTEXT = ("m1", "m2", "L1", "L2", "payload")
 
 DRIVE_SCALE = 0.05
 """Scale of the drive's delay and lag in the agent's observation [s]."""
+
+LEAST_SQUARE = 1e-6
+"""Square of a scaled error that an agent with memory cannot tell from zero."""
 
 GATE = 0.1
 """Share of a torque limit within which a residual fades, so that the law alone brakes there."""
@@ -66,13 +69,17 @@ class AdapterSettings(Record):
             "acceleration": `acceleration` times the action goes through the nominal linearisation.
             "residual": `residual` times the action, times the nominal inertia, is added to the
             torque of `base`. It fades where that torque is within `GATE` of a limit.
+            "blend": the torque of each joint is between those of `second` (-1) and `base` (1).
         torque: largest torque per joint.
         acceleration: largest acceleration of both joints.
         residual: largest residual acceleration of both joints.
-        base: name of the law under the residual, which may have parts. With @tuned, it has the
+        base: name of the law under the agent, which may have parts. With @tuned, it has the
             gains for the class of each robot.
         gains: of any other law `base`, written out, so that an agent keeps the law of its training.
+        second: name of a blend's other law.
         history: number of earlier steps whose errors and actions the agent observes, latest first.
+        memory: time constant of running mean squares that the agent observes, as logarithms; they
+            are of the errors of its sensors and of their change over one step. 0: none.
         drive: True if the agent observes the delay and lag that the drive's datasheet states, and
             the class of the robot.
         period: time between two decisions of the agent; 0: each step. The law under it decides at
@@ -88,7 +95,9 @@ class AdapterSettings(Record):
     residual: float = number(20.0, unit="rad/s^2", above=0)
     base: str = declared("computed-torque", _check_base, "name of a law")
     gains: Mapping[str, Any] = declared((("frequency", 15.0),), _check_gains, "a dict of gains")
+    second: str = declared("computed-torque", _check_base, "name of a law")
     history: int = whole(0)
+    memory: float = number(0.0, unit="s", low=0)
     drive: bool = declared(False, _check_flag, "True or False")
     period: float = number(0.0, unit="s", low=0)
     context: bool = declared(False, _check_flag, "True or False")
@@ -102,8 +111,8 @@ class AdapterSettings(Record):
 
     @property
     def uses(self) -> tuple[str, ...]:
-        """Return the law under the residual, which the agent's numbers depend on."""
-        return (self.base,) if self.action == "residual" else ()
+        """Return the laws under the agent, which its numbers depend on."""
+        return {"residual": (self.base,), "blend": (self.base, self.second)}.get(self.action, ())
 
 
 def true_parameters(truth: Truth, interface: Interface) -> Array:
@@ -123,7 +132,9 @@ class AdapterState(NamedTuple):
     """State of an `AgentAdapter`."""
 
     history: Array  # of errors and actions [n x ...]
-    base: State  # of the law under the residual
+    laws: tuple[State, ...]  # of the laws under the agent
+    errors: Array  # of the agent's sensors at the last step [n x ...]
+    squares: Array  # running means of the squares of the errors and of their change [n x ...]
     action: Array  # of the agent's last decision [n x 2]
     age: Array  # of the episode, in steps [n]
 
@@ -144,20 +155,24 @@ class AgentAdapter:
         self._drive = np.array([*drive, *robot] if settings.drive else [])
         self.hold = max(1, round(settings.period / interface.control_dt))
         context_size = len(CONTEXT) if settings.context else 0
-        self.size = self._errors.size + settings.history * self._step_size + len(self._drive) + context_size
-        self._base: TorqueLaw | None = None
-        if settings.action == "residual":
-            base = controllers.make(settings.base, interface, **settings.gains)
-            if not isinstance(base, TorqueLaw):
-                raise ValueError(f"base must be a law that computes a torque, got {settings.base!r}")
-            self._base = base
+        squares = 4 * len(settings.sensors) * (settings.memory > 0)
+        self._weight = interface.control_dt / max(settings.memory, interface.control_dt)
+        self.size = self._errors.size + settings.history * self._step_size + squares + len(self._drive) + context_size
+        gains: tuple[Mapping[str, Any], ...] = settings.gains, {}
+        self._laws: list[TorqueLaw] = []
+        for name, given in zip(settings.uses, gains, strict=False):
+            law = controllers.make(name, interface, **given)
+            if not isinstance(law, TorqueLaw):
+                raise ValueError(f"base must be a law that computes a torque, got {name!r}")
+            self._laws.append(law)
 
     def initial(self, observation: Array) -> State:
         """Return the state at the start of an episode."""
         n = len(observation)
         history = np.zeros((n, self.settings.history * self._step_size))
-        base = () if self._base is None else self._base.initial(observation)
-        return AdapterState(history, base, np.zeros((n, 2)), np.zeros(n, dtype=int))
+        laws = tuple(law.initial(observation) for law in self._laws)
+        errors = self._errors(observation)[:, : 2 * len(self.settings.sensors) * (self.settings.memory > 0)]
+        return AdapterState(history, laws, errors, np.tile(errors**2, 2), np.zeros((n, 2)), np.zeros(n, dtype=int))
 
     def decides(self, state: State) -> Array:
         """Return True for the lanes [n] in which the agent decides now."""
@@ -179,7 +194,8 @@ class AgentAdapter:
     def observe(self, observation: Array, state: State, context: Array) -> Array:
         """Return the agent's observation [n x size] from the environment's and `context`."""
         drive = np.broadcast_to(self._drive, (len(observation), len(self._drive)))
-        return np.concatenate([self._errors(observation), state.history, drive, context], axis=-1)
+        squares = 0.25 * np.log(state.squares + LEAST_SQUARE)
+        return np.concatenate([self._errors(observation), state.history, squares, drive, context], axis=-1)
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state.
@@ -195,17 +211,23 @@ class AgentAdapter:
         if self.settings.history:
             later = np.concatenate([self._errors(observation), action, history[:, : -self._step_size]], axis=-1)
             history = np.where(decides, later, history)
-        after = AdapterState(history, state.base, action, state.age + 1)
+        errors = self._errors(observation)[:, : state.errors.shape[1]]
+        squares = np.concatenate([errors, errors - state.errors], axis=-1) ** 2
+        squares = state.squares + self._weight * (squares - state.squares)
+        after = AdapterState(history, state.laws, errors, squares, action, state.age + 1)
         nominal = self.interface.nominal
         if self.settings.action == "acceleration":
             q, v = (observation[:, self.interface.layout[name]] for name in ("position", "velocity"))
             return inverse_dynamics(nominal, q, v, self.settings.acceleration * action), after
-        if self._base is None:
+        if not self._laws:
             return np.array(self.settings.torque) * action, after
-        torque, base = self._base.torque(observation, state.base)
-        torque = self.interface.saturate(torque)
+        steps = [law.torque(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
+        torque, *second = (self.interface.saturate(torque) for torque, _ in steps)
+        after = after._replace(laws=tuple(each for _, each in steps))
+        if second:
+            return second[0] + 0.5 * (1.0 + action) * (torque - second[0]), after
         inertia = inertia_matrix(nominal, observation[:, self.interface.layout["position"]])
         residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
         if (limit := self.interface.torque_limit) is not None:
             residual *= np.clip((1.0 - np.abs(torque) / np.array(limit)) / GATE, 0.0, 1.0)
-        return torque + residual, after._replace(base=base)
+        return torque + residual, after
