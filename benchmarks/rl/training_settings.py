@@ -49,8 +49,8 @@ class TrainingSettings(Record):
     def validate(self) -> None:
         """Fill in the shipped hyperparameters and the number of steps."""
         if not self.hyperparameters:
-            several = len(self.scenarios) > 1
-            set_fields(self, hyperparameters=shipped_hyperparameters(self.algorithm, several))
+            kind = "blend" if self.adapter.action == "blend" else "several" if len(self.scenarios) > 1 else ""
+            set_fields(self, hyperparameters=shipped_hyperparameters(self.algorithm, kind))
         training_seeds(self.seed)
         for scenario in self.scenarios:
             if reason := scenarios.held_out_reason(scenario):
@@ -90,12 +90,13 @@ def check_hyperparameters(given: Any) -> None:
     check_number("hyperparameters.arguments.learning_rate", arguments["learning_rate"], above=0)
 
 
-def shipped_hyperparameters(algorithm: str, several: bool = False) -> dict[str, Any]:
+def shipped_hyperparameters(algorithm: str, kind: str = "") -> dict[str, Any]:
     """Return the hyperparameters of an algorithm from `hyperparameters.json`.
 
     Args:
         algorithm: its name.
-        several: True for training on several scenarios, for which an algorithm may have others.
+        kind: "several" for training on several scenarios and "blend" for blends, for which an
+            algorithm may have others.
     """
     shipped = json.loads(Path(__file__).with_name("hyperparameters.json").read_text())
-    return shipped.get(f"{algorithm}-several" if several else algorithm, shipped[algorithm])
+    return shipped.get(f"{algorithm}-{kind}", shipped[algorithm])

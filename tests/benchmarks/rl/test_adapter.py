@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import controllers
 from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
 from benchmarks.rl.agent import Agent
 from benchmarks.rl.vec_env import VectorAdapter
@@ -15,7 +16,13 @@ MOTION = ("position", "velocity")
 
 @pytest.mark.parametrize(
     ("action", "history", "context"),
-    [("torque", 0, False), ("acceleration", 3, False), ("residual", 0, True), ("residual", 3, True)],
+    [
+        ("torque", 0, False),
+        ("acceleration", 3, False),
+        ("residual", 0, True),
+        ("residual", 3, True),
+        ("blend", 1, False),
+    ],
 )
 def test_an_agent_acts_as_in_training(action, history, context):
     """Closed loops on the plain environment and on the training environment are equal over several episodes."""
@@ -105,6 +112,34 @@ def test_a_residual_is_an_acceleration_of_the_nominal_arm():
         forward_dynamics(env.interface.nominal, observation[:, :2], np.zeros((1, 2)), torque) for torque in torques
     ]
     np.testing.assert_allclose(change[1] - change[0], [[3.0, -1.5]])
+
+
+def test_a_blend_is_between_its_laws():
+    env = TwoLinkArmEnv("servo-practice-payload-1")
+    observation = env.reset(seed=0)[0][None]
+    adapter = AgentAdapter(AdapterSettings("blend", base="pid-flm", gains={}, second="lqg"), env.interface)
+    laws = [controllers.make(name, env.interface) for name in ("pid-flm", "lqg")]
+    first, second = (law.torque(observation, law.initial(observation))[0] for law in laws)
+    for action, expected in ((1.0, first), (-1.0, second), (0.5, 0.75 * first + 0.25 * second)):
+        torque, _ = adapter.torque(np.full((1, 2), action), observation, adapter.initial(observation))
+        np.testing.assert_allclose(torque, expected)
+
+
+def test_memory_is_the_running_mean_of_the_squares_of_errors_and_of_their_change():
+    settings = AdapterSettings(memory=0.04, sensors=("position",), scales=(1.0, 1.0, 1.0))
+    env = VectorAdapter(TwoLinkArmVectorEnv(1, control_dt=0.01, autoreset_mode="SameStep", duration=0.1), settings)
+    rows = [env.reset(seed=1)[0]]
+    errors = [rows[0][:, :2]]
+    squares = np.tile(errors[0] ** 2, 2)
+    for _ in range(5):
+        rows.append(env.step(np.full((1, 2), 0.3))[0])
+        before = errors[-2] if len(errors) > 1 else errors[0]
+        squares = 0.75 * squares + 0.25 * np.concatenate([errors[-1], errors[-1] - before], axis=-1) ** 2
+        np.testing.assert_allclose(rows[-1][:, -4:], 0.25 * np.log(squares + 1e-6))
+        errors.append(rows[-1][:, :2])
+    for _ in range(5):
+        rows.append(env.step(np.zeros((1, 2)))[0])
+    np.testing.assert_allclose(rows[-1][:, -4:], 0.25 * np.log(np.tile(rows[-1][:, :2] ** 2, 2) + 1e-6))
 
 
 def test_an_agent_observes_the_drive_and_its_own_sensors_only():

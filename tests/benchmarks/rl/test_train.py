@@ -61,6 +61,11 @@ def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
     assert error == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
 
 
+def test_an_algorithm_has_hyperparameters_of_its_own_for_blends():
+    blend = TrainingSettings("ppo", AdapterSettings("blend"))
+    assert blend.hyperparameters == shipped_hyperparameters("ppo", "blend") != shipped_hyperparameters("ppo")
+
+
 def test_a_scenario_of_the_board_is_refused():
     with pytest.raises(ValueError, match=r"scenario must be one to train on.*servo-lag-2"):
         settings(scenarios=(scenarios.get("servo-lag-2"),))
