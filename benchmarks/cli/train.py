@@ -7,14 +7,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-import controllers
 from benchmarks.cli.common import add_option, command_line
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.text import say
 from fbl_gym import scenarios
-from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.options import SENSORS
 
 HARDEST = (3,)
@@ -71,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     given = _hyperparameters(arguments.hyperparameters, arguments.algorithm) if arguments.hyperparameters else {}
     settings = TrainingSettings(
         arguments.algorithm,
-        _adapter(arguments, tasks[0]),
+        _adapter(arguments),
         tasks,
         arguments.seed,
         arguments.steps,
@@ -92,19 +90,10 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _adapter(arguments: argparse.Namespace, scenario: scenarios.Scenario) -> AdapterSettings:
-    names = ("history", "memory", "drive", "period", "context", "sensors")
-    options: dict[str, Any] = {name: getattr(arguments, name) for name in names}
-    if arguments.scales is not None:
-        options["scales"] = arguments.scales
-    if arguments.second is not None:
-        options["second"] = arguments.second
-    if arguments.base is not None:
-        law: Any = controllers.make(arguments.base, TwoLinkArmVectorEnv(1, scenario).interface)
-        gains = {name: value for name, value in vars(law).items() if name in law.__dataclass_fields__}
-        del gains["interface"]
-        options |= {"base": arguments.base, "gains": {} if arguments.base.endswith("@tuned") else gains}
-    return AdapterSettings(arguments.interface, **options)
+def _adapter(arguments: argparse.Namespace) -> AdapterSettings:
+    names = ("base", "second", "history", "memory", "drive", "period", "context", "sensors", "scales")
+    given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    return AdapterSettings(arguments.interface, **given)
 
 
 def _hyperparameters(path: Path, algorithm: str) -> Any:

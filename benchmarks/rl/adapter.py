@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import controllers
+from controllers.gains import split_gains
 from controllers.policy import State, TorqueLaw
 from controllers.registry import LawName, is_composed
 from fbl_gym.checks import check_choice, check_number
@@ -36,14 +36,10 @@ GATE = 0.1
 """Share of a torque limit within which a residual fades, so that the law alone brakes there."""
 
 
-def _check_base(name: str, value: Any) -> str:
-    if not is_composed(value):
-        check_choice(name, LawName.parse(value).law, controllers.names())
+def _check_law(name: str, value: Any) -> str:
+    if not is_composed(law := split_gains(str(value))[0]):
+        check_choice(name, LawName.parse(law).law, controllers.names())
     return str(value)
-
-
-def _check_gains(_name: str, value: Any) -> dict[str, Any]:
-    return {name: tuple(gain) if isinstance(gain, list) else gain for name, gain in dict(value).items()}
 
 
 def _check_flag(name: str, value: object) -> object:
@@ -73,9 +69,8 @@ class AdapterSettings(Record):
         torque: largest torque per joint.
         acceleration: largest acceleration of both joints.
         residual: largest residual acceleration of both joints.
-        base: name of the law under the agent, which may have parts. With @tuned, it has the
-            gains for the class of each robot.
-        gains: of any other law `base`, written out, so that an agent keeps the law of its training.
+        base: name of the law under the agent, which may have parts and gains. With @tuned, it has
+            the gains for the class of each robot.
         second: name of a blend's other law.
         history: number of earlier steps whose errors and actions the agent observes, latest first.
         memory: time constant of running mean squares that the agent observes, as logarithms; they
@@ -93,9 +88,8 @@ class AdapterSettings(Record):
     torque: tuple[float, float] = pair((2000.0, 800.0), unit="N m", above=0)
     acceleration: float = number(100.0, unit="rad/s^2", above=0)
     residual: float = number(20.0, unit="rad/s^2", above=0)
-    base: str = declared("computed-torque", _check_base, "name of a law")
-    gains: Mapping[str, Any] = declared((("frequency", 15.0),), _check_gains, "a dict of gains")
-    second: str = declared("computed-torque", _check_base, "name of a law")
+    base: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
+    second: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
     history: int = whole(0)
     memory: float = number(0.0, unit="s", low=0)
     drive: bool = declared(False, _check_flag, "True or False")
@@ -158,10 +152,9 @@ class AgentAdapter:
         squares = 4 * len(settings.sensors) * (settings.memory > 0)
         self._weight = interface.control_dt / max(settings.memory, interface.control_dt)
         self.size = self._errors.size + settings.history * self._step_size + squares + len(self._drive) + context_size
-        gains: tuple[Mapping[str, Any], ...] = settings.gains, {}
         self._laws: list[TorqueLaw] = []
-        for name, given in zip(settings.uses, gains, strict=False):
-            law = controllers.make(name, interface, **given)
+        for name in settings.uses:
+            law = controllers.make(name, interface)
             if not isinstance(law, TorqueLaw):
                 raise ValueError(f"base must be a law that computes a torque, got {name!r}")
             self._laws.append(law)

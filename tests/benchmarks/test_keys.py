@@ -343,7 +343,7 @@ def test_an_edit_of_the_law_that_a_policy_uses_makes_its_results_stale(form, tmp
     if form == "folder":
         shutil.copytree(SHIPPED / "ppo-servo" / "0", tmp_path / "agent")
         description = json.loads((tmp_path / "agent" / "agent.json").read_text())
-        description["interface"] |= {"base": "sliding-mode", "gains": {}}
+        description["interface"] |= {"base": "sliding-mode"}
         (tmp_path / "agent" / "agent.json").write_text(json.dumps(description))
         name = str(tmp_path / "agent")
     else:

@@ -117,7 +117,7 @@ def test_a_residual_is_an_acceleration_of_the_nominal_arm():
 def test_a_blend_is_between_its_laws():
     env = TwoLinkArmEnv("servo-practice-payload-1")
     observation = env.reset(seed=0)[0][None]
-    adapter = AgentAdapter(AdapterSettings("blend", base="pid-flm", gains={}, second="lqg"), env.interface)
+    adapter = AgentAdapter(AdapterSettings("blend", base="pid-flm", second="lqg"), env.interface)
     laws = [controllers.make(name, env.interface) for name in ("pid-flm", "lqg")]
     first, second = (law.torque(observation, law.initial(observation))[0] for law in laws)
     for action, expected in ((1.0, first), (-1.0, second), (0.5, 0.75 * first + 0.25 * second)):
@@ -156,7 +156,7 @@ def test_an_agent_observes_the_drive_and_its_own_sensors_only():
 def test_an_agent_decides_once_in_a_period_and_its_law_at_each_step():
     """In training as in use."""
     scenario = scenarios.get("servo-practice-delay-3").replace(duration=1.0)
-    settings = AdapterSettings("residual", base="pd-gravity", gains={}, history=2, period=0.05, sensors=MOTION)
+    settings = AdapterSettings("residual", base="pd-gravity", history=2, period=0.05, sensors=MOTION)
     alone, trained = (TwoLinkArmVectorEnv(3, scenario, autoreset_mode="SameStep") for _ in range(2))
     agent = Agent(alone.interface, settings, random_actor(settings, alone.interface))
     env = VectorAdapter(trained, settings)
@@ -190,7 +190,7 @@ def test_a_residual_fades_at_the_torque_limits():
     env = TwoLinkArmEnv("servo-nominal")
     observation = env.reset(seed=0)[0][None].copy()
     observation[:, env.interface.layout["reference_position"]] += 3.0
-    adapter = AgentAdapter(AdapterSettings("residual", base="pd-gravity", gains={}, sensors=MOTION), env.interface)
+    adapter = AgentAdapter(AdapterSettings("residual", base="pd-gravity", sensors=MOTION), env.interface)
     law, _ = adapter.torque(np.zeros((1, 2)), observation, adapter.initial(observation))
     assert (np.abs(law) >= env.interface.torque_limit).all()
     np.testing.assert_array_equal(adapter.torque(np.ones((1, 2)), observation, adapter.initial(observation))[0], law)
