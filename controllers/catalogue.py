@@ -28,7 +28,6 @@ LAWS = (
     ("slotine-li", "passivity:SlotineLi", "adaptive passivity-based control of the lumped parameters"),
     ("slotine-li-composite", "passivity:CompositeSlotineLi", "slotine-li, driven by the prediction error too"),
     ("sliding-mode", "sliding_mode:SuperTwisting", "super-twisting on the nominal linearisation (Levant)"),
-    ("integral-sliding-mode", "sliding_mode:IntegralSlidingMode", "computed torque with integral sliding mode (Utkin)"),
     (
         "terminal-sliding-mode",
         "sliding_mode:TerminalSlidingMode",

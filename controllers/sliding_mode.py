@@ -1,11 +1,11 @@
-"""Super-twisting, integral and terminal sliding mode on the nominal linearisation."""
+"""Super-twisting and terminal sliding mode on the nominal linearisation."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.computed_torque import ComputedTorque, ComputedTorqueDob
-from controllers.dynamics import forward_dynamics, inverse_dynamics
+from controllers.computed_torque import ComputedTorqueDob
+from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import winds_up
 from controllers.policy import IntegralState, State, TorqueLaw
 from fbl_gym.checks import Pair
@@ -54,43 +54,6 @@ class SuperTwisting(TorqueLaw):
         pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, sign)
         change = np.where(pause, 0.0, 1.1 * bound * sign * self.interface.control_dt)
         return torque, IntegralState(state.integral + change)
-
-
-@dataclass(frozen=True)
-class IntegralSlidingMode(ComputedTorque):
-    """Integral sliding mode: computed torque, and a sliding mode that takes the perturbation off.
-
-        torque = M (a + a_1) + C v + G,    a = r'' + w^2 (r - q) + 2 w (r' - v)
-        a_1 = -bound sat(s / layer),    s = v - v(0) - int(a) dt
-
-    The surface begins at s = 0, so there is no phase of reaching. Within the layer
-    s' = f - (bound / layer) s: the law is a disturbance observer with the bandwidth bound / layer,
-    whose estimate never exceeds `bound`. Where the torque saturates, the integral takes the
-    acceleration that is left.
-
-    Sensors: position and velocity. Source: Utkin and Shi, "Integral sliding mode in systems
-    operating under uncertainty conditions", CDC 1996.
-
-    Args:
-        bound: of the perturbation [rad/s^2], per joint.
-        layer: half width of the boundary layer [rad/s].
-    """
-
-    frequency: Pair | float = 10.0
-    bound: Pair | float = pair(10.0, unit="rad/s^2", above=0, tune=(1.0, 100.0))
-    layer: float = number(1.0, unit="rad/s", above=0, tune=(0.01, 10.0))
-
-    def initial(self, observation: Array) -> State:
-        """Return the state: the integral v - s [n x 2]."""
-        return IntegralState(*self.read(observation, "velocity"))
-
-    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m, and the next integral."""
-        q, v = self.read(observation, "position", "velocity")
-        extra = -np.array(self.bound) * np.clip((v - state.integral) / self.layer, -1.0, 1.0)
-        torque = inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v) + extra)
-        left = forward_dynamics(self.interface.nominal, q, v, self.interface.saturate(torque)) - extra
-        return torque, IntegralState(state.integral + self.interface.control_dt * left)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ PAGES = {
     "paper": "nominal pid-flm cascade-flm robust-flm adaptive-flm",
     "pid-gravity": "nominal pd-gravity pid-gravity",
     "rbf-adaptive": "friction-2 rbf-adaptive",
-    "sliding-mode": "disturbance-2 sliding-mode integral-sliding-mode terminal-sliding-mode",
+    "sliding-mode": "disturbance-2 sliding-mode terminal-sliding-mode",
     "slotine-li": "payload-2 slotine-li slotine-li-composite",
     "spong-robust": "model-error-2 spong-robust",
 }

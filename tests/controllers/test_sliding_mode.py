@@ -82,19 +82,6 @@ def test_the_boundary_layer_reduces_chatter():
     assert variation[0.1] < 0.5 * variation[0.0]
 
 
-def test_integral_sliding_mode_keeps_the_nominal_error_equation():
-    """A load below the bound is taken off from the start: e'' + 2 w e' + w^2 e = 0 at 1 kHz, up to the layer's load / gain."""
-    still = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
-    fast = {"control_dt": 1e-3, "physics_dt": 1e-3, "actuator": None, "action": "torque"}
-    load = {"kind": "array", "torque": ((40.0, 10.0),)}
-    env = TwoLinkArmEnv(reference=still, initial_error=(-0.2, 0.1), disturbance=load, **fast)
-    gains = {"frequency": 6.0, "bound": 20.0, "layer": 0.05}
-    errors, _ = tracking(controllers.make("integral-sliding-mode", env, **gains), env, 2000)
-    expected = np.outer(response([[0.0, 1.0], [-36.0, -12.0]], [1.0, 0.0], 1e-3, 2000), errors[0])
-    plain, _ = tracking(controllers.make("computed-torque", env, frequency=6.0), env, 2000)
-    assert np.abs(errors - expected).max() < 0.06 * np.abs(plain - expected).max()
-
-
 def test_terminal_sliding_mode_follows_its_equation():
     """Exact model, 1 kHz, from rest: e'' = -w / p |e'|^(2-p) sign(e') - bound sat(w^2 s / bound), by scipy's solver."""
     w, power, bound, e0 = 8.0, 1.4, 5.0, 0.2
