@@ -66,34 +66,21 @@ def run(arguments: argparse.Namespace) -> int:
         for name in arguments.scenario
         for task in (scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,))
     )
-    given = _hyperparameters(arguments.hyperparameters, arguments.algorithm) if arguments.hyperparameters else {}
-    settings = TrainingSettings(
-        arguments.algorithm,
-        _adapter(arguments),
-        tasks,
-        arguments.seed,
-        arguments.steps,
-        arguments.minutes,
-        given,
-    )
+    names = ("base", "second", "history", "memory", "drive", "period", "context", "sensors", "scales")
+    given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    adapter = AdapterSettings(arguments.interface, **given)
+    path, length = arguments.hyperparameters, (arguments.steps, arguments.minutes)
+    hyperparameters = _hyperparameters(path, arguments.algorithm) if path else {}
+    settings = TrainingSettings(arguments.algorithm, adapter, tasks, arguments.seed, *length, hyperparameters)
     import torch  # the extra `rl`
 
     from benchmarks.rl.train import train
 
     torch.set_num_threads(1)  # small networks learn fastest so
-    history = f"-history-{arguments.history}" if arguments.history else ""
-    context = "-context" if arguments.context else ""
-    name = f"{arguments.algorithm}-{arguments.interface}{history}{context}-{arguments.seed}"
-    folder = arguments.out or Path("runs", name)
+    folder = arguments.out or Path("runs", f"{arguments.algorithm}-{arguments.interface}-{arguments.seed}")
     train(settings, folder, command_line(), 40 if len(tasks) == 1 else 15)
     say(f"agent: {folder}")
     return 0
-
-
-def _adapter(arguments: argparse.Namespace) -> AdapterSettings:
-    names = ("base", "second", "history", "memory", "drive", "period", "context", "sensors", "scales")
-    given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
-    return AdapterSettings(arguments.interface, **given)
 
 
 def _hyperparameters(path: Path, algorithm: str) -> Any:

@@ -200,11 +200,11 @@ class AgentAdapter:
         """
         decides = self.decides(state)[:, None]
         action = np.where(decides, np.clip(np.asarray(action, dtype=float), -1.0, 1.0), state.action)
-        history = state.history
+        history, errors = state.history, self._errors(observation)
         if self.settings.history:
-            later = np.concatenate([self._errors(observation), action, history[:, : -self._step_size]], axis=-1)
+            later = np.concatenate([errors, action, history[:, : -self._step_size]], axis=-1)
             history = np.where(decides, later, history)
-        errors = self._errors(observation)[:, : state.errors.shape[1]]
+        errors = errors[:, : state.errors.shape[1]]
         squares = np.concatenate([errors, errors - state.errors], axis=-1) ** 2
         squares = state.squares + self._weight * (squares - state.squares)
         after = AdapterState(history, state.laws, errors, squares, action, state.age + 1)

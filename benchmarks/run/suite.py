@@ -303,7 +303,6 @@ NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac"
 _SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque
 _SLOW = ("nmpc",)  # it takes as long as all others together
 _PLANNED = "oracle-planned"  # it only differs from oracle-elastic where drives reach their limits
-_AGENTS = ("ppo-servo",)  # they were trained for servos
 
 SUITES: dict[str, SuiteSpec] = {
     spec.name: spec
@@ -313,8 +312,8 @@ SUITES: dict[str, SuiteSpec] = {
                 robot, f"{kind.text}; every policy but nmpc, tuned where it can be, severity 2 and surprise, 32 seeds, 128 in "
                 "saturation",
                 {robot: (2,), f"{robot}-surprise": (2,)},
-                (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION, *(() if robot == "servo" else _AGENTS)), robot=robot,
-                more_seeds={f"{robot}-saturation-2": 128}, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
+                (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION, *(f"ppo-{other}" for other in CLASSES if other != robot)),
+                robot=robot, more_seeds={f"{robot}-saturation-2": 128}, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
                 short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
             )
             for robot, kind in CLASSES.items()

@@ -34,9 +34,9 @@ def test_options_reach_the_agent(folder, capsys):
     options = "--interface residual --history 1 --context --scenario mixed-error-1 --steps 80"
     assert train(*options.split()) == 0
     printed = capsys.readouterr()
-    assert "agent: runs/ppo-residual-history-1-context-0" in printed.out
+    assert "agent: runs/ppo-residual-0" in printed.out
     assert "left" in printed.err
-    description = describe(folder / "runs" / "ppo-residual-history-1-context-0")
+    description = describe(folder / "runs" / "ppo-residual-0")
     assert description["interface"]["history"] == 1
     assert description["interface"]["context"] is True
     assert description["scenario"]["name"] == "mixed-error-1"
