@@ -94,8 +94,8 @@ def make_program(
     settings["reference_kind"], settings["reference_table"] = memory.REFERENCES[reference.kind], len(tables)
     settings["waypoints"] = reference.pack(packer)
     reward.pack(settings)
-    preview = check_whole("preview", preview, high=10_000)
-    past_actions = check_whole("past_actions", past_actions, high=10_000)
+    preview = check_whole("preview", preview, high=100_000)
+    past_actions = check_whole("past_actions", past_actions, high=100_000)
     settings["past_actions"] = max(int(settings["past_actions"]), past_actions)
     # The rows of a block after its fields: queue, way-points, actions, readings, events.
     settings["past_row"] = memory.ROWS + 2 * (int(settings["delay_steps"]) + 1 + int(settings["waypoints"]))

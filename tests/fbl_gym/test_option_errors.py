@@ -69,7 +69,7 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
             "control_dt must have at most 10000 physics steps .*, got 10010",
         ),
         # Sizes beyond the memory of a machine
-        ({"preview": 2**60}, "preview must be .* not above 10000, got"),
+        ({"preview": 2**60}, "preview must be .* not above 100000, got"),
         ({"encoder": {"latency": 2**62}}, "latency must be .* not above 10000, got"),
         ({"encoder": {"difference": 2**62}}, "difference must be .* not above 10000, got"),
         ({"reference": {"kind": "fourier", "harmonics": 2**61}}, "harmonics must be .* not above 10000, got"),
@@ -95,7 +95,7 @@ NO_WEIGHTS = dict.fromkeys(("weight_tracking", "weight_effort", "weight_chatter"
         ({"parameter_error": {"ratio": {"m2": "x"}}}, "ratio of m2 must be .* got 'x'"),
         ({"parameter_error": {"ratio": {"mm1": 2.0}}}, "unknown parameter of ratio 'mm1'; did you mean 'm1'"),
         ({"noise": {"position": np.array("x")}}, "sigma must be"),
-        ({"preview": -1}, "preview must be a whole number not below 0 and not above 10000, got -1"),
+        ({"preview": -1}, "preview must be a whole number not below 0 and not above 100000, got -1"),
         ({"render_mode": "humann"}, "render_mode"),
         # Distributions
         (
