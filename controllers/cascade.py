@@ -43,7 +43,8 @@ class CascadeFlm(TorqueLaw):
     def validate(self) -> None:
         """Refuse a known friction that varies."""
         super().validate()
-        if self.friction and any(isinstance(value, Distribution) for value in vars(self.friction).values()):
+        numbers = [number for pair in vars(self.friction).values() for number in pair] if self.friction else []
+        if any(isinstance(number, Distribution) for number in numbers):
             raise ValueError(f"friction must have fixed numbers, got {self.friction}")
 
     def initial(self, observation: Array) -> State:

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--interface", choices=ACTIONS, default="torque", help="meaning of the agent's action (torque)")
     add_option(parser, "--history", int, 0, "N", "number of earlier steps that the agent observes")
     parser.add_argument("--base", metavar="LAW", help="law under a residual or blend (computed-torque at 15 rad/s)")
-    parser.add_argument("--second", metavar="LAW", help="other law of a blend")
+    parser.add_argument("--second", metavar="LAW", help="other law of a blend, which needs one")
     parser.add_argument(
         "--drive", action="store_true", help="let the agent observe the drive's stated delay and lag, and the class of robots"
     )  # fmt: skip

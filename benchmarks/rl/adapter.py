@@ -37,7 +37,7 @@ GATE = 0.1
 
 
 def _check_law(name: str, value: Any) -> str:
-    if not is_composed(law := split_gains(str(value))[0]):
+    if value and not is_composed(law := split_gains(str(value))[0]):
         check_choice(name, LawName.parse(law).law, controllers.names())
     return str(value)
 
@@ -71,7 +71,7 @@ class AdapterSettings(Record):
         residual: largest residual acceleration of both joints.
         base: name of the law under the agent, which may have parts and gains. With @tuned, it has
             the gains for the class of each robot.
-        second: name of a blend's other law.
+        second: name of a blend's other law; empty for other actions.
         history: number of earlier steps whose errors and actions the agent observes, latest first.
         memory: time constant of running mean squares that the agent observes, as logarithms; they
             are of the errors of its sensors and of their change over one step. 0: none.
@@ -89,7 +89,7 @@ class AdapterSettings(Record):
     acceleration: float = number(100.0, unit="rad/s^2", above=0)
     residual: float = number(20.0, unit="rad/s^2", above=0)
     base: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
-    second: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
+    second: str = declared("", _check_law, "name of a law")
     history: int = whole(0)
     memory: float = number(0.0, unit="s", low=0)
     drive: bool = declared(False, _check_flag, "True or False")
@@ -97,6 +97,11 @@ class AdapterSettings(Record):
     context: bool = declared(False, _check_flag, "True or False")
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
+
+    def validate(self) -> None:
+        """Refuse a blend without two laws, and a second law without a blend."""
+        if (self.action == "blend") != bool(self.second) or self.second == self.base:
+            raise ValueError(f"second must be a law for a blend alone, and another than base, got {self.second!r}")
 
     @property
     def access(self) -> str:
@@ -207,16 +212,16 @@ class AgentAdapter:
         errors = errors[:, : state.errors.shape[1]]
         squares = np.concatenate([errors, errors - state.errors], axis=-1) ** 2
         squares = state.squares + self._weight * (squares - state.squares)
-        after = AdapterState(history, state.laws, errors, squares, action, state.age + 1)
+        steps = [law.torque(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
+        laws = tuple(each for _, each in steps)
+        after = AdapterState(history, laws, errors, squares, action, state.age + 1)
         nominal = self.interface.nominal
         if self.settings.action == "acceleration":
             q, v = (observation[:, self.interface.layout[name]] for name in ("position", "velocity"))
             return inverse_dynamics(nominal, q, v, self.settings.acceleration * action), after
         if not self._laws:
             return np.array(self.settings.torque) * action, after
-        steps = [law.torque(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
         torque, *second = (self.interface.saturate(torque) for torque, _ in steps)
-        after = after._replace(laws=tuple(each for _, each in steps))
         if second:
             return second[0] + 0.5 * (1.0 + action) * (torque - second[0]), after
         inertia = inertia_matrix(nominal, observation[:, self.interface.layout["position"]])

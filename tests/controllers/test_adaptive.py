@@ -66,3 +66,9 @@ def test_the_paper_s_tools_together_work_with_noise():
     assert together["diverged"] == plain["diverged"] == 0.0
     quick = measure(rollout("adaptive-robust-flm", scenario, [0], {"spacing": 0.0}))[0]
     assert quick["steady_1_pct"] < plain["steady_1_pct"]
+
+
+@pytest.mark.parametrize("alpha", [((1.0, 2.0),), ((1.0, -1.0), (0.0, 1.0)), ((1.0, 2.0, 3.0), (1.0, 2.0, 3.0))])
+def test_an_alpha_that_is_not_four_numbers_is_refused(alpha):
+    with pytest.raises(ValueError, match="alpha must be"):
+        controllers.make("adaptive-flm", TwoLinkArmEnv(), alpha=alpha)

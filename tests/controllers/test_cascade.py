@@ -1,6 +1,7 @@
 """The paper's cascade against its linear error equation and a constant load."""
 
 import numpy as np
+import pytest
 
 import controllers
 from benchmarks.run.metrics import measure
@@ -48,3 +49,9 @@ def test_feed_forward_tracks_a_moving_reference():
         measure(rollout("cascade-flm", scenario, [0], {"feedforward": x}))[0]["error_pct"] for x in (0.0, 1.0)
     )
     assert with_it < 0.2 * without
+
+
+def test_a_known_friction_that_varies_is_refused():
+    env = TwoLinkArmEnv()
+    with pytest.raises(ValueError, match="friction must have fixed numbers, got Friction"):
+        controllers.make("cascade-flm", env, friction={"coulomb": {"uniform": [1.0, 2.0]}})

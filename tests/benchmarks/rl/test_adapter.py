@@ -26,7 +26,8 @@ MOTION = ("position", "velocity")
 )
 def test_an_agent_acts_as_in_training(action, history, context):
     """Closed loops on the plain environment and on the training environment are equal over several episodes."""
-    settings = AdapterSettings(action=action, history=history, context=context)
+    second = "pid-flm" if action == "blend" else ""
+    settings = AdapterSettings(action=action, second=second, history=history, context=context)
     options = {**PAYLOAD_OPTIONS, "autoreset_mode": "SameStep"}
     plain = TwoLinkArmVectorEnv(3, **options)
     training = VectorAdapter(TwoLinkArmVectorEnv(3, **options), settings)
@@ -85,6 +86,11 @@ def test_every_kind_of_action_gives_the_same_torque(kind):
         ({"torque": (100.0, 0.0)}, r"torque\[1\] must be a finite number greater than 0, got 0.0"),
         ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
         ({"base": "computed-torque+eco"}, "did you mean 'eso'"),
+        ({"action": "blend"}, "second must be a law for a blend alone, and another than base, got ''"),
+        ({"action": "blend", "base": "lqg", "second": "lqg"}, "another than base, got 'lqg'"),
+        ({"second": "lqg"}, "second must be a law for a blend alone"),
+        ({"action": "blend", "second": "lgq"}, "unknown second 'lgq'; did you mean 'lqg'"),
+        ({"memory": -1.0}, "memory must be a finite number not below 0, got -1.0"),
         ({"history": -1}, "history must be a whole number not below 0, got -1"),
         ({"context": "no"}, "context must be True or False, got 'no'"),
         ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),

@@ -62,7 +62,7 @@ def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
 
 
 def test_an_algorithm_has_hyperparameters_of_its_own_for_blends():
-    blend = TrainingSettings("ppo", AdapterSettings("blend"))
+    blend = TrainingSettings("ppo", AdapterSettings("blend", second="pid-flm"))
     assert blend.hyperparameters == shipped_hyperparameters("ppo", "blend") != shipped_hyperparameters("ppo")
 
 
