@@ -48,8 +48,6 @@ class Composed(TorqueLaw):
     signals are used as they are, and the observer `DEFAULT` gives the missing ones. A barrier
     filters the law's torque at the motion that the law gets.
 
-    The composition supposes that the torque it returns is the one that is commanded.
-
     Names other than those of `TorqueLaw` begin with an underscore, since gains may have all others.
     """
 
@@ -132,11 +130,15 @@ class Composed(TorqueLaw):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         seen, estimate, due, bend = self._look(observation, state)
-        torque, inside = self._inside.torque(seen, state.inside)
+        gain = self._made["predictor"].gain if "predictor" in self._made else 1.0
+        law = self._inside
+        if self.drive.sent is not None:
+            law = law.sending(due + (self.drive.sent - due) / gain)
+        torque, inside = law.torque(seen, state.inside)
         if "barrier" in self._made:
             torque = self._made["barrier"].filtered(torque, *self._inside.measured_motion(seen))
         if "predictor" in self._made:
-            torque = due + self._made["predictor"].gain * (self.interface.saturate(torque) - due)
+            torque = due + gain * (self.interface.saturate(torque) - due)
         measured = self.measured_motion(observation)
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
         if not self._estimates:

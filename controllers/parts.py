@@ -179,11 +179,13 @@ class Drive:
         dt: control interval [s].
         delay: [s].
         lag: time constant [s].
+        sent: the command at this sample [n x 2] N m, where it is another than that of the law.
     """
 
     dt: float
     delay: float
     lag: float
+    sent: Array | None = None
 
     @classmethod
     def of(cls, interface: Interface) -> Drive:
@@ -210,6 +212,7 @@ class Drive:
 
     def act(self, acting: Acting, command: Array) -> Acting:
         """Return the torques after the interval that begins with a new command [n x 2] N m."""
+        command = command if self.sent is None else self.sent
         commands = np.concatenate([command[:, None], acting.queue], axis=1)
         now = np.empty((2, *command.shape))
         prediction.follow(commands, np.ascontiguousarray(acting.torque), self._spans, self.dt, now)

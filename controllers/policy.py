@@ -4,11 +4,12 @@ A controller therefore goes wherever an SB3 model goes. Laws are frozen records 
 Values that change during a run travel in `state`.
 """
 
+import copy
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 
@@ -213,6 +214,15 @@ class TorqueLaw(Law):
     def drive(self) -> Drive:
         """The known drive, by which a law pairs a motion with the torque of its time."""
         return Drive.of(self.interface)
+
+    def sending(self, torque: Array) -> Self:
+        """Return the law as it decides where another torque than its own is sent at this sample.
+
+        Its observers and predictors need the torque [n x 2] N m that acts on the arm.
+        """
+        law = copy.copy(self)
+        vars(law)["drive"] = dataclasses.replace(self.drive, sent=torque)
+        return law
 
     def holding(self, position: Array) -> Array:
         """Return the torque within the limits that holds the nominal arm still [n x 2] N m."""

@@ -15,11 +15,11 @@ from fbl_gym.checks import check_choice, check_number
 from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
-from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
+from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records import Record, choice, choices, declared, number, pair, whole
 from fbl_gym.scenarios.classes import CLASSES
 
-ACTIONS = ("torque", "acceleration", "residual", "blend")
+ACTIONS = ("torque", "residual", "blend")
 
 SENSORS = ("position", "velocity", "acceleration")
 
@@ -62,12 +62,10 @@ class AdapterSettings(Record):
     Args:
         action: meaning of the action, which lies in [-1, 1] per joint.
             "torque": the torque is `torque` times the action.
-            "acceleration": `acceleration` times the action goes through the nominal linearisation.
             "residual": `residual` times the action, times the nominal inertia, is added to the
             torque of `base`. It fades where that torque is within `GATE` of a limit.
             "blend": the torque of each joint is between those of `second` (-1) and `base` (1).
         torque: largest torque per joint.
-        acceleration: largest acceleration of both joints.
         residual: largest residual acceleration of both joints.
         base: name of the law under the agent, which may have parts and gains. With @tuned, it has
             the gains for the class of each robot.
@@ -86,7 +84,6 @@ class AdapterSettings(Record):
 
     action: str = choice("torque", ACTIONS)
     torque: tuple[float, float] = pair((2000.0, 800.0), unit="N m", above=0)
-    acceleration: float = number(100.0, unit="rad/s^2", above=0)
     residual: float = number(20.0, unit="rad/s^2", above=0)
     base: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
     second: str = declared("", _check_law, "name of a law")
@@ -141,8 +138,9 @@ class AdapterState(NamedTuple):
 class AgentAdapter:
     """An adapter between one environment and an agent.
 
-    `size` is that of the agent's observation. The agent observes only its
-    sensors and the reference.
+    `size` is that of the agent's observation. The agent observes only its sensors and the
+    reference. The laws under it are told the torque that is sent: their observers and predictors
+    would else take the agent, or the other law, for a disturbance.
     """
 
     def __init__(self, settings: AdapterSettings, interface: Interface) -> None:
@@ -212,20 +210,23 @@ class AgentAdapter:
         errors = errors[:, : state.errors.shape[1]]
         squares = np.concatenate([errors, errors - state.errors], axis=-1) ** 2
         squares = state.squares + self._weight * (squares - state.squares)
-        steps = [law.torque(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
-        laws = tuple(each for _, each in steps)
-        after = AdapterState(history, laws, errors, squares, action, state.age + 1)
-        nominal = self.interface.nominal
-        if self.settings.action == "acceleration":
-            q, v = (observation[:, self.interface.layout[name]] for name in ("position", "velocity"))
-            return inverse_dynamics(nominal, q, v, self.settings.acceleration * action), after
+        torque = self._torque(action, observation, state.laws)
+        told = (law.sending(torque).torque(observation, each) for law, each in zip(self._laws, state.laws, strict=True))
+        laws = tuple(each for _, each in told)
+        return torque, AdapterState(history, laws, errors, squares, action, state.age + 1)
+
+    def _torque(self, action: Array, observation: Array, laws: tuple[State, ...]) -> Array:
+        """Return the torque [n x 2] N m of an action; with laws, it is within the limits."""
         if not self._laws:
-            return np.array(self.settings.torque) * action, after
-        torque, *second = (self.interface.saturate(torque) for torque, _ in steps)
+            return np.array(self.settings.torque) * action
+        saturate = self.interface.saturate
+        torque, *second = (
+            saturate(law.torque(observation, each)[0]) for law, each in zip(self._laws, laws, strict=True)
+        )
         if second:
-            return second[0] + 0.5 * (1.0 + action) * (torque - second[0]), after
-        inertia = inertia_matrix(nominal, observation[:, self.interface.layout["position"]])
+            return second[0] + 0.5 * (1.0 + action) * (torque - second[0])
+        inertia = inertia_matrix(self.interface.nominal, observation[:, self.interface.layout["position"]])
         residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
         if (limit := self.interface.torque_limit) is not None:
             residual *= np.clip((1.0 - np.abs(torque) / np.array(limit)) / GATE, 0.0, 1.0)
-        return torque + residual, after
+        return saturate(torque + residual)

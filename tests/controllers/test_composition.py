@@ -204,3 +204,18 @@ def test_a_composition_has_the_gains_of_law_and_parts():
 def test_a_wrong_composition_is_named(name, message):
     with pytest.raises(ValueError, match=message):
         resolve(name)
+
+
+@pytest.mark.parametrize("name", ["computed-torque-dob", "computed-torque-dob+predictor"])
+@pytest.mark.parametrize(("told", "disturbance"), [(True, 0.0), (False, -50.0)])
+def test_an_observer_that_is_told_the_sent_torque_takes_it_for_no_disturbance(name, told, disturbance):
+    """The model is exact, and 50 N m are added to the torque of the law."""
+    env = TwoLinkArmVectorEnv(2, actuator={"delay": 0.013, "lag": 0.01}, action="torque")
+    law = controllers.make(name, env)
+    observation, _ = env.reset(seed=[0, 1])
+    state = law.initial(observation)
+    for _ in range(300):
+        sent = law.torque(observation, state)[0] + 50.0
+        state = (law.sending(sent) if told else law).torque(observation, state)[1]
+        observation = env.step(sent)[0]
+    assert np.abs(getattr(state, "inside", state).disturbance - disturbance).max() < 0.1

@@ -18,7 +18,7 @@ MOTION = ("position", "velocity")
     ("action", "history", "context"),
     [
         ("torque", 0, False),
-        ("acceleration", 3, False),
+        ("residual", 3, False),
         ("residual", 0, True),
         ("residual", 3, True),
         ("blend", 1, False),
