@@ -261,9 +261,12 @@ def _run_in_pool(
                 answer = Failed("a worker process died, perhaps for lack of memory; the same command goes on")
             yield futures[future], answer
     finally:
-        for process in set(multiprocessing.active_children()) - others:
-            process.kill()
+        processes = set(multiprocessing.active_children()) - others
         pool.shutdown(wait=False)
+        for process in processes:
+            if all(future.done() for future in futures):
+                process.join(5.0)  # to kill an idle one may break a pipe that its pool still writes to
+            process.kill()
 
 
 @contextlib.contextmanager
