@@ -57,6 +57,9 @@ def test_the_model_card_of_an_agent_has_the_numbers_of_its_description(name):
     page = (Path(__file__).parents[3] / "docs" / "reference" / "agents.md").read_text(encoding="utf-8")
     card = page.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
     agents = {seed: describe(SHIPPED / name / str(seed)) for seed in shipped()[name]}
+    for seed, agent in agents.items():
+        rows = (SHIPPED / name / str(seed) / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
+        assert min(rows, key=lambda row: float(row.split(",")[-1])).split(",")[0] == str(agent["steps"])
     best = agents[best_seed(name)]
     steps = ", ".join(f"{agent['steps']:,} (seed {seed})" for seed, agent in agents.items())
     errors = ", ".join(f"{agent['validation_mrad']:.3g}" for agent in agents.values())
