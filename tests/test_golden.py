@@ -20,7 +20,6 @@ FOLDER = Path(__file__).parent / "golden"
 CASES = [
     ("pd-gravity", "nominal"),
     ("cascade-flm", "everything-2"),
-    ("cascade-flm", "section-2-2/everything-1"),
     ("adaptive-flm", "paper-6a"),
     ("robust-flm", "paper-4b"),
     ("slotine-li", "mixed-error-2"),
@@ -51,7 +50,12 @@ BITS = FOLDER / "bits.json"
 WORLDS = {
     "nominal": {},
     "everything-2": {"scenario": "everything-2"},
-    "section-2-2": {"scenario": "section-2-2/everything-1"},
+    "section-2-2": {
+        "scenario": "everything-1",
+        "arm": "section-2-2",
+        "actuator": {"torque_limit": (70000.0, 22000.0)},
+        "parameter_error": {"radius": 0.25, "payload": {"mass": 1 / 3 * 0.5, "pick_up": 3.0, "drop": 7.0}},
+    },
     "slow drive, sine": {
         "actuator": {"delay": 0.015, "lag": 0.02},
         "disturbance": {"kind": "sine", "amplitude": 20.0, "frequency": 3.0},

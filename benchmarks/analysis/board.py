@@ -366,7 +366,7 @@ def tier_of(scenario: str) -> str:
 def family_of(scenario: str) -> str:
     """Return the family of a scenario's name; one that belongs to no family stands for itself.
 
-    "section-2-2/mass-error-2@1000Hz" is of the family "mass-error". The rate is left out.
+    "mass-error-2@mujoco" is of the family "mass-error". The world is left out.
     """
     member = scenarios.member(scenario)
     return scenario.partition("@")[0] if member is None else member.family

@@ -7,7 +7,6 @@ from importlib.util import find_spec
 
 import numpy as np
 
-import controllers
 from benchmarks.cli.parser import EXTRAS
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
@@ -49,14 +48,9 @@ def _compile() -> None:
         {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
     ):
         TwoLinkArmVectorEnv(1, **options)  # a class of scenarios has a step of its own
-    env = TwoLinkArmVectorEnv(32)
-    observation, _ = env.reset(seed=0)
-    _ = env.truth
+    moving = scenarios.get("nominal").replace(duration=3.0)  # until the arms have moved enough to be estimated
     for name in ("adaptive-flm", "computed-torque-dob+predictor", "ppo-memory"):  # together they use all compiled code
-        policy, state = controllers.make(name, env), None
-        for _ in range(300):  # until the arms have moved enough to be estimated
-            action, state = policy.predict(observation, state)
-            observation = env.step(action)[0]
+        rollout(name, moving, range(32))
     print(f"everything is compiled, after {time.perf_counter() - begin:.1f} s")
 
 

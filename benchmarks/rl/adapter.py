@@ -216,7 +216,7 @@ class AgentAdapter:
         return torque, AdapterState(history, laws, errors, squares, action, state.age + 1)
 
     def _torque(self, action: Array, observation: Array, laws: tuple[State, ...]) -> Array:
-        """Return the torque [n x 2] N m of an action; with laws, the one within the limits that is sent."""
+        """Return the torque [n x 2] N m of an action; with laws, as it is sent, within limits."""
         if not self._laws:
             return np.array(self.settings.torque) * action
         saturate = self.interface.saturate

@@ -255,16 +255,15 @@ class SuiteSpec:
 
     @property
     def scenarios(self) -> tuple[Scenario, ...]:
-        """The scenarios of its tiers, on Table 1's arm, and its tasks."""
+        """The scenarios of its tiers, and its tasks."""
         members = [name for tier, severities in self.tiers.items() for name in scenarios.in_tier(tier, severities)]
-        chosen = [scenarios.get(name) for name in members if scenarios.member(name).arm != "section-2-2"]  # type: ignore[union-attr]
-        chosen += expand([
+        tasks = [
             from_table(task, scenarios.get, self.file) if isinstance(task, dict)
             else str(self.file.parent / task) if self.file and split_file(task)[0]
             else task
             for task in self.tasks
-        ])  # fmt: skip
-        return tuple(chosen)
+        ]  # fmt: skip
+        return expand([*members, *tasks])
 
     def build(
         self,
@@ -319,7 +318,7 @@ SUITES: dict[str, SuiteSpec] = {
             for robot, kind in CLASSES.items()
         ),
         SuiteSpec(
-            "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, Table 1's arm, 32 seeds",
+            "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, 32 seeds",
             {"ideal": (2,)}, (*_SINGLE, _PLANNED),
         ),
     )
@@ -357,26 +356,15 @@ def load(name: str) -> SuiteSpec:
 def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenario, ...]:
     """Return the scenarios of all that `as_scenario` takes, and of names of families.
 
-    A family such as "noise" stands for its severities 1 to 3 on both arms, "section-2-2/noise" for
-    those on one arm.
+    A family such as "noise" or "servo-noise" stands for its severities 1 to 3.
     """
     chosen: list[Scenario] = []
     for name in tasks:
         if not isinstance(name, str) or split_file(name)[0] or name.partition("@")[0] in scenarios.names():
             chosen.append(as_scenario(name))
             continue
-        family = _family(name)
+        family = [member for tier in scenarios.TIERS for member in scenarios.in_tier(tier) if member[:-2] == name]
         if not family:
             raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
-        chosen.extend(family)
+        chosen.extend(map(scenarios.get, family))
     return tuple(chosen)
-
-
-def _family(name: str) -> list[Scenario]:
-    """Return a family's scenarios: "noise" (both arms), "section-2-2/noise" or "servo-noise"."""
-    members = [(s, scenarios.member(s)) for tier in scenarios.TIERS for s in scenarios.in_tier(tier)]
-    return [
-        scenarios.get(s) for s, member in members
-        if member
-        and name in ((member.family, f"{member.arm}/{member.family}") if member.tier == "ideal" else (s[:-2],))
-    ]  # fmt: skip

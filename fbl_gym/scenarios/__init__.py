@@ -60,9 +60,9 @@ def in_tier(tier: str, severities: Collection[int] = SEVERITIES[1:]) -> tuple[st
 
 
 def member(name: str) -> Member | None:
-    """Return family, severity, arm and tier of a scenario; None if it belongs to no tier.
+    """Return family, severity and tier of a scenario; None if it belongs to no tier.
 
-    The name may end in a rate or a world: "section-2-2/noise-2@1000Hz".
+    The name may end in a world: "noise-2@mujoco".
     """
     return _MEMBERS.get(name.partition("@")[0])
 

@@ -419,7 +419,7 @@ def _members() -> dict[str, tuple[Callable[..., Scenario], str, Member]]:
         ):
             for family in known:
                 for severity in severities:
-                    member = Member(family, severity, robot, "-".join(filter(None, (robot, tier))))
+                    member = Member(family, severity, "-".join(filter(None, (robot, tier))))
                     members[_name(robot, tier, family, severity)] = make, robot, member
     return members
 
@@ -432,7 +432,7 @@ _OWN_ARMS = {
 
 _ENTRIES = _members()
 MEMBERS = {name: member for name, (_, _, member) in _ENTRIES.items()}
-"""Family, severity, arm and tier of each named scenario."""
+"""Family, severity and tier of each named scenario."""
 
 
 def get(name: str, arm: ArmParameters | None = None) -> Scenario:

@@ -37,13 +37,11 @@ class Member(NamedTuple):
     Attributes:
         family: its family.
         severity: 0 to 3.
-        arm: the name of its arm.
         tier: one of `scenarios.TIERS`.
     """
 
     family: str
     severity: int
-    arm: str
     tier: str = "ideal"
 
 

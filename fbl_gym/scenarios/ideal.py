@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from fbl_gym.model.arm import ARMS
+from fbl_gym.model.arm import TABLE_1
 from fbl_gym.options import Actuator
 from fbl_gym.scenarios.families import Family, Member, combined
 from fbl_gym.scenarios.scenario import Scenario
@@ -11,9 +11,9 @@ from fbl_gym.scenarios.scenario import Scenario
 SEVERITIES = (0, 1, 2, 3)
 
 # For the default motion with each parameter between half and double and the heaviest payload, the
-# arms need 1,683 and 749, and 62,300 and 19,700 N m. Friction and disturbance add to this: at its
-# worst corner, everything-3 needs some 836 N m at the second joint, more than its 800.
-_TORQUE_LIMITS = {"table-1": (2000.0, 800.0), "section-2-2": (70000.0, 22000.0)}
+# arm needs 1,683 and 749 N m. Friction and disturbance add to this: at its worst corner,
+# everything-3 needs some 836 N m at the second joint, more than its 800.
+_TORQUE_LIMIT = (2000.0, 800.0)
 
 _RADII = ((0.25, 0.5, 1.0),)
 _OWN = "each by its own factor from"
@@ -77,29 +77,20 @@ def families() -> dict[str, str]:
     return {name: family.description for name, family in _FAMILIES.items()}
 
 
-def _name(family: str, severity: int, arm: str) -> str:
-    """Return the name of a family's scenario."""
-    name = family if family == "nominal" else f"{family}-{severity}"
-    return name if arm == "table-1" else f"{arm}/{name}"
-
-
 MEMBERS = {
-    _name(family, severity, arm): Member(family, severity, arm)
-    for arm in ARMS
-    for family in _FAMILIES
-    for severity in (SEVERITIES if family != "nominal" else (0,))
+    "nominal": Member("nominal", 0),
+    **{f"{name}-{k}": Member(name, k) for name in _FAMILIES if name != "nominal" for k in SEVERITIES},
 }
-"""Family, severity and arm of each named scenario."""
+"""Family and severity of each named scenario."""
 
 
 def get(name: str) -> Scenario:
     """Return the scenario of a name, one of `MEMBERS`."""
-    family, severity, arm, _ = MEMBERS[name]
+    family, severity, _ = MEMBERS[name]
     families = _EVERYTHING if family == "everything" else (family,)
     return Scenario(
         name=name,
         description=_FAMILIES[family].description,
-        arm=ARMS[arm],
-        actuator=Actuator(torque_limit=_TORQUE_LIMITS[arm]),
-        **(combined(_FAMILIES, families, severity, ARMS[arm]) if severity > 0 else {}),
+        actuator=Actuator(torque_limit=_TORQUE_LIMIT),
+        **(combined(_FAMILIES, families, severity, TABLE_1) if severity > 0 else {}),
     )

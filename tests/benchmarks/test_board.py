@@ -59,7 +59,11 @@ SOME = ["--policies", "zero", "pid-flm", "cascade-flm", "oracle-flm", "--workers
 
 
 @functools.cache
-def board(policies=("zero", "pid-flm", "cascade-flm", "oracle-flm"), seeds=8, families=("nominal", "mass-error")):
+def board(
+    policies=("zero", "pid-flm", "cascade-flm", "oracle-flm"),
+    seeds=8,
+    families=("nominal", "mass-error", "length-error"),
+):
     return assemble([run_cell(cell) for cell in load("ideal").build(policies, families, seeds).cells])
 
 
@@ -78,7 +82,7 @@ def test_the_board_against_its_definitions():
     assert [found.policies[i] for i in found.order] == ["cascade-flm", "pid-flm", "zero", "oracle-flm"]
     assert found.ranked == [0, 1, 2]
     np.testing.assert_array_equal(found.rank.value, [3, 2, 1])
-    assert found.families == {"nominal": [0], "mass-error": [1, 2, 3, 4, 5, 6]}
+    assert found.families == {"nominal": [0], "mass-error": [1, 2, 3], "length-error": [4, 5, 6]}
 
 
 def changed(found, scenario, **metrics):
@@ -265,9 +269,9 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
 
 def test_family_of():
     for name, family in {
-        "section-2-2/mass-error-2@1000Hz": "mass-error", "nominal": "nominal", "everything-3": "everything", "mine": "mine",
-        "section-2-2/nominal": "nominal", "paper-8": "paper-8", "paper-3a": "paper-3a", "heavy-3": "heavy-3",
-        "nominal~3f9a20": "nominal~3f9a20", "mass-error-2~3f9a20": "mass-error-2~3f9a20", "mine@500Hz": "mine",
+        "mass-error-2@mujoco": "mass-error", "nominal": "nominal", "everything-3": "everything", "mine": "mine",
+        "paper-8": "paper-8", "paper-3a": "paper-3a", "heavy-3": "heavy-3",
+        "nominal~3f9a20": "nominal~3f9a20", "mass-error-2~3f9a20": "mass-error-2~3f9a20", "mine@mujoco-bend": "mine",
     }.items():  # fmt: skip
         assert family_of(name) == family
 

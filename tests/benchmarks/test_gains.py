@@ -92,6 +92,6 @@ def test_gains_of_another_arm_are_named(folder, capsys):
     assert name.gains_of_other_arms(TABLE_1) == []
     assert name.gains_of_other_arms(SECTION_2_2) == [folder / "told.json"]
     assert PolicyName.parse("pd-gravity@gains.json").gains_of_other_arms(SECTION_2_2) == []
-    for scenario, names in (("nominal", False), ("section-2-2/nominal", True)):
+    for scenario, names in (("nominal", False), ("servo-nominal", True)):
         assert cli.main(["evaluate", "pd-gravity@told.json", "--scenario", scenario, "--seeds", "1"]) == 0
         assert ("told.json has the gains of another arm" in capsys.readouterr().out) == names

@@ -35,7 +35,7 @@ def test_suites(tmp_path):
     file.write_text('policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n')
     suite = load(str(file)).build()
     assert [s.name for s in suite.scenarios][-1] == "own"
-    assert len(suite.cells) == 7
+    assert len(suite.cells) == 4
     assert suite.cells[0].seeds == tuple(range(5))
     file.write_text("policy = 3\n")
     with pytest.raises(ValueError, match=r"unknown entry of .*mine.toml 'policy'; did you mean 'policies'"):
@@ -65,16 +65,12 @@ def test_scenarios_that_share_a_name_keep_their_content(tmp_path):
     assert sorted(ratios) == [1.1, 2.0, 3.0]
 
 
-def test_a_family_stands_for_its_severities_on_both_arms_or_on_one():
+def test_a_family_stands_for_its_severities():
     def chosen(*names):
         return [scenario.name for scenario in load("ideal").build(["zero"], names).scenarios]
 
-    one = [f"noise-{severity}" for severity in (1, 2, 3)]
-    other = [f"section-2-2/{name}" for name in one]
-    assert chosen("noise") == one + other
-    assert chosen("table-1/noise") == one
-    assert chosen("section-2-2/noise") == other
-    assert chosen("nominal", "section-2-2/nominal") == ["nominal", "section-2-2/nominal"]
+    assert chosen("noise") == ["noise-1", "noise-2", "noise-3"]
+    assert chosen("nominal", "servo-noise") == ["nominal", "servo-noise-1", "servo-noise-2", "servo-noise-3"]
     with pytest.raises(ValueError, match="unknown scenario or family 'noises'; did you mean 'noise'"):
         chosen("noises")
 

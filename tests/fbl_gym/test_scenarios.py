@@ -28,19 +28,17 @@ def test_every_named_scenario_runs_single_and_batched_and_survives_json(name):
 
 def test_severities_grow_from_the_nominal_arm():
     for name in set(scenarios.families()) - {"nominal"}:
-        for arm in ("", "section-2-2/"):
-            nominal = scenarios.get(f"{arm}nominal")
-            none = scenarios.get(f"{arm}{name}-0")
-            assert dataclasses.replace(none, name=nominal.name, description=nominal.description) == nominal
+        nominal, none = scenarios.get("nominal"), scenarios.get(f"{name}-0")
+        assert dataclasses.replace(none, name=nominal.name, description=nominal.description) == nominal
         levels = [scenarios.get(f"{name}-{severity}") for severity in scenarios.SEVERITIES]
         assert len({dataclasses.replace(level, name="", description="") for level in levels}) == 4
     assert scenarios.get("nominal") == Scenario()
-    assert scenarios.get("section-2-2/noise-2").arm == scenarios.get("paper-3a").arm
 
 
-def test_a_scenarios_family_severity_and_arm():
-    assert scenarios.member("section-2-2/mass-error-2@1000Hz") == ("mass-error", 2, "section-2-2", "ideal")
-    assert scenarios.member("nominal") == ("nominal", 0, "table-1", "ideal")
+def test_a_scenarios_family_severity_and_tier():
+    assert scenarios.member("mass-error-2@mujoco") == ("mass-error", 2, "ideal")
+    assert scenarios.member("nominal") == ("nominal", 0, "ideal")
+    assert scenarios.member("servo-noise-1") == ("noise", 1, "servo")
     for other in ("paper-8", "heavy-3", "noise", "noise-2~3f9a20"):
         assert scenarios.member(other) is None
 
@@ -55,7 +53,7 @@ def test_the_papers_scenarios_have_the_papers_arms():
     np.testing.assert_allclose([*large.truth.masses, *large.truth.lengths], [200.0, 150.0, 7.0, 5.0])
 
 
-def test_the_names_are_figures_real_arms_and_the_families_for_both_arms():
+def test_the_names_are_figures_real_arms_and_the_families():
     figures = {f"paper-{name}" for name in ("3a", "3b", "4a", "4b", "6a", "6b", "8", "10")}
     families = (
         "mass-error",
@@ -72,10 +70,9 @@ def test_the_names_are_figures_real_arms_and_the_families_for_both_arms():
     )
     members = {"nominal"} | {f"{family}-{severity}" for family in families for severity in range(4)}
     arms = {"dfki-c1", "dfki-a0", "cicese"}
-    ideal = members | {f"section-2-2/{name}" for name in members}
     tiers = {name for tier in scenarios.TIERS if tier != "ideal" for name in scenarios.in_tier(tier)}
-    assert set(scenarios.in_tier("ideal", scenarios.SEVERITIES)) | {n for n in ideal if n[-2:] == "-0"} == ideal
-    assert set(scenarios.names()) == figures | arms | ideal | tiers
+    assert set(scenarios.in_tier("ideal", scenarios.SEVERITIES)) | {n for n in members if n[-2:] == "-0"} == members
+    assert set(scenarios.names()) == figures | arms | members | tiers
     assert len(scenarios.names()) == len(set(scenarios.names()))
     assert set(scenarios.families()) == {"nominal", *families}
 
@@ -121,8 +118,6 @@ def test_the_payload_family_carries_up_to_the_second_links_mass_from_3_to_7_s():
     for severity, share in ((1, 1 / 3), (2, 2 / 3), (3, 1.0)):
         load = scenarios.get(f"payload-{severity}").parameter_error.payload
         assert (load.mass, load.pick_up, load.drop) == (pytest.approx(15.0 * share), 3.0, 7.0)
-        load = scenarios.get(f"section-2-2/payload-{severity}").parameter_error.payload
-        assert load.mass == pytest.approx(0.5 * share)
 
 
 def test_a_scenario_by_name_record_or_dict_is_the_same():
@@ -142,7 +137,7 @@ def test_options_replace_a_scenarios_fields_and_keep_the_rest():
 
 @pytest.mark.parametrize(
     ("name", "near"),
-    [("paper3a", "paper-3a"), ("everthing-3", "everything-3"), ("section-2-2/nominl", "section-2-2/nominal")],
+    [("paper3a", "paper-3a"), ("everthing-3", "everything-3"), ("servo-nominl", "servo-nominal")],
 )
 def test_the_nearest_scenario_is_suggested(name, near):
     with pytest.raises(ValueError, match=f"unknown scenario '{name}'; did you mean '{near}'"):
