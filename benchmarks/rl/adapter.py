@@ -16,7 +16,7 @@ from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, inertia_matrix
-from fbl_gym.records import Record, choice, choices, declared, number, pair, whole
+from fbl_gym.records import Record, choice, choices, declared, number, whole
 from fbl_gym.scenarios.classes import CLASSES
 
 ACTIONS = ("torque", "residual", "blend")
@@ -61,11 +61,10 @@ class AdapterSettings(Record):
 
     Args:
         action: meaning of the action, which lies in [-1, 1] per joint.
-            "torque": the torque is `torque` times the action.
+            "torque": the torque is the action times the drives' torque limits.
             "residual": `residual` times the action, times the nominal inertia, is added to the
             torque of `base`. It fades where that torque is within `GATE` of a limit.
             "blend": the torque of each joint is between those of `second` (-1) and `base` (1).
-        torque: largest torque per joint.
         residual: largest residual acceleration of both joints.
         base: name of the law under the agent, which may have parts and gains. With @tuned, it has
             the gains for the class of each robot.
@@ -83,7 +82,6 @@ class AdapterSettings(Record):
     """
 
     action: str = choice("torque", ACTIONS)
-    torque: tuple[float, float] = pair((2000.0, 800.0), unit="N m", above=0)
     residual: float = number(20.0, unit="rad/s^2", above=0)
     base: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
     second: str = declared("", _check_law, "name of a law")
@@ -145,6 +143,8 @@ class AgentAdapter:
 
     def __init__(self, settings: AdapterSettings, interface: Interface) -> None:
         self.settings, self.interface = settings, interface
+        if settings.action == "torque" and interface.torque_limit is None:
+            raise ValueError("not applicable: the agent's actions are shares of torque limits, and there are none")
         self._errors = ErrorScales(interface, settings.sensors, settings.scales)
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
         drive = np.array([*interface.delay, *interface.lag]) / DRIVE_SCALE
@@ -218,7 +218,7 @@ class AgentAdapter:
     def _torque(self, action: Array, observation: Array, laws: tuple[State, ...]) -> Array:
         """Return the torque [n x 2] N m of an action; with laws, as it is sent, within limits."""
         if not self._laws:
-            return np.array(self.settings.torque) * action
+            return np.array(self.interface.torque_limit) * action
         saturate = self.interface.saturate
         torque, *second = (
             saturate(law.torque(observation, each)[0]) for law, each in zip(self._laws, laws, strict=True)

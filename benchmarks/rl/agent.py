@@ -59,6 +59,7 @@ class Agent(TorqueLaw):
             )
         if self.settings.context and self.env is None:
             raise ValueError("an agent with context observes the truth, so it needs the environment, got its interface")
+        _ = self.adapter
 
     @property
     def uses(self) -> tuple[str, ...]:

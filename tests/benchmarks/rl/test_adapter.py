@@ -83,7 +83,6 @@ def test_every_kind_of_action_gives_the_same_torque(kind):
     ("settings", "message"),
     [
         ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
-        ({"torque": (100.0, 0.0)}, r"torque\[1\] must be a finite number greater than 0, got 0.0"),
         ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
         ({"base": "computed-torque+eco"}, "did you mean 'eso'"),
         ({"action": "blend"}, "second must be a law for a blend alone, and another than base, got ''"),
@@ -104,6 +103,16 @@ def test_wrong_settings_are_refused(settings, message):
 def test_another_autoreset_mode_is_refused():
     with pytest.raises(ValueError, match="SameStep"):
         VectorAdapter(TwoLinkArmVectorEnv(2), AdapterSettings())
+
+
+def test_a_torque_is_a_share_of_the_drives_limits():
+    env = TwoLinkArmEnv("servo-nominal")
+    observation = env.reset(seed=0)[0][None]
+    adapter = AgentAdapter(AdapterSettings(sensors=("position", "velocity")), env.interface)
+    torque, _ = adapter.torque(np.array([[1.0, -0.5]]), observation, adapter.initial(observation))
+    np.testing.assert_allclose(torque[0], env.interface.torque_limit * np.array([1.0, -0.5]))
+    with pytest.raises(ValueError, match="not applicable: the agent's actions are shares of torque limits"):
+        Agent(TwoLinkArmEnv(action="torque", actuator={"torque_limit": None}).interface, AdapterSettings(), None)
 
 
 def test_a_residual_is_an_acceleration_of_the_nominal_arm():
