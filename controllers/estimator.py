@@ -15,10 +15,10 @@ from fbl_gym.model.arm import STANDARD_GRAVITY, Array
 
 
 def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the lumped parameters of least squares [n x 5], and where to accept them [n].
+    """Return p1 to p5 of least squares [n x 5], in kg m^2 and N m, and where to accept them [n].
 
     y [n x s x 2 x 5] is the regressor of the measured motion at each sample (`arm.regressor`), and
-    the torque [n x s x 2] that applied in it. An estimate is accepted where the parameters are
+    the torque [n x s x 2] N m that applied in it. An estimate is accepted where the parameters are
     physical and the samples tell all five apart: the smallest singular value of the regressor
     (columns scaled to length one) exceeds `weakest`. At rest the rank is 2, and (39) would return
     nonsense.

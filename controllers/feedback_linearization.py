@@ -24,10 +24,18 @@ def winds_up(
     """Return where an integrator of `error` must pause [n x 2].
 
     It pauses where the torque, which is that of `inverse_dynamics` plus known loads, saturates and
-    the error asks for more of the part that is cut off. The acceleration under the saturated torque
-    comes from the model, at position q and velocity v; the desired one is a, [n x 2] each. A joint
-    therefore also pauses when the other joint's saturation takes its acceleration away through the
-    coupling.
+    the error asks for more of the part that is cut off. A joint therefore also pauses when the
+    other joint's saturation takes its acceleration away through the coupling.
+
+    Args:
+        interface: with the torque limits.
+        model: as `forward_dynamics` takes it.
+        q: position [n x 2] rad.
+        v: velocity [n x 2] rad/s.
+        a: desired acceleration [n x 2] rad/s^2.
+        torque: before it is limited [n x 2] N m.
+        error: what is integrated [n x 2], of any unit.
+        loads: known loads within the torque [n x 2] N m.
     """
     saturated = interface.saturate(torque)
     cut = (saturated != torque).any(axis=-1, keepdims=True)

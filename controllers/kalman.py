@@ -112,7 +112,7 @@ class JointKalman:
     form: str = "discrete"
 
     def initial(self, position: Array, velocity: Array) -> KalmanState:
-        """Return the state before the first observation, from a motion [n x 2]."""
+        """Return the state before the first observation, from position and velocity [n x 2]."""
         return KalmanState(position, velocity, np.full(len(position), -1))
 
     def update(self, state: KalmanState, position: Array, acceleration: Array) -> KalmanState:

@@ -42,7 +42,7 @@ class Observer(Record):
     dt: float
 
     def initial(self, position: Array, velocity: Array) -> Array:
-        """Return the memory before the first sample of an episode."""
+        """Return the memory before an episode, from the motion [n x 2] rad and rad/s."""
         zeros = np.zeros_like(position)
         return np.stack([position, velocity, zeros, zeros], axis=-1)
 
@@ -57,7 +57,7 @@ class Observer(Record):
         raise NotImplementedError
 
     def predict(self, estimate: Array, u: Array) -> Array:
-        """Return the memory for the next sample; u [n x 2] is the nominal acceleration now."""
+        """Return the memory for the next sample; u [n x 2] rad/s^2 is the nominal acceleration."""
         raise NotImplementedError
 
 

@@ -43,7 +43,8 @@ PUBLIC = {
     "fbl_gym.interface": ":exclude-members: Constraints, Limits",
     "fbl_gym.kernel.batch": ":members: Truth",
     "fbl_gym.envs.error_scales": "",
-    "fbl_gym.scenarios": ":members: families, arms, family, names, get, in_world\n   :exclude-members: Scenario",
+    "fbl_gym.scenarios": ":members: families, names, get, as_scenario, conditions, in_tier, in_world, member, "
+    "held_out_reason\n   :exclude-members: Scenario",
     "controllers.policy": ":exclude-members: State",
     "controllers.registry": "",
     "controllers.runner": "",

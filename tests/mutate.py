@@ -20,7 +20,7 @@ TARGETS = [
     ),
     (
         "fbl_gym/kernel/physics.py",
-        ("load_on_joints", "_stage", "_moved", "_weighted", "_hold", "lump"),
+        ("load_on_joints", "_stage", "moved", "weighted", "_hold", "lump"),
         ["tests/fbl_gym/test_physics.py", "tests/fbl_gym/test_friction_laws.py", "tests/fbl_gym/test_sticking.py"],
     ),
 ]

@@ -23,12 +23,12 @@ class _InErrorCoordinates:
         return self._errors.space
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start episodes, and return observations in error coordinates."""
+        """Start episodes; return observations [size], of a batch [num_envs x size], and infos."""
         observations, infos = super().reset(seed=seed, options=options)  # type: ignore[misc]
         return self._errors.single_precision(observations), infos
 
     def step(self, action: Array) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Make a step, and return observations in error coordinates."""
+        """Hold an action [2], of a batch [num_envs x 2], for `control_dt`; see `reset`."""
         observations, rewards, terminated, truncated, infos = super().step(action)  # type: ignore[misc]
         return self._errors.single_precision(observations, infos), rewards, terminated, truncated, infos
 

@@ -116,7 +116,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         """Hold each lane's action for `control_dt`.
 
         Args:
-            actions: [num_envs x 2].
+            actions: [num_envs x 2], in the unit of `action`.
 
         Returns:
             Observations [num_envs x size], rewards, terminated and truncated [num_envs], and infos.

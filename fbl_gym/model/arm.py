@@ -137,8 +137,8 @@ class ArmParameters(Record):
         ones, upon which parameter errors act.
 
         Args:
-            lumped: p1 to p5 [kg m^2], [N m].
-            length: of the links [m]; p3 g = p5 L1, so gravity tells the first one.
+            lumped: p1 to p5 [5]: p1 to p3 [kg m^2], p4 and p5 [N m].
+            length: of the links [2] m; p3 g = p5 L1, so gravity tells the first one.
             rotor: rotor inertias, reflected to the joints [kg m^2]; `lumped` leaves them out.
             gravity: acceleration of gravity [m/s^2]; 0 for a horizontal arm, with p4 = p5 = 0.
 
@@ -173,7 +173,7 @@ class ArmParameters(Record):
 
     @cached_property
     def base(self) -> Array:
-        """The lumped parameters and the rotors' inertias [7]."""
+        """p1 to p5 and both rotors' inertias [7], in kg m^2, p4 and p5 in N m."""
         return with_rotors(self.lumped, self.rotor)
 
     def as_rods(self) -> ArmParameters:
