@@ -323,7 +323,8 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
     """Return the options of a class's scenario for any arm, as fields of `Scenario`.
 
     Args:
-        arm: the nominal model.
+        arm: the nominal model. Where joints have springs and it has no rotors, it gets rotors of
+            0.3 times the inertia of the stretched links.
         robot: one of `CLASSES`.
         family: one of `families(robot)`, or "nominal": nothing is pushed further.
         severity: 0 to 3.
@@ -352,12 +353,14 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
             "delay": _uniform(*kind.delay), "lag": _log(kind.lag), "gain": _uniform(*kind.gain),
         },
     }  # fmt: skip
-    usual = {**merged(usual, kind.options(scale))}
-    if severity == 0 or family not in known:
-        return usual
-    together = [name for name in known if name not in (*_APART[robot], "everything")]
-    names = together if family == "everything" else [family]
-    return {**merged(usual, combined(known, tuple(names), severity, scale))}
+    task = {**merged(usual, kind.options(scale))}
+    if severity > 0 and family in known:
+        together = [name for name in known if name not in (*_APART[robot], "everything")]
+        names = together if family == "everything" else [family]
+        task = {**merged(task, combined(known, tuple(names), severity, scale))}
+    if "joint" in task and min(arm.rotor) <= 0:  # type: ignore[type-var]
+        return conditions(dataclasses.replace(arm, rotor=tuple(scale.rotor)), robot, family, severity)
+    return task
 
 
 def _board(
