@@ -61,7 +61,7 @@ def axes(robot: str) -> dict[str, dict[float, Scenario]]:
         stiffness = tuple(inertia * (2 * np.pi * frequency) ** 2)
         joint = {
             "stiffness": stiffness, "damping": tuple(0.04 * np.sqrt(stiffness * inertia)), "encoder": encoder,
-            "rotor_inertia": tuple(0.3 * inertia) if min(nominal.rotor) == 0 else nominal.rotor,
+            "rotor_inertia": nominal.rotor,
         }  # fmt: skip
         return nominal.replace(joint=joint, physics_dt=1e-4)
 

@@ -358,7 +358,7 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
         together = [name for name in known if name not in (*_APART[robot], "everything")]
         names = together if family == "everything" else [family]
         task = {**merged(task, combined(known, tuple(names), severity, scale))}
-    if "joint" in task and min(arm.rotor) <= 0:  # type: ignore[type-var]
+    if "joint" in task and np.min(arm.rotor) <= 0:
         return conditions(dataclasses.replace(arm, rotor=tuple(scale.rotor)), robot, family, severity)
     return task
 

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.run.rollout import reference_motion
 from fbl_gym import scenarios
 from fbl_gym.interface import class_of
-from fbl_gym.model.arm import ArmParameters, inverse_dynamics
+from fbl_gym.model.arm import TABLE_1, ArmParameters, inverse_dynamics
 from fbl_gym.records import ends
 from fbl_gym.scenarios.classes import CLASSES, MEMBERS, conditions, families
 from fbl_gym.scenarios.scenario import Scenario
@@ -50,8 +50,15 @@ def test_the_families_take_turns_in_three_arms_and_practice_has_others(robot):
         name: [scenarios.get(f"{robot}-practice-{name}-{severity}").arm for severity in (1, 3)] for name in names
     }
     assert all(first != second for first, second in practice.values())
-    ours, others = set().union(*board.values()), set().union(*practice.values())
-    assert (len(ours), len(others), ours & others) == (3, 3, {own})
+    ours, others = ({(arm.m2, arm.L2) for arms in sets.values() for arm in arms} for sets in (board, practice))
+    assert (len(ours), len(others), ours & others) == (3, 3, {(own.m2, own.L2)})
+
+
+@pytest.mark.parametrize("robot", CLASSES)
+def test_the_nominal_model_knows_the_rotors_behind_springs(robot):
+    named = [scenarios.get(name) for name in MEMBERS if name.startswith(robot)]
+    for task in (*named, Scenario(**conditions(TABLE_1, robot, "everything", 2))):
+        assert task.joint is None or task.joint.rotor_inertia == task.arm.rotor, task.name
 
 
 @pytest.mark.parametrize("robot", CLASSES)
