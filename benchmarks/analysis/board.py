@@ -418,7 +418,8 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, Array]:
         return {name: np.array([row[name] for row in rows]) for name in METRICS}
 
-    still = {r.cell.scenario.name: [_motionless(row) for row in r.rows] for r in results if r.rows}
+    by_length = sorted(results, key=lambda result: len(result.rows))  # a ceiling may have fewer seeds
+    still = {r.cell.scenario.name: [_motionless(row) for row in r.rows] for r in by_length if r.rows}
     failed, table, decision, count = {}, [], [], len(cell.seeds)
     for i, members in enumerate(rows.values()):
         own = [stored[spec.name] for spec in members]

@@ -81,7 +81,7 @@ class Column:
 def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> tuple[list[str], list[list[str]]]:
     """Return a table of several boards: header, and rows with rank, score and error of a policy.
 
-    The policies with the best mean of scores come first, those that a board lacks last.
+    The policies come in the order of their best rank, then of the mean of their scores.
 
     Args:
         boards: by name.
@@ -89,6 +89,7 @@ def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> tuple[lis
     """
     texts: dict[str, dict[str, str]] = {}
     scores: dict[str, float] = {}
+    best: dict[str, float] = {}
     for name, board in boards.items():
         for place, i in enumerate(board.ranked):
             score = math.nan if board.score is None else float(board.score.value[i])
@@ -96,7 +97,8 @@ def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> tuple[lis
             rank = low if low == high else f"{low}–{high}"
             texts.setdefault(board.policies[i], {})[name] = f"{rank} · {score:.1f} · {number(board.error.value[i])} %"
             scores[board.policies[i]] = scores.get(board.policies[i], 0.0) + score / len(boards)
-    order = sorted(rows or texts, key=lambda policy: (len(texts[policy]) < len(boards), -scores[policy]))
+            best[board.policies[i]] = min(board.rank.value[place], best.get(board.policies[i], math.inf))
+    order = sorted(rows or texts, key=lambda policy: (best[policy], -scores[policy]))
     body = [
         [policy, *(texts[policy].get(name, "–").replace("nan", "–") for name in boards),
          f"{scores[policy]:.1f}" if len(texts[policy]) == len(boards) else "–"]

@@ -19,13 +19,13 @@ FAMILIES = tuple(families("servo"))
 POLICIES = ("pd-gravity", "computed-torque", "oracle-flm")
 
 
-def board(seeds, *more):
+def board(seeds, *more, ceilings=()):
     """A board of short episodes; one scenario has more seeds."""
     tasks = [
         scenarios.get(name).replace(duration=1.0, name=f"{name}@short") for name in ("servo-nominal", "servo-noise-2")
     ]
-    suite = Suite("short", POLICIES, tuple(tasks), seeds, more_seeds=dict(more))
-    return assemble([run_cell(cell) for cell in suite.cells])
+    suite = Suite("short", POLICIES, tuple(tasks), seeds, more_seeds=dict(more), ceilings=dict(ceilings))
+    return assemble([run_cell(cell) for cell in suite.cells], suite.cells)
 
 
 def test_a_scenario_with_more_seeds_tells_how_often_runs_diverge():
@@ -33,6 +33,8 @@ def test_a_scenario_with_more_seeds_tells_how_often_runs_diverge():
     assert found.seeds == (0, 1, 2)
     assert found.runs["error_pct"].shape == (3, 2, 3)
     assert {k: flags.shape for k, flags in found.flags.items()} == {1: (3, 6)}
+    beside = board(3, ("servo-noise-2@short", 6), ceilings=[("oracle-elastic", ("servo-noise-2@short",))])
+    assert {k: flags.shape for k, flags in beside.flags.items()} == {1: (3, 6)}  # a ceiling has three seeds there
     lost = dataclasses.replace(found, flags={1: np.array([[0.0] * 6, [0.0] * 5 + [1.0], [0.0] * 6])})
     assert lost.diverged.value.tolist() == [0.0, 1 / 12, 0.0]
     assert lost.score.value[1] < found.score.value[1]
