@@ -2,7 +2,16 @@
 
 import numpy as np
 
-from fbl_gym import Actuator, Friction, Noise, ParameterError, SensorError, SineDisturbance
+from fbl_gym import (
+    Actuator,
+    Friction,
+    Noise,
+    ParameterError,
+    SensorError,
+    SineDisturbance,
+    TwoLinkArmEnv,
+    TwoLinkArmVectorEnv,
+)  # fmt: skip
 
 ID = "fbl_gym/TwoLinkArm-v0"
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
@@ -26,6 +35,29 @@ EVENTFUL = {
     "preview": 1,
 }
 """Everything at once, in episodes that end soon and often, by time or by divergence."""
+
+
+def started(*arguments, seed=0, **options):
+    """Return an environment at the start of an episode."""
+    env = TwoLinkArmEnv(*arguments, **options)
+    env.reset(seed=seed)
+    return env
+
+
+def started_batch(*arguments, seed=0, **options):
+    """Return a vector environment at the start of an episode."""
+    env = TwoLinkArmVectorEnv(*arguments, **options)
+    env.reset(seed=seed)
+    return env
+
+
+def truths_of(env, actions):
+    """Return the truth before and after each of the actions."""
+    truths = [env.truth]
+    for action in actions:
+        env.step(action)
+        truths.append(env.truth)
+    return truths
 
 
 def episode(env, steps=60, seed=5):

@@ -5,7 +5,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmEnv
-from tests.fbl_gym.episodes import RECORDS, episode
+from tests.fbl_gym.episodes import RECORDS, episode, started
 
 MODES = ("normalized", "torque", "acceleration")
 
@@ -83,9 +83,7 @@ def test_a_reading_beyond_all_bounds_makes_no_nan(sensor, error):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_an_action_outside_its_box_acts_as_the_nearest_inside(mode):
-    one, two = TwoLinkArmEnv(action=mode), TwoLinkArmEnv(action=mode)
-    one.reset(seed=0)
-    two.reset(seed=0)
+    one, two = started(action=mode), started(action=mode)
     edge = np.array(one.interface.action_limit)
     for far in (1.5, 1e9, 1e300):
         a, b = one.step((far * edge[0], -0.25 * edge[1])), two.step((edge[0], -0.25 * edge[1]))
@@ -95,9 +93,7 @@ def test_an_action_outside_its_box_acts_as_the_nearest_inside(mode):
 
 
 def test_a_double_keeps_its_precision():
-    env, coarse = TwoLinkArmEnv(), TwoLinkArmEnv()
-    env.reset(seed=0)
-    coarse.reset(seed=0)
+    env, coarse = started(), started()
     env.step(np.array([0.1, 0.1]))
     coarse.step(np.array([0.1, 0.1], dtype=np.float32))
     np.testing.assert_array_equal(env.truth.applied_torque, 0.1 * np.array([2000.0, 800.0]))
@@ -133,8 +129,7 @@ def test_what_is_not_two_numbers_is_refused_in_mid_episode(bad, message):
 
 
 def test_a_bad_action_at_the_border_of_an_episode_is_no_step_either():
-    env = TwoLinkArmEnv(duration=0.02)
-    env.reset(seed=0)
+    env = started(duration=0.02)
     env.step((0.0, 0.0))
     with pytest.raises(ValueError, match="finite"):
         env.step((np.nan, 0.0))

@@ -6,6 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from fbl_gym import Constraints, Scenario, TwoLinkArmEnv
+from tests.fbl_gym.episodes import started
 
 TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
 NAMES = ["fbl_gym/TwoLinkArm-v0", "fbl_gym/TwoLinkArmTracking-v0"]
@@ -34,8 +35,7 @@ def test_the_cost_is_one_beyond_a_bound(options):
     [("low", (-1.5, -9.0), 0), ("high", (9.0, 0.3), 1), ("velocity", (0.5, 99.0), 0), ("velocity", (99.0, 0.5), 1)],
 )
 def test_each_bound_counts(bound, value, joint):
-    env = TwoLinkArmEnv(constraints={bound: value}, action="torque")
-    env.reset(seed=3)
+    env = started(constraints={bound: value}, action="torque", seed=3)
     costs = []
     for _ in range(100):
         cost = env.step((0.0, 0.0))[4]["cost"]
@@ -48,8 +48,7 @@ def test_each_bound_counts(bound, value, joint):
 
 
 def test_an_end_has_no_reward():
-    env = TwoLinkArmEnv(constraints={**TIGHT, "violation": "end"})
-    env.reset(seed=0)
+    env = started(constraints={**TIGHT, "violation": "end"})
     while not (step := env.step((0.3, 0.3)))[2]:
         assert step[4]["cost"] == 0.0
     assert (step[1], step[4]["cost"]) == (0.0, 1.0)

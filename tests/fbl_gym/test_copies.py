@@ -6,8 +6,8 @@ import pickle
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode
+from fbl_gym import TwoLinkArmEnv
+from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, started, started_batch
 
 
 @pytest.mark.parametrize(
@@ -31,8 +31,7 @@ def test_a_copy_in_mid_episode_continues_independently(duplicate):
 
 
 def test_a_pickled_batch_continues_alike():
-    env = TwoLinkArmVectorEnv(20, **EVENTFUL)
-    env.reset(seed=0)
+    env = started_batch(20, **EVENTFUL)
     for _ in range(25):
         env.step(np.full((20, 2), 0.1))
     other = pickle.loads(pickle.dumps(env))
@@ -42,8 +41,7 @@ def test_a_pickled_batch_continues_alike():
 
 def test_an_environment_unpickled_onto_read_only_memory_steps():
     """Joblib gives its workers such memory maps."""
-    env = TwoLinkArmEnv()
-    env.reset(seed=0)
+    env = started()
     buffers = []
     data = pickle.dumps(env, protocol=5, buffer_callback=buffers.append)
     other = pickle.loads(data, buffers=[bytes(buffer) for buffer in buffers])

@@ -6,8 +6,9 @@
 import numpy as np
 from scipy import stats
 
-from fbl_gym import Distribution, Friction, TwoLinkArmVectorEnv
+from fbl_gym import Distribution, Friction
 from fbl_gym.records import ends, middle
+from tests.fbl_gym.episodes import started_batch
 from tests.fbl_gym.paired_runs import play
 
 LANES = 4000
@@ -15,8 +16,7 @@ LANES = 4000
 
 def drawn(lanes=LANES, seed=0, **options):
     """Return the truth of many arms at their start, and after a step."""
-    env = TwoLinkArmVectorEnv(lanes, action="torque", **options)
-    env.reset(seed=seed)
+    env = started_batch(lanes, action="torque", **options, seed=seed)
     start = env.truth
     env.step(np.zeros((lanes, 2)))
     return start, env.truth

@@ -7,7 +7,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from fbl_gym import TwoLinkArmEnv
-from tests.fbl_gym.episodes import ID, RECORDS
+from tests.fbl_gym.episodes import ID, RECORDS, started
 
 
 @pytest.mark.parametrize("options", [{}, RECORDS, {"scenario": "everything-3"}], ids=["default", "many", "everything"])
@@ -32,9 +32,7 @@ def test_an_episode_is_truncated_after_its_duration_and_then_needs_a_reset():
 
 
 def test_truth_is_a_copy_and_reading_it_changes_nothing():
-    env, twin = TwoLinkArmEnv("everything-2"), TwoLinkArmEnv("everything-2")
-    env.reset(seed=0)
-    twin.reset(seed=0)
+    env, twin = started("everything-2"), started("everything-2")
     for _ in range(50):
         truth = env.truth
         before = truth.position.copy()
@@ -69,9 +67,7 @@ def test_returned_arrays_are_never_changed_later():
 
 
 def test_actions_and_options_are_neither_changed_nor_shared():
-    env, twin = TwoLinkArmEnv(actuator={"delay": 0.02}), TwoLinkArmEnv(actuator={"delay": 0.02})
-    env.reset(seed=0)
-    twin.reset(seed=0)
+    env, twin = started(actuator={"delay": 0.02}), started(actuator={"delay": 0.02})
     action = np.array([3.0, -0.5])
     env.step(action)
     np.testing.assert_array_equal(action, [3.0, -0.5])

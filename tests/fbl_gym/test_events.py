@@ -6,6 +6,7 @@ import pytest
 from fbl_gym import TABLE_1, ArmParameters, Scenario, TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix, with_rotors
 from tests.fbl_gym.energy import energy
+from tests.fbl_gym.episodes import started
 from tests.fbl_gym.paired_runs import watch
 
 MOVING = {"reference": {"kind": "sine", "amplitude": 0.8, "frequency": 0.7, "phase": (0.0, 0.5)}}
@@ -47,8 +48,7 @@ def test_a_grasp_conserves_momentum_and_loses_energy(given):
         options["events"] = [{"kind": "pick-up", "time": 0.02, "mass": 6.0}]
     else:
         options["parameter_error"] = {"payload": {"mass": 6.0, "pick_up": 0.02}}
-    env = TwoLinkArmEnv(control_dt=1e-5, physics_dt=1e-5, duration=0.1, **options)
-    env.reset(seed=0)
+    env = started(control_dt=1e-5, physics_dt=1e-5, duration=0.1, **options)
     for _ in range(2000):
         env.step((0.0, 0.0))
     before = env.truth

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fbl_gym import TwoLinkArmEnv
 from fbl_gym.kernel.memory import FRICTION_LAWS
 from fbl_gym.model.arm import forward_dynamics
 from fbl_gym.options import Friction
 from fbl_gym.records import declarations
-from tests.fbl_gym.dry_arm import DRY, FLAT, STILL
+from tests.fbl_gym.dry_arm import DRY, FLAT, flat
+from tests.fbl_gym.episodes import started
 from tests.fbl_gym.paired_runs import plain, play, same, watch
 
 
@@ -21,23 +21,22 @@ def test_every_friction_law_has_a_number_in_the_kernel():
 
 
 @pytest.mark.parametrize("law", ["exact", "literal"])
-def test_each_part_of_friction_reaches_the_plant(law):
-    for part, expected in (
-        ({"viscous": (4.0, 2.0)}, lambda v: np.array([4.0, 2.0]) * v),
-        ({"coulomb": (4.0, 2.0)}, lambda v: np.array([4.0, 2.0]) * np.sign(v)),
-        (
-            {"stiction": (4.0, 2.0), "v_s": (0.1, 0.5)},
-            lambda v: np.array([4.0, 2.0]) * np.exp(-(v**2) / [0.1, 0.5]) * np.sign(v),
-        ),
-    ):
-        _, _, truths = play(friction={**part, "law": law})
-        assert same(truths, plain()[2], "reference", "applied_torque", "lumped", "disturbance")
-        assert not same(truths[5:], plain()[2][5:], "position")
-        for truth in truths[1:]:
-            moving = truth.velocity != 0.0
-            np.testing.assert_allclose(
-                truth.friction_torque[moving], expected(truth.velocity)[moving], rtol=1e-9, atol=1e-12
-            )
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        ({"viscous": (4.0, 2.0)}, lambda v: [4.0, 2.0] * v),
+        ({"coulomb": (4.0, 2.0)}, lambda v: [4.0, 2.0] * np.sign(v)),
+        ({"stiction": (4.0, 2.0), "v_s": (0.1, 0.5)}, lambda v: [4.0, 2.0] * np.exp(-(v**2) / [0.1, 0.5]) * np.sign(v)),
+    ],
+    ids=["viscous", "coulomb", "stiction"],
+)
+def test_each_part_of_friction_reaches_the_plant(part, expected, law):
+    _, _, truths = play(friction={**part, "law": law})
+    assert same(truths, plain()[2], "reference", "applied_torque", "lumped", "disturbance")
+    assert not same(truths[5:], plain()[2][5:], "position")
+    for truth in truths[1:]:
+        v = truth.velocity
+        np.testing.assert_allclose(truth.friction_torque[v != 0], expected(v)[v != 0], rtol=1e-9, atol=1e-12)
 
 
 def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
@@ -45,8 +44,7 @@ def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
     swings = []
     for law in ("exact", "literal", None):
         friction = law and {"viscous": 1.0, "coulomb": (6.0, 3.0), "stiction": 2.0, "v_s": 4.0, "law": law}
-        env = TwoLinkArmEnv(action="acceleration", friction=friction, physics_dt=1e-4)
-        env.reset(seed=0)
+        env = started(action="acceleration", friction=friction, physics_dt=1e-4)
         for _ in range(40):
             env.step((4.0, 6.0))
             assert np.all(env.truth.velocity > 0.0)
@@ -61,15 +59,12 @@ def test_the_literal_law_is_the_printed_formula(v_s):
 
     def printed(v):
         """Return f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v)."""
-        return np.array([3.0, 1.0]) * v + (
-            np.array([20.0, 8.0]) + (10.0, 4.0) * np.exp(-(v**2) / np.array(v_s))
-        ) * np.sign(v)
+        dry = np.array([20.0, 8.0]) + (10.0, 4.0) * np.exp(-(v**2) / np.array(v_s))
+        return np.array([3.0, 1.0]) * v + dry * np.sign(v)
 
-    env = TwoLinkArmEnv(
-        arm=FLAT, action="torque", actuator=None, reference={"kind": "sine", "amplitude": 1.0, "phase": (0.0, math.pi)},
-        friction={**DRY, "viscous": (3.0, 1.0), "v_s": v_s, "law": "literal"}, physics_dt=5e-4,
-    )  # fmt: skip
-    env.reset(seed=0)
+    turning = {"kind": "sine", "amplitude": 1.0, "phase": (0.0, math.pi)}
+    friction = {**DRY, "viscous": (3.0, 1.0), "v_s": v_s, "law": "literal"}
+    env = flat(reference=turning, friction=friction, physics_dt=5e-4)
     torque = np.array([40.0, -40.0])
     state = np.concatenate([env.truth.position, env.truth.velocity])
     np.testing.assert_allclose(env.truth.friction_torque, printed(state[2:]), rtol=1e-12)
@@ -89,11 +84,7 @@ def test_the_literal_law_is_the_printed_formula(v_s):
 
 def test_the_literal_law_has_no_friction_at_rest():
     """sign(0) = 0: under any load, the arm starts with the acceleration of an arm without friction."""
-    env = TwoLinkArmEnv(
-        arm=FLAT, action="torque", actuator=None, reference=STILL, friction={**DRY, "law": "literal"},
-        disturbance={"kind": "array", "torque": ((-6.0, 2.0),)},
-    )  # fmt: skip
-    env.reset(seed=0)
+    env = flat(friction={**DRY, "law": "literal"}, disturbance={"kind": "array", "torque": ((-6.0, 2.0),)})
     free = forward_dynamics(FLAT, (0.4, 0.7), (0.0, 0.0), (6.0, -2.0))
     np.testing.assert_allclose(env.truth.acceleration, free, rtol=1e-12)
     assert env.truth.friction_torque.tolist() == [0.0, 0.0]

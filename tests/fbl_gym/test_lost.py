@@ -7,13 +7,12 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import ID
+from tests.fbl_gym.episodes import ID, started
 
 
 def end(**options):
     """Return the number of steps of an unforced arm's episode, its flags and the errors of its steps [steps]."""
-    env = TwoLinkArmEnv(action="torque", **options)
-    env.reset(seed=0)
+    env = started(action="torque", **options)
     errors = []
     for k in range(env.scenario.steps):
         *_, terminated, truncated, _ = env.step((0.0, 0.0))
@@ -48,8 +47,7 @@ def test_an_error_time_may_be_as_long_as_a_number():
 
 
 def test_an_error_time_of_one_step_ends_at_once():
-    env = TwoLinkArmEnv(limits={"error": 0.1, "error_time": 0.01}, initial_error=0.2)
-    env.reset(seed=0)
+    env = started(limits={"error": 0.1, "error_time": 0.01}, initial_error=0.2)
     _, reward, terminated, *_ = env.step((0.0, 0.0))
     assert terminated
     assert reward == 0.0

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 import controllers
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.options import WORLDS
-from tests.fbl_gym.episodes import episode
+from tests.fbl_gym.episodes import episode, started
 
 pytest.importorskip("mujoco")
 ID = "fbl_gym/TwoLinkArmMuJoCo-v0"
@@ -154,8 +154,7 @@ def test_motors_stick_where_the_friction_is():
     """Friction acts on the motors alone; MuJoCo's lets them creep by some mrad/s."""
     friction = {"coulomb": 30, "stiction": 10}
     hang = {"reference": {"kind": "steps", "points": [[-np.pi / 2, 0.0]]}, "action": "torque"}
-    env = TwoLinkArmEnv(**{**ELASTIC, **hang, "friction": friction, "plant": WORLDS["mujoco-friction"]})
-    env.reset(seed=0)
+    env = started(**{**ELASTIC, **hang, "friction": friction, "plant": WORLDS["mujoco-friction"]})
     for _ in range(50):
         env.step(np.array([33.0, 0.0]))
     assert abs(env.truth.motor_position[0] + np.pi / 2) < 5e-3
@@ -170,8 +169,7 @@ def test_checkers_pass():
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_a_copy_continues_alone(copied):
-    env = TwoLinkArmEnv("everything-2@mujoco")
-    env.reset(seed=0)
+    env = started("everything-2@mujoco")
     for _ in range(20):
         env.step(np.array([0.1, 0.0]))
     twin = copied(env)
@@ -232,13 +230,12 @@ def test_friction_holds_the_arm():
     """An arm that hangs, pushed below and above MuJoCo's friction loss, which lets it creep by some mrad/s."""
     down = {"kind": "steps", "points": [[-np.pi / 2, 0.0]]}
     for level, plant, moves in ((25, "coulomb", True), (25, "breakaway", False), (35, "breakaway", True)):
-        env = TwoLinkArmEnv(
+        env = started(
             action="torque",
             reference=down,
             friction={"coulomb": 20, "stiction": 10},
             plant={"kind": "mujoco", "friction": plant},
         )
-        env.reset(seed=0)
         for _ in range(50):
             env.step(np.array([float(level), 0.0]))
         assert (abs(env.truth.position[0] + np.pi / 2) > 1e-2) == moves
@@ -257,8 +254,7 @@ def test_the_plant_has_an_id_and_its_errors_name_it():
 def test_numbers_that_are_not_finite_end_the_episode(tmp_path, monkeypatch):
     """A torque beyond all bounds: terminated, observations finite, and MuJoCo writes no log file."""
     monkeypatch.chdir(tmp_path)
-    env = TwoLinkArmEnv(plant="mujoco", action="torque", actuator=None)
-    env.reset(seed=0)
+    env = started(plant="mujoco", action="torque", actuator=None)
     observation, reward, terminated, *_ = env.step(np.array([1e9, -1e9]))
     assert terminated
     assert reward == 0.0

@@ -8,7 +8,7 @@ import pytest
 
 from fbl_gym import TwoLinkArmEnv
 from tests.fbl_gym.declared import TABLE
-from tests.fbl_gym.episodes import ID
+from tests.fbl_gym.episodes import ID, started
 
 STEPS = {"kind": "steps", "low": 1.0, "high": (2.0, 0.0)}
 SHORT = {"kind": "array", "position": TABLE, "velocity": TABLE[:1]}
@@ -152,7 +152,6 @@ def test_an_error_does_not_change_the_next_environment():
 
 
 def test_a_payload_that_is_never_picked_up_is_no_error():
-    env = TwoLinkArmEnv(parameter_error={"payload": {"mass": 1.0, "pick_up": 1.7e308}})
-    env.reset(seed=0)
+    env = started(parameter_error={"payload": {"mass": 1.0, "pick_up": 1.7e308}})
     env.step(np.zeros(2))
     assert env.truth.payload == 0.0

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import Scenario, TwoLinkArmEnv
 from fbl_gym.kernel import memory
 from fbl_gym.kernel.memory import EVENT_ROWS, FIRST_VARIED, LANES, VARIED
 from fbl_gym.kernel.streams import stream_key
 from fbl_gym.options.descriptions import describe
 from tests.fbl_gym.declared import FIELDS, LEAVES, NUMBERS, VARYING
-from tests.fbl_gym.episodes import ID
+from tests.fbl_gym.episodes import ID, started_batch
 
 
 def each(fields):
@@ -165,8 +165,7 @@ def test_an_option_is_described_and_frozen(field):
 
 def drawn(options, lanes=64):
     """Return the numbers of many arms that may vary, [numbers x lanes], and the number and stream of each draw."""
-    env = TwoLinkArmVectorEnv(lanes, **options)
-    env.reset(seed=3)
+    env = started_batch(lanes, **options, seed=3)
     batch, program = env._batch, env._batch._settings
     blocks = batch._memory[batch._parts["blocks"]].reshape(-(-lanes // LANES), -1, LANES)
     first, count = int(program["event_row"]), EVENT_ROWS * int(program["events"])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, ParameterError, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, ParameterError, TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics
+from tests.fbl_gym.episodes import started, started_batch
 from tests.fbl_gym.paired_runs import LANES, plain, play, same
 
 
@@ -56,8 +57,7 @@ def test_the_factor_of_a_mass_does_not_depend_on_the_lengths_having_one():
 
 
 def test_parameters_hold_through_an_episode_and_change_with_the_next():
-    env = TwoLinkArmVectorEnv(4, parameter_error={"radius": 1.0})
-    env.reset(seed=0)
+    env = started_batch(4, parameter_error={"radius": 1.0})
     first = env.truth
     for _ in range(20):
         env.step(np.zeros((4, 2)))
@@ -78,8 +78,7 @@ def test_parameters_hold_through_an_episode_and_change_with_the_next():
     ],
 )
 def test_the_arm_reaches_the_plant_and_the_nominal_model(arm):
-    env = TwoLinkArmEnv(arm=arm)
-    env.reset(seed=0)
+    env = started(arm=arm)
     assert env.interface.nominal == arm
     np.testing.assert_allclose(env.truth.lumped, arm.lumped, rtol=1e-15)
     q, v = env.truth.position, env.truth.velocity

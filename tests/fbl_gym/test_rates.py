@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fbl_gym import Scenario, TwoLinkArmEnv
+from tests.fbl_gym.episodes import started
 from tests.fbl_gym.paired_runs import PLANT, torques
 
 STEPS = st.integers(1, 60)
@@ -88,7 +89,6 @@ def test_a_held_decision_is_the_same_as_a_repeated_one(world, substeps, seed):
 def test_any_physics_step_that_divides_the_control_step_works(control_dt, physics_dt, substeps):
     scenario = Scenario(control_dt=control_dt, physics_dt=physics_dt, duration=3 * control_dt)
     assert scenario.substeps == substeps
-    env = TwoLinkArmEnv(scenario)
-    env.reset(seed=0)
+    env = started(scenario)
     assert [env.step((0.0, 0.0))[3] for _ in range(3)] == [False, False, True]
     assert env.truth.time == pytest.approx(3 * control_dt)

@@ -9,6 +9,7 @@ from scipy import stats
 from fbl_gym import ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.options.references import HIGH, LOW
+from tests.fbl_gym.episodes import started
 
 POINTS = ((-1.0, 0.2), (-0.4, -0.5), (-1.9, 0.8))
 FINE = {"control_dt": 1e-3, "physics_dt": 1e-3}
@@ -33,8 +34,7 @@ SMOOTH = {
 
 
 def test_steps_start_at_the_first_level_and_jump_at_each_period():
-    env = TwoLinkArmEnv(reference={"kind": "steps", "points": POINTS, "period": 1.0}, **FINE)
-    env.reset(seed=0)
+    env = started(reference={"kind": "steps", "points": POINTS, "period": 1.0}, **FINE)
     np.testing.assert_allclose(env.truth.position, POINTS[0])
     r, v, a = motion({"kind": "steps", "points": POINTS, "period": 1.0})
     assert np.all(r[:1000] == POINTS[1])
@@ -216,9 +216,10 @@ def test_all_levels_of_an_episode_are_drawn_uniformly_from_the_box(kind):
 
 def test_the_arm_starts_at_its_reference_plus_the_initial_error():
     for name, reference in ANY.items():
-        env, plain = TwoLinkArmEnv(reference=reference, initial_error=(0.1, -0.2)), TwoLinkArmEnv(reference=reference)
-        env.reset(seed=3)
-        plain.reset(seed=3)
+        env, plain = (
+            started(reference=reference, initial_error=(0.1, -0.2), seed=3),
+            started(reference=reference, seed=3),
+        )
         np.testing.assert_array_equal(env.truth.position, plain.truth.position + [0.1, -0.2], err_msg=name)
         np.testing.assert_array_equal(env.truth.velocity, plain.truth.velocity, err_msg=name)
         if name in SMOOTH:

@@ -22,6 +22,7 @@ from fbl_gym.model.arm import ArmParameters, inverse_dynamics, joint_positions
 from fbl_gym.view import picture, render
 from fbl_gym.view.picture import INK, ORANGE, PURPLE, RULE, Picture, draw
 from fbl_gym.view.render import View
+from tests.fbl_gym.episodes import started
 
 ID = "fbl_gym/TwoLinkArm-v0"
 ACTION = np.array([0.1, -0.05])
@@ -152,8 +153,7 @@ assert not pygame.display.get_init()
 
 
 def test_without_pygame_the_error_names_the_extra_to_install(monkeypatch):
-    env = TwoLinkArmEnv(render_mode="rgb_array")
-    env.reset(seed=0)
+    env = started(render_mode="rgb_array")
     monkeypatch.setitem(sys.modules, "pygame", None)
     monkeypatch.delitem(sys.modules, "fbl_gym.view.render")
     monkeypatch.delitem(sys.modules, "fbl_gym.view.picture")
@@ -251,8 +251,7 @@ def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt,
     frames = []
     monkeypatch.setattr(render, "draw", lambda instant, size: frames.append(1) or np.zeros((size, size, 3), np.uint8))
     monkeypatch.setattr(render.time, "sleep", lambda _: None)
-    env = TwoLinkArmEnv(render_mode="human", control_dt=control_dt, physics_dt=0.001)
-    env.reset(seed=0)
+    env = started(render_mode="human", control_dt=control_dt, physics_dt=0.001)
     for _ in range(round(0.5 / control_dt)):
         env.step(ACTION)
     assert len(frames) == 1 + drawn
@@ -318,8 +317,7 @@ def test_a_vector_environment_draws_every_lane_as_a_single_one():
     "duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
 )
 def test_a_copy_of_an_environment_draws_the_same_frames(duplicate):
-    env = TwoLinkArmEnv(render_mode="rgb_array", render_size=160)
-    env.reset(seed=0)
+    env = started(render_mode="rgb_array", render_size=160)
     env.render()
     other = duplicate(env)
     for one in (env, other):
@@ -329,8 +327,7 @@ def test_a_copy_of_an_environment_draws_the_same_frames(duplicate):
 
 def test_letters_survive_pygame_quit():
     """Gymnasium's own environments shut all of pygame down when they close."""
-    env = TwoLinkArmEnv(render_mode="rgb_array")
-    env.reset(seed=0)
+    env = started(render_mode="rgb_array")
     before = env.render()
     render.pygame.quit()
     np.testing.assert_array_equal(env.render(), before)
@@ -339,9 +336,6 @@ def test_letters_survive_pygame_quit():
 
 
 def test_an_arm_that_diverged_can_be_drawn():
-    env = TwoLinkArmEnv(
-        arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1, render_mode="rgb_array"
-    )
-    env.reset(seed=0)
+    env = started(arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1, render_mode="rgb_array")
     assert env.step((1.0, -1.0))[2]
     assert count(env.render(), RULE) > 100

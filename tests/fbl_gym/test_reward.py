@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv
+from tests.fbl_gym.episodes import started
 
 
 @pytest.mark.parametrize("form", ["log", "l1"])
 def test_the_reward_is_the_documented_equation(form):
     weights = {"weight_tracking": 2.0, "weight_effort": 0.3, "weight_chatter": 0.7}
     reward = {"tracking": form, "worst": 1.5, "resolution": 2e-3, **weights}
-    env = TwoLinkArmEnv(reward=reward, noise={"position": 0.1})
-    env.reset(seed=0)
+    env = started(reward=reward, noise={"position": 0.1})
     rng, before = np.random.default_rng(0), env.truth.applied_torque / env.interface.torque_limit
     for _ in range(60):
         u = rng.uniform(-0.2, 0.2, 2)
@@ -25,11 +24,10 @@ def test_the_reward_is_the_documented_equation(form):
 
 
 def test_effort_and_chatter_measure_the_command_not_the_applied_torque():
-    env = TwoLinkArmEnv(
+    env = started(
         actuator={"delay": 0.05, "lag": 0.1},
         reward={"weight_tracking": 0.0, "weight_effort": 1.0, "weight_chatter": 3.0},
     )
-    env.reset(seed=0)
     before, rng = env.truth.applied_torque / env.interface.torque_limit, np.random.default_rng(0)
     for _ in range(20):
         u = rng.uniform(-1.5, 1.5, 2)
@@ -40,8 +38,7 @@ def test_effort_and_chatter_measure_the_command_not_the_applied_torque():
 
 
 def test_without_torque_limits_only_tracking_counts():
-    env = TwoLinkArmEnv(actuator=None, action="torque", reward={"tracking": "l1", "worst": 3.0})
-    env.reset(seed=0)
+    env = started(actuator=None, action="torque", reward={"tracking": "l1", "worst": 3.0})
     for k in range(30):
         reward = env.step((500.0 * (-1) ** k, 0.0))[1]
         error = np.abs(env.truth.reference - env.truth.position).sum()
@@ -55,13 +52,12 @@ def test_reward_has_a_slope_at_zero_error(form):
 
     def reward(error):
         """Return the reward of an arm that floats beside its reference."""
-        env = TwoLinkArmEnv(
+        env = started(
             reward={"tracking": form, **weights},
             reference={"kind": "minimum-jerk", "points": [(0.0, 0.0)]},
             initial_error=(error, 0.0),
             arm={"gravity": 0.0},
         )
-        env.reset(seed=0)
         return env.step((0.0, 0.0))[1]
 
     errors = np.array([0.0, 1e-6, 1e-4, 1e-2])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import ParameterError, Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+from tests.fbl_gym.episodes import started, started_batch
 
 
 @pytest.mark.parametrize("name", scenarios.names())
@@ -17,8 +18,7 @@ def test_every_named_scenario_runs_single_and_batched_and_survives_json(name):
     assert Scenario.from_dict(json.loads(json.dumps(scenario.to_dict()))) == scenario
     action = "torque" if scenario.actuator.torque_limit is None else "normalized"
     env = TwoLinkArmEnv(scenario, action=action)
-    batch = TwoLinkArmVectorEnv(3, name, action=action)
-    batch.reset(seed=5)
+    batch = started_batch(3, name, action=action, seed=5)
     observation, _ = env.reset(seed=7)
     for _ in range(3):
         assert observation in env.observation_space
@@ -45,11 +45,9 @@ def test_a_scenarios_family_severity_and_tier():
 
 def test_the_papers_scenarios_have_the_papers_arms():
     assert scenarios.get("paper-3b").parameter_error.ratio == (2.0,) * 4
-    real = TwoLinkArmEnv("paper-3b", action="torque")
-    real.reset(seed=0)
+    real = started("paper-3b", action="torque")
     np.testing.assert_allclose([*real.truth.masses, *real.truth.lengths], [0.7, 0.5, 20.0, 15.0])
-    large = TwoLinkArmEnv("paper-6a", action="torque")
-    large.reset(seed=0)
+    large = started("paper-6a", action="torque")
     np.testing.assert_allclose([*large.truth.masses, *large.truth.lengths], [200.0, 150.0, 7.0, 5.0])
 
 

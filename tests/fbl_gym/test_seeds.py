@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import RECORDS, episode
+from tests.fbl_gym.episodes import RECORDS, episode, started
 
 
 def test_an_episode_is_a_function_of_its_seed():
@@ -58,8 +58,7 @@ def test_a_list_of_seeds_is_the_same_as_a_first_seed():
     later, _ = env.reset(seed=[None, 5, None])
     np.testing.assert_array_equal(later[1], by_list[1])
     assert not np.array_equal(later[0], by_list[0])
-    single = TwoLinkArmEnv()
-    single.reset(seed=4)
+    single = started(seed=4)
     np.testing.assert_array_equal(later[0], single.reset()[0])
 
 

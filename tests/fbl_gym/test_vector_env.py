@@ -7,6 +7,7 @@ from gymnasium.vector import AutoresetMode
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.kernel import api
+from tests.fbl_gym.episodes import started_batch
 
 MODES = [mode.value for mode in AutoresetMode]
 
@@ -18,8 +19,7 @@ def test_the_default_autoreset_mode_is_next_step():
 
 @pytest.mark.parametrize("scenario", ["everything-3", "servo-elastic-2"])
 def test_true_signals_are_those_of_the_truth(scenario):
-    env = TwoLinkArmVectorEnv(17, scenario)
-    env.reset(seed=0)
+    env = started_batch(17, scenario)
     env.step(np.full((17, 2), 0.1))
     signals, truth = env.true_signals(), vars(env.truth)
     truth["command"] = truth["commands"][:, 0]
@@ -84,8 +84,7 @@ def test_a_mode_is_given_as_gymnasium_takes_it(mode):
 @pytest.mark.parametrize("mode", MODES)
 def test_an_episode_ends_at_the_smaller_of_max_episode_steps_and_duration(mode):
     for most, expected in ((5, 5), (50, 10)):
-        env = TwoLinkArmVectorEnv(2, autoreset_mode=mode, max_episode_steps=most, duration=0.1)
-        env.reset(seed=0)
+        env = started_batch(2, autoreset_mode=mode, max_episode_steps=most, duration=0.1)
         flags = [env.step(np.zeros((2, 2)))[3] for _ in range(expected)]
         assert np.array(flags).all(axis=1).tolist() == [False] * (expected - 1) + [True]
 
@@ -107,8 +106,7 @@ def test_actions_of_any_memory_layout_and_type_move_the_arms_alike():
         actions.astype("f4"),
         actions.tolist(),
     ):
-        env = TwoLinkArmVectorEnv(8)
-        env.reset(seed=0)
+        env = started_batch(8)
         observations.append(env.step(given)[0])
     env.reset(options={"reset_mask": np.ones(16, dtype=bool)[::2]})
     assert all(np.array_equal(observations[0], other) for other in observations)
