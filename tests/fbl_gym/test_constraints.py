@@ -1,15 +1,12 @@
 """Constraints: their cost in the info and their end of an episode. `test_lanes.py` compares batches with single arms."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
-from fbl_gym import Constraints, Scenario, TwoLinkArmEnv
+from fbl_gym import Constraints, TwoLinkArmEnv
 from tests.fbl_gym.episodes import started
 
 TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
-NAMES = ["fbl_gym/TwoLinkArm-v0", "fbl_gym/TwoLinkArmTracking-v0"]
 
 
 @pytest.mark.parametrize("options", [{}, {"joint": {"stiffness": 4000, "rotor_inertia": 0.5}, "info": True}], ids=str)
@@ -52,16 +49,3 @@ def test_an_end_has_no_reward():
     while not (step := env.step((0.3, 0.3)))[2]:
         assert step[4]["cost"] == 0.0
     assert (step[1], step[4]["cost"]) == (0.0, 1.0)
-
-
-def test_the_checkers_accept_costs():
-    for name in NAMES:
-        env = gym.make(name, constraints=TIGHT).unwrapped
-        check_env(env, skip_render_check=True)
-        sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
-        sb3.check_env(env)
-
-
-def test_wrong_constraints_are_refused():
-    with pytest.raises(ValueError, match=r"constraints: low must be below high, got low=\(1.0, -1.0\) and high="):
-        Scenario(constraints={"low": (1, -1), "high": (0, 1)})

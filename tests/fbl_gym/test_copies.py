@@ -10,14 +10,15 @@ from fbl_gym import TwoLinkArmEnv
 from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, started, started_batch
 
 
-@pytest.mark.parametrize(
-    "duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
-)
-def test_a_copy_in_mid_episode_continues_independently(duplicate):
+@pytest.mark.parametrize("options", [RECORDS, {"scenario": "everything-2@mujoco"}], ids=["own", "mujoco"])
+@pytest.mark.parametrize("copied", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"])
+def test_a_copy_in_mid_episode_continues_independently(copied, options):
     """Its steps, its truth, its next episode and those of its seeds are those of the original."""
-    env = TwoLinkArmEnv(**RECORDS)
+    if options is not RECORDS:
+        pytest.importorskip("mujoco")
+    env = TwoLinkArmEnv(**options)
     episode(env, 10)
-    other = duplicate(env)
+    other = copied(env)
     for k in range(20):
         a, b = env.step((0.1, 0.01 * k)), other.step((0.1, 0.01 * k))
         np.testing.assert_array_equal(a[0], b[0])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmVectorEnv
 from tests.fbl_gym.episodes import started
 from tests.fbl_gym.paired_runs import torques
 
@@ -56,5 +56,3 @@ def test_another_seed_has_another_arm():
     masses = env.truth.masses
     env.reset(seed=2)
     assert not np.array_equal(env.truth.masses, masses)
-    with pytest.raises(ValueError, match="unknown drawn_per 'run'"):
-        TwoLinkArmEnv(drawn_per="run")

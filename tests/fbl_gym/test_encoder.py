@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fbl_gym import Scenario, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmVectorEnv
 from tests.fbl_gym.paired_runs import PLANT, plain, play, same
 
 
@@ -115,21 +115,3 @@ def test_a_density_is_the_same_sensor_at_every_rate():
         seen, _ = env.reset(seed=0)
         error = seen[:, env.layout["position"]] - env.truth.position
         np.testing.assert_allclose(error.std(axis=0), np.array([1e-4, 3e-4]) / np.sqrt(2 * dt), rtol=0.04)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"encoder": {"low_pass": 10}}, "low_pass filters a computed velocity: give difference too, got low_pass=10.0"),
-        ({"encoder": {"difference": 1}, "noise": {"velocity": 0.1}}, "noise.velocity is of a measured velocity"),
-        ({"encoder": {"difference": 1}, "sensors": "position"}, "encoder.difference computes a velocity, but sensors"),
-        (
-            {"encoder": 4096, "noise": {"position": {"quantization": 0.1}}},
-            "give encoder.counts or noise.position.quantization, not both",
-        ),
-        ({"noise": {"position": {"sigma": 1, "density": 1}}}, "give density or another size, not both; got density"),
-    ],
-)
-def test_a_wrong_encoder_is_an_error(options, message):
-    with pytest.raises(ValueError, match=message):
-        Scenario(**options)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbl_gym import TABLE_1, ArmParameters, Scenario, TwoLinkArmEnv
+from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix, with_rotors
 from tests.fbl_gym.energy import energy
 from tests.fbl_gym.episodes import started
@@ -103,18 +103,3 @@ def test_with_elastic_joints_a_knock_meets_the_links():
     ours, plain = both({"kind": "knock", "time": 0.02, "impulse": tuple(impulse)}, joint=joint, arm=arm)
     expected = np.linalg.solve(inertia_matrix(arm.lumped, ours["position"][20]), impulse)
     np.testing.assert_allclose(jump(ours, plain, 20), expected, rtol=2e-2)
-
-
-@pytest.mark.parametrize(
-    ("events", "message"),
-    [
-        ([{"kind": "kick", "time": 1.0}], r"kind of events\[0\] 'kick'"),
-        ({"kind": "drop", "time": 1.0}, "events must be a list"),
-        ("drop", "events must be a list"),
-        (3.0, "events must be a list"),
-        ([{"kind": "friction", "time": 1.0, "factor": 2.0}], "friction is None"),
-    ],
-)
-def test_bad_events_are_named(events, message):
-    with pytest.raises(ValueError, match=message):
-        Scenario(events=events)

@@ -53,31 +53,6 @@ def test_an_error_time_of_one_step_ends_at_once():
     assert reward == 0.0
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (
-            {"reference": {"kind": "sine", "amplitude": 24.0}},
-            r"reference must stay within the sensors' range, 2 limits.position = 25.1327 rad, got positions from \(-25.5",
-        ),
-        ({"reference": {"kind": "steps", "low": 25.0, "high": 26.0}}, "got positions from .* to .26.0, 26.0. rad"),
-        ({"reference": {"kind": "array", "position": [(1, 0), (0, 13.0)]}}, "limits.position=12.5664 rad of its start"),
-        ({"limits": {"position": 0.5}}, "reference must stay within the sensors' range, 2 limits.position = 1 rad"),
-        (
-            {"disturbance": {"kind": "sine", "amplitude": 1.0, "frequency": 251.0}},
-            "disturbance.frequency must be at most 250 Hz, a quarter of 1 / physics_dt, got 251 Hz",
-        ),
-        (
-            {"disturbance": {"kind": "sine", "amplitude": 1.0, "frequency": {"uniform": [1, 300]}}},
-            "disturbance.frequency must be at most 250 Hz",
-        ),
-    ],
-)
-def test_a_task_that_cannot_be_done_is_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        TwoLinkArmEnv(**options)
-
-
 def test_the_truth_needs_an_episode():
     for env in (TwoLinkArmEnv(), TwoLinkArmVectorEnv(2)):
         with pytest.raises(ResetNeeded, match=r"call reset\(\) before reading truth: no episode has begun"):

@@ -1,20 +1,15 @@
 """MuJoCo's plant: the package's arm where both model the same, lanes as single environments, and other worlds."""
 
-import copy
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import controllers
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.options import WORLDS
-from tests.fbl_gym.episodes import episode, started
+from tests.fbl_gym.episodes import MUJOCO, episode, started
 
 pytest.importorskip("mujoco")
-ID = "fbl_gym/TwoLinkArmMuJoCo-v0"
 
 EXACT = {
     "nominal": {},
@@ -161,22 +156,6 @@ def test_motors_stick_where_the_friction_is():
     assert env.truth.friction_torque[0] == pytest.approx(0.9 * 33.0, abs=0.5)
 
 
-def test_checkers_pass():
-    check_env(gym.make(ID).unwrapped)
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(gym.make(ID, scenario="everything-2").unwrapped)
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_continues_alone(copied):
-    env = started("everything-2@mujoco")
-    for _ in range(20):
-        env.step(np.array([0.1, 0.0]))
-    twin = copied(env)
-    first = [env.step(np.array([0.1, 0.0]))[0] for _ in range(20)]
-    np.testing.assert_array_equal(first, [twin.step(np.array([0.1, 0.0]))[0] for _ in range(20)])
-
-
 @pytest.mark.parametrize("world", list(WORLDS)[1:-1])
 def test_a_world_is_another_one(world):
     """Each differs from the same arm in MuJoCo, and follows a motion under a law."""
@@ -244,8 +223,8 @@ def test_friction_holds_the_arm():
 
 
 def test_the_plant_has_an_id_and_its_errors_name_it():
-    assert gym.make(ID).unwrapped.scenario.plant == WORLDS["mujoco"]
-    np.testing.assert_array_equal(episode(gym.make(ID)), episode(TwoLinkArmEnv(plant="mujoco")))
+    assert gym.make(MUJOCO).unwrapped.scenario.plant == WORLDS["mujoco"]
+    np.testing.assert_array_equal(episode(gym.make(MUJOCO)), episode(TwoLinkArmEnv(plant="mujoco")))
     assert scenarios.get("payload-2@mujoco").name == "payload-2@mujoco"
     with pytest.raises(ValueError, match="mujoco-bend"):
         scenarios.get("payload-2@mujoco-bent")

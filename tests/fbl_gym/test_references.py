@@ -282,12 +282,3 @@ def test_no_move_in_the_box_needs_more_than_the_stated_torque(arm, load, stated,
             largest = np.maximum(largest, np.abs(torque).max(axis=(0, 1)))
     assert np.all(largest < limit)
     np.testing.assert_array_less(largest, np.array(stated) + 1.0)
-
-
-@pytest.mark.parametrize("kind", ["steps", "filtered-steps"])
-def test_a_level_lasts_at_least_one_control_step(kind):
-    with pytest.raises(ValueError, match=r"reference.period must be at least control_dt=0.01 s, got 1e-30 s"):
-        TwoLinkArmEnv(reference={"kind": kind, "period": 1e-30})
-    with pytest.raises(ValueError, match=r"reference.move_time \+ hold_time must be at least control_dt=0.01 s"):
-        TwoLinkArmEnv(reference={"kind": "minimum-jerk", "move_time": 1e-300, "hold_time": 0.0})
-    TwoLinkArmEnv(reference={"kind": kind, "period": 0.01}).reset(seed=0)
