@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from fbl_gym import ArmParameters, Scenario, TwoLinkArmEnv
+from fbl_gym import Scenario, TwoLinkArmEnv
 from fbl_gym.model.arm import coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
 from fbl_gym.model.urdf import load_urdf
 
@@ -53,11 +53,6 @@ def test_the_dynamics_equals_pinocchios(file):
     for q, v, a in rng.uniform(-3, 3, (50, 3, 2)):
         torque = pin.rnea(model, data, -q, -v, -a)
         np.testing.assert_allclose(inverse_dynamics(arm, q, v, a), -torque, rtol=1e-9, atol=1e-9)
-
-
-def test_a_link_without_mass_or_length_is_refused():
-    with pytest.raises(ValueError, match=r"mass\[0\] must be a finite number greater than 0, got 0.0"):
-        ArmParameters.from_links((0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.1, 0.1))
 
 
 def test_the_dynamics_equals_mujocos(file):
