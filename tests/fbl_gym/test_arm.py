@@ -237,6 +237,7 @@ def test_lumped_parameters_make_an_arm_of_the_same_motion(arm):
 def test_lumped_parameters_of_a_counterweighted_link_are_those_of_an_arm():
     arm = ArmParameters(m1=3.0, m2=2.0, L1=0.4, L2=0.3, centre=(0.5, -0.4))
     np.testing.assert_allclose(ArmParameters.from_lumped(arm.lumped, (0.4, 0.3)).lumped, arm.lumped, rtol=1e-12)
+    assert ArmParameters(centre=(1.0, 0.0), rotor=0.1).lumped[2] == 0.0  # only the rotor has inertia
 
 
 BALANCED = ArmParameters(m1=3.0, m2=2.0, L1=0.4, L2=0.3, centre=(0.5, 0.0), inertia=1 / 12)
