@@ -6,7 +6,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from fbl_gym import TwoLinkArmEnv
-from tests.fbl_gym.episodes import EVENTFUL, ID, TRACKING, started, started_batch
+from tests.fbl_gym.episodes import EVENTFUL, ID, MUJOCO, TRACKING, started, started_batch
 
 MODES = [mode.value for mode in AutoresetMode]
 TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
@@ -16,7 +16,7 @@ CASES = {
     "info": (ID, 3, {"scenario": "everything-2", "duration": 0.1, "info": True}),
     "costs": (ID, 3, {"duration": 0.08, "constraints": TIGHT}),
     "ends by constraints": (TRACKING, 3, {"duration": 0.3, "constraints": {**TIGHT, "violation": "end"}}),
-    "mujoco": (f"{ID[:-3]}MuJoCo-v0", 17, {**EVENTFUL, "duration": 0.15, "plant": {"kind": "mujoco", "bend": 15.0}}),
+    "mujoco": (MUJOCO, 3, {**EVENTFUL, "duration": 0.15, "plant": {"kind": "mujoco", "bend": 15.0}}),
 }
 """Name, lanes and options of environments."""
 

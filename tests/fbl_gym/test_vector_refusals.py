@@ -40,30 +40,15 @@ def test_the_first_bad_lane_is_named_and_the_episode_continues():
             np.testing.assert_array_equal(x, y)
 
 
+SEEDS = [2.5, np.float64(2.0), np.array(5), "5", True, -1, 2**64 - 1, {}, [1], [0, -1], [1, 2.5], [1, "2"]]
+MASKS = [[True, False], np.array([1, 0]), np.array([True]), np.zeros(2, bool), np.ones(3, bool)]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        *[
-            ({"seed": seed}, "seed must be")
-            for seed in (
-                2.5,
-                np.float64(2.0),
-                np.array(5),
-                "5",
-                True,
-                -1,
-                2**64 - 1,
-                {},
-                [1],
-                [0, -1],
-                [1, 2.5],
-                [1, "2"],
-            )
-        ],
-        *[
-            ({"seed": 5, "options": {"reset_mask": mask}}, "reset_mask must")
-            for mask in ([True, False], np.array([1, 0]), np.array([True]), np.zeros(2, bool), np.ones(3, bool))
-        ],
+        *[({"seed": seed}, "seed must be") for seed in SEEDS],
+        *[({"seed": 5, "options": {"reset_mask": mask}}, "reset_mask must") for mask in MASKS],
         ({"options": {"reset_masc": np.ones(2, bool)}}, "unknown reset option 'reset_masc'; did you mean 'reset_mask'"),
     ],
     ids=str,
