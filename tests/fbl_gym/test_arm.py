@@ -16,7 +16,6 @@ from fbl_gym.model.arm import (
     joint_positions,
     regressor,
 )
-from tests.fbl_gym.energy import energy
 
 pin = pytest.importorskip("pinocchio")  # Windows has none
 
@@ -134,19 +133,6 @@ def test_kinematics_equals_pinocchios(arm):
         pin.framesForwardKinematics(model, data, q)
         points = [data.oMi[1].translation, data.oMi[2].translation, data.oMf[tip].translation]
         np.testing.assert_allclose(joint_positions(arm, q), np.array(points)[:, :2], atol=1e-12)
-
-
-@arms
-def test_energy_equals_pinocchios(arm):
-    """Both count potential energy from the base."""
-    model = pinocchio_model(arm)
-    model.armature[:] = 0.0  # only some versions add the rotors' energy
-    data = model.createData()
-    q, v, _ = states(50)
-    for i in range(50):
-        theirs = pin.computeKineticEnergy(model, data, q[i], v[i]) + pin.computePotentialEnergy(model, data, q[i])
-        theirs += 0.5 * (np.array(arm.rotor) * v[i] ** 2).sum()
-        assert energy(arm, q[i], v[i]) == pytest.approx(theirs, rel=1e-11, abs=1e-9)
 
 
 @pytest.mark.parametrize("arm", [TABLE_1, SECTION_2_2])

@@ -1,23 +1,17 @@
 """The option `friction`: each part and law reaches the plant, and only there."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fbl_gym.kernel.memory import FRICTION_LAWS
+from fbl_gym import TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics
-from fbl_gym.options import Friction
-from fbl_gym.records import declarations
 from tests.fbl_gym.dry_arm import DRY, FLAT, flat
-from tests.fbl_gym.episodes import started
+from tests.fbl_gym.episodes import started, truths_of
 from tests.fbl_gym.paired_runs import plain, play, same, watch
-
-
-def test_every_friction_law_has_a_number_in_the_kernel():
-    assert declarations(Friction)["law"].form == " or ".join(f'"{law}"' for law in FRICTION_LAWS)
-    assert len(set(FRICTION_LAWS.values())) == len(FRICTION_LAWS)
 
 
 @pytest.mark.parametrize("law", ["exact", "literal"])
@@ -118,3 +112,25 @@ def test_a_loaded_gear_agrees_with_mujoco():
     ours, theirs = (watch("position", torque=(160.0, 90.0), friction=friction, plant=x)[0] for x in (None, "mujoco"))
     (without,) = watch("position", torque=(160.0, 90.0), friction={"coulomb": 3.0})
     assert np.abs(ours - theirs).max() < 0.01 * np.abs(ours - without).max()
+
+
+LIGHT = {"m1": 0.05, "m2": 0.02, "L1": 0.2, "L2": 0.2}
+
+
+def test_a_step_too_long_for_the_friction_is_refused_with_one_that_does():
+    options = {"arm": LIGHT, "friction": {"viscous": 5.0}}
+    with pytest.raises(ValueError, match=r"physics_dt=0\.001 s is too long for this friction") as error:
+        TwoLinkArmEnv(**options)
+    step = float(re.search(r"physics_dt=([0-9.e-]+) s would do", str(error.value)).group(1))
+    env = started(**options, physics_dt=0.01 / round(0.01 / step), initial_velocity=10.0)
+    assert not env.step((0.0, 0.0))[2]
+    assert np.abs(env.truth.velocity).max() < 1.0
+
+
+def test_the_creep_of_the_printed_law_is_an_effect_of_the_step_size():
+    friction, creep = {"coulomb": 10.0, "stiction": 10.0, "law": "literal"}, {}
+    for h in (1e-3, 1e-4):
+        env = flat(friction=friction, physics_dt=h)
+        first, *_, last = truths_of(env, [(15.0, 0.0)] * 20)
+        creep[h] = abs(last.position - first.position)[0]
+    assert 0 < creep[1e-4] < 0.2 * creep[1e-3]

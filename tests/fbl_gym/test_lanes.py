@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from fbl_gym import TwoLinkArmEnv
 from tests.fbl_gym.episodes import EVENTFUL, ID, MUJOCO, TRACKING, started, started_batch
 
 MODES = [mode.value for mode in AutoresetMode]
@@ -81,9 +80,7 @@ def test_any_order_of_steps_and_resets_gives_what_single_environments_give(case,
 def test_truth_of_a_lane_is_that_of_the_single_environment(lanes):
     options = {**EVENTFUL, "limits": {"position": 100.0, "velocity": 1e4}}
     env = started_batch(lanes, **options, seed=5)
-    singles = [TwoLinkArmEnv(**options) for _ in range(lanes)]
-    for lane, single in enumerate(singles):
-        single.reset(seed=5 + lane)
+    singles = [started(**options, seed=5 + lane) for lane in range(lanes)]
     for k in range(8):
         action = np.array([0.02 * k, -0.01])
         env.step(np.tile(action, (lanes, 1)))

@@ -1,7 +1,5 @@
 """Errors of options that contradict each other, are too large or have a wrong name; those of single fields: test_options.py."""
 
-import re
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -139,19 +137,11 @@ def test_wrong_options_are_named(options, message):
         TwoLinkArmEnv(**options)
 
 
-@pytest.mark.parametrize(
-    ("name", "advice"),
-    [
-        ("frictionn", "did you mean 'friction'?"),
-        ("acton", "did you mean 'action'?"),
-        ("rewards", "did you mean 'reward'?"),
-        ("scenaro", "did you mean 'scenario'?"),
-    ],
-)
-def test_an_unknown_option_is_a_type_error_in_pythons_words(name, advice):
+@pytest.mark.parametrize("name", ["friction", "action", "reward", "scenario"])
+def test_an_unknown_option_is_a_type_error_in_pythons_words(name):
     """TorchRL tries `frameskip` on every environment, and goes on after this error alone."""
-    with pytest.raises(TypeError, match=re.escape(f"got an unexpected keyword argument {name!r}; {advice}")):
-        gym.make(ID, **{name: 100})
+    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{name}x'; did you mean '{name}'\?"):
+        gym.make(ID, **{f"{name}x": 100})
 
 
 def test_an_unknown_slot_of_the_observation_is_named():

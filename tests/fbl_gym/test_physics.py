@@ -14,9 +14,7 @@ import pytest
 from scipy.integrate import ode
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, TwoLinkArmEnv
-from fbl_gym.model.arm import forward_dynamics, inertia_matrix, inverse_dynamics
 from fbl_gym.options import Actuator, Limits, SineReference
-from tests.fbl_gym.episodes import started
 
 # The independent model.
 
@@ -319,18 +317,3 @@ def test_the_acceleration_sensor_reads_newtons_law(case):
         np.testing.assert_allclose(truth.disturbance, world.disturbance(t), rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(truth.friction_torque, np.array(world.viscous) * truth.velocity, rtol=1e-12)
         observation, *_ = env.step(rng.uniform(-1, 1, 2) * (200.0, 60.0))
-
-
-def test_leakage_is_equations_5_and_6_with_the_errata():
-    """LS = M^-1 [(M - M^) a + (C - C^) v + (G - G^) + F + tau_d], a: nominal acceleration; the true one is a - LS."""
-    options, _ = CASES["all at once"]
-    env = started(action="torque", control_dt=0.02, reference=SWAY, **options)
-    for k in range(200):
-        env.step((300.0 * math.cos(0.1 * k), 80.0 * math.sin(0.07 * k)))
-        truth, wrong = env.truth, TABLE_1.lumped - env.truth.lumped
-        q, v = truth.position, truth.velocity
-        a = forward_dynamics(TABLE_1, q, v, truth.applied_torque)
-        torque = truth.friction_torque + truth.disturbance - inverse_dynamics(wrong, q, v, a)
-        leakage = np.linalg.solve(inertia_matrix(truth.lumped, q), torque)
-        assert np.abs(leakage).min() > 0.0
-        np.testing.assert_allclose(a - truth.acceleration, leakage, rtol=1e-9, atol=1e-9)

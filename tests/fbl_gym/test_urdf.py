@@ -107,6 +107,10 @@ THIRD = """<link name="hand"/><joint name="wrist" type="revolute"><parent link="
     <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
 
 
+HEAVY = chain().replace('value="3.0"', 'value="1e300"').replace('iyy="0.02"', 'iyy="1e308"')
+WEIGHTLESS = chain().replace(inertial(2.0, "0.12 0.02 0", 0.01), "").replace(inertial(0.5, "0.02 0 0", 0.002), "")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -116,21 +120,12 @@ THIRD = """<link name="hand"/><joint name="wrist" type="revolute"><parent link="
         (chain(kind="prismatic"), "two revolute joints.*revolute, prismatic"),
         (chain(axis2="0 0 1"), "parallel axes"),
         (chain(axis2="0 0 0"), "axis of elbow must have a direction"),
-        (
-            chain().replace('value="3.0"', 'value="1e300"').replace('iyy="0.02"', 'iyy="1e308"'),
-            "the arm must have inertia",
-        ),
+        (HEAVY, "the arm must have inertia"),
         (chain(elbow="0 0.1 0"), "joints apart.*'shoulder' and 'elbow'"),
         (chain(tip="0 0 0"), "frame at its tip"),
         (chain(centre2="0.1 0 0.05"), "on the line.* beside it in link 2"),
-        (
-            chain().replace(inertial(2.0, "0.12 0.02 0", 0.01), "").replace(inertial(0.5, "0.02 0 0", 0.002), ""),
-            "a mass",
-        ),
-        (
-            chain().replace('<parent link="one"/><child link="two"/>', '<parent link="base"/><child link="two"/>'),
-            "a chain",
-        ),
+        (WEIGHTLESS, "a mass"),
+        (chain().replace('"one"/><child link="two"/>', '"base"/><child link="two"/>'), "a chain"),
     ],
 )
 def test_a_file_that_does_not_fit_is_refused(file, text, message):
