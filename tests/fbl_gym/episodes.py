@@ -16,6 +16,9 @@ from fbl_gym import (
 ID = "fbl_gym/TwoLinkArm-v0"
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
 MUJOCO = "fbl_gym/TwoLinkArmMuJoCo-v0"
+TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
+"""Constraints that an arm exceeds now and then."""
+
 RECORDS = {
     "parameter_error": ParameterError(ratio={"m2": 2.0}, radius=0.5, payload={"mass": 3.0, "pick_up": 0.2}),
     "noise": Noise(position=SensorError(sigma=0.01, bias=1e-3, quantization=1e-3), velocity=0.02),

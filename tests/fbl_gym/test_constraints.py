@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import Constraints, TwoLinkArmEnv
-from tests.fbl_gym.episodes import started
-
-TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
+from tests.fbl_gym.episodes import TIGHT, started
 
 
 @pytest.mark.parametrize("options", [{}, {"joint": {"stiffness": 4000, "rotor_inertia": 0.5}, "info": True}], ids=str)

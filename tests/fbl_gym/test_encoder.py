@@ -59,13 +59,6 @@ def test_a_computed_velocity_is_scipys_filtered_difference(n, low_pass):
     np.testing.assert_allclose(velocity, expected[n:], atol=1e-9)
 
 
-def test_noise_of_the_position_reaches_the_computed_velocity():
-    noisy = readings(encoder={"difference": 1}, noise={"position": 1e-3})
-    clean = readings(encoder={"difference": 1})
-    spread = (noisy[1] - clean[1])[2:].std()
-    assert spread == pytest.approx(np.sqrt(2) * 1e-3 / 0.01, rel=0.03)
-
-
 @pytest.mark.parametrize("latency", [1, 3])
 def test_latency_shows_old_readings(latency):
     late = readings(encoder={"latency": latency}, noise={"position": 0.01, "velocity": 0.1})

@@ -7,9 +7,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from fbl_gym import TwoLinkArmEnv
-from tests.fbl_gym.episodes import ID, MUJOCO, RECORDS, TRACKING, started
+from tests.fbl_gym.episodes import ID, MUJOCO, RECORDS, TIGHT, TRACKING, started
 
-COSTS = {"constraints": {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}}
+COSTS = {"constraints": TIGHT}
 
 
 @pytest.mark.parametrize(
@@ -52,16 +52,6 @@ def test_truth_is_a_copy_and_reading_it_changes_nothing():
         a, b = env.step((0.1, 0.1)), twin.step((0.1, 0.1))
         np.testing.assert_array_equal(a[0], b[0])
         np.testing.assert_array_equal(truth.position, before)
-
-
-def test_the_interface_holds_the_nominal_model_and_the_rates():
-    env = gym.make(ID, scenario="mixed-error-3").unwrapped
-    assert env.interface.nominal.m1 == 20.0
-    assert env.interface.control_dt == 0.01
-    assert env.interface.torque_limit == (2000.0, 800.0)
-    assert env.layout.size == env.observation_space.shape[0]
-    assert len(env.layout.names) == env.layout.size
-    assert env.observation_space.dtype == np.float64
 
 
 def test_returned_arrays_are_never_changed_later():

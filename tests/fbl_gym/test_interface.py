@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fbl_gym import Interface, TwoLinkArmEnv
+from fbl_gym import TwoLinkArmEnv
 
 IDEAL = TwoLinkArmEnv().interface
 FIELDS = ("delay", "lag", "rate_limit", "latency", "resolution", "noise_std")
@@ -55,11 +55,6 @@ def test_the_interface_states_drive_and_sensors(options, stated):
 )
 def test_the_interface_hides_the_errors_of_the_real_arm(options):
     assert TwoLinkArmEnv(**options).interface == IDEAL
-
-
-def test_the_fields_of_a_datasheet_have_defaults():
-    names = [field.name for field in dataclasses.fields(Interface)]
-    assert names[6:] == [*FIELDS, *SPRINGS, "constraints"]
 
 
 def test_the_interface_states_the_springs():

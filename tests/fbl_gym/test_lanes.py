@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from tests.fbl_gym.episodes import EVENTFUL, ID, MUJOCO, TRACKING, started, started_batch
+from tests.fbl_gym.episodes import EVENTFUL, ID, MUJOCO, TIGHT, TRACKING, started, started_batch
 
 MODES = [mode.value for mode in AutoresetMode]
-TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
 CASES = {
     **{f"{lanes} lanes": (ID, lanes, EVENTFUL) for lanes in (1, 2, 3, 8, 9, 16, 17, 37)},
     "tracking": (TRACKING, 3, {"scenario": "everything-2", "duration": 0.08, "preview": 1}),

@@ -21,7 +21,7 @@ def test_sensors_in_any_order_fill_their_slots_and_the_missing_have_none(sensors
     (layout, seen, truths), (usual_layout, usual, usual_truths) = play(sensors=sensors), plain()
     assert same(truths, usual_truths, *PLANT)
     assert [slot.name for slot in layout.slots][: len(sensors)] == [name for name in WAYS if name in sensors]
-    assert layout.size == 2 * len(sensors) + 6
+    assert layout.size == len(layout.names) == seen.shape[-1] == 2 * len(sensors) + 6
     for name in (*sensors, "reference_velocity"):
         np.testing.assert_array_equal(seen[..., layout[name]], usual[..., usual_layout[name]])
     for name in set(WAYS).difference(sensors):
