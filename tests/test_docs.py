@@ -48,9 +48,6 @@ def named_files():
     }
 
 
-# Code and commands.
-
-
 SHORTER = {
     "learn(150_000)": "learn(64)",
     'device="cpu")': 'device="cpu", n_steps=64)',
@@ -63,6 +60,21 @@ SHORTER = {
     '"computed-torque-dob", "sliding-mode", "lqg"': "",
 }
 """What makes the Python of a page short."""
+
+
+def shortened(text):
+    for long, short in SHORTER.items():
+        text = text.replace(long, short)
+    return text
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The current folder, with the files of the pages."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in named_files().items():
+        Path(name).write_text(shortened(text))
+    return tmp_path
 
 
 LEARNING = ("docs/how-to/train.md", "docs/how-to/offline-learning.md", "docs/results/agents.md")
@@ -80,16 +92,12 @@ LEARNING = ("docs/how-to/train.md", "docs/how-to/offline-learning.md", "docs/res
     ],
     ids=lambda text: text.partition("\n")[0],
 )
-def test_python_of_a_page_runs(page, block, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("folder")
+def test_python_of_a_page_runs(page, block):
     """All pages but those on learning; without a warning."""
-    monkeypatch.chdir(tmp_path)
     if "stable_baselines3" in block:
         pytest.importorskip("stable_baselines3")
-    for name, text in named_files().items():
-        Path(name).write_text(text)
-    for long, short in SHORTER.items():
-        block = block.replace(long, short)
-    exec(compile(block, page, "exec"), {"__name__": "__main__"})
+    exec(compile(shortened(block), page, "exec"), {"__name__": "__main__"})
 
 
 def parser_of(command):
@@ -131,14 +139,9 @@ def marked(page):
 
 
 @pytest.mark.parametrize("page", [marked(page) for page in pages_with("sh") if commands(page)])
-def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
+def test_commands_of_a_page_run(page, folder, monkeypatch):
     """In the page's order and in one folder, each with arguments that make it short; long ones are only parsed."""
-    monkeypatch.chdir(tmp_path)
-    for name, text in named_files().items():
-        for long, short in SHORTER.items():
-            text = text.replace(long, short)
-        Path(name).write_text(text)
-    monkeypatch.syspath_prepend(tmp_path)  # scripts import each other
+    monkeypatch.syspath_prepend(folder)  # scripts import each other
     for archive in {word for command in commands(page) for word in command if word.endswith(".zip")}:
         sb3 = pytest.importorskip("stable_baselines3")
         sb3.PPO("MlpPolicy", gym.make("fbl_gym/TwoLinkArmTracking-v0"), device="cpu").save(archive)
@@ -171,11 +174,9 @@ def test_a_notebook_runs(path, tmp_path):
     runpy.run_path(path.with_name("execute.py"))["execute"](path, tmp_path)
 
 
-def test_the_suite_of_the_documentation_is_read(tmp_path, monkeypatch):
+@pytest.mark.usefixtures("folder")
+def test_the_suite_of_the_documentation_is_read():
     """The file of docs/how-to/own-suite.md, with the law of docs/start/your-robot.md beside it."""
-    monkeypatch.chdir(tmp_path)
-    for name, text in named_files().items():
-        Path(name).write_text(text)
     suite = load("mine.toml").build()
     assert suite.cells[-1].policy.name == "my_law.py"
     assert {"noise-1", "heavy"} <= {scenario.name for scenario in suite.scenarios}

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fbl_gym import ArmParameters, TwoLinkArmEnv
+from fbl_gym import ArmParameters
+from tests.fbl_gym.episodes import started
 
 FLAT = ArmParameters(gravity=0.0)
 STILL = {"kind": "minimum-jerk", "points": ((0.4, 0.7),)}
@@ -12,4 +13,5 @@ BREAKAWAY = np.array([30.0, 12.0])
 
 def flat(**options):
     """Return an arm at rest without gravity; its load is the applied torque alone."""
-    return TwoLinkArmEnv(arm=FLAT, action="torque", actuator=None, reference=STILL, friction=DRY, **options)
+    still = {"arm": FLAT, "action": "torque", "actuator": None, "reference": STILL, "friction": DRY}
+    return started(**{**still, **options})

@@ -2,10 +2,23 @@
 
 import numpy as np
 
-from fbl_gym import Actuator, Friction, Noise, ParameterError, SensorError, SineDisturbance
+from fbl_gym import (
+    Actuator,
+    Friction,
+    Noise,
+    ParameterError,
+    SensorError,
+    SineDisturbance,
+    TwoLinkArmEnv,
+    TwoLinkArmVectorEnv,
+)  # fmt: skip
 
 ID = "fbl_gym/TwoLinkArm-v0"
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
+MUJOCO = "fbl_gym/TwoLinkArmMuJoCo-v0"
+TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
+"""Constraints that an arm exceeds now and then."""
+
 RECORDS = {
     "parameter_error": ParameterError(ratio={"m2": 2.0}, radius=0.5, payload={"mass": 3.0, "pick_up": 0.2}),
     "noise": Noise(position=SensorError(sigma=0.01, bias=1e-3, quantization=1e-3), velocity=0.02),
@@ -26,6 +39,29 @@ EVENTFUL = {
     "preview": 1,
 }
 """Everything at once, in episodes that end soon and often, by time or by divergence."""
+
+
+def started(*arguments, seed=0, **options):
+    """Return an environment at the start of an episode."""
+    env = TwoLinkArmEnv(*arguments, **options)
+    env.reset(seed=seed)
+    return env
+
+
+def started_batch(*arguments, seed=0, **options):
+    """Return a vector environment at the start of an episode."""
+    env = TwoLinkArmVectorEnv(*arguments, **options)
+    env.reset(seed=seed)
+    return env
+
+
+def truths_of(env, actions):
+    """Return the truth before and after each of the actions."""
+    truths = [env.truth]
+    for action in actions:
+        env.step(action)
+        truths.append(env.truth)
+    return truths
 
 
 def episode(env, steps=60, seed=5):

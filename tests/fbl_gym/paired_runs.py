@@ -4,20 +4,12 @@ import functools
 
 import numpy as np
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import started, truths_of
 
 LANES = 64
 WAYS = ("position", "velocity", "acceleration")
-PLANT = (
-    "position",
-    "velocity",
-    "acceleration",
-    "applied_torque",
-    "disturbance",
-    "friction_torque",
-    "lumped",
-    "reference",
-)
+PLANT = (*WAYS, "applied_torque", "disturbance", "friction_torque", "lumped", "reference")
 
 
 def torques(k, lanes=LANES):
@@ -51,10 +43,6 @@ def plain():
 
 def watch(*names, steps=150, torque=(-50.0, -10.0), seed=0, **options):
     """Return fields of the truth [steps + 1 x ...] of one arm with steps of 1 ms under a held torque."""
-    env = TwoLinkArmEnv(action="torque", control_dt=1e-3, physics_dt=1e-3, **options)
-    env.reset(seed=seed)
-    truths = [env.truth]
-    for k in range(steps):
-        env.step(torque(k) if callable(torque) else torque)
-        truths.append(env.truth)
+    env = started(**{"action": "torque", "control_dt": 1e-3, "physics_dt": 1e-3, **options}, seed=seed)
+    truths = truths_of(env, [torque(k) if callable(torque) else torque for k in range(steps)])
     return tuple(np.array([getattr(truth, name) for truth in truths]) for name in names)

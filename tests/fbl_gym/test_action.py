@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmEnv
-from tests.fbl_gym.episodes import RECORDS, episode
+from tests.fbl_gym.episodes import RECORDS, episode, started
 
 MODES = ("normalized", "torque", "acceleration")
 
@@ -26,40 +25,33 @@ def test_three_modes_with_equivalent_actions_are_one_motion():
         np.testing.assert_allclose(env.truth.velocity, envs[0].truth.velocity, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_the_interface_says_what_torque_an_action_makes(mode):
-    """At the measured state, noise and all, which is where an acceleration goes through the nominal model."""
-    env = TwoLinkArmEnv(action=mode, noise={"position": 0.1, "velocity": 0.3}, parameter_error=1.5)
+NOISY = {"noise": {"position": 0.1, "velocity": 0.3}, "parameter_error": 1.5}
+SATURATED = {"limits": {"velocity": 1.0}, "noise": {"velocity": {"bias": 5.0}}}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        *[{"action": mode, **NOISY} for mode in MODES],
+        {"action": "torque", "actuator": None},
+        {"action": MODES[2], **SATURATED},
+    ],
+    ids=str,
+)
+def test_the_interface_says_what_torque_an_action_makes(options):
+    """At the readings that are shown, which is where an acceleration goes through the nominal model."""
+    env = TwoLinkArmEnv(**options)
     observation, _ = env.reset(seed=0)
     rng = np.random.default_rng(0)
     for k in range(60):
         reach = 1.5 if k % 3 == 0 else 0.1  # also where the action, or the torque it makes, is beyond its limit
-        action = rng.uniform(-reach, reach, 2) * env.interface.action_limit
+        action = rng.uniform(-reach, reach, 2) * np.minimum(env.interface.action_limit, 2000.0)
         q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
         expected = env.interface.torque_from_action(action, q, v)
-        observation = env.step(action)[0]
+        observation, _, terminated, *_ = env.step(action)
         np.testing.assert_allclose(env.truth.applied_torque, expected, rtol=1e-12, atol=1e-9)
-
-
-def test_the_interface_is_right_without_a_torque_limit_too():
-    """Also where the action lies outside its box."""
-    env = TwoLinkArmEnv(action="torque", actuator=None)
-    observation, _ = env.reset(seed=0)
-    q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
-    action = np.array([3e6, -10.0])
-    env.step(action)
-    np.testing.assert_array_equal(env.interface.torque_from_action(action, q, v), env.truth.applied_torque)
-
-
-def test_an_acceleration_goes_through_the_readings_that_are_shown():
-    """Also where a reading saturates: what the interface reckons from the observation is what the environment does."""
-    env = TwoLinkArmEnv(action="acceleration", limits={"velocity": 1.0}, noise={"velocity": {"bias": 5.0}})
-    observation, _ = env.reset(seed=0)
-    q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
-    np.testing.assert_array_equal(v, 2.0)
-    expected = env.interface.torque_from_action(np.array([1.0, 1.0]), q, v)
-    env.step((1.0, 1.0))
-    np.testing.assert_allclose(env.truth.applied_torque, expected, rtol=1e-12)
+        if terminated:
+            break
 
 
 @pytest.mark.parametrize(
@@ -83,25 +75,20 @@ def test_a_reading_beyond_all_bounds_makes_no_nan(sensor, error):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_an_action_outside_its_box_acts_as_the_nearest_inside(mode):
-    one, two = TwoLinkArmEnv(action=mode), TwoLinkArmEnv(action=mode)
-    one.reset(seed=0)
-    two.reset(seed=0)
+    one, two = started(action=mode), started(action=mode)
     edge = np.array(one.interface.action_limit)
     for far in (1.5, 1e9, 1e300):
-        a, b = one.step((far * edge[0], -0.25 * edge[1])), two.step((edge[0], -0.25 * edge[1]))
-        np.testing.assert_array_equal(a[0], b[0])
-        assert a[1] == b[1]
-        np.testing.assert_array_equal(one.step((0.0, -far * edge[1]))[0], two.step((0.0, -edge[1]))[0])
+        for inside in ((1.0, -0.25), (0.0, -1.0)):
+            a, b = one.step(np.where(np.abs(inside) == 1.0, far, 1.0) * inside * edge), two.step(inside * edge)
+            np.testing.assert_array_equal(a[0], b[0])
+            assert a[1] == b[1]
 
 
-def test_a_double_keeps_its_precision():
-    env, coarse = TwoLinkArmEnv(), TwoLinkArmEnv()
-    env.reset(seed=0)
-    coarse.reset(seed=0)
-    env.step(np.array([0.1, 0.1]))
-    coarse.step(np.array([0.1, 0.1], dtype=np.float32))
-    np.testing.assert_array_equal(env.truth.applied_torque, 0.1 * np.array([2000.0, 800.0]))
-    np.testing.assert_array_equal(coarse.truth.applied_torque, np.float64(np.float32(0.1)) * np.array([2000.0, 800.0]))
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_an_action_keeps_its_precision(kind):
+    env = started()
+    env.step(np.array([0.1, 0.1], dtype=kind))
+    np.testing.assert_array_equal(env.truth.applied_torque, np.float64(kind(0.1)) * np.array([2000.0, 800.0]))
 
 
 @pytest.mark.parametrize(
@@ -133,11 +120,7 @@ def test_what_is_not_two_numbers_is_refused_in_mid_episode(bad, message):
 
 
 def test_a_bad_action_at_the_border_of_an_episode_is_no_step_either():
-    env = TwoLinkArmEnv(duration=0.02)
-    env.reset(seed=0)
-    env.step((0.0, 0.0))
+    env = started(duration=0.01)
     with pytest.raises(ValueError, match="finite"):
         env.step((np.nan, 0.0))
     assert env.step((0.0, 0.0))[3]
-    with pytest.raises(ResetNeeded):
-        env.step((0.0, 0.0))

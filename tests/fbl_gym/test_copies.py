@@ -6,18 +6,19 @@ import pickle
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode
+from fbl_gym import TwoLinkArmEnv
+from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, started, started_batch
 
 
-@pytest.mark.parametrize(
-    "duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
-)
-def test_a_copy_in_mid_episode_continues_independently(duplicate):
+@pytest.mark.parametrize("options", [RECORDS, {"scenario": "everything-2@mujoco"}], ids=["own", "mujoco"])
+@pytest.mark.parametrize("copied", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"])
+def test_a_copy_in_mid_episode_continues_independently(copied, options):
     """Its steps, its truth, its next episode and those of its seeds are those of the original."""
-    env = TwoLinkArmEnv(**RECORDS)
+    if options is not RECORDS:
+        pytest.importorskip("mujoco")
+    env = TwoLinkArmEnv(**options)
     episode(env, 10)
-    other = duplicate(env)
+    other = copied(env)
     for k in range(20):
         a, b = env.step((0.1, 0.01 * k)), other.step((0.1, 0.01 * k))
         np.testing.assert_array_equal(a[0], b[0])
@@ -31,8 +32,7 @@ def test_a_copy_in_mid_episode_continues_independently(duplicate):
 
 
 def test_a_pickled_batch_continues_alike():
-    env = TwoLinkArmVectorEnv(20, **EVENTFUL)
-    env.reset(seed=0)
+    env = started_batch(20, **EVENTFUL)
     for _ in range(25):
         env.step(np.full((20, 2), 0.1))
     other = pickle.loads(pickle.dumps(env))
@@ -42,8 +42,7 @@ def test_a_pickled_batch_continues_alike():
 
 def test_an_environment_unpickled_onto_read_only_memory_steps():
     """Joblib gives its workers such memory maps."""
-    env = TwoLinkArmEnv()
-    env.reset(seed=0)
+    env = started()
     buffers = []
     data = pickle.dumps(env, protocol=5, buffer_callback=buffers.append)
     other = pickle.loads(data, buffers=[bytes(buffer) for buffer in buffers])

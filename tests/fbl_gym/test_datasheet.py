@@ -68,15 +68,3 @@ def test_a_file_a_sweep_and_show_have_it(tmp_path):
     assert ("datasheet.delay", "0.001", "s") in list(options(task))
     assert with_option(task, "datasheet.delay", 0.002).datasheet.delay == 0.002
     assert with_option(Scenario(), "datasheet.lag", 0.002).datasheet.lag == 0.002
-
-
-@pytest.mark.parametrize(
-    ("told", "error"),
-    [
-        ({"stiffness": 1e3}, "datasheet.stiffness is of elastic joints, but the scenario has no joint"),
-        ({"velocity_noise": 0.1}, "datasheet.velocity_noise is given, but sensors=.* has no velocity"),
-    ],
-)
-def test_a_datasheet_without_effect_is_refused(told, error):
-    with pytest.raises(ValueError, match=error):
-        Scenario(sensors=("position",), datasheet=told)

@@ -6,52 +6,33 @@
 import numpy as np
 from scipy import stats
 
-from fbl_gym import Distribution, Friction, TwoLinkArmVectorEnv
+from fbl_gym import Distribution, Friction
 from fbl_gym.records import ends, middle
-from tests.fbl_gym.paired_runs import play
+from tests.fbl_gym.episodes import started_batch
 
 LANES = 4000
 
 
-def drawn(lanes=LANES, seed=0, **options):
-    """Return the truth of many arms at their start, and after a step."""
-    env = TwoLinkArmVectorEnv(lanes, action="torque", **options)
-    env.reset(seed=seed)
-    start = env.truth
-    env.step(np.zeros((lanes, 2)))
-    return start, env.truth
-
-
-def check(values, distribution):
-    """Refuse values [n] that do not have a distribution of SciPy, by the test of Kolmogorov and Smirnov."""
-    assert stats.kstest(values, distribution.cdf).pvalue > 1e-3
-
-
 def test_numbers_have_their_distributions():
-    start, _ = drawn(
-        friction={"viscous": {"uniform": [1, 5]}, "coulomb": [{"log_uniform": [0.1, 10]}, {"uniform": [0, 2]}]},
-        actuator={"gain": {"uniform": [0.5, 1.5]}},
-    )
-    for joint in range(2):
-        check(start.viscous[:, joint], stats.uniform(1, 4))
-        check(start.gain[:, joint], stats.uniform(0.5, 1))
-    check(start.coulomb[:, 0], stats.loguniform(0.1, 10))
-    check(start.coulomb[:, 1], stats.uniform(0, 2))
+    friction = {"viscous": {"uniform": [1, 5]}, "coulomb": [{"log_uniform": [0.1, 10]}, {"uniform": [0, 2]}]}
+    start = started_batch(LANES, friction=friction, actuator={"gain": {"uniform": [0.5, 1.5]}}).truth
+    drawn = [
+        *[(start.viscous[:, joint], stats.uniform(1, 4)) for joint in (0, 1)],
+        *[(start.gain[:, joint], stats.uniform(0.5, 1)) for joint in (0, 1)],
+        (start.coulomb[:, 0], stats.loguniform(0.1, 10)),
+        (start.coulomb[:, 1], stats.uniform(0, 2)),
+    ]
+    for values, distribution in drawn:
+        assert stats.kstest(values, distribution.cdf).pvalue > 1e-3
     assert abs(np.corrcoef(start.viscous.T)[0, 1]) < 0.06
     assert abs(np.corrcoef(start.viscous[:, 0], start.gain[:, 0])[0, 1]) < 0.06
 
 
 def test_a_choice_has_equal_chances():
-    start, _ = drawn(friction={"stiction": {"choice": [1.0, 2.0, 5.0, 2.5]}})
+    start = started_batch(LANES, friction={"stiction": {"choice": [1.0, 2.0, 5.0, 2.5]}}).truth
     values, counts = np.unique(start.stiction, return_counts=True)
     np.testing.assert_array_equal(values, [1.0, 2.0, 2.5, 5.0])
     assert stats.chisquare(counts).pvalue > 1e-3
-
-
-def test_a_fixed_number_is_the_choice_of_it_alone():
-    ours = play(friction={"viscous": {"choice": [2.0]}, "coulomb": {"uniform": [3.0, 3.0]}})
-    theirs = play(friction={"viscous": 2.0, "coulomb": 3.0})
-    np.testing.assert_array_equal(ours[1], theirs[1])
 
 
 def test_a_pair_holds_a_distribution_for_each_joint():

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from fbl_gym import TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import started_batch
 from tests.fbl_gym.paired_runs import LANES, play, same, watch
 
 
@@ -17,15 +18,13 @@ def levels(**options):
     return np.array([truth.disturbance for truth in truths]), truths
 
 
-def test_a_piecewise_constant_disturbance_has_uniform_levels():
+def test_a_piecewise_constant_disturbance_has_levels_of_its_period_and_amplitude():
     disturbance, _ = levels(disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.2})
     change = np.any(np.diff(disturbance, axis=0) != 0, axis=(1, 2))
     # Sample k belongs to the step that ends there: the level of [0.2 i, 0.2 (i + 1)) begins at 20 i + 1.
     assert set(np.flatnonzero(change)) == {20 * i for i in range(1, 10)}
-    levels_seen = disturbance[1::20].reshape(-1, 2) / [20.0, 5.0]
-    assert np.abs(levels_seen).max() <= 1.0
-    for joint in (0, 1):
-        assert stats.kstest(levels_seen[:, joint], stats.uniform(-1, 2).cdf).pvalue > 1e-3
+    for joint, amplitude in ((0, 20.0), (1, 5.0)):
+        assert 0.9 * amplitude < np.abs(disturbance[..., joint]).max() <= amplitude
 
 
 def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():
@@ -42,19 +41,15 @@ def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():
 
 
 def test_a_sine_disturbance_is_its_formula():
-    disturbance, truths = levels(
-        disturbance={"kind": "sine", "amplitude": (20.0, 5.0), "frequency": (1.0, 3.0), "phase": (0.5, 1.0)}
-    )
+    option = {"kind": "sine", "amplitude": (20.0, 5.0), "frequency": (1.0, 3.0), "phase": (0.5, 1.0)}
+    disturbance, truths = levels(disturbance=option)
     for k, truth in enumerate(truths):
         expected = np.array([20.0, 5.0]) * np.sin(2 * np.pi * np.array([1.0, 3.0]) * truth.time[0] + [0.5, 1.0])
         np.testing.assert_allclose(disturbance[k], np.broadcast_to(expected, (LANES, 2)), atol=1e-10)
-    drawn, _ = levels(disturbance={"kind": "sine", "amplitude": 20.0})
-    assert len(np.unique(drawn[0, :, 0])) == LANES
 
 
 def test_the_phases_of_a_sine_disturbance_are_uniform():
-    env = TwoLinkArmVectorEnv(4096, disturbance={"kind": "sine", "amplitude": (3.0, 5.0)})
-    env.reset(seed=0)
+    env = started_batch(4096, disturbance={"kind": "sine", "amplitude": (3.0, 5.0)})
     for joint, amplitude in ((0, 3.0), (1, 5.0)):
         values = env.truth.disturbance[:, joint] / amplitude
         assert stats.kstest(values, stats.arcsine(-1, 2).cdf).pvalue > 1e-3
@@ -75,11 +70,3 @@ def test_an_array_disturbance_is_its_samples():
     table = np.random.default_rng(0).uniform(-9, 9, (12, 2))
     (seen,) = watch("disturbance", disturbance={"kind": "array", "torque": table, "dt": 0.011})
     np.testing.assert_array_equal(seen[1:], table[np.minimum(np.arange(150) // 11, 11)])
-
-
-@pytest.mark.parametrize("option", ["disturbance", "reference"])
-@pytest.mark.parametrize(("field", "value"), [("phase", 4.6e267), ("phase", -1e9), ("frequency", 1e300)])
-def test_a_sine_whose_angle_no_float_resolves_is_refused(option, field, value):
-    sine = {"kind": "sine", "amplitude": 1.0, field: value}
-    with pytest.raises(ValueError, match=f"{option}: {field}.* must be .*not above 1e\\+06"):
-        TwoLinkArmVectorEnv(1, **{option: sine})

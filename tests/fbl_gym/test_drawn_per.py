@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import started
 from tests.fbl_gym.paired_runs import torques
 
 OPTIONS = {
@@ -51,10 +52,7 @@ def test_arm_and_reference_stay_and_noise_and_disturbance_are_new(reference):
 
 
 def test_another_seed_has_another_arm():
-    env = TwoLinkArmEnv(drawn_per="seed", parameter_error={"radius": 0.5})
-    env.reset(seed=1)
+    env = started(drawn_per="seed", parameter_error={"radius": 0.5}, seed=1)
     masses = env.truth.masses
     env.reset(seed=2)
     assert not np.array_equal(env.truth.masses, masses)
-    with pytest.raises(ValueError, match="unknown drawn_per 'run'"):
-        TwoLinkArmEnv(drawn_per="run")

@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics, gravity_torque
+from tests.fbl_gym.episodes import started, started_batch, truths_of
 from tests.fbl_gym.paired_runs import PLANT, plain, play, same, torques, watch
 
 JUMP = np.array([120.0, -25.0])
+TIMES = np.arange(101) * 1e-3
 
 
 def exact(torque, start, times):
-    """Return positions [n x 2] by DOP853 of an arm whose torque is a function of time; start: position, velocity."""
+    """Return positions [n x 2] by DOP853 of an arm whose torque depends on time and position; start: position, velocity."""
 
     def slope(t, x):
-        return np.concatenate([x[2:], forward_dynamics(TABLE_1, x[:2], x[2:], torque(t))])
+        return np.concatenate([x[2:], forward_dynamics(TABLE_1, x[:2], x[2:], torque(t, x[:2]))])
 
     solution = solve_ivp(slope, (0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-13, max_step=5e-4)
     return solution.y[:2].T
@@ -28,11 +30,8 @@ def ramp_and_lag(t, held, jump, rate, lag):
     if lag == 0.0:
         return held + slope * rise
     at_end = held + slope * (rise - lag * (1 - np.exp(-rise / lag)))
-    return jump_or(held + slope * rise, at_end, t - rise, lag)
-
-
-def jump_or(target, value, t, lag):
-    return target + (value - target) * np.exp(-t / lag)
+    target = held + slope * rise
+    return target + (at_end - target) * np.exp(-(t - rise) / lag)
 
 
 @pytest.mark.parametrize("lag", [2e-5, 1e-4, 1e-3, 0.02])
@@ -41,9 +40,9 @@ def test_an_arm_under_a_lag_moves_as_by_a_solver(lag):
     position, velocity = watch("position", "velocity", torque=JUMP, steps=100, actuator={"lag": lag})
     held = gravity_torque(TABLE_1, position[0])
     start = np.concatenate([position[0], velocity[0]])
-    expected = exact(lambda t: JUMP + (held - JUMP) * np.exp(-t / lag), start, np.arange(101) * 1e-3)
+    expected = exact(lambda t, _: JUMP + (held - JUMP) * np.exp(-t / lag), start, TIMES)
     error = np.abs(position - expected).max()
-    without = np.abs(position - exact(lambda t: JUMP, start, np.arange(101) * 1e-3)).max()
+    without = np.abs(position - exact(lambda *_: JUMP, start, TIMES)).max()
     assert error < (2e-5 if lag < 1e-3 else 5e-8)
     if lag >= 1e-4:
         assert without > 50 * error
@@ -52,17 +51,16 @@ def test_an_arm_under_a_lag_moves_as_by_a_solver(lag):
 @pytest.mark.parametrize("lag", [0.0, 5e-3])
 def test_an_arm_under_a_rate_limit_moves_as_by_a_solver(lag):
     rate = 5000.0
-    position, velocity, applied = watch(
-        "position", "velocity", "applied_torque", torque=JUMP, steps=100, actuator={"rate_limit": rate, "lag": lag}
-    )
+    names, actuator = ("position", "velocity", "applied_torque"), {"rate_limit": rate, "lag": lag}
+    position, velocity, applied = watch(*names, torque=JUMP, steps=100, actuator=actuator)
     held = gravity_torque(TABLE_1, position[0])
-    times = np.arange(101) * 1e-3
-    expected = np.array([ramp_and_lag(t, held, JUMP, rate, lag) for t in times])
+    expected = np.array([ramp_and_lag(t, held, JUMP, rate, lag) for t in TIMES])
     # The ramp's end lies within a physics step, which it lengthens.
     np.testing.assert_allclose(applied, expected, atol=rate * 1e-3)
     if lag == 0.0:
         np.testing.assert_allclose(np.abs(np.diff(applied, axis=0)).max(), rate * 1e-3)
-    motion = exact(lambda t: ramp_and_lag(t, held, JUMP, rate, lag), np.concatenate([position[0], velocity[0]]), times)
+    start = np.concatenate([position[0], velocity[0]])
+    motion = exact(lambda t, _: ramp_and_lag(t, held, JUMP, rate, lag), start, TIMES)
     np.testing.assert_allclose(position, motion, atol=2e-5)
 
 
@@ -81,27 +79,8 @@ def test_delay_samples_delay_by_whole_control_steps():
         assert same(ours[2], theirs[2], *PLANT)
 
 
-def test_the_computation_delay_may_vary():
-    """Each episode has the delay of its draw, and its observation has the actions of the longest."""
-    env = TwoLinkArmVectorEnv(32, actuator={"delay_samples": {"choice": [0, 2]}, "delay": 0.003})
-    env.reset(seed=0)
-    delays = env.truth.delay
-    assert set(delays.round(6)) == {0.003, 0.023}
-    assert env.layout["previous_actions"].stop - env.layout["previous_actions"].start == 6
-    for delay in (0.003, 0.023):
-        lane = int(np.argmin(np.abs(delays - delay)))
-        one = TwoLinkArmVectorEnv(1, actuator={"delay": delay})
-        one.reset(seed=lane)
-        env.reset(seed=0)
-        for k in range(10):
-            env.step(np.full((32, 2), 0.02 * k))
-            one.step(np.full((1, 2), 0.02 * k))
-            np.testing.assert_array_equal(env.truth.position[lane], one.truth.position[0])
-
-
 def test_the_truth_has_the_state_of_the_drive():
-    env = TwoLinkArmEnv(action="torque", actuator={"delay_samples": 1, "delay": 0.004, "lag": 0.02, "rate_limit": 9e4})
-    env.reset(seed=0)
+    env = started(action="torque", actuator={"delay_samples": 1, "delay": 0.004, "lag": 0.02, "rate_limit": 9e4})
     assert (env.truth.delay, env.truth.lag) == (pytest.approx(0.014), pytest.approx(0.02))
     np.testing.assert_allclose(env.truth.rate_limit, 9e4)
     held = env.truth.applied_torque
@@ -121,6 +100,7 @@ def test_the_truth_has_the_state_of_the_drive():
         ({"delay_samples": 3}, 3),
         ({"delay_samples": 1, "delay": 0.015}, 3),
         ({"delay": {"uniform": [0.0, 0.035]}}, 4),
+        ({"delay_samples": {"choice": [0, 2]}, "delay": 0.003}, 3),
         ({"lag": 0.01}, 1),
         ({"rate_limit": 100.0}, 1),
         ({"delay": 0.02, "lag": 0.01}, 3),
@@ -161,8 +141,7 @@ def test_a_drive_that_fails_gives_no_torque_at_once_whatever_its_lag():
 def test_jitter_delays_each_command_by_a_time_of_its_own():
     """Each command has a delay of its own within the jitter, which policies are told."""
     options = {"actuator": {"jitter": 0.004}, "control_dt": 0.005, "physics_dt": 0.001}
-    env = TwoLinkArmVectorEnv(64, action="torque", **options)
-    env.reset(seed=0)
+    env = started_batch(64, action="torque", **options)
     late = []
     for k in range(200):
         env.step(np.full((64, 2), 0.1 * k))
@@ -179,8 +158,7 @@ def test_the_torque_under_jitter_is_that_of_the_newest_command_that_arrived(jitt
     """At each physics step, that of a delay of its sample's length; it never brings back an older one."""
     substeps = 5
     scenario = {"control_dt": 0.005, "physics_dt": 0.001, "actuator": {"jitter": jitter, "delay": 0.002}}
-    env = TwoLinkArmEnv(action="torque", **scenario)
-    env.reset(seed=1)
+    env = started(action="torque", **scenario, seed=1)
     held, newest = env.truth.applied_torque[0], -1
     for k in range(120):
         env.step((1.0 + k, 0.0))
@@ -201,8 +179,7 @@ def test_jitter_reaches_the_torque_and_nothing_before_it():
 def test_ripple_is_a_sine_of_the_drives_angle(joint):
     amplitude, order, h = np.array([8.0, 3.0]), np.array([10.0, 24.0]), 2.5e-4
     actuator = {"ripple": amplitude, "ripple_order": order}
-    env = TwoLinkArmEnv(action="torque", actuator=actuator, joint=joint, control_dt=1e-3, physics_dt=h)
-    env.reset(seed=3)
+    env = started(action="torque", actuator=actuator, joint=joint, control_dt=1e-3, physics_dt=h, seed=3)
     phase = env._batch.field("ripple_phase")[0]
     assert np.all((phase >= 0) & (phase <= 2 * np.pi))
     for _ in range(200):
@@ -215,26 +192,18 @@ def test_ripple_is_a_sine_of_the_drives_angle(joint):
 
 def test_an_arm_under_ripple_moves_as_by_a_solver():
     amplitude, order = np.array([8.0, 3.0]), np.array([10.0, 24.0])
-    env = TwoLinkArmEnv(action="torque", control_dt=1e-3, actuator={"ripple": amplitude, "ripple_order": order})
-    env.reset(seed=0)
-    phase, first = env._batch.field("ripple_phase")[0], env.truth
-
-    def slope(_, x):
-        torque = JUMP + amplitude * np.sin(order * x[:2] + phase)
-        return np.concatenate([x[2:], forward_dynamics(TABLE_1, x[:2], x[2:], torque)])
-
-    start, times = np.concatenate([first.position, first.velocity]), np.arange(101) * 1e-3
-    expected = solve_ivp(slope, (0, 0.1), start, "DOP853", times, rtol=1e-11, atol=1e-12).y[:2].T
-    for k in range(1, 101):
-        env.step(JUMP)
-        np.testing.assert_allclose(env.truth.position, expected[k], atol=3e-6)
+    env = started(action="torque", control_dt=1e-3, actuator={"ripple": amplitude, "ripple_order": order})
+    phase = env._batch.field("ripple_phase")[0]
+    truths = truths_of(env, [JUMP] * 100)
+    start = np.concatenate([truths[0].position, truths[0].velocity])
+    expected = exact(lambda _, q: JUMP + amplitude * np.sin(order * q + phase), start, TIMES)
+    np.testing.assert_allclose([truth.position for truth in truths], expected, atol=3e-6)
 
 
 def test_ripple_at_an_episodes_start_is_of_that_episode():
     """Elastic joints too, whose motors stand where the last episode left them."""
     options = {"actuator": {"ripple": 50.0}, "joint": {"stiffness": 1e4, "rotor_inertia": 1.0}}
-    env = TwoLinkArmEnv(action="torque", **options)
-    env.reset(seed=4)
+    env = started(action="torque", **options, seed=4)
     first = env.truth.motor_position
     env.reset(seed=9)
     for _ in range(20):

@@ -1,8 +1,7 @@
-"""Elastic joints against an ODE solver, MuJoCo, the C reference and the rigid arm; sticking, backlash, encoders."""
+"""Elastic joints against an ODE solver and the rigid arm; sticking, backlash, encoders. `test_mujoco.py` has MuJoCo's."""
 
 import re
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -10,6 +9,7 @@ from scipy.integrate import solve_ivp
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics, inertia_matrix
 from fbl_gym.options.joints import ElasticJoint, fastest_rate
+from tests.fbl_gym.episodes import started, truths_of
 from tests.fbl_gym.paired_runs import same
 
 K, D, B = np.array([4000.0, 1500.0]), np.array([6.0, 2.0]), np.array([0.6, 0.3])
@@ -24,13 +24,7 @@ def torque(k):
 
 def run(steps, **options):
     """Return the truths of a run under `torque`."""
-    env = TwoLinkArmEnv(**{**OPTIONS, "joint": JOINT, **options})
-    env.reset(seed=0)
-    truths = [env.truth]
-    for k in range(steps):
-        env.step(torque(k))
-        truths.append(env.truth)
-    return truths
+    return truths_of(started(**{**OPTIONS, "joint": JOINT, **options}), map(torque, range(steps)))
 
 
 def state(truth):
@@ -78,34 +72,6 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
     assert 13 < errors[0] / errors[1] < 19
 
 
-def test_a_motion_agrees_with_mujocos():
-    """Each body has two hinges: the motor with its armature, then the spring. Both integrate by Runge-Kutta."""
-
-    def link(i, mass, length):
-        tiny = 1e-12
-        return (
-            f'<joint type="hinge" axis="0 -1 0" armature="{B[i]}"/>'
-            f'<joint type="hinge" axis="0 -1 0" stiffness="{K[i]}" damping="{D[i]}"/>'
-            f'<inertial pos="{length} 0 0" mass="{mass}" diaginertia="{tiny} {tiny} {tiny}"/>'
-        )
-
-    model = mujoco.MjModel.from_xml_string(f"""
-    <mujoco><option gravity="0 0 -9.81" integrator="RK4" timestep="0.001"><flag contact="disable"/></option>
-      <compiler boundmass="0" boundinertia="0" balanceinertia="false" autolimits="false"/>
-      <worldbody><body>{link(0, TABLE_1.m1, TABLE_1.L1)}
-        <body pos="{TABLE_1.L1} 0 0">{link(1, TABLE_1.m2, TABLE_1.L2)}</body></body></worldbody></mujoco>""")
-    data, truths = mujoco.MjData(model), run(100)
-    first = truths[0]
-    data.qpos[:] = np.stack([first.motor_position, first.position - first.motor_position], axis=1).ravel()
-    for k in range(100):
-        data.qfrc_applied[[0, 2]] = torque(k)
-        for _ in range(10):
-            mujoco.mj_step(model, data)
-        motor, spring = data.qpos[[0, 2]], data.qpos[[1, 3]]
-        np.testing.assert_allclose(truths[k + 1].motor_position, motor, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(truths[k + 1].position, motor + spring, rtol=0, atol=1e-9)
-
-
 def test_stiff_joints_become_the_rigid_arm():
     """The distance to the rigid arm with the same rotors falls as one over the stiffness."""
     arm = ArmParameters(rotor=tuple(B))
@@ -130,49 +96,27 @@ def test_backlash_agrees_with_the_solver():
     assert np.all(np.ptp(sides, axis=0) == 2)  # both joints touch both sides
 
 
-def test_in_the_gap_a_motor_turns_alone():
-    flat = {"gravity": 0.0}
-    env = TwoLinkArmEnv(**OPTIONS, arm=flat, joint={**JOINT, "backlash": 0.1}, control_dt=1e-3)
-    env.reset(seed=0)
-    start = env.truth.position
-    while np.abs(env.truth.motor_position - env.truth.position)[0] < 0.049:
-        env.step((1.0, 0.0))
-        np.testing.assert_array_equal(env.truth.position, start)
-        t = env.truth.time
-        assert env.truth.motor_position[0] - start[0] == pytest.approx(0.5 * t * t / B[0], rel=1e-9)
-    for _ in range(100):
-        env.step((1.0, 0.0))
-    assert env.truth.position[0] > start[0] + 1e-4
-
-
 def test_a_motor_sticks_while_its_link_swings():
     """Below breakaway the motor does not move by one bit; above, it slides. The link swings on its spring."""
     friction = {"coulomb": 5.0, "stiction": 5.0}
     options = OPTIONS | {"arm": {"gravity": 0.0}, "joint": {**JOINT, "damping": 0.0}, "control_dt": 1e-3}
-    env = TwoLinkArmEnv(**options, friction=friction)
-    env.reset(seed=0)
-    start = env.truth.motor_position
-    for _ in range(100):
-        env.step((9.99, -9.99))
-        np.testing.assert_array_equal(env.truth.motor_position, start)
-        np.testing.assert_array_equal(env.truth.motor_velocity, 0.0)
-        np.testing.assert_allclose(env.truth.friction_torque, (9.99, -9.99))
+    env = started(**options, friction=friction)
+    first, *truths = truths_of(env, [(9.99, -9.99)] * 100)
+    for truth in truths:
+        np.testing.assert_array_equal(truth.motor_position, first.motor_position)
+        np.testing.assert_array_equal(truth.motor_velocity, 0.0)
+        np.testing.assert_allclose(truth.friction_torque, (9.99, -9.99))
     env.step((10.01, -10.01))
     assert np.abs(env.truth.motor_velocity).min() > 0.0
     # With the drives off, links that start in motion swing, and the motors hold against the springs.
     moving = {"kind": "sine", "amplitude": 0.01, "frequency": 0.5, "centre": (-1.2, 0.4), "phase": 0.0}
-    env = TwoLinkArmEnv(**options | {"reference": moving}, friction={"coulomb": 200.0})
-    env.reset(seed=0)
-    env.step((0.0, 0.0))
-    positions, motors = [], []
-    for _ in range(1000):
-        env.step((0.0, 0.0))
-        positions.append(env.truth.position)
-        motors.append(env.truth.motor_position)
-        spring = K * (env.truth.motor_position - env.truth.position)
-        np.testing.assert_allclose(env.truth.friction_torque, -spring, atol=1e-12)
-    assert np.ptp(motors, axis=0).max() == 0.0
-    assert np.ptp(positions, axis=0).min() > 1e-4
+    env = started(**options | {"reference": moving}, friction={"coulomb": 200.0})
+    _, *truths = truths_of(env, [(0.0, 0.0)] * 1001)
+    for truth in truths:
+        spring = K * (truth.motor_position - truth.position)
+        np.testing.assert_allclose(truth.friction_torque, -spring, atol=1e-12)
+    assert np.ptp([truth.motor_position for truth in truths], axis=0).max() == 0.0
+    assert np.ptp([truth.position for truth in truths], axis=0).min() > 1e-4
 
 
 @pytest.mark.parametrize("side", ["motor", "link"])
@@ -190,9 +134,7 @@ def test_the_encoder_reads_its_side(side):
 
 
 def test_an_arm_starts_on_its_reference_with_the_spring_under_the_holding_torque():
-    env = TwoLinkArmEnv(**OPTIONS, joint={**JOINT, "backlash": 0.02})
-    env.reset(seed=0)
-    truth = env.truth
+    (truth,) = run(0, joint={**JOINT, "backlash": 0.02})
     np.testing.assert_array_equal(truth.position, truth.reference)
     stretch = truth.motor_position - truth.position
     np.testing.assert_allclose(K * (stretch - 0.01 * np.sign(stretch)), truth.applied_torque, rtol=1e-9)
@@ -201,13 +143,9 @@ def test_an_arm_starts_on_its_reference_with_the_spring_under_the_holding_torque
 
 def test_elastic_joints_change_the_plant_alone():
     """Reference, arm and disturbance are those of rigid joints; a rigid arm's motor is its link."""
-    options = {
-        "reference": {"kind": "minimum-jerk"},
-        "disturbance": {"kind": "piecewise-constant", "amplitude": 20.0},
-        "parameter_error": {"radius": 0.2},
-        "physics_dt": 5e-4,
-    }
-    rigid, elastic = run(30, joint=None, **options), run(30, **options)
+    disturbance = {"kind": "piecewise-constant", "amplitude": 20.0}
+    options = {"reference": "minimum-jerk", "disturbance": disturbance, "parameter_error": {"radius": 0.2}}
+    rigid, elastic = (run(30, joint=joint, physics_dt=5e-4, **options) for joint in (None, JOINT))
     assert same(rigid, elastic, "reference", "reference_velocity", "disturbance", "lumped", "applied_torque")
     assert not same(rigid[1:], elastic[1:], "position")
     for truth in rigid:

@@ -1,17 +1,11 @@
-"""The friction curve, and the two-joint problem of sticking against its nine cases and a convex solver."""
-
-import itertools
+"""The two-joint problem of sticking against a convex solver."""
 
 import numpy as np
 import pytest
 from numba import njit
 from scipy.optimize import lsq_linear
 
-from fbl_gym.kernel import friction
 from fbl_gym.kernel.friction import resist
-
-dry_friction = njit(friction.dry_friction.py_func)
-"""For Python; the package's own is compiled for compiled callers alone."""
 
 
 @njit
@@ -23,12 +17,12 @@ def solve(m, g, b, out):
 def test_nine_cases_solve_the_convex_problem():
     """SciPy's bounded least squares gives the friction f in the box with the least energy in M^-1/2 (g - f)."""
     rng = np.random.default_rng(0)
-    n = 1000
+    n = 400
     root = rng.normal(size=(n, 2, 2)) + 2 * np.eye(2)
     matrix = root @ root.transpose(0, 2, 1)
     m = np.stack([matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]], axis=1)
     g, b = rng.normal(size=(n, 2)) * 3, rng.uniform(0, 3, (n, 2))
-    b[:100, 0], b[100:200, 1], g[200:300, 0] = 0.0, 0.0, b[200:300, 0]
+    b[:40, 0], b[40:80, 1], g[80:120, 0] = 0.0, 0.0, b[80:120, 0]
     out = np.empty((n, 4))
     solve(m, g, b, out)
     cases = set()
@@ -47,45 +41,15 @@ def test_nine_cases_solve_the_convex_problem():
     assert len(cases) == 9
 
 
-def problems(n, seed=0):
+def problems(n):
     """Return random inertias m [n x 3], loads g [n x 2] and friction bounds b [n x 2] over four decades."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     (m1, m2), (L1, L2) = rng.uniform(0.1, 30, (2, n)), 10 ** rng.uniform(-1, 1, (2, n))
     c2 = np.cos(rng.uniform(-np.pi, np.pi, n))
     m12 = m2 * L2**2 + m2 * L1 * L2 * c2
     m = np.stack([m1 * L1**2 + m2 * L1**2 + m2 * L1 * L2 * c2 + m12, m12, m2 * L2**2], axis=1)
     b = 10 ** rng.uniform(-2, 2, (n, 2))
     return m, 3 * b * rng.normal(size=(n, 2)), b
-
-
-def cases_that_fit(m, g, b):
-    """Return the velocity of each of the nine cases [9 x n x 2], and its agreement with the case [9 x n]."""
-    (m11, m12, m22), (g1, g2) = m.T, g.T
-    velocities, fits = [], []
-    for s1, s2 in itertools.product((-1, 0, 1), repeat=2):
-        r1, r2 = g1 - s1 * b[:, 0], g2 - s2 * b[:, 1]
-        if s1 and s2:
-            determinant = m11 * m22 - m12**2
-            w = np.stack([(m22 * r1 - m12 * r2) / determinant, (m11 * r2 - m12 * r1) / determinant], axis=1)
-        else:
-            w = np.stack([s1 * s1 * r1 / m11, s2 * s2 * r2 / m22], axis=1)
-        f = np.stack([g1 - m11 * w[:, 0] - m12 * w[:, 1], g2 - m12 * w[:, 0] - m22 * w[:, 1]], axis=1)
-        agrees = [w[:, i] * s > 0 if s else np.abs(f[:, i]) <= b[:, i] for i, s in enumerate((s1, s2))]
-        velocities.append(w)
-        fits.append(agrees[0] & agrees[1])
-    return np.array(velocities), np.array(fits)
-
-
-def test_exactly_one_of_the_nine_cases_fits_and_is_taken():
-    m, g, b = problems(50_000)
-    velocities, fits = cases_that_fit(m, g, b)
-    assert np.all(fits.sum(axis=0) == 1)
-    assert np.all(fits.sum(axis=1) > 100)  # every case occurs
-    out = np.empty((len(m), 4))
-    solve(m, g, b, out)
-    right = velocities[fits.argmax(axis=0), np.arange(len(m))]
-    assert np.array_equal(out[:, :2] == 0.0, right == 0.0)
-    np.testing.assert_allclose(out[:, :2], right, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("joint", [0, 1])
@@ -95,7 +59,7 @@ def test_the_solution_is_continuous_between_cases(joint):
     A joint whose load is within a few roundings of its friction bound is at rest, to rounding. The other
     slides or rests as if it were alone.
     """
-    m, g, b = problems(50_000, seed=1)
+    m, g, b = problems(50_000)
     rng = np.random.default_rng(2)
     other = 1 - joint
     slide = np.sign(g[:, other]) * np.maximum(np.abs(g[:, other]) - b[:, other], 0.0) / m[:, 2 * other]
@@ -108,13 +72,4 @@ def test_the_solution_is_continuous_between_cases(joint):
     tolerance = 1e-12 * spread[:, None] * size[:, None] / np.minimum(m[:, 0], m[:, 2])[:, None]
     right = np.zeros((len(m), 2))
     right[:, other] = slide
-    wrong = np.any(np.abs(out[:, :2] - right) > tolerance, axis=1)
-    assert not wrong.any(), (
-        f"{wrong.sum()} of {len(m)}, such as {m[wrong][0]}, {g[wrong][0]}, {b[wrong][0]}: {out[wrong][0]}"
-    )
-
-
-def test_dry_friction_is_the_printed_curve():
-    assert dry_friction(0.0, 3.0, 2.0, 1e-3) == 5.0
-    assert dry_friction(0.1, 3.0, 2.0, 1e-2) == pytest.approx(3.0 + 2.0 * np.exp(-1.0))
-    assert dry_friction(-0.1, 3.0, 2.0, 1e-2) == dry_friction(0.1, 3.0, 2.0, 1e-2)
+    assert np.all(np.abs(out[:, :2] - right) <= tolerance)

@@ -1,43 +1,36 @@
 """The option `friction`: each part and law reaches the plant, and only there."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.kernel.memory import FRICTION_LAWS
 from fbl_gym.model.arm import forward_dynamics
-from fbl_gym.options import Friction
-from fbl_gym.records import declarations
-from tests.fbl_gym.dry_arm import DRY, FLAT, STILL
+from tests.fbl_gym.dry_arm import DRY, FLAT, flat
+from tests.fbl_gym.episodes import started, truths_of
 from tests.fbl_gym.paired_runs import plain, play, same, watch
 
 
-def test_every_friction_law_has_a_number_in_the_kernel():
-    assert declarations(Friction)["law"].form == " or ".join(f'"{law}"' for law in FRICTION_LAWS)
-    assert len(set(FRICTION_LAWS.values())) == len(FRICTION_LAWS)
-
-
 @pytest.mark.parametrize("law", ["exact", "literal"])
-def test_each_part_of_friction_reaches_the_plant(law):
-    for part, expected in (
-        ({"viscous": (4.0, 2.0)}, lambda v: np.array([4.0, 2.0]) * v),
-        ({"coulomb": (4.0, 2.0)}, lambda v: np.array([4.0, 2.0]) * np.sign(v)),
-        (
-            {"stiction": (4.0, 2.0), "v_s": (0.1, 0.5)},
-            lambda v: np.array([4.0, 2.0]) * np.exp(-(v**2) / [0.1, 0.5]) * np.sign(v),
-        ),
-    ):
-        _, _, truths = play(friction={**part, "law": law})
-        assert same(truths, plain()[2], "reference", "applied_torque", "lumped", "disturbance")
-        assert not same(truths[5:], plain()[2][5:], "position")
-        for truth in truths[1:]:
-            moving = truth.velocity != 0.0
-            np.testing.assert_allclose(
-                truth.friction_torque[moving], expected(truth.velocity)[moving], rtol=1e-9, atol=1e-12
-            )
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        ({"viscous": (4.0, 2.0)}, lambda v: [4.0, 2.0] * v),
+        ({"coulomb": (4.0, 2.0)}, lambda v: [4.0, 2.0] * np.sign(v)),
+        ({"stiction": (4.0, 2.0), "v_s": (0.1, 0.5)}, lambda v: [4.0, 2.0] * np.exp(-(v**2) / [0.1, 0.5]) * np.sign(v)),
+    ],
+    ids=["viscous", "coulomb", "stiction"],
+)
+def test_each_part_of_friction_reaches_the_plant(part, expected, law):
+    _, _, truths = play(friction={**part, "law": law})
+    assert same(truths, plain()[2], "reference", "applied_torque", "lumped", "disturbance")
+    assert not same(truths[5:], plain()[2][5:], "position")
+    for truth in truths[1:]:
+        v = truth.velocity
+        np.testing.assert_allclose(truth.friction_torque[v != 0], expected(v)[v != 0], rtol=1e-9, atol=1e-12)
 
 
 def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
@@ -45,8 +38,7 @@ def test_a_joint_that_keeps_moving_has_the_same_friction_by_both_laws():
     swings = []
     for law in ("exact", "literal", None):
         friction = law and {"viscous": 1.0, "coulomb": (6.0, 3.0), "stiction": 2.0, "v_s": 4.0, "law": law}
-        env = TwoLinkArmEnv(action="acceleration", friction=friction, physics_dt=1e-4)
-        env.reset(seed=0)
+        env = started(action="acceleration", friction=friction, physics_dt=1e-4)
         for _ in range(40):
             env.step((4.0, 6.0))
             assert np.all(env.truth.velocity > 0.0)
@@ -61,15 +53,12 @@ def test_the_literal_law_is_the_printed_formula(v_s):
 
     def printed(v):
         """Return f_i1 v + (f_i2 + f_s exp(-v^2 / v_s)) sign(v)."""
-        return np.array([3.0, 1.0]) * v + (
-            np.array([20.0, 8.0]) + (10.0, 4.0) * np.exp(-(v**2) / np.array(v_s))
-        ) * np.sign(v)
+        dry = np.array([20.0, 8.0]) + (10.0, 4.0) * np.exp(-(v**2) / np.array(v_s))
+        return np.array([3.0, 1.0]) * v + dry * np.sign(v)
 
-    env = TwoLinkArmEnv(
-        arm=FLAT, action="torque", actuator=None, reference={"kind": "sine", "amplitude": 1.0, "phase": (0.0, math.pi)},
-        friction={**DRY, "viscous": (3.0, 1.0), "v_s": v_s, "law": "literal"}, physics_dt=5e-4,
-    )  # fmt: skip
-    env.reset(seed=0)
+    turning = {"kind": "sine", "amplitude": 1.0, "phase": (0.0, math.pi)}
+    friction = {**DRY, "viscous": (3.0, 1.0), "v_s": v_s, "law": "literal"}
+    env = flat(reference=turning, friction=friction, physics_dt=5e-4)
     torque = np.array([40.0, -40.0])
     state = np.concatenate([env.truth.position, env.truth.velocity])
     np.testing.assert_allclose(env.truth.friction_torque, printed(state[2:]), rtol=1e-12)
@@ -89,11 +78,7 @@ def test_the_literal_law_is_the_printed_formula(v_s):
 
 def test_the_literal_law_has_no_friction_at_rest():
     """sign(0) = 0: under any load, the arm starts with the acceleration of an arm without friction."""
-    env = TwoLinkArmEnv(
-        arm=FLAT, action="torque", actuator=None, reference=STILL, friction={**DRY, "law": "literal"},
-        disturbance={"kind": "array", "torque": ((-6.0, 2.0),)},
-    )  # fmt: skip
-    env.reset(seed=0)
+    env = flat(friction={**DRY, "law": "literal"}, disturbance={"kind": "array", "torque": ((-6.0, 2.0),)})
     free = forward_dynamics(FLAT, (0.4, 0.7), (0.0, 0.0), (6.0, -2.0))
     np.testing.assert_allclose(env.truth.acceleration, free, rtol=1e-12)
     assert env.truth.friction_torque.tolist() == [0.0, 0.0]
@@ -127,3 +112,25 @@ def test_a_loaded_gear_agrees_with_mujoco():
     ours, theirs = (watch("position", torque=(160.0, 90.0), friction=friction, plant=x)[0] for x in (None, "mujoco"))
     (without,) = watch("position", torque=(160.0, 90.0), friction={"coulomb": 3.0})
     assert np.abs(ours - theirs).max() < 0.01 * np.abs(ours - without).max()
+
+
+LIGHT = {"m1": 0.05, "m2": 0.02, "L1": 0.2, "L2": 0.2}
+
+
+def test_a_step_too_long_for_the_friction_is_refused_with_one_that_does():
+    options = {"arm": LIGHT, "friction": {"viscous": 5.0}}
+    with pytest.raises(ValueError, match=r"physics_dt=0\.001 s is too long for this friction") as error:
+        TwoLinkArmEnv(**options)
+    step = float(re.search(r"physics_dt=([0-9.e-]+) s would do", str(error.value)).group(1))
+    env = started(**options, physics_dt=0.01 / round(0.01 / step), initial_velocity=10.0)
+    assert not env.step((0.0, 0.0))[2]
+    assert np.abs(env.truth.velocity).max() < 1.0
+
+
+def test_the_creep_of_the_printed_law_is_an_effect_of_the_step_size():
+    friction, creep = {"coulomb": 10.0, "stiction": 10.0, "law": "literal"}, {}
+    for h in (1e-3, 1e-4):
+        env = flat(friction=friction, physics_dt=h)
+        first, *_, last = truths_of(env, [(15.0, 0.0)] * 20)
+        creep[h] = abs(last.position - first.position)[0]
+    assert 0 < creep[1e-4] < 0.2 * creep[1e-3]

@@ -5,10 +5,8 @@ import pytest
 
 from fbl_gym import TwoLinkArmEnv
 
-REWARDS = [{}, {"tracking": "l1", "weight_effort": 0.5, "weight_chatter": 0.0}]
 
-
-@pytest.mark.parametrize("reward", REWARDS)
+@pytest.mark.parametrize("reward", [{}, {"tracking": "l1", "weight_effort": 0.5, "weight_chatter": 0.0}], ids=str)
 def test_the_losses_add_up_to_the_reward(reward):
     env = TwoLinkArmEnv("everything-2", reward=reward, info=True)
     assert env.reset(seed=0)[1] == {}

@@ -5,18 +5,16 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import EVENTFUL, ID, TRACKING
+from tests.fbl_gym.episodes import EVENTFUL, ID, MUJOCO, TIGHT, TRACKING, started, started_batch
 
 MODES = [mode.value for mode in AutoresetMode]
-TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
 CASES = {
     **{f"{lanes} lanes": (ID, lanes, EVENTFUL) for lanes in (1, 2, 3, 8, 9, 16, 17, 37)},
     "tracking": (TRACKING, 3, {"scenario": "everything-2", "duration": 0.08, "preview": 1}),
     "info": (ID, 3, {"scenario": "everything-2", "duration": 0.1, "info": True}),
     "costs": (ID, 3, {"duration": 0.08, "constraints": TIGHT}),
     "ends by constraints": (TRACKING, 3, {"duration": 0.3, "constraints": {**TIGHT, "violation": "end"}}),
-    "mujoco": (f"{ID[:-3]}MuJoCo-v0", 17, {**EVENTFUL, "duration": 0.15, "plant": {"kind": "mujoco", "bend": 15.0}}),
+    "mujoco": (MUJOCO, 3, {**EVENTFUL, "duration": 0.15, "plant": {"kind": "mujoco", "bend": 15.0}}),
 }
 """Name, lanes and options of environments."""
 
@@ -80,11 +78,8 @@ def test_any_order_of_steps_and_resets_gives_what_single_environments_give(case,
 @pytest.mark.parametrize("lanes", [1, 16, 33])
 def test_truth_of_a_lane_is_that_of_the_single_environment(lanes):
     options = {**EVENTFUL, "limits": {"position": 100.0, "velocity": 1e4}}
-    env = TwoLinkArmVectorEnv(lanes, **options)
-    env.reset(seed=5)
-    singles = [TwoLinkArmEnv(**options) for _ in range(lanes)]
-    for lane, single in enumerate(singles):
-        single.reset(seed=5 + lane)
+    env = started_batch(lanes, **options, seed=5)
+    singles = [started(**options, seed=5 + lane) for lane in range(lanes)]
     for k in range(8):
         action = np.array([0.02 * k, -0.01])
         env.step(np.tile(action, (lanes, 1)))
@@ -96,12 +91,10 @@ def test_truth_of_a_lane_is_that_of_the_single_environment(lanes):
 
 
 def test_a_hundred_thousand_lanes_step():
-    env = TwoLinkArmVectorEnv(100_000, "everything-3")
-    env.reset(seed=0)
+    env = started_batch(100_000, "everything-3")
     observations, rewards, *_ = env.step(np.zeros((100_000, 2)))
     assert np.isfinite(observations).all()
-    single = TwoLinkArmEnv("everything-3")
-    single.reset(seed=99_999)
+    single = started("everything-3", seed=99999)
     np.testing.assert_array_equal(observations[-1], single.step(np.zeros(2))[0])
     assert env._batch._memory.nbytes + observations.nbytes < 2**28
     assert rewards.shape == (100_000,)

@@ -5,14 +5,14 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmEnv
+from tests.fbl_gym.episodes import started
 
 STILL = {"kind": "array", "position": [(0.2, 0.1)]}
 
 
 def test_each_limit_reaches_its_space():
-    env = TwoLinkArmEnv(
-        action="acceleration", limits={"position": 1.5, "velocity": 7.0, "acceleration": 11.0, "command": 13.0}
-    )
+    limits = {"position": 1.5, "velocity": 7.0, "acceleration": 11.0, "command": 13.0}
+    env = TwoLinkArmEnv(action="acceleration", limits=limits)
     high = env.observation_space.high
     for name, bound in (("position", 3.0), ("velocity", 14.0), ("acceleration", 11.0)):
         np.testing.assert_array_equal(high[env.layout[name]], bound)
@@ -29,8 +29,7 @@ def test_an_arm_diverges_just_beyond_its_limit(limit):
     """The limit holds for each joint, from its start."""
     bound = {"position": 0.4, "velocity": 2.0}[limit]
     for torque in ((2000.0, 0.0), (0.0, -400.0)):
-        env = TwoLinkArmEnv(action="torque", limits={limit: bound}, initial_error=0.3, reference=STILL)
-        env.reset(seed=0)
+        env = started(action="torque", limits={limit: bound}, initial_error=0.3, reference=STILL)
         start, ended = env.truth.position, False
         for _ in range(100):
             ended = env.step(torque)[2]
@@ -41,35 +40,23 @@ def test_an_arm_diverges_just_beyond_its_limit(limit):
         assert ended
 
 
-def test_divergence_ends_the_episode_with_reward_zero():
-    env = TwoLinkArmEnv(limits={"velocity": 2.0})
-    env.reset(seed=0)
-    for _ in range(env.scenario.steps):
-        _, reward, terminated, truncated, _ = env.step((1.0, 1.0))
-        if terminated:
-            break
-        assert reward > 0.0
-    assert (reward, terminated, truncated) == (0.0, True, False)
-    assert np.abs(env.truth.velocity).max() > 2.0
+def test_divergence_ends_the_episode_also_at_the_last_step():
+    """Terminated with reward 0, and truncated too if it was the last step; then it needs a reset."""
+    env = started(limits={"velocity": 2.0})
+    last = next(k for k in range(1000) if env.step((1.0, 1.0))[2]) + 1
+    env = started(limits={"velocity": 2.0}, duration=last * 0.01)
+    steps = [env.step((1.0, 1.0)) for _ in range(last)]
+    assert [step[2:4] for step in steps] == [(False, False)] * (last - 1) + [(True, True)]
+    assert min(step[1] for step in steps[:-1]) > 0.0 == steps[-1][1]
     with pytest.raises(ResetNeeded):
         env.step((0.0, 0.0))
     env.reset()
     assert not env.step((0.0, 0.0))[2]
 
 
-def test_divergence_at_the_last_step_is_termination_and_truncation():
-    env = TwoLinkArmEnv(limits={"velocity": 2.0})
-    env.reset(seed=0)
-    last = next(k for k in range(1000) if env.step((1.0, 1.0))[2]) + 1
-    env = TwoLinkArmEnv(limits={"velocity": 2.0}, duration=last * 0.01)
-    env.reset(seed=0)
-    assert [env.step((1.0, 1.0))[2:4] for _ in range(last)] == [(False, False)] * (last - 1) + [(True, True)]
-
-
 def test_the_truth_of_a_diverged_arm_raises_no_warning():
     """pytest turns NumPy's warnings into errors."""
-    env = TwoLinkArmEnv(arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1)
-    env.reset(seed=0)
+    env = started(arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1)
     observation, reward, terminated, *_ = env.step((1.0, -1.0))
     assert terminated
     assert reward == 0.0

@@ -1,32 +1,28 @@
 """MuJoCo's plant: the package's arm where both model the same, lanes as single environments, and other worlds."""
 
-import copy
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import controllers
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.options import WORLDS
-from tests.fbl_gym.episodes import episode
+from tests.fbl_gym.episodes import MUJOCO, episode, started, truths_of
 
 pytest.importorskip("mujoco")
-ID = "fbl_gym/TwoLinkArmMuJoCo-v0"
+
+KNOCK = {"kind": "knock", "time": 1.003, "impulse": (5, 2)}
+WEAK_DRIVE = {"kind": "drive", "time": 2.0, "factor": (0.9, 0.9)}
+PAYLOAD = {"mass": 3, "pick_up": 1.003}
+SINE = {"kind": "sine", "amplitude": (50, 20), "frequency": 2}
 
 EXACT = {
     "nominal": {},
     "events": {
         "friction": {"viscous": (20, 5)},
-        "events": (
-            {"kind": "knock", "time": 1.003, "impulse": (5, 2)},
-            {"kind": "friction", "time": 1.5, "factor": 2.0},
-            {"kind": "drive", "time": 2.0, "factor": (0.9, 0.9)},
-        ),
+        "events": (KNOCK, {"kind": "friction", "time": 1.5, "factor": 2.0}, WEAK_DRIVE),
     },
-    "parameters and payload": {"parameter_error": {"radius": 0.5, "payload": {"mass": 3, "pick_up": 1.003, "drop": 2}}},
+    "parameters and payload": {"parameter_error": {"radius": 0.5, "payload": {**PAYLOAD, "drop": 2}}},
     "noise": {"noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 1.0}},
     "jumping torque": {"disturbance": {"kind": "piecewise-constant", "amplitude": (50, 20), "period": 0.105}},
     "pulses": {"disturbance": {"kind": "pulses", "amplitude": (80, 30)}},
@@ -36,9 +32,7 @@ EXACT = {
         "arm": {"centre": (0.5, 0.4), "inertia": (0.1, 0.05), "rotor": (0.5, 0.2)},
         "parameter_error": {"centre": (1.2, 0.9), "inertia": 1.3, "rotor": {"uniform": [0.5, 2]}},
     },
-    "a payload with a size": {
-        "parameter_error": {"payload": {"mass": 4, "offset": 0.1, "radius": 0.2, "pick_up": 1.0}}
-    },
+    "a payload with a size": {"parameter_error": {"payload": {**PAYLOAD, "offset": 0.1, "radius": 0.2}}},
     "steps": {"reference": "steps", "initial_error": 0.02},
     "draws": {
         "friction": {"viscous": {"uniform": [1, 20]}},
@@ -51,13 +45,13 @@ EXACT = {
 """Options under which a physics step has one torque."""
 
 SMOOTH = {
-    "sine": {"disturbance": {"kind": "sine", "amplitude": (50, 20), "frequency": 2}},
+    "sine": {"disturbance": SINE},
     "lag": {"actuator": {"lag": 0.005}},
     "all": {
-        "parameter_error": {"radius": 0.5, "payload": {"mass": 3, "pick_up": 1.003}},
+        "parameter_error": {"radius": 0.5, "payload": PAYLOAD},
         "noise": {"position": 1e-4, "velocity": 1e-3},
         "friction": {"viscous": (20, 5)},
-        "disturbance": {"kind": "sine", "amplitude": (50, 20), "frequency": 2},
+        "disturbance": SINE,
         "actuator": {"delay": 0.003, "lag": 0.005},
     },
 }
@@ -84,15 +78,19 @@ def distance(one, other, name):
     return max(np.abs(getattr(a, name) - getattr(b, name)).max() for a, b in zip(one[0], other[0], strict=True))
 
 
-@pytest.mark.parametrize("options", EXACT.values(), ids=EXACT)
-def test_motions_agree_to_rounding(options):
-    ours, theirs = run(options), run({**options, "plant": "mujoco"})
-    assert distance(ours, theirs, "position") < 1e-12
-    assert distance(ours, theirs, "velocity") < 1e-11
-    for name in ("acceleration", "friction_torque", "disturbance", "payload", "lumped"):
-        assert distance(ours, theirs, name) < 1e-9, name
+def compare(options, tolerances, **arguments):
+    """Check that truths differ by at most the tolerance of their field, and observations and rewards by 1e-9."""
+    ours, theirs = (run({**options, "plant": plant}, **arguments) for plant in (None, "mujoco"))
+    for name, tolerance in tolerances.items():
+        assert distance(ours, theirs, name) < tolerance, name
     for a, b in zip(ours[1], theirs[1], strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("options", EXACT.values(), ids=EXACT)
+def test_motions_agree_to_rounding(options):
+    forces = dict.fromkeys(("acceleration", "friction_torque", "disturbance", "payload", "lumped"), 1e-9)
+    compare(options, {"position": 1e-12, "velocity": 1e-11, **forces})
 
 
 @pytest.mark.parametrize("options", SMOOTH.values(), ids=SMOOTH)
@@ -114,7 +112,6 @@ ELASTIC = {
     "actuator": {"torque_limit": (400, 150), "gain": 0.9},
     "physics_dt": 5e-4,
 }
-MOTORS = ("position", "velocity", "motor_position", "motor_velocity")
 
 
 @pytest.mark.parametrize("side", ["motor", "link"])
@@ -128,13 +125,9 @@ def test_elastic_joints_agree(side):
         "encoder": {"counts": 65536, "difference": 1},
         "events": [{"kind": "knock", "time": 1.0, "impulse": (5, 2)}, {"kind": "drop", "time": 1.5}],
     }
-    ours, theirs = (run({**options, "plant": plant}, policy="pd-gravity", seconds=2.0) for plant in (None, "mujoco"))
-    for name in MOTORS:
-        assert distance(ours, theirs, name) < 1e-9, name
-    for name in ("acceleration", "friction_torque", "stiffness", "applied_torque"):
-        assert distance(ours, theirs, name) < 1e-7, name
-    for a, b in zip(ours[1], theirs[1], strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+    motion = dict.fromkeys(("position", "velocity", "motor_position", "motor_velocity"), 1e-9)
+    forces = dict.fromkeys(("acceleration", "friction_torque", "stiffness", "applied_torque"), 1e-7)
+    compare(options, motion | forces, policy="pd-gravity", seconds=2.0)
 
 
 def test_backlash_converges():
@@ -148,35 +141,6 @@ def test_backlash_converges():
     exact = follow(None)
     coarse, fine = (distance(exact, follow({"kind": "mujoco", "substeps": n}), "position") for n in (1, 10))
     assert fine < 0.2 * coarse < 5e-4
-
-
-def test_motors_stick_where_the_friction_is():
-    """Friction acts on the motors alone; MuJoCo's lets them creep by some mrad/s."""
-    friction = {"coulomb": 30, "stiction": 10}
-    hang = {"reference": {"kind": "steps", "points": [[-np.pi / 2, 0.0]]}, "action": "torque"}
-    env = TwoLinkArmEnv(**{**ELASTIC, **hang, "friction": friction, "plant": WORLDS["mujoco-friction"]})
-    env.reset(seed=0)
-    for _ in range(50):
-        env.step(np.array([33.0, 0.0]))
-    assert abs(env.truth.motor_position[0] + np.pi / 2) < 5e-3
-    assert env.truth.friction_torque[0] == pytest.approx(0.9 * 33.0, abs=0.5)
-
-
-def test_checkers_pass():
-    check_env(gym.make(ID).unwrapped)
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(gym.make(ID, scenario="everything-2").unwrapped)
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_continues_alone(copied):
-    env = TwoLinkArmEnv("everything-2@mujoco")
-    env.reset(seed=0)
-    for _ in range(20):
-        env.step(np.array([0.1, 0.0]))
-    twin = copied(env)
-    first = [env.step(np.array([0.1, 0.0]))[0] for _ in range(20)]
-    np.testing.assert_array_equal(first, [twin.step(np.array([0.1, 0.0]))[0] for _ in range(20)])
 
 
 @pytest.mark.parametrize("world", list(WORLDS)[1:-1])
@@ -219,36 +183,37 @@ def test_stiffer_links_approach_rigid_ones():
 
 
 def test_finer_steps_and_another_integrator_converge():
-    rods = {"arm": TABLE_1.as_rods()}
-    exact = run({**rods, "plant": "mujoco"}, seconds=1.0)
-    coarse, fine = (
-        run({**rods, "plant": {"kind": "mujoco", "integrator": "implicitfast", "substeps": n}}, seconds=1.0)
-        for n in (1, 4)
-    )
+    def follow(**plant):
+        return run({"arm": TABLE_1.as_rods(), "plant": {"kind": "mujoco", **plant}}, seconds=1.0)
+
+    exact = follow()
+    coarse, fine = (follow(integrator="implicitfast", substeps=n) for n in (1, 4))
     assert distance(exact, fine, "position") < 0.3 * distance(exact, coarse, "position") < 1e-3
 
 
-def test_friction_holds_the_arm():
-    """An arm that hangs, pushed below and above MuJoCo's friction loss, which lets it creep by some mrad/s."""
+@pytest.mark.parametrize(
+    ("level", "friction", "joint", "moves"),
+    [
+        (25, "coulomb", None, True),
+        (25, "breakaway", None, False),
+        (25, "breakaway", ELASTIC["joint"], False),
+        (35, "breakaway", None, True),
+    ],
+)
+def test_friction_holds_the_drives(level, friction, joint, moves):
+    """A hanging arm, pushed below and above MuJoCo's friction loss, which lets it creep by some mrad/s."""
     down = {"kind": "steps", "points": [[-np.pi / 2, 0.0]]}
-    for level, plant, moves in ((25, "coulomb", True), (25, "breakaway", False), (35, "breakaway", True)):
-        env = TwoLinkArmEnv(
-            action="torque",
-            reference=down,
-            friction={"coulomb": 20, "stiction": 10},
-            plant={"kind": "mujoco", "friction": plant},
-        )
-        env.reset(seed=0)
-        for _ in range(50):
-            env.step(np.array([float(level), 0.0]))
-        assert (abs(env.truth.position[0] + np.pi / 2) > 1e-2) == moves
-        if not moves:
-            assert env.truth.friction_torque[0] == pytest.approx(level, abs=0.5)
+    options = {"action": "torque", "reference": down, "friction": {"coulomb": 20, "stiction": 10}, "joint": joint}
+    env = started(**options, plant={"kind": "mujoco", "friction": friction}, physics_dt=5e-4)
+    truth = truths_of(env, [(float(level), 0.0)] * 50)[-1]
+    assert (abs(truth.motor_position[0] + np.pi / 2) > 1e-2) == moves
+    if not moves:
+        assert truth.friction_torque[0] == pytest.approx(level, abs=0.5)
 
 
 def test_the_plant_has_an_id_and_its_errors_name_it():
-    assert gym.make(ID).unwrapped.scenario.plant == WORLDS["mujoco"]
-    np.testing.assert_array_equal(episode(gym.make(ID)), episode(TwoLinkArmEnv(plant="mujoco")))
+    assert gym.make(MUJOCO).unwrapped.scenario.plant == WORLDS["mujoco"]
+    np.testing.assert_array_equal(episode(gym.make(MUJOCO)), episode(TwoLinkArmEnv(plant="mujoco")))
     assert scenarios.get("payload-2@mujoco").name == "payload-2@mujoco"
     with pytest.raises(ValueError, match="mujoco-bend"):
         scenarios.get("payload-2@mujoco-bent")
@@ -257,8 +222,7 @@ def test_the_plant_has_an_id_and_its_errors_name_it():
 def test_numbers_that_are_not_finite_end_the_episode(tmp_path, monkeypatch):
     """A torque beyond all bounds: terminated, observations finite, and MuJoCo writes no log file."""
     monkeypatch.chdir(tmp_path)
-    env = TwoLinkArmEnv(plant="mujoco", action="torque", actuator=None)
-    env.reset(seed=0)
+    env = started(plant="mujoco", action="torque", actuator=None)
     observation, reward, terminated, *_ = env.step(np.array([1e9, -1e9]))
     assert terminated
     assert reward == 0.0

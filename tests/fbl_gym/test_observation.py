@@ -13,29 +13,21 @@ def test_perfect_sensors_read_the_truth():
         assert np.array_equal(seen[..., layout[name]], [getattr(truth, name) for truth in truths])
 
 
-def test_a_sensor_that_is_missing_leaves_its_slot_out():
-    layout, seen, truths = play(sensors=("position",))
-    assert same(truths, plain()[2], *PLANT)
-    assert "velocity" not in layout
-    assert "acceleration" not in layout
-    assert layout.size == 8
-    assert np.array_equal(seen[..., layout["position"]], plain()[1][..., plain()[0]["position"]])
-    assert np.array_equal(seen[..., layout["reference_velocity"]], plain()[1][..., plain()[0]["reference_velocity"]])
-    with pytest.raises(ValueError, match="unknown slot of the observation 'velocity'"):
-        layout["velocity"]
+SENSORS = [("position",), ("position", "velocity"), ("position", "acceleration"), ("acceleration", "position")]
 
 
-@pytest.mark.parametrize(
-    "sensors", [("position", "velocity"), ("position", "acceleration"), ("acceleration", "position")]
-)
-def test_sensors_in_any_order_fill_their_slots(sensors):
-    layout, seen, truths = play(sensors=sensors)
-    assert same(truths, plain()[2], *PLANT)
-    for name in WAYS:
-        assert (name in layout) == (name in sensors)
-        if name in sensors:
-            assert np.array_equal(seen[..., layout[name]], plain()[1][..., plain()[0][name]])
+@pytest.mark.parametrize("sensors", SENSORS, ids=str)
+def test_sensors_in_any_order_fill_their_slots_and_the_missing_have_none(sensors):
+    (layout, seen, truths), (usual_layout, usual, usual_truths) = play(sensors=sensors), plain()
+    assert same(truths, usual_truths, *PLANT)
     assert [slot.name for slot in layout.slots][: len(sensors)] == [name for name in WAYS if name in sensors]
+    assert layout.size == len(layout.names) == seen.shape[-1] == 2 * len(sensors) + 6
+    for name in (*sensors, "reference_velocity"):
+        np.testing.assert_array_equal(seen[..., layout[name]], usual[..., usual_layout[name]])
+    for name in set(WAYS).difference(sensors):
+        assert name not in layout
+        with pytest.raises(ValueError, match=f"unknown slot of the observation '{name}'"):
+            layout[name]
 
 
 def test_the_first_observation_of_a_heavy_unlimited_arm_lies_in_its_space():

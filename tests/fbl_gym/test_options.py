@@ -15,25 +15,30 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import Scenario, TwoLinkArmEnv
 from fbl_gym.kernel import memory
 from fbl_gym.kernel.memory import EVENT_ROWS, FIRST_VARIED, LANES, VARIED
 from fbl_gym.kernel.streams import stream_key
 from fbl_gym.options.descriptions import describe
 from tests.fbl_gym.declared import FIELDS, LEAVES, NUMBERS, VARYING
-from tests.fbl_gym.episodes import ID
+from tests.fbl_gym.episodes import ID, started_batch
 
 
 def each(fields):
     return pytest.mark.parametrize("field", fields, ids=lambda field: field.path)
 
 
+def wrong(options, message):
+    """Check that options are an error of a message, and return all of it."""
+    with pytest.raises(ValueError, match=message) as problem:
+        TwoLinkArmEnv(**options)
+    return str(problem.value)
+
+
 def refused(field, value, *right):
     """Check that a value of a field is an error with the field, the value and what is right."""
-    with pytest.raises(ValueError, match=rf"(?s){field.error}\b.* must be ") as problem:
-        TwoLinkArmEnv(**field.given(value))
-    for text in (repr(value), *right):
-        assert text in str(problem.value)
+    text = wrong(field.given(value), rf"(?s){field.error}\b.* must be ")
+    assert all(part in text for part in (repr(value), *right)), text
 
 
 def bounds_of(field):
@@ -95,14 +100,10 @@ def test_a_number_must_be_finite_and_within_its_bounds(field):
 @each([field for field in NUMBERS if field.is_pair])
 def test_a_pair_has_two_finite_numbers(field):
     for value in ((), (1.0,), (1.0, 2.0, 3.0), [1.0] * 4, np.ones(3)):
-        with pytest.raises(
-            ValueError, match=f"{field.error} must be one number, or one for each of the two joints, got"
-        ):
-            TwoLinkArmEnv(**field.given(value))
+        wrong(field.given(value), f"{field.error} must be one number, or one for each of the two joints, got")
     good = field.values[0][1]
     for joint, value in ((1, (good, math.nan)), (0, (True, good)), (0, ("a", good)), (1, (good, (1.0, 2.0)))):
-        with pytest.raises(ValueError, match=rf"{field.error}\[{joint}\] must be a finite number.*got"):
-            TwoLinkArmEnv(**field.given(value))
+        wrong(field.given(value), rf"{field.error}\[{joint}\] must be a finite number.*got")
     alone = [TwoLinkArmEnv(**field.given(value)).scenario for value in (good, (good, good), np.full(2, good))]
     assert alone[0] == alone[1] == alone[2]
 
@@ -110,44 +111,34 @@ def test_a_pair_has_two_finite_numbers(field):
 @each([field for field in LEAVES if field.is_table])
 def test_a_table_has_rows_of_two_finite_numbers(field):
     for value in ([], 3.0, "ab", [1.0, 2.0], [[1.0, 2.0, 3.0]], [[1.0, 2.0], [3.0]], np.ones((2, 2, 2)), [["a", "b"]]):
-        with pytest.raises(ValueError, match=rf"{field.error} must be an array of shape \[n x 2\]"):
-            TwoLinkArmEnv(**field.given(value))
-    with pytest.raises(ValueError, match=rf"{field.error} must be finite, got \[ *2. nan\] in row 1"):
-        TwoLinkArmEnv(**field.given([[0.0, 1.0], [2.0, math.nan]]))
+        wrong(field.given(value), rf"{field.error} must be an array of shape \[n x 2\]")
+    wrong(field.given([[0.0, 1.0], [2.0, math.nan]]), rf"{field.error} must be finite, got \[ *2. nan\] in row 1")
     table = field.values[0]
     assert TwoLinkArmEnv(**field.given(np.array(table))).scenario == TwoLinkArmEnv(**field.given(table)).scenario
 
 
 @each([field for field in LEAVES if field.names or field.form.startswith("some of ")])
 def test_a_choice_is_one_of_its_names(field):
-    name = np.atleast_1d(field.values[0])[-1]
+    name, word = np.atleast_1d(field.values[0])[-1], field.name.removesuffix("s")
     for value in (5, object(), [["a"]], None):
-        with pytest.raises(ValueError, match=field.name.removesuffix("s")) as problem:
-            TwoLinkArmEnv(**field.given(value))
-        assert repr(value) in str(problem.value) or value == [["a"]]
+        assert repr(value) in wrong(field.given(value), word) or value == [["a"]]
     if isinstance(name, str):
-        with pytest.raises(
-            ValueError, match=f"unknown .*{field.name.removesuffix('s')} '{name}x'; did you mean '{name}'"
-        ):
-            TwoLinkArmEnv(**field.given(f"{name}x"))
+        wrong(field.given(f"{name}x"), f"unknown .*{word} '{name}x'; did you mean '{name}'")
 
 
 @each([field for field in FIELDS if field.is_record])
 def test_a_record_is_built_from_its_fields_alone(field):
-    for value in (
-        object(),
-        *([] if "None" in field.form or field.declaration.optional or field.path == "events" else [None]),
-    ):
-        refused(field, value)
-    for inner in (
-        inner for inner in FIELDS if inner.path.startswith(field.path) and inner.owner in field.declaration.classes
-    ):
-        with pytest.raises(ValueError, match=f"unknown field of .* '{inner.name}x'; did you mean '{inner.name}'"):
-            TwoLinkArmEnv(**inner.options(**{f"{inner.name}x": 1.0}))
+    refused(field, object())
+    if "None" not in field.form and not field.declaration.optional and field.path != "events":
+        refused(field, None)
+    for inner in FIELDS:
+        if not inner.path.startswith(field.path) or inner.owner not in field.declaration.classes:
+            continue
+        name = inner.name
+        wrong(inner.options(**{f"{name}x": 1.0}), f"unknown field of .* '{name}x'; did you mean '{name}'")
         if inner.default is dataclasses.MISSING:
             kind = {"kind": inner.base["kind"]} if "kind" in inner.base else {}
-            with pytest.raises(ValueError, match=f"{re.escape(field.name)}.* must give .*{inner.name}"):
-                TwoLinkArmEnv(**inner.wrap(kind))
+            wrong(inner.wrap(kind), f"{re.escape(field.name)}.* must give .*{name}")
 
 
 @each(FIELDS)
@@ -165,8 +156,7 @@ def test_an_option_is_described_and_frozen(field):
 
 def drawn(options, lanes=64):
     """Return the numbers of many arms that may vary, [numbers x lanes], and the number and stream of each draw."""
-    env = TwoLinkArmVectorEnv(lanes, **options)
-    env.reset(seed=3)
+    env = started_batch(lanes, **options, seed=3)
     batch, program = env._batch, env._batch._settings
     blocks = batch._memory[batch._parts["blocks"]].reshape(-(-lanes // LANES), -1, LANES)
     first, count = int(program["event_row"]), EVENT_ROWS * int(program["events"])
@@ -235,9 +225,6 @@ def test_a_number_that_may_not_vary_says_so(field):
 @each(VARYING)
 def test_a_distribution_is_within_the_bounds_of_its_number(field):
     for word, bound in field.bounds:
-        with pytest.raises(
-            ValueError, match=rf"{field.error}.*, a distribution, must be .* {word} {bound:g}\b.*, got -1"
-        ):
-            TwoLinkArmEnv(**field.given({"uniform": [-1, 1]}))
-    with pytest.raises(ValueError, match=rf"{field.error}.*: choice\[1\] must be a finite number, got nan"):
-        TwoLinkArmEnv(**field.given({"choice": [1, math.nan]}))
+        message = rf"{field.error}.*, a distribution, must be .* {word} {bound:g}\b.*, got -1"
+        wrong(field.given({"uniform": [-1, 1]}), message)
+    wrong(field.given({"choice": [1, math.nan]}), rf"{field.error}.*: choice\[1\] must be a finite number, got nan")

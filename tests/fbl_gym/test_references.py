@@ -9,20 +9,9 @@ from scipy import stats
 from fbl_gym import ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.options.references import HIGH, LOW
+from tests.fbl_gym.episodes import started
 
 POINTS = ((-1.0, 0.2), (-0.4, -0.5), (-1.9, 0.8))
-FINE = {"control_dt": 1e-3, "physics_dt": 1e-3}
-
-
-def motion(reference, duration=5.0, seed=0, **options):
-    """Reference position, velocity and acceleration, each [steps + 1 x 2], at 1 kHz."""
-    env = TwoLinkArmEnv(reference=reference, duration=duration, **FINE, **options)
-    rows = [env.reset(seed=seed)[0]]
-    rows += [env.step((0, 0))[0] for _ in range(round(duration / 1e-3))]
-    seen = np.array(rows)
-    return [seen[:, env.layout[f"reference_{name}"]] for name in ("position", "velocity", "acceleration")]
-
-
 SMOOTH = {
     "minimum-jerk": {"kind": "minimum-jerk"},
     "filtered-steps": {"kind": "filtered-steps"},
@@ -30,50 +19,6 @@ SMOOTH = {
     "fourier": {"kind": "fourier"},
     "array": {"kind": "array", "position": np.sin(np.outer(np.arange(501) / 80, [1, 2])), "dt": 0.01},
 }
-
-
-def test_steps_start_at_the_first_level_and_jump_at_each_period():
-    env = TwoLinkArmEnv(reference={"kind": "steps", "points": POINTS, "period": 1.0}, **FINE)
-    env.reset(seed=0)
-    np.testing.assert_allclose(env.truth.position, POINTS[0])
-    r, v, a = motion({"kind": "steps", "points": POINTS, "period": 1.0})
-    assert np.all(r[:1000] == POINTS[1])
-    assert np.all(r[1000:] == POINTS[2])
-    assert not v.any()
-    assert not a.any()
-
-
-def test_filtered_steps_solve_the_filters_equation():
-    """r'' = w^2 (s - r) - 2 w r', through every jump of s."""
-    w = 6.0
-    r, v, a = motion({"kind": "filtered-steps", "points": POINTS, "period": 0.7, "bandwidth": w})
-    target = np.array([POINTS[min(k // 700 + 1, 2)] for k in range(5001)])
-    np.testing.assert_allclose(a, w * w * (target - r) - 2 * w * v, atol=1e-9)
-    np.testing.assert_allclose(r[0], POINTS[0])
-    np.testing.assert_allclose(v[0], 0.0)
-    assert np.abs(np.diff(v, axis=0)).max() < 0.1  # no jump in velocity where the level jumps
-    np.testing.assert_allclose(r[-1], POINTS[2], atol=1e-6)
-
-
-def test_a_sine_reference_is_its_formula():
-    t = 1e-3 * np.arange(5001)[:, None]
-    r, _, _ = motion(
-        {"kind": "sine", "centre": (-1.0, 0.5), "amplitude": (0.3, 0.6), "frequency": 0.4, "phase": (0.0, 1.0)}
-    )
-    expected = np.array([-1.0, 0.5]) + np.array([0.3, 0.6]) * np.sin(2 * np.pi * 0.4 * t + [0.0, 1.0])
-    np.testing.assert_allclose(r, expected, atol=1e-12)
-
-
-def test_an_array_reference_returns_its_samples_and_holds_the_last():
-    position = np.cumsum(np.random.default_rng(0).normal(size=(101, 2)) * 0.01, axis=0) - [1.5, 0.0]
-    env = TwoLinkArmEnv(reference={"kind": "array", "position": position, "dt": 0.01}, duration=1.5)
-    rows = [env.reset(seed=0)[0]] + [env.step((0, 0))[0] for _ in range(150)]
-    seen = np.array(rows)[:, env.layout["reference_position"]]
-    np.testing.assert_allclose(seen[:101], position, atol=1e-12)
-    np.testing.assert_allclose(seen[101:], np.broadcast_to(position[-1], (50, 2)), atol=1e-12)
-    assert not np.array(rows)[102:, env.layout["reference_velocity"]].any()
-    given = {"kind": "array", "position": np.zeros((3, 2)), "velocity": np.ones((3, 2)), "dt": 0.01}
-    assert TwoLinkArmEnv(reference=given).reset(seed=0)[0][8:10] == pytest.approx([1.0, 1.0])
 
 
 # A long preview gives a whole motion at once, at 10 kHz.
@@ -109,6 +54,47 @@ def foreseen(reference, duration=2.5, seed=0):
     return H * np.arange(n + 1), rows[:, :2], rows[:, 2:4], rows[:, 4:]
 
 
+def test_steps_start_at_the_first_level_and_jump_at_each_period():
+    reference = {"kind": "steps", "points": POINTS, "period": 1.0}
+    np.testing.assert_allclose(started(reference=reference).truth.position, POINTS[0])
+    _, r, v, a = foreseen(reference)
+    assert np.all(r[:10_000] == POINTS[1])
+    assert np.all(r[10_000:] == POINTS[2])
+    assert not v.any()
+    assert not a.any()
+
+
+def test_filtered_steps_solve_the_filters_equation():
+    """r'' = w^2 (s - r) - 2 w r', through every jump of s."""
+    w = 6.0
+    _, r, v, a = foreseen({"kind": "filtered-steps", "points": POINTS, "period": 0.7, "bandwidth": w}, duration=5.0)
+    target = np.array([POINTS[min(k // 7000 + 1, 2)] for k in range(50_001)])
+    np.testing.assert_allclose(a, w * w * (target - r) - 2 * w * v, atol=1e-9)
+    np.testing.assert_allclose(r[0], POINTS[0])
+    np.testing.assert_allclose(v[0], 0.0)
+    assert np.abs(np.diff(v, axis=0)).max() < 0.01  # no jump in velocity where the level jumps
+    np.testing.assert_allclose(r[-1], POINTS[2], atol=1e-6)
+
+
+def test_a_sine_reference_is_its_formula():
+    sine = {"centre": (-1.0, 0.5), "amplitude": (0.3, 0.6), "frequency": 0.4, "phase": (0.0, 1.0)}
+    t, r, _, _ = foreseen({"kind": "sine", **sine})
+    expected = np.array([-1.0, 0.5]) + np.array([0.3, 0.6]) * np.sin(2 * np.pi * 0.4 * t[:, None] + [0.0, 1.0])
+    np.testing.assert_allclose(r, expected, atol=1e-12)
+
+
+def test_an_array_reference_has_its_samples_rate_and_derivatives_and_holds_the_last():
+    """Samples at 20 ms are read at 0.1 ms."""
+    samples = dict(
+        zip(("position", "velocity", "acceleration"), np.random.default_rng(0).normal(size=(3, 51, 2)), strict=True)
+    )
+    _, *motion = foreseen({"kind": "array", **samples, "dt": 0.02}, duration=1.5)
+    for seen, expected in zip(motion, samples.values(), strict=True):
+        np.testing.assert_allclose(seen[:10_001:200], expected, atol=1e-12)
+    np.testing.assert_allclose(motion[0][10_000:], np.broadcast_to(samples["position"][-1], (5001, 2)), atol=1e-12)
+    assert not motion[1][10_001:].any()
+
+
 @pytest.mark.parametrize("reference", KINDS.values(), ids=KINDS.keys())
 def test_finite_differences_give_velocity_and_acceleration(reference):
     """Central differences of 0.1 ms, except next to the jumps of filtered steps."""
@@ -128,38 +114,30 @@ def test_finite_differences_give_velocity_and_acceleration(reference):
 
 @pytest.mark.parametrize("hold", [0.3, 0.0])
 def test_minimum_jerk_is_the_polynomial_of_flash_and_hogan(hold):
-    t, r, v, a = foreseen({"kind": "minimum-jerk", "points": POINTS, "move_time": 0.8, "hold_time": hold})
+    t, r, _, _ = foreseen({"kind": "minimum-jerk", "points": POINTS, "move_time": 0.8, "hold_time": hold})
     for i in (0, 1):
         begin = (0.8 + hold) * i
         part = (t >= begin - 1e-9) & (t <= begin + 0.8 + 1e-9)
         s = ((t[part] - begin) / 0.8)[:, None]
         way = np.subtract(POINTS[i + 1], POINTS[i])
         np.testing.assert_allclose(r[part], POINTS[i] + way * (10 * s**3 - 15 * s**4 + 6 * s**5), atol=1e-12)
-        np.testing.assert_allclose(v[part], way * (30 * s**2 - 60 * s**3 + 30 * s**4) / 0.8, atol=1e-11)
-        np.testing.assert_allclose(a[part], way * (60 * s - 180 * s**2 + 120 * s**3) / 0.64, atol=1e-10)
     rest = t > 1.6 + hold + 1e-9
     np.testing.assert_allclose(r[rest], np.broadcast_to(POINTS[2], r[rest].shape), atol=1e-14)
-    np.testing.assert_allclose(v[rest], 0.0, atol=1e-12)
-    np.testing.assert_allclose(a[rest], 0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("centre", [(0.5, -0.5), 0.0])
 def test_fourier_is_a_sum_of_sines_with_amplitudes_in_proportion_to_one_over_h(centre):
     n, f, amplitude = 5, 1.0, np.array([1.0, 0.4])
-    t, r, v, a = foreseen(
-        {"kind": "fourier", "frequency": f, "harmonics": n, "amplitude": amplitude, "centre": centre}, duration=2.0
-    )
+    reference = {"kind": "fourier", "frequency": f, "harmonics": n, "amplitude": amplitude, "centre": centre}
+    t, r, _, _ = foreseen(reference, duration=2.0)
     h = np.arange(1, n + 1)
     size = 1 / h / (1 / h).sum()
     spectrum = np.fft.rfft(r[:10000] - np.array(centre), axis=0)[1 : n + 1] / 5000
     np.testing.assert_allclose(np.abs(spectrum), np.outer(size, amplitude), atol=1e-10)
     phase = np.angle(spectrum) + np.pi / 2
     turn = 2 * np.pi * f * h[:, None] * t[:, None, None] + phase
-    w = 2 * np.pi * f * h[:, None]
     size = size[:, None] * amplitude
     np.testing.assert_allclose(r, centre + (size * np.sin(turn)).sum(axis=1), atol=1e-9)
-    np.testing.assert_allclose(v, (w * size * np.cos(turn)).sum(axis=1), atol=1e-8)
-    np.testing.assert_allclose(a, -(w * w * size * np.sin(turn)).sum(axis=1), atol=1e-6)
     assert np.ptp(phase) > 0.5
 
 
@@ -176,11 +154,9 @@ def test_drawn_phases_depend_on_the_seed(reference):
 @pytest.mark.parametrize("reference", ANY.values(), ids=ANY.keys())
 def test_preview_observation_and_truth_have_one_reference(reference):
     """To the bit, and whatever the duration of the episode."""
-    motions = []
+    motions, limits = [], {"position": 1e3, "velocity": 1e4}
     for duration in (5.0, 1.0):
-        env = TwoLinkArmEnv(
-            reference=reference, duration=duration, preview=7, limits={"position": 1e3, "velocity": 1e4}
-        )
+        env = TwoLinkArmEnv(reference=reference, duration=duration, preview=7, limits=limits)
         rows, truths = [env.reset(seed=4)[0]], [env.truth]
         for _ in range(100):
             rows.append(env.step((0.0, 0.0))[0])
@@ -216,9 +192,8 @@ def test_all_levels_of_an_episode_are_drawn_uniformly_from_the_box(kind):
 
 def test_the_arm_starts_at_its_reference_plus_the_initial_error():
     for name, reference in ANY.items():
-        env, plain = TwoLinkArmEnv(reference=reference, initial_error=(0.1, -0.2)), TwoLinkArmEnv(reference=reference)
-        env.reset(seed=3)
-        plain.reset(seed=3)
+        plain = started(reference=reference, seed=3)
+        env = started(reference=reference, initial_error=(0.1, -0.2), seed=3)
         np.testing.assert_array_equal(env.truth.position, plain.truth.position + [0.1, -0.2], err_msg=name)
         np.testing.assert_array_equal(env.truth.velocity, plain.truth.velocity, err_msg=name)
         if name in SMOOTH:
@@ -232,24 +207,6 @@ def test_a_single_point_is_a_constant_reference():
         np.testing.assert_array_equal(r, np.broadcast_to(POINTS[0], r.shape), err_msg=name)
         assert not v.any()
         assert not a.any()
-
-
-def test_an_array_reference_may_have_its_own_rate_and_derivatives():
-    """Samples at 20 ms are read at 10 ms."""
-    rng = np.random.default_rng(0)
-    position, velocity, acceleration = rng.normal(size=(3, 51, 2))
-    reference = {
-        "kind": "array",
-        "position": position,
-        "velocity": velocity,
-        "acceleration": acceleration,
-        "dt": 0.02,
-    }
-    env = TwoLinkArmEnv(reference=reference, duration=1.0, preview=100)
-    preview = env.reset(seed=0)[0][env.layout["preview"]].reshape(100, 6)[1::2]
-    np.testing.assert_allclose(preview[:, :2], position[1:], atol=1e-12)
-    np.testing.assert_allclose(preview[:, 2:4], velocity[1:], atol=1e-12)
-    np.testing.assert_allclose(preview[:, 4:], acceleration[1:], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -281,12 +238,3 @@ def test_no_move_in_the_box_needs_more_than_the_stated_torque(arm, load, stated,
             largest = np.maximum(largest, np.abs(torque).max(axis=(0, 1)))
     assert np.all(largest < limit)
     np.testing.assert_array_less(largest, np.array(stated) + 1.0)
-
-
-@pytest.mark.parametrize("kind", ["steps", "filtered-steps"])
-def test_a_level_lasts_at_least_one_control_step(kind):
-    with pytest.raises(ValueError, match=r"reference.period must be at least control_dt=0.01 s, got 1e-30 s"):
-        TwoLinkArmEnv(reference={"kind": kind, "period": 1e-30})
-    with pytest.raises(ValueError, match=r"reference.move_time \+ hold_time must be at least control_dt=0.01 s"):
-        TwoLinkArmEnv(reference={"kind": "minimum-jerk", "move_time": 1e-300, "hold_time": 0.0})
-    TwoLinkArmEnv(reference={"kind": kind, "period": 0.01}).reset(seed=0)

@@ -3,19 +3,20 @@
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv
+from tests.fbl_gym.episodes import started
 
 
 @pytest.mark.parametrize("form", ["log", "l1"])
-def test_the_reward_is_the_documented_equation(form):
+@pytest.mark.parametrize("actuator", [{}, {"delay": 0.05, "lag": 0.1}], ids=str)
+def test_the_reward_is_the_documented_equation(form, actuator):
+    """Effort and chatter are of the command, not of the applied torque."""
     weights = {"weight_tracking": 2.0, "weight_effort": 0.3, "weight_chatter": 0.7}
     reward = {"tracking": form, "worst": 1.5, "resolution": 2e-3, **weights}
-    env = TwoLinkArmEnv(reward=reward, noise={"position": 0.1})
-    env.reset(seed=0)
+    env = started(reward=reward, noise={"position": 0.1}, actuator=actuator)
     rng, before = np.random.default_rng(0), env.truth.applied_torque / env.interface.torque_limit
-    for _ in range(60):
-        u = rng.uniform(-0.2, 0.2, 2)
-        reward = env.step(u)[1]
+    for k in range(60):
+        u = rng.uniform(-0.2, 0.2, 2) * (1 if k % 10 else 7)  # now and then beyond its box
+        reward, u = env.step(u)[1], np.clip(u, -1.0, 1.0)
         error = np.abs(env.truth.reference - env.truth.position).sum()
         t = np.log(1 + error / 2e-3) / np.log(1 + 1.5 / 2e-3) if form == "log" else error / 1.5
         e, c = np.abs(u).mean(), np.abs(u - before).mean() / 2
@@ -24,24 +25,8 @@ def test_the_reward_is_the_documented_equation(form):
         before = u
 
 
-def test_effort_and_chatter_measure_the_command_not_the_applied_torque():
-    env = TwoLinkArmEnv(
-        actuator={"delay": 0.05, "lag": 0.1},
-        reward={"weight_tracking": 0.0, "weight_effort": 1.0, "weight_chatter": 3.0},
-    )
-    env.reset(seed=0)
-    before, rng = env.truth.applied_torque / env.interface.torque_limit, np.random.default_rng(0)
-    for _ in range(20):
-        u = rng.uniform(-1.5, 1.5, 2)
-        reward = env.step(u)[1]
-        u = np.clip(u, -1.0, 1.0)
-        assert reward == pytest.approx(1 - (np.abs(u).mean() + 3.0 * np.abs(u - before).mean() / 2) / 4.0, abs=1e-12)
-        before = u
-
-
 def test_without_torque_limits_only_tracking_counts():
-    env = TwoLinkArmEnv(actuator=None, action="torque", reward={"tracking": "l1", "worst": 3.0})
-    env.reset(seed=0)
+    env = started(actuator=None, action="torque", reward={"tracking": "l1", "worst": 3.0})
     for k in range(30):
         reward = env.step((500.0 * (-1) ** k, 0.0))[1]
         error = np.abs(env.truth.reference - env.truth.position).sum()
@@ -50,21 +35,11 @@ def test_without_torque_limits_only_tracking_counts():
 
 @pytest.mark.parametrize("form", ["log", "l1"])
 def test_reward_has_a_slope_at_zero_error(form):
-    """It is one at perfect tracking without effort or chatter."""
-    weights = {"weight_effort": 0.0, "weight_chatter": 0.0}
-
-    def reward(error):
-        """Return the reward of an arm that floats beside its reference."""
-        env = TwoLinkArmEnv(
-            reward={"tracking": form, **weights},
-            reference={"kind": "minimum-jerk", "points": [(0.0, 0.0)]},
-            initial_error=(error, 0.0),
-            arm={"gravity": 0.0},
-        )
-        env.reset(seed=0)
-        return env.step((0.0, 0.0))[1]
-
-    errors = np.array([0.0, 1e-6, 1e-4, 1e-2])
-    rewards = np.array([reward(error) for error in errors])
+    """It is one at perfect tracking without effort or chatter, here of an arm that floats beside its reference."""
+    errors, rewards = np.array([0.0, 1e-6, 1e-4, 1e-2]), []
+    still = {"reference": {"kind": "minimum-jerk", "points": [(0.0, 0.0)]}, "arm": {"gravity": 0.0}}
+    for error in errors:
+        env = started(reward={"tracking": form}, initial_error=(error, 0.0), **still)
+        rewards.append(env.step((0.0, 0.0))[1])
     assert rewards[0] == 1.0
     assert np.all(np.diff(rewards) / np.diff(errors) < -0.1)

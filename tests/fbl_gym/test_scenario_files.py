@@ -47,9 +47,8 @@ def test_a_file_changes_its_base_table_by_table(folder):
 def test_a_mapping_has_a_base_and_draws_replace_draws():
     base = {"parameter_error": {"payload": {"mass": {"uniform": [0, 1]}, "pick_up": 1.0}}}
     plain = as_scenario(base).to_dict()
-    changed = as_scenario(
-        {**plain, "base": "nominal", "parameter_error": {"payload": {"mass": {"choice": [1, 2]}, "pick_up": 1.0}}}
-    )
+    choice = {"payload": {"mass": {"choice": [1, 2]}, "pick_up": 1.0}}
+    changed = as_scenario({**plain, "base": "nominal", "parameter_error": choice})
     assert changed.parameter_error.payload.mass.choice == (1.0, 2.0)
     assert as_scenario({"base": "noise-2"}).noise == scenarios.get("noise-2").noise
 
@@ -100,12 +99,10 @@ def test_a_base_must_not_lead_back_to_its_file(tmp_path):
 def test_the_torques_of_a_tier_follow_the_arm(tmp_path):
     (tmp_path / "mine.toml").write_text('base = "servo-friction-2"\narm = "pelican"\ncontrol_dt = 0.005\n')
     scenario = scenarios.get(str(tmp_path / "mine.toml"))
-    expected = scenarios.Scenario(
-        **scenarios.conditions(scenarios.get("servo-surprise-arm").arm, "servo", "friction", 2)
-    )
-    assert scenario.friction == expected.friction
-    assert scenario.actuator == expected.actuator
-    assert scenario.parameter_error == expected.parameter_error
+    arm = scenarios.get("servo-surprise-arm").arm
+    expected = scenarios.Scenario(**scenarios.conditions(arm, "servo", "friction", 2))
+    for name in ("friction", "actuator", "parameter_error"):
+        assert getattr(scenario, name) == getattr(expected, name)
     assert scenario.control_dt == 0.005
 
 

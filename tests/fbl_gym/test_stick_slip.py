@@ -7,21 +7,21 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from fbl_gym import TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
-from tests.fbl_gym.dry_arm import FLAT, STILL, flat
+from tests.fbl_gym.dry_arm import FLAT, flat
+from tests.fbl_gym.episodes import truths_of
+
+
+def path_of(**options):
+    """Return positions [201 x 2] over four seconds without a command."""
+    truths = truths_of(flat(control_dt=0.02, **options), [(0.0, 0.0)] * 200)
+    return np.array([truth.position for truth in truths])
 
 
 def stick_slip(h):
     """Return positions under a sine torque beyond breakaway, with several phases of stick and slip."""
     disturbance = {"kind": "sine", "amplitude": (40.0, 16.0), "frequency": (0.5, 0.4), "phase": (0.0, 1.5)}
-    env = flat(disturbance=disturbance, control_dt=0.02, physics_dt=h, duration=4.0)
-    env.reset(seed=0)
-    path = []
-    for _ in range(200):
-        env.step((0.0, 0.0))
-        path.append(env.truth.position)
-    return np.array(path)
+    return path_of(disturbance=disturbance, physics_dt=h)
 
 
 def test_the_solution_converges_as_the_step_shrinks():
@@ -47,11 +47,7 @@ ALONE = float(inertia_matrix(FLAT, (0.4, 0.7))[0, 0])
 def test_a_coasting_joint_stops_after_v2_i_over_2f(h):
     """Under Coulomb friction alone it stops after v^2 I / (2 f), late by f h^2 / (8 I) at most."""
     coasting = {"kind": "sine", "centre": (0.4, 0.7), "amplitude": (0.5, 0.0), "frequency": 1 / math.pi}
-    friction = {"coulomb": (20.0, 1e5)}
-    env = TwoLinkArmEnv(
-        arm=FLAT, action="torque", actuator=None, reference=coasting, friction=friction, control_dt=h, physics_dt=h
-    )
-    env.reset(seed=0)
+    env = flat(reference=coasting, friction={"coulomb": (20.0, 1e5)}, control_dt=h, physics_dt=h)
     truth = env.truth
     assert truth.velocity.tolist() == [1.0, 0.0]
     while truth.velocity[0] != 0.0:
@@ -61,32 +57,20 @@ def test_a_coasting_joint_stops_after_v2_i_over_2f(h):
     stop, late = 0.4 + ALONE / (2 * 20.0), 20.0 * h**2 / (8 * ALONE)
     assert abs(env.truth.time - ALONE / 20.0) <= h * (1 + 1e-9)
     assert -1e-11 <= env.truth.position[0] - stop <= late + 1e-11
-    rest = env.truth.position
-    for _ in range(20):
-        env.step((19.0, 0.0))
-    assert np.array_equal(env.truth.position, rest)
+    rest, *_, later = truths_of(env, [(19.0, 0.0)] * 20)
+    assert np.array_equal(later.position, rest.position)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.5])
 def test_a_joint_without_dry_friction_is_never_held(phase):
     """Its motion is smooth under any friction of the other joint, also from rest without a load."""
     disturbance = {"kind": "sine", "amplitude": (45.0, 0.0), "frequency": 1.0, "phase": (phase, 0.0)}
-    env = TwoLinkArmEnv(
-        arm=FLAT,
-        action="torque",
-        actuator=None,
-        reference=STILL,
-        friction={"coulomb": (0.0, 1e5)},
-        disturbance=disturbance,
-    )
-    env.reset(seed=0)
-    for _ in range(100):
-        env.step((0.0, 0.0))
+    truth = truths_of(flat(friction={"coulomb": (0.0, 1e5)}, disturbance=disturbance), [(0.0, 0.0)] * 100)[-1]
     w, t, a = 2 * math.pi, 1.0, -45.0 / ALONE
     velocity = a * (math.cos(phase) - math.cos(w * t + phase)) / w
     way = a * (math.cos(phase) * t - (math.sin(w * t + phase) - math.sin(phase)) / w) / w
-    assert env.truth.velocity[0] == pytest.approx(velocity, abs=1e-9)
-    assert env.truth.position[0] == pytest.approx(0.4 + way, abs=1e-9)
+    assert truth.velocity[0] == pytest.approx(velocity, abs=1e-9)
+    assert truth.position[0] == pytest.approx(0.4 + way, abs=1e-9)
 
 
 def slip_by_events(times):
@@ -115,16 +99,8 @@ def slip_by_events(times):
             break
         way = math.copysign(1.0, load(start + 1e-9))
         phase = solve_ivp(
-            slope,
-            (start, last),
-            (q, 0.0),
-            "DOP853",
-            args=(way,),
-            rtol=1e-11,
-            atol=1e-13,
-            events=stops,
-            dense_output=True,
-        )
+            slope, (start, last), (q, 0.0), "DOP853", args=(way,), rtol=1e-11, atol=1e-13, events=stops, dense_output=True
+        )  # fmt: skip
         t, q = phase.t[-1], phase.y[0, -1]
         inside = (times > start) & (times <= t)
         path[inside] = phase.sol(times[inside])[0]
@@ -138,17 +114,9 @@ def test_stick_and_slip_agree_with_an_event_driven_solution():
     right, errors = slip_by_events(times), []
     assert np.abs(np.diff(right)).max() > 0.005
     for h in (1e-3, 2.5e-4, 6.25e-5):
-        env = TwoLinkArmEnv(
-            arm=FLAT, action="torque", actuator=None, reference=STILL, friction=LOCKED, disturbance=disturbance,
-            control_dt=0.02, physics_dt=h,
-        )  # fmt: skip
-        env.reset(seed=0)
-        path = [env.truth.position]
-        for _ in times[1:]:
-            env.step((0.0, 0.0))
-            path.append(env.truth.position)
-        assert np.all(np.array(path)[:, 1] == 0.7)
-        errors.append(np.abs(np.array(path)[:, 0] - right).max())
+        path = path_of(friction=LOCKED, disturbance=disturbance, physics_dt=h)
+        assert np.all(path[:, 1] == 0.7)
+        errors.append(np.abs(path[:, 0] - right).max())
     ratios = np.divide(errors[:-1], errors[1:])
     assert np.all((ratios > 3.5) & (ratios < 4.5)), errors
     assert errors[2] < 2e-5

@@ -5,7 +5,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from fbl_gym import TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import EVENTFUL
+from tests.fbl_gym.episodes import EVENTFUL, started_batch
 
 
 @pytest.mark.parametrize(
@@ -24,9 +24,7 @@ def test_bad_arguments_are_named(arguments, message):
 
 
 def test_the_first_bad_lane_is_named_and_the_episode_continues():
-    env, twin = TwoLinkArmVectorEnv(37, **EVENTFUL), TwoLinkArmVectorEnv(37, **EVENTFUL)
-    env.reset(seed=0)
-    twin.reset(seed=0)
+    env, twin = started_batch(37, **EVENTFUL), started_batch(37, **EVENTFUL)
     for k in range(45):
         actions = np.random.default_rng(k).uniform(-1, 1, (37, 2))
         for lane, value in ((36, np.nan), (20, np.inf), (k % 37, -np.inf)):
@@ -42,38 +40,21 @@ def test_the_first_bad_lane_is_named_and_the_episode_continues():
             np.testing.assert_array_equal(x, y)
 
 
+SEEDS = [2.5, np.float64(2.0), np.array(5), "5", True, -1, 2**64 - 1, {}, [1], [0, -1], [1, 2.5], [1, "2"]]
+MASKS = [[True, False], np.array([1, 0]), np.array([True]), np.zeros(2, bool), np.ones(3, bool)]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        *[
-            ({"seed": seed}, "seed must be")
-            for seed in (
-                2.5,
-                np.float64(2.0),
-                np.array(5),
-                "5",
-                True,
-                -1,
-                2**64 - 1,
-                {},
-                [1],
-                [0, -1],
-                [1, 2.5],
-                [1, "2"],
-            )
-        ],
-        *[
-            ({"seed": 5, "options": {"reset_mask": mask}}, "reset_mask must")
-            for mask in ([True, False], np.array([1, 0]), np.array([True]), np.zeros(2, bool), np.ones(3, bool))
-        ],
+        *[({"seed": seed}, "seed must be") for seed in SEEDS],
+        *[({"seed": 5, "options": {"reset_mask": mask}}, "reset_mask must") for mask in MASKS],
         ({"options": {"reset_masc": np.ones(2, bool)}}, "unknown reset option 'reset_masc'; did you mean 'reset_mask'"),
     ],
     ids=str,
 )
 def test_a_bad_reset_is_named_and_changes_no_episode(arguments, message):
-    env, twin = TwoLinkArmVectorEnv(2), TwoLinkArmVectorEnv(2)
-    env.reset(seed=0)
-    twin.reset(seed=0)
+    env, twin = started_batch(2), started_batch(2)
     with pytest.raises(ValueError, match=message):
         env.reset(**arguments)
     np.testing.assert_array_equal(env.step(np.zeros((2, 2)))[0], twin.step(np.zeros((2, 2)))[0])
