@@ -113,7 +113,7 @@ def with_csv(app, doctree, page) -> None:
 
 
 def with_shades(_app, doctree, page) -> None:
-    """Shade the errors of each family on the boards, by how often they double their column's least."""
+    """Shade the boards' errors of each family, by how often they double their column's least."""
     for table in doctree.findall(nodes.table):
         head, *rows = [list(row.findall(nodes.entry)) for row in table.findall(nodes.row)]
         titles = [cell.astext() for cell in head]
