@@ -4,6 +4,7 @@ import csv
 import inspect
 import itertools
 import json
+import math
 import os
 import re
 from pathlib import Path
@@ -111,6 +112,21 @@ def with_csv(app, doctree, page) -> None:
             table.parent.insert(table.parent.index(table) + 1, nodes.paragraph("", "", link))
 
 
+def with_shades(_app, doctree, page) -> None:
+    """Shade the boards' errors of each family, by how often they double their column's least."""
+    for table in doctree.findall(nodes.table):
+        head, *rows = [list(row.findall(nodes.entry)) for row in table.findall(nodes.row)]
+        titles = [cell.astext() for cell in head]
+        if page == "results/board" and "mrad" in titles:
+            for column in range(titles.index("mrad") + 1, titles.index("access")):
+                cells = [row[column] for row in rows if re.fullmatch(r"[\d.]+", row[column].astext())]
+                least = min(float(cell.astext()) for cell in cells)
+                for cell in cells:
+                    cell["classes"].append(f"shade-{min(int(math.log2(float(cell.astext()) / least)), 5)}")
+            about = "The columns of families are errors in %, shaded from 2, 4, 8, 16 and 32 times the least of a column on."
+            table.parent.insert(table.parent.index(table) + 1, nodes.paragraph("", about))
+
+
 class NotebookParser(MystParser):
     """Reads a notebook as Markdown: its cells with their printed lines and their figures."""
 
@@ -136,6 +152,7 @@ def setup(app) -> None:
     app.connect("doctree-read", without_mail)
     app.connect("doctree-read", with_dark_pictures, priority=0)  # before pictures are collected
     app.connect("doctree-resolved", with_csv)
+    app.connect("doctree-resolved", with_shades)
     app.add_source_suffix(".ipynb", "notebook")
     app.add_source_parser(NotebookParser)
 

@@ -45,7 +45,8 @@ def leaderboard(board: Board) -> str:
 def over_boards(boards: Mapping[str, Board], *, short: bool = False) -> str:
     """Return a table of rank, score and error on each board, by name, with the boards' gaps.
 
-    A short one has the first rows of each board, and the paper's laws with tuned gains.
+    A short one has the first rows of each board, and the paper's laws with tuned gains. The three
+    numbers stay in one line, on a phone too.
     """
     chosen = {
         board.policies[i]: None
@@ -56,13 +57,17 @@ def over_boards(boards: Mapping[str, Board], *, short: bool = False) -> str:
     }
     header, rows = over_all(boards, tuple(chosen) if short else ())
     gaps = "".join(f"\n{plain(name)}: {plain(gap)}\n" for name, board in boards.items() for gap in board.gaps)
-    return table(header, [[code(policy), *map(plain, cells)] for policy, *cells in rows]) + gaps
+    return table(header, [[code(policy), *map(_unbroken, cells)] for policy, *cells in rows]) + gaps
 
 
 def _cell(column: Column, i: int) -> str:
     if column.key == "policy":
         return code(column.text(i)) + (f", {column.notes[i]}" if column.notes[i] else "")
     return plain(column.cell(i)) or "not ranked"
+
+
+def _unbroken(cell: str) -> str:
+    return plain(cell).replace(" ", "\u00a0").replace("–", "–\u2060" if len(cell) > 1 else "–")
 
 
 def replace_between(text: str, table: str) -> str:
@@ -76,7 +81,10 @@ def replace_between(text: str, table: str) -> str:
 
 def board_page(boards: Mapping[str, Board]) -> str:
     """Return a page of the documentation with every row of some boards, by name."""
-    parts = ["# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns.\n"]
+    parts = [
+        "# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns.\n\n"
+        "![Scores of the first policies of each board as dots, with their 95 % intervals](../pictures/scores.svg)\n"
+    ]
     if len(boards) > 1:
         parts.append(f"## Over all\n\nRank, score and error on each board.\n\n{over_boards(boards)}")
     for name, board in boards.items():

@@ -43,7 +43,7 @@ def write_page(path: Path, board: Board, results: Sequence[Result], command: str
         "Python": latest.get("python", ""),
         **latest.get("packages", {}),
     }
-    entries, figure = columns(board), pareto(board)
+    entries, figure, plotly = columns(board), pareto(board), get_plotlyjs()
     parts = {
         "SUMMARY": html.escape(_summary(board)),
         "LINK": '<a href="#pareto">Error and effort</a>' if figure else "",
@@ -52,7 +52,8 @@ def write_page(path: Path, board: Board, results: Sequence[Result], command: str
         "MEANINGS": _definitions({column.title: column.meaning for column in entries}),
         "FIGURE": _FIGURE.format(html.escape(figure["description"])) if figure else "",
         "FACTS": _definitions(facts),
-        "PLOTLY": get_plotlyjs(),
+        "PLOTLY": plotly,
+        "SIZE": f"{len(plotly.encode()) / 1e6:.1f}",
         # In a script element only "<" could end it; JSON reads the escaped character as the same.
         "DATA": json.dumps(figure, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
     }

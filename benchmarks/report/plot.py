@@ -229,14 +229,14 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns
     plot_lines(title, panels, path, columns)
 
 
-def plot_scores(boards: Mapping[str, Board], path: Path, rows: int = 12) -> None:
+def plot_scores(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
     """Draw the scores of the first policies of some boards, by name, as dots with their intervals.
 
-    A name is without "@tuned".
+    A name is without "@tuned". The boards stand below each other, as wide as a phone.
     """
     scored = {name: (board, board.score) for name, board in boards.items() if board.score is not None}
-    with _figure("Scores", path, (WIDTHS[2], 0.6 + 0.16 * rows)) as figure:
-        panels = figure.subplots(1, len(scored), squeeze=False)[0]
+    with _figure("Scores", path, (WIDTHS[1], len(scored) * (0.55 + 0.16 * rows))) as figure:
+        panels = figure.subplots(len(scored), 1, squeeze=False)[:, 0]
         for axes, (name, (board, score)) in zip(panels, scored.items(), strict=True):
             first = [i for i in board.order if i in board.ranked][:rows]
             value = score.value[first]
@@ -245,4 +245,4 @@ def plot_scores(boards: Mapping[str, Board], path: Path, rows: int = 12) -> None
             axes.margins(x=0.04)
             axes.set(title=name, xlabel="score", ylim=(rows - 0.5, -0.5))
             labels = [board.policies[i].removesuffix("@tuned") for i in first]
-            axes.set_yticks(range(len(first)), labels=labels, fontsize=6)
+            axes.set_yticks(range(len(first)), labels=labels, fontsize=7)

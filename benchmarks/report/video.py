@@ -78,6 +78,6 @@ def picture(title: str, trace: Trace, k: int) -> Picture:
         position=pair(trace.position[sample, 0]),
         reference=pair(trace.reference[k, 0]),
         torque=pair(trace.torque[sample, 0]),
-        push=None if trace.scenario.disturbance is None else pair(-trace.disturbance[sample, 0]),
+        disturbance=None if trace.scenario.disturbance is None else pair(-trace.disturbance[sample, 0]),
         payload=float(trace.payload[sample, 0]),
     )

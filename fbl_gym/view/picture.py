@@ -44,6 +44,9 @@ LETTERS = 0.034
 WIDTHS = (0.04, 0.032, 0.02)
 """Widths of the links at base, elbow and tip."""
 
+PLATE = 150.0
+"""Mass of the payload's disc by its area, at the scale of the arm [kg/m^2]."""
+
 FINER = 3
 """A canvas has this many times the frame's pixels in each direction."""
 
@@ -58,7 +61,7 @@ class Picture:
         lengths: real lengths of the links [m].
         position, reference: joint angles [rad].
         torque: applied to the joints [N m].
-        push: torque of the disturbance, -tau_d of equation (1) [N m]; None: the scenario has none.
+        disturbance: its torque, -tau_d of equation (1) [N m]; None: the scenario has none.
         payload: mass carried at the tip [kg].
     """
 
@@ -69,7 +72,7 @@ class Picture:
     position: Pair
     reference: Pair
     torque: Pair
-    push: Pair | None
+    disturbance: Pair | None
     payload: float
 
 
@@ -95,12 +98,15 @@ def draw(picture: Picture, size: int = 480) -> Frame:
     reach = functools.partial(project, lengths=picture.lengths, size=size)
     base, elbow, tip = reach(joints(picture.lengths, picture.position)).tolist()
     pygame.draw.circle(canvas, RULE, base, (REACH + 0.0015) * size, round(0.003 * size))
-    _line(canvas, [base, (base[0], base[1] + 0.085 * size)], [0.06 * size] * 2, RULE)
+    for width, colour in ((0.06, GHOST), (0.053, PAPER)):  # the mount: an outline, where the reference is an area
+        _line(canvas, [base, (base[0], base[1] + 0.085 * size)], [width * size] * 2, colour)
     widths = [size * width for width in WIDTHS]
     reference = reach(joints(picture.lengths, picture.reference)).tolist()
     _line(canvas, reference, widths, PALE)
     if picture.payload > 0.0:
-        pygame.draw.circle(canvas, ORANGE, tip, 0.03 * size)
+        scale = REACH / sum(picture.lengths)
+        area = 0.013**2 + scale**2 * picture.payload / (math.pi * PLATE)  # around the tip's own disc
+        pygame.draw.circle(canvas, ORANGE, tip, math.sqrt(area) * size)
     _line(canvas, [base, elbow, tip], widths, BLUE)
     for joint, radius in ((base, 0.013), (elbow, 0.011), (tip, 0.009)):
         pygame.draw.circle(canvas, PAPER, joint, (radius + 0.004) * size)
@@ -118,8 +124,8 @@ def _write_numbers(canvas: pygame.Surface, picture: Picture, size: int) -> None:
         write(canvas, f"payload {picture.payload:.3g} kg", (right, SUBTITLE * size), line, INK, 1.0)
     error = [1e3 * (r - q) for r, q in zip(picture.reference, picture.position, strict=True)]
     rows = [("error [mrad]", error, GHOST), ("torque [N m]", picture.torque, VERMILLION)]
-    if picture.push is not None:
-        rows.append(("push [N m]", picture.push, PURPLE))
+    if picture.disturbance is not None:
+        rows.append(("disturbance [N m]", picture.disturbance, PURPLE))
     columns = (0.7 * size, right)
     for i, x in enumerate(columns):
         write(canvas, f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)

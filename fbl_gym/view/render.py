@@ -28,10 +28,10 @@ class View:
     def picture(self, truth: Truth) -> Picture:
         """Return the picture of an instant."""
         lengths, q, r, torque = map(pair, (truth.lengths, truth.position, truth.reference, truth.applied_torque))
-        push = None if self.scenario.disturbance is None else pair(-truth.disturbance)
+        disturbance = None if self.scenario.disturbance is None else pair(-truth.disturbance)
         return Picture(
             title=self.scenario.name, subtitle="", time=float(truth.time), lengths=lengths, position=q, reference=r,
-            torque=torque, push=push, payload=float(truth.payload),
+            torque=torque, disturbance=disturbance, payload=float(truth.payload),
         )  # fmt: skip
 
     def frame(self, truth: Truth) -> Frame:

@@ -292,7 +292,7 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path, capsys):
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
     assert short.splitlines()[0] == "| policy | servo | mean score |"
-    ranks = [line.split(" | ")[1].partition(" · ")[0] for line in short.splitlines()[2:]]
+    ranks = [line.split(" | ")[1].partition("\u00a0·\u00a0")[0] for line in short.splitlines()[2:]]
     assert ranks == sorted(ranks)
     assert table in (tmp_path / "docs" / "results" / "board.md").read_text()
     picture = (tmp_path / "docs" / "pictures" / "scores.svg").read_text()

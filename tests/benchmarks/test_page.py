@@ -89,10 +89,17 @@ def browser(tmp_path_factory):
     driver.quit()
 
 
+def ready(page):
+    """Wait until the scripts have run: a driver may return before, from a page that it has already."""
+    ran = "return document.readyState === 'complete' && Boolean(document.querySelector('#count')?.textContent)"
+    WebDriverWait(page, 20).until(lambda page: page.execute_script(ran))
+
+
 @pytest.fixture
 def page(browser, path):
     browser.set_window_size(1280, 900)
     browser.get(path.as_uri())
+    ready(browser)
     yield browser
     problems = [entry["message"] for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
     assert problems == []
@@ -189,11 +196,13 @@ def test_a_phone_shows_it_without_scrolling_the_page_sideways(page, path, scheme
         "Emulation.setDeviceMetricsOverride", {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
     )
     page.get(path.as_uri())
+    ready(page)
     root = "document.documentElement"
     assert page.execute_script(f"return {root}.dataset.theme") == scheme
     assert page.execute_script(f"return {root}.scrollWidth") == 390
     press(page, "#theme")
     page.refresh()  # the choice is kept
+    ready(page)
     assert page.execute_script(f"return {root}.dataset.theme") != scheme
     page.execute_script("localStorage.clear()")
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

@@ -51,7 +51,7 @@ def test_a_film_shows_what_the_environment_draws():
     for k in range(scenario.steps):
         if k in (0, 1, 299, 300, 301, 500, 699, 700, 701, 702):
             one, two = map(dataclasses.asdict, (picture("cascade-flm", trace, k), view.picture(env.truth)))
-            for name in ("lengths", "position", "reference", "torque", "push", "time"):
+            for name in ("lengths", "position", "reference", "torque", "disturbance", "time"):
                 np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9, err_msg=f"{name} at {k}")
             assert one["payload"] == two["payload"], k
         action, state = policy.predict(observation, state)

@@ -37,7 +37,7 @@ def _without_a_display(monkeypatch):
 def instant(**changes):
     plain = {
         "title": "", "subtitle": "", "time": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1),
-        "torque": (0.0, 0.0), "push": None, "payload": 0.0,
+        "torque": (0.0, 0.0), "disturbance": None, "payload": 0.0,
     }  # fmt: skip
     return Picture(**(plain | changes))
 
@@ -89,21 +89,33 @@ def test_a_change_of_the_picture_changes_the_frame():
     bare = draw(instant())
     assert count(bare, ORANGE) == 0
     assert count(draw(instant(payload=2.0)), ORANGE) > 100
-    assert count(draw(instant(push=(0.0, 0.0))), PURPLE) > count(bare, PURPLE)
+    assert count(draw(instant(disturbance=(0.0, 0.0))), PURPLE) > count(bare, PURPLE)
     for change in ({"title": "x"}, {"subtitle": "x"}, {"time": 1.0}, {"reference": (0.9, 1.1)}, {"torque": (0.1, 0.0)}):
         assert not np.array_equal(draw(instant(**change)), bare), change
     np.testing.assert_array_equal(draw(instant()), bare)
+
+
+def test_the_payloads_disc_has_an_area_by_its_mass():
+    """At the scale of the arm, up to the part that the link covers."""
+    area = {mass: count(draw(instant(payload=mass, position=(2.0, 1.1)), 800), ORANGE) for mass in (0.5, 5.0, 20.0)}
+    assert area[20.0] / area[5.0] == pytest.approx(4.0, rel=0.15)
+    assert 0 < area[0.5] < area[5.0] / 5
+    small = draw(instant(payload=5.0 / 9, position=(2.0, 1.1), lengths=(0.7 / 3, 0.5 / 3)), 800)
+    assert count(small, ORANGE) == pytest.approx(area[5.0], rel=0.01)
 
 
 def test_the_numbers_are_those_of_the_picture(monkeypatch):
     written = []
     monkeypatch.setattr(picture, "write", lambda canvas, text, *_: written.append(text))
     values = {"title": "here", "subtitle": "there", "time": 1.234, "position": (0.5, 1.2), "payload": 2.5}
-    draw(instant(**values, torque=(-1234.56, 2.0), push=(-3.0, 1e300)))
+    draw(instant(**values, torque=(-1234.56, 2.0), disturbance=(-3.0, 1e300)))
     assert {"here", "there", "1.23 s", "payload 2.5 kg"} < set(written)
-    assert written[-9:-6] == ["error [mrad]", "+100.0", "−100.0"]
-    assert written[-6:-3] == ["torque [N m]", "−1,234.6", "+2.0"]
-    assert written[-3:] == ["push [N m]", "−3.0", "+1.0e+300"]
+    rows = [
+        ["error [mrad]", "+100.0", "−100.0"],
+        ["torque [N m]", "−1,234.6", "+2.0"],
+        ["disturbance [N m]", "−3.0", "+1.0e+300"],
+    ]
+    assert written[-9:] == [text for row in rows for text in row]
 
 
 def test_drawing_changes_no_episode():

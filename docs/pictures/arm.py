@@ -1,7 +1,11 @@
-"""Write the dark form of arm.gif: `python docs/pictures/dark.py`. Colours keep their hue."""
+"""Film two of the paper's laws as arm.gif, and write its dark form, with the same hues."""
 
 import colorsys
 from pathlib import Path
+
+from benchmarks.report.video import write_video
+from benchmarks.run.rollout import rollout
+from fbl_gym import scenarios
 
 FOLDER = Path(__file__).parent
 
@@ -14,6 +18,10 @@ def inverted(red, green, blue):
     dark += min(spread / 128, 1) * max(0.6 - dark, 0)  # colours stay bright
     return (round(255 * part) for part in colorsys.hls_to_rgb(hue, dark, vivid if spread > 8 else 0.0))
 
+
+scenario = scenarios.get("everything-3").replace(duration=6.0)
+traces = {policy: rollout(policy, scenario, seeds=[0]) for policy in ("pid-flm", "cascade-flm")}
+write_video(traces, FOLDER / "arm.gif", size=320)
 
 film = bytearray((FOLDER / "arm.gif").read_bytes())
 assert film[10] & 0x80, "all frames share one palette"
