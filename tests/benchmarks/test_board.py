@@ -27,20 +27,6 @@ from benchmarks.run.suite import Cell, load
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 
-def test_a_lane_of_a_rollout_is_the_single_environment():
-    """Position and torque of each seed are those of a plain loop over the single environment."""
-    found = rollout("cascade-flm", scenarios.get("everything-2"), [3, 8])
-    for lane, seed in enumerate((3, 8)):
-        env = TwoLinkArmEnv("everything-2")
-        policy, state = controllers.make("cascade-flm", env), None
-        observation, _ = env.reset(seed=seed)
-        for k in range(200):
-            np.testing.assert_allclose(found.position[k, lane], env.truth.position, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(found.reference[k, lane], env.truth.reference, rtol=0, atol=1e-12)
-            action, state = policy.predict(observation, state)
-            observation = env.step(action)[0]
-
-
 def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
     scenario = scenarios.get("disturbance-3")
     found = rollout("zero", scenario, range(16))
@@ -458,13 +444,3 @@ def test_evaluate_command_with_a_plot(tmp_path, capsys):
         assert cli.main(["evaluate", *line.split(), "--plot", str(picture)]) == 0
         assert shown in capsys.readouterr().out
         assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-def test_help_names_every_command(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        cli.main([])
-    shown = capsys.readouterr().out
-    for name in cli.COMMANDS:
-        assert f"  {name} " in shown
-        with pytest.raises(SystemExit, match="0"):
-            cli.main([name, "--help"])

@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.analysis.board import assemble
 from benchmarks.report.columns import columns
@@ -137,14 +136,6 @@ def test_families_are_columns_of_the_board(page, board):
     assert "…" in ends
 
 
-def test_the_board_sorts_with_the_keyboard(page):
-    page.execute_script("document.querySelector('[data-sort=policy]').focus()")
-    page.switch_to.active_element.send_keys(Keys.ENTER)
-    assert names(page) == sorted(POLICIES)
-    page.switch_to.active_element.send_keys(Keys.SPACE)
-    assert names(page) == sorted(POLICIES, reverse=True)
-
-
 def test_the_board_filters(page):
     page.find_element("id", "search").send_keys("flm pid")
     assert names(page) == ["pid-flm"]
@@ -155,18 +146,6 @@ def test_the_board_filters(page):
     option.click()
     assert names(page) == ["zero"]
     assert not page.find_element("css selector", "label:has(#filter-tuning)").is_displayed()  # all have the same
-
-
-def test_a_figure_is_saved_as_svg(page, tmp_path):
-    page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
-    page.execute_script("document.querySelector('#pareto').scrollIntoView()")
-    button = "#pareto .modebar-btn"
-    WebDriverWait(page, 5).until(lambda page: page.find_elements("css selector", button))
-    page.execute_script("document.querySelector(arguments[0]).dispatchEvent(new Event('click'))", button)
-    WebDriverWait(page, 5).until(lambda _: list(tmp_path.glob("*.svg")))
-    (saved,) = tmp_path.glob("*.svg")
-    assert 'class="legendtext"' in saved.read_text()
-    assert ">pid-flm<" in saved.read_text()
 
 
 def test_the_pareto_front_is_drawn_and_follows_the_filters(page, board):

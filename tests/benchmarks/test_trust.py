@@ -1,12 +1,9 @@
 """Code that a file names runs only with `--trust`."""
 
-import json
-
 import pytest
 
 from benchmarks import cli
 from benchmarks.policies import external
-from benchmarks.policies.digest import data_digest
 from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
@@ -48,14 +45,3 @@ def test_a_suite_that_names_code_runs_only_with_trust(named, status, flag, capsy
     assert cli.main([*line, "--trust"]) == status
     assert flag.exists() == (status == 0)
     assert ("a.zip must be an archive" in " ".join(capsys.readouterr().out.split())) == (status == 1)
-
-
-def test_an_unknown_access_in_a_result_is_damage(tmp_path):
-    store = Store(tmp_path)
-    path = store.save(run_cell(Cell("zero", "nominal", (0,))))
-    document = json.loads(path.read_text())
-    document["policy"]["access"] = "<b>all</b>"
-    del document["sha256"]
-    path.write_text(json.dumps({**document, "sha256": data_digest(document)}))
-    with pytest.warns(UserWarning, match="is damaged"):
-        assert list(store.results()) == []

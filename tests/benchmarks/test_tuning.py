@@ -14,7 +14,6 @@ from benchmarks import cli
 from benchmarks.policies.spec import resolve
 from benchmarks.seeds import SPLITS
 from benchmarks.tuning.search import Task, at_edge, judge, scenarios_of, seeds, summary, tune, write_gains
-from controllers.gains import parse_gain
 from fbl_gym import Scenario, scenarios
 
 NOMINAL = (Scenario(),)
@@ -161,22 +160,6 @@ def test_a_resumed_study_repeats_no_trial(tmp_path):
     for trials in (2, 3, 4, 5):
         study = tune(task, f"sqlite:///{tmp_path}/new/studies.db", trials=trials)
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
-
-
-def test_pairs_of_default_gains_are_printed(tmp_path, capsys, monkeypatch):
-    """The first trial of a law has its default gains, some of which are pairs."""
-    monkeypatch.chdir(tmp_path)
-    few = "--trials 1 --seeds 1 --candidates 1 --fresh-seeds 1 --scenarios servo-practice-nominal"
-    assert cli.main(f"tune robust-flm {few}".split()) == 0
-    assert "kp=" in capsys.readouterr().out
-
-
-def test_a_pair_of_gains_is_one_for_each_joint():
-    """To a law that never thought of pairs, too: it multiplies joints by it."""
-    name, value = parse_gain("w=20,30")
-    assert name == "w"
-    assert list(value**2) == [400, 900]
-    assert parse_gain("w=20") == ("w", 20.0)
 
 
 def test_two_processes_share_a_study(tmp_path):

@@ -33,16 +33,6 @@ def test_integral_action_removes_a_constant_load():
     assert np.abs(errors[100]).max() > 1e-3
 
 
-def test_known_loads_cancel_the_real_ones():
-    """Equation (22) with exact F^ and tau_d^: the error is that without friction and disturbance."""
-    friction, load = {"coulomb": (10.0, 5.0), "stiction": (30.0, 15.0), "law": "literal"}, (50.0, 20.0)
-    free = scenarios.get("paper-8").replace(friction=None, duration=4.0)
-    loaded = free.replace(friction=friction, disturbance={"kind": "array", "torque": (load,), "dt": 1.0})
-    error = lambda scenario, **gains: measure(rollout("cascade-flm", scenario, [0], gains))[0]["error_pct"]
-    assert error(loaded) > 1.5 * error(free)
-    assert error(loaded, friction=friction, disturbance=load) < 1.05 * error(free)
-
-
 def test_feed_forward_tracks_a_moving_reference():
     scenario = scenarios.get("paper-8").replace(friction=None, duration=4.0)
     without, with_it = (

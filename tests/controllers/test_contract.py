@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -37,16 +36,6 @@ def test_a_policy_without_privileged_access_holds_plain_data(name):
         plain = Interface | AdapterSettings | Actor | float | int | str | tuple | None
         assert isinstance(getattr(policy, field.name), plain), field.name
     assert configuration(controllers.make(name, policy.interface)) == configuration(policy)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_sb3_evaluates_a_policy(name):
-    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
-    monitor = pytest.importorskip("stable_baselines3.common.monitor")
-    env = monitor.Monitor(gym.make("fbl_gym/TwoLinkArm-v0", duration=1.0))
-    reward, spread = evaluation.evaluate_policy(controllers.make(name, env), env, n_eval_episodes=2)
-    assert 0.0 <= reward <= 100.0
-    assert spread >= 0.0
 
 
 def test_a_torque_at_a_limit_that_float32_rounds_down_lies_in_the_box():

@@ -41,13 +41,6 @@ def printed_estimate(q, v, a, desired, nominal):
     return k, np.array([m2 * L2**2 - x[2], m2 * L1 * L2 - x[3], m2 * L2 - x[6]])
 
 
-def test_three_samples_determine_the_lumped_parameters():
-    q, v, a, torque = samples(REAL)
-    lumped, accepted = estimate(regressor(q, v, a), torque, 1e-7)
-    assert accepted.all()
-    np.testing.assert_allclose(lumped, np.broadcast_to(REAL.lumped, lumped.shape), rtol=1e-6)
-
-
 def test_the_estimate_is_the_papers():
     """(32)-(39) as printed, where the torque is the nominal mapping's: the same Y1, Y2, Y3, and rank five as (38) says."""
     q, v, a, torque = samples(REAL, 20)

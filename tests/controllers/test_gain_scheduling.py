@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from benchmarks.run.metrics import measure, summarize
-from benchmarks.run.rollout import rollout
 from controllers.gain_scheduling import FORMS, schedule
-from fbl_gym import scenarios
 
 
 def test_the_schedule_is_equation_46():
@@ -17,16 +14,6 @@ def test_the_schedule_is_equation_46():
         np.testing.assert_allclose(row, 1 + alpha @ near, rtol=1e-12)
     np.testing.assert_allclose(factors[0], [4.5, 5.25])
     np.testing.assert_allclose(factors[2], 1.0)
-
-
-def test_scheduling_helps_against_stiction():
-    """Figure 8's stiction: what the schedule takes off the steady-state error of the same controller."""
-    scenario = scenarios.get("paper-8")
-    plain = summarize(measure(rollout("adaptive-flm", scenario, [0])))
-    gains = {"alpha": ((20.0, 0.0), (0.0, 20.0))}
-    scheduled = summarize(measure(rollout("adaptive-flm", scenario, [0], gains)))
-    for link in ("steady_1_pct", "steady_2_pct"):
-        assert scheduled[link] < 0.3 * plain[link]
 
 
 def test_every_form_is_full_at_rest_and_none_at_speed():

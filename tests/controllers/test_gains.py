@@ -65,8 +65,3 @@ def test_a_gain_out_of_bounds_is_named(name):
                     ValueError, match=rf"{gain.name} must be a {right} {word} {bound:g}.*, got {value!r}"
                 ):
                     controllers.make(name, env, **{gain.name: value})
-
-
-def test_four_numbers_are_a_gain():
-    with pytest.raises(ValueError, match=r"alpha must be an array of shape \[n x 2\]"):
-        controllers.make("adaptive-flm", TwoLinkArmEnv(), alpha=3.0)

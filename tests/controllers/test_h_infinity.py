@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import pade
 
 import controllers
 from controllers.h_infinity import INTEGRAL, SLACK, robust_controller
@@ -33,18 +32,6 @@ def test_gamma_is_the_norm_of_the_loop(dead):
     norm, gamma = norms(dead)
     assert gamma / SLACK <= norm * (1 + 1e-6)
     assert norm <= gamma * (1 + 1e-6)
-
-
-def test_more_dead_time_leaves_less_robustness():
-    assert norms(0.1)[1] < norms(0.5)[1] < norms(1.5)[1]
-
-
-def test_the_approximation_of_the_delay_is_the_known_one():
-    above, below = pade(np.cumprod([1.0, *(-0.3 / k for k in range(1, 5))]), 2)
-    s = 1j * np.geomspace(0.1, 10, 50)
-    ratio = np.polyval(above, s) / np.polyval(below, s)
-    np.testing.assert_allclose(ratio * (s + INTEGRAL) / s**3, shaped(s, 0.3), rtol=1e-9)
-    np.testing.assert_allclose(ratio, np.exp(-0.3 * s), atol=0.2)
 
 
 def test_the_loop_has_the_poles_of_the_design():

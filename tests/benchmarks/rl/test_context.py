@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.policies.spec import resolve
 from benchmarks.rl.adapter import CONTEXT, AdapterSettings
@@ -14,7 +13,7 @@ from benchmarks.rl.policy import SHIPPED
 from benchmarks.rl.vec_env import VectorAdapter
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmVectorEnv
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
 
 
@@ -58,22 +57,6 @@ def test_the_context_follows_the_observation_of_other_agents():
     assert payloads == {0.0, 10.0 / 15.0}
 
 
-def test_a_lane_has_the_same_bits_alone_and_in_a_batch():
-    settings, batch = AdapterSettings(context=True), TwoLinkArmVectorEnv(5, **PAYLOAD_OPTIONS)
-    actor = random_actor(settings, batch.interface)
-    agent = Agent(batch.interface, settings, actor, batch)
-    envs = [TwoLinkArmEnv(**PAYLOAD_OPTIONS) for _ in range(5)]
-    agents = [Agent(env.interface, settings, actor, env) for env in envs]
-    observation = batch.reset(seed=3)[0]
-    observations = [env.reset(seed=3 + lane)[0] for lane, env in enumerate(envs)]
-    for _ in range(25):
-        batch_actions, _ = agent.predict(observation)
-        actions = [one.predict(single)[0] for one, single in zip(agents, observations, strict=True)]
-        np.testing.assert_array_equal(batch_actions, actions)
-        observation = batch.step(batch_actions)[0]
-        observations = [env.step(action)[0] for env, action in zip(envs, actions, strict=True)]
-
-
 @pytest.mark.parametrize(("context", "access"), [(False, "nominal"), (True, "privileged")])
 def test_only_an_agent_with_context_is_privileged_and_gets_the_environment(context, access, tmp_path):
     env = TwoLinkArmVectorEnv(3, "everything-2")
@@ -109,18 +92,3 @@ def test_the_board_does_not_rank_an_agent_with_context():
     board = assemble([run_cell(cell) for cell in cells])
     assert [board.policies[i] for i in board.ranked] == ["cascade-flm"]
     assert board.order[0] == 0
-
-
-def test_commands_take_an_agent_with_context(tmp_path, capsys):
-    """By its folder."""
-    name = AGENTS[1]
-    assert resolve(name).access == "privileged"
-    assert resolve(name).kind == "learned"
-    assert cli.main(["check-policy", name]) == 0
-    assert "no: it knows the truth" in capsys.readouterr().out
-    assert cli.main(["evaluate", name, "--seeds", "1"]) == 0
-    arguments = ["--policies", "oracle-flm", name, "--scenarios", "everything-2", "--seeds", "2", "--workers", "1"]
-    assert cli.main(["leaderboard", *arguments, "--store", str(tmp_path)]) == 0
-    capsys.readouterr()
-    assert cli.main(["verify", f"{name}/everything-2", "--store", str(tmp_path)]) == 0
-    assert "holds, bit for bit" in capsys.readouterr().out

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import gymnasium as gym
 import pytest
-from stable_baselines3 import PPO
-from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
@@ -22,12 +20,6 @@ def test_sb3_evaluates_an_agent():
     env = Monitor(gym.make("fbl_gym/TwoLinkArm-v0", scenario="everything-2", duration=1.0))
     reward, _ = evaluate_policy(ppo_torque(env.unwrapped.interface), env, n_eval_episodes=2)
     assert 80.0 < reward <= 100.0
-
-
-@pytest.mark.parametrize("name", ["TwoLinkArm", "TwoLinkArmTracking"])
-def test_sb3_learns_on_the_registered_environments(name):
-    model = PPO("MlpPolicy", make_vec_env(f"fbl_gym/{name}-v0", n_envs=2), n_steps=64, batch_size=64, device="cpu")
-    assert model.learn(128).num_timesteps == 128
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
 from benchmarks.rl.training_settings import LEAST_LANES, TrainingSettings, shipped_hyperparameters
 from benchmarks.rl.validation import VALIDATION, tracking_error, validate
-from benchmarks.seeds import SPLITS
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
@@ -164,14 +163,6 @@ def test_a_folder_with_other_settings_is_refused(tmp_path):
 def test_a_run_of_some_processor_time_ends(tmp_path):
     train(settings(minutes=0.01), tmp_path, evaluations=2)
     assert describe(tmp_path)["wall_s"] < 60
-
-
-def test_the_splits_of_seeds_do_not_overlap():
-    assert set(VALIDATION) < set(SPLITS["validation"])
-    splits = list(SPLITS.values())
-    for i, one in enumerate(splits):
-        for other in splits[i + 1 :]:
-            assert one.stop <= other.start or other.stop <= one.start
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

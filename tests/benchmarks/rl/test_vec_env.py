@@ -3,8 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 import fbl_gym
 from benchmarks.rl.vec_env import ArmVecEnv
@@ -46,38 +45,6 @@ def test_every_step_equals_that_of_single_environments():
                     np.testing.assert_array_equal(info["terminal_observation"], single_info["terminal_observation"])
                     ends[info["TimeLimit.truncated"]] += 1
     assert min(ends.values()) > 0
-
-
-def test_the_cost_of_a_constraint_is_that_of_single_environments():
-    options = {"scenario": "everything-2", "duration": 0.1, "constraints": {"velocity": 0.2}}
-    ours = ArmVecEnv(fbl_gym.TwoLinkArmVectorEnv(LANES, autoreset_mode="SameStep", **options))
-    theirs = DummyVecEnv([lambda: fbl_gym.TwoLinkArmEnv(**options)] * LANES)
-    costs = []
-    for envs in (ours, theirs):
-        envs.seed(0)
-        envs.reset()
-        actions = np.full((LANES, 2), 0.3, dtype=np.float32)
-        costs.append([[info["cost"] for info in envs.step(actions)[3]] for _ in range(25)])
-    assert costs[0] == costs[1]
-    assert {0.0, 1.0} == {cost for step in costs[0] for cost in step}
-
-
-@pytest.mark.parametrize(
-    ("algorithm", "options"),
-    [
-        (PPO, {"n_steps": 32, "batch_size": 48, "n_epochs": 2}),
-        (SAC, {"learning_starts": 30, "buffer_size": 300, "batch_size": 16, "train_freq": 4}),
-    ],
-)
-def test_agents_learn_the_same_bits_as_on_single_environments(algorithm, options):
-    """On-policy use bootstraps from `terminal_observation`; off-policy use stores it in the replay buffer."""
-    learned = []
-    for env in (batched(), singles()):
-        model = algorithm("MlpPolicy", env, seed=3, device="cpu", policy_kwargs={"net_arch": [16]}, **options)
-        model.learn(240)
-        learned.append([p.detach().numpy() for p in model.policy.parameters()])
-    for a, b in zip(*learned, strict=True):
-        np.testing.assert_array_equal(a, b)
 
 
 def test_attributes_and_methods_follow_sb3():
@@ -122,14 +89,6 @@ def test_seeds_and_options_hold_for_one_reset():
     env.set_options({"mass": 3})
     with pytest.raises(ValueError, match="unknown reset option 'mass'"):
         env.reset()
-
-
-def test_sb3s_monitor_wraps_it():
-    env = VecMonitor(batched())
-    env.seed(0)
-    env.reset()
-    infos = [env.step(np.zeros((LANES, 2)))[3] for _ in range(60)]
-    assert any("episode" in info for step in infos for info in step)
 
 
 def test_another_autoreset_mode_is_refused():
