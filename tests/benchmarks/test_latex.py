@@ -33,8 +33,8 @@ def test_columns_of_numbers_are_to_the_right(tmp_path):
 @pytest.mark.parametrize(
     ("line", "rows", "columns"),
     [
-        ("evaluate pd-gravity", 20, 3),
-        ("evaluate pd-gravity zero", 2, 6),
+        ("evaluate pd-gravity --plot lines.png", 20, 3),
+        ("evaluate pd-gravity zero --plot lines.png", 2, 6),
         ("evaluate pd-gravity zero --trials 2", 2, 3),
         ("sweep pd-gravity zero --over arm.m2=14,15,16 --workers 1", 2, 4),
         ("leaderboard --policies pd-gravity zero oracle-flm --scenarios arm.toml --workers 1", 3, 8),
@@ -46,6 +46,7 @@ def test_commands_write_their_table(line, rows, columns, tmp_path, monkeypatch, 
     scenario = "" if "leaderboard" in line else "--scenario arm.toml"
     assert cli.main(shlex.split(f"{line} {scenario} --seeds 2 --tex table.tex")) == 0
     assert "table: table.tex" in capsys.readouterr().out
+    assert ("--plot" in line) == (tmp_path / "lines.png").exists()
     body = (tmp_path / "table.tex").read_text().split("\\midrule\n")[1].split("\\bottomrule")[0].splitlines()
     assert len(body) >= rows
     assert all(row.count("&") >= columns - 1 and row.endswith(r"\\") for row in body)

@@ -69,19 +69,10 @@ def browser(tmp_path_factory):
         pytest.skip("needs Chromium and its driver: apt-get install chromium chromium-driver")
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for argument in (
-        "headless=new",
-        "no-sandbox",
-        "disable-gpu",
-        "disable-quic",
-        "no-first-run",
-        "disable-background-networking",
-        "disable-component-update",
-        "disable-sync",
-        "disable-dev-shm-usage",
-        f"user-data-dir={tmp_path_factory.mktemp('chromium')}",
-    ):
+    quiet = "gpu quic background-networking component-update sync dev-shm-usage"
+    for argument in ("headless=new", "no-sandbox", "no-first-run", *(f"disable-{part}" for part in quiet.split())):
         options.add_argument(f"--{argument}")
+    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('chromium')}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
     yield driver
@@ -161,12 +152,10 @@ def test_the_pareto_front_is_drawn_and_follows_the_filters(page, board):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_phone_shows_it_without_scrolling_the_page_sideways(page, path, scheme):
-    page.execute_cdp_cmd(
-        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
-    )
-    page.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride", {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
-    )
+    wish = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    phone = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", wish)
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", phone)
     page.get(path.as_uri())
     root = "document.documentElement"
     assert page.execute_script(f"return {root}.dataset.theme") == scheme
@@ -196,6 +185,10 @@ NAMES = (
 """Names of policies and scenarios that HTML, JavaScript, Plotly or the template could take for their own."""
 
 
+def called(policy, name):
+    return replace(policy, parsed=replace(policy.parsed, text=name))
+
+
 @pytest.fixture(scope="module")
 def named(tmp_path_factory):
     """A page with these names alone."""
@@ -203,11 +196,7 @@ def named(tmp_path_factory):
     results = [
         replace(
             run,
-            cell=replace(
-                run.cell,
-                policy=replace(run.cell.policy, parsed=replace(run.cell.policy.parsed, text=name)),
-                scenario=short("nominal").replace(name=task),
-            ),
+            cell=replace(run.cell, policy=called(run.cell.policy, name), scenario=short("nominal").replace(name=task)),
         )
         for run, name in zip(runs * 2, NAMES, strict=True)
         for task in NAMES

@@ -149,15 +149,10 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     assert cli.main([*arguments, "--policies", "zero"]) == 1
     assert "No policy is safe on short" in capsys.readouterr().out
     assert cli.main([*arguments, "--seeds", "1"]) == 2
-    monkeypatch.setattr(recommend, "candidates", lambda _: ("pd-gravity",))
-    assert cli.main(arguments) == 0
-    assert "pd-gravity" in capsys.readouterr().out
 
 
 def test_the_check_on_drawn_arms(monkeypatch, tmp_path, capsys):
     draw = drawn_arms.draw
-    assert draw(3) == draw(3)
-    assert [draw(i).name.split("-")[2] for i in range(3)] == ["servo", "direct", "geared"]
     assert all(Likeness.of(draw(i)).classes[0] == draw(i).name.split("-")[2] for i in range(12))
     monkeypatch.setattr(drawn_arms, "draw", lambda i: draw(i).replace(duration=0.3))
     monkeypatch.setattr(drawn_arms, "TRIALS", 2)
@@ -168,5 +163,3 @@ def test_the_check_on_drawn_arms(monkeypatch, tmp_path, capsys):
     assert line.startswith(f"{draw(0).name}: ")
     assert "best of 1 laws tuned: pd-gravity" in line
     assert "of 1 first choices are safe and within 1.5 times the best" in share
-    drawn_arms.main([*few, "zero"])
-    assert "none is safe" in capsys.readouterr().out

@@ -109,7 +109,7 @@ def test_a_damaged_file_is_named_and_computed_again(tmp_path):
     "change",
     [
         {"decision_us": "fast"}, {"error": "x", "provenance": 3}, {"rows": {"diverged": ["a", 0, 0]}},
-        {"rows": {name: [1.0] for name in METRICS}}, {"policy": {"kind": "other"}},
+        {"rows": {name: [1.0] for name in METRICS}}, {"policy": {"kind": "other"}}, {"policy": {"access": "<b>all</b>"}},
     ],
 )  # fmt: skip
 def test_a_result_with_other_types_is_damaged(change, tmp_path):

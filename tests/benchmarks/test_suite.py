@@ -1,5 +1,6 @@
 """Suites: their names, files, seeds and scenarios."""
 
+import itertools
 import json
 import shutil
 
@@ -13,10 +14,8 @@ from fbl_gym import scenarios
 
 
 def test_splits_do_not_overlap():
-    ranges = list(SPLITS.values())
-    for i, one in enumerate(ranges):
-        for other in ranges[i + 1 :]:
-            assert one.stop <= other.start or other.stop <= one.start
+    for one, other in itertools.combinations(SPLITS.values(), 2):
+        assert one.stop <= other.start or other.stop <= one.start
 
 
 def test_suites(tmp_path):
@@ -43,8 +42,6 @@ def test_suites(tmp_path):
     file.write_text("policies = [\n")
     with pytest.raises(ValueError, match="is no TOML"):
         load(str(file))
-    with pytest.raises(ValueError, match="unknown suite 'idel'; did you mean 'ideal'"):
-        load("idel")
     with pytest.raises(ValueError, match="seeds must be at most"):
         load("ideal").build(seeds=20_000)
 
@@ -71,8 +68,6 @@ def test_a_family_stands_for_its_severities():
 
     assert chosen("noise") == ["noise-1", "noise-2", "noise-3"]
     assert chosen("nominal", "servo-noise") == ["nominal", "servo-noise-1", "servo-noise-2", "servo-noise-3"]
-    with pytest.raises(ValueError, match="unknown scenario or family 'noises'; did you mean 'noise'"):
-        chosen("noises")
 
 
 def test_what_is_given_twice_counts_once():

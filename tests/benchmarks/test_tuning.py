@@ -67,10 +67,6 @@ def test_judging_is_on_tuning_seeds_that_no_trial_saw():
     assert len(fresh) == 128
     assert not set(tried) & set(fresh)
     assert {*tried, *fresh} <= set(SPLITS["tuning"])
-    with pytest.raises(
-        ValueError, match="there are 10000 tuning seeds, for trials and judging together, got 16 and 9985"
-    ):
-        seeds(16, 9985)
 
 
 def studies(folder):
@@ -201,12 +197,13 @@ def test_a_gain_at_the_edge_of_its_range_is_named():
     assert at_edge(found | ranges) == {"kp": (2.0, 200.0), "kd": (1.0, 80.0)}
 
 
-def test_a_class_has_its_own_practice_and_folder(tmp_path, monkeypatch):
+def test_a_class_has_its_own_practice_and_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
     for robot in ("servo", "direct", "geared"):
         tried, judged = scenarios_of(robot)
         assert set(tried) < set(judged) == set(scenarios.in_tier(f"{robot}-practice"))
     few = "--trials 1 --seeds 1 --fresh-seeds 1 --candidates 1 --scenarios servo-practice-nominal"
-    line = f"tune pd-gravity --class servo --ship {few} --storage sqlite:///{tmp_path}/studies.db"
+    line = f"tune robust-flm --class servo --ship {few} --storage sqlite:///{tmp_path}/studies.db"
     assert cli.main(line.split()) == 0
-    assert json.loads((tmp_path / "servo" / "pd-gravity.json").read_text())["policy"] == "pd-gravity"
+    assert "kp=" in capsys.readouterr().out  # of the defaults, some of which are pairs
+    assert json.loads((tmp_path / "servo" / "robust-flm.json").read_text())["policy"] == "robust-flm"

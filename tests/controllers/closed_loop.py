@@ -2,6 +2,18 @@
 
 import numpy as np
 
+STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+"""A reference at rest, on which loops are linear."""
+
+FAST = {"reference": STILL, "control_dt": 1e-3, "physics_dt": 1e-3}
+EXACT = {**FAST, "action": "torque", "actuator": None}
+"""A law at 1 kHz, without a drive."""
+
+
+def loaded(*torque):
+    """Return the options of a constant load on an arm that shall rest."""
+    return {"reference": STILL, "disturbance": {"kind": "array", "torque": (torque,)}}
+
 
 def tracking(policy, env, steps, seed=0):
     """Return the true tracking error at each sample [steps + 1 x ...], and the state after each step."""

@@ -9,11 +9,8 @@ import controllers
 from controllers.parts import Eso
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.model.arm import gravity_torque, inertia_matrix
-from tests.controllers.closed_loop import tracking
+from tests.controllers.closed_loop import EXACT, STILL, tracking
 from tests.controllers.linear import response
-
-STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
-FAST = {"control_dt": 1e-3, "physics_dt": 1e-3}
 
 
 def run(policy, env, steps):
@@ -57,34 +54,10 @@ def test_the_estimate_of_a_constant_disturbance_follows_its_step_response():
 
 def test_the_error_obeys_its_linear_equation():
     """Exact model: the observer has nothing to find, and e'' + 2 w e' + w^2 e = 0."""
-    env = TwoLinkArmEnv(actuator=None, action="torque", reference=STILL, initial_error=(-0.2, 0.0), **FAST)
+    env = TwoLinkArmEnv(**EXACT, initial_error=(-0.2, 0.0))
     errors, _ = run(controllers.make("computed-torque-eso", env, controller_bandwidth=5.0), env, 2000)
     expected = response([[0.0, 1.0], [-25.0, -10.0]], [0.2, 0.0], 1e-3, 2000)
     assert np.abs(errors - np.transpose([expected, np.zeros(2001)])).max() < 5e-3 * 0.2
-
-
-def test_a_load_is_rejected_with_a_position_sensor_alone():
-    """f settles at -M^-1 d, and no error is left."""
-    load = np.array([60.0, 20.0])
-    env = TwoLinkArmEnv(
-        sensors=("position",), reference=STILL, disturbance={"kind": "array", "torque": (tuple(load),)}, duration=20.0
-    )
-    error, f = run(controllers.make("computed-torque-eso", env), env, 1000)
-    np.testing.assert_allclose(
-        f[-1], -np.linalg.solve(inertia_matrix(env.interface.nominal, (-1.0, 0.5)), load), rtol=1e-3
-    )
-    assert np.abs(error[-1]).max() < 1e-5
-    assert np.abs(error).max() > 1e-3
-
-
-def test_saturation_is_not_taken_for_a_disturbance():
-    """Driven by the torque within its limits, the observer of an exact model sees nothing while the torque is cut off."""
-    options = {"reference": STILL, "initial_error": (-1.0, 0.0)}
-    tight = TwoLinkArmEnv(**options, actuator={"torque_limit": (330.0, 120.0)})
-    error, f = run(controllers.make("computed-torque-eso", tight), tight, 900)
-    missing = 10.0**2 * 1.0  # what is asked for at the start [rad/s^2]
-    assert np.abs(f).max() < 0.05 * missing
-    assert np.abs(error[-1]).max() < 1e-4
 
 
 def test_without_a_model_the_weight_is_found():

@@ -71,3 +71,12 @@ def test_gains_follow_the_arm():
     observation, _ = env.reset(seed=5)
     _, third = law.predict(observation, second)
     assert not np.array_equal(third[1], first[1])
+
+
+def test_the_oracle_tracks_best():
+    """The oracle tracks far better than any law without privileged access if parameters, load and friction are wrong."""
+    mean = {}
+    for name in ("oracle-flm", "cascade-flm", "pid-flm", "pd-gravity"):
+        env = TwoLinkArmVectorEnv(8, "everything-3")
+        mean[name] = np.abs(tracking(controllers.make(name, env), env, 900)[0][1:]).mean()
+    assert mean["oracle-flm"] < 0.1 * min(mean[name] for name in mean if name != "oracle-flm")

@@ -6,10 +6,9 @@ import pytest
 import controllers
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix
-from tests.controllers.closed_loop import tracking
+from tests.controllers.closed_loop import FAST, STILL, loaded, tracking
 from tests.controllers.linear import response
 
-STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 AT_ONCE = 1e6
 """A bandwidth at which nothing is filtered [rad/s]."""
 
@@ -55,9 +54,7 @@ def test_the_estimate_has_its_pole(k):
 def test_the_error_equation_under_a_constant_load():
     """Exact model, 1 kHz: M (e'' + 2 w e' + w^2 e) = d - d^, with d^' = g (d - d^)."""
     w, g, load = 8.0, 12.0, np.array([20.0, 6.0])
-    env = TwoLinkArmEnv(
-        reference=STILL, control_dt=1e-3, physics_dt=1e-3, disturbance={"kind": "array", "torque": (tuple(load),)}
-    )
+    env = TwoLinkArmEnv(**FAST | loaded(*load))
     policy = controllers.make("computed-torque-tde", env, frequency=w, bandwidth=g)
     errors, _ = tracking(policy, env, 2000)
     # x = (e, e', what is left to find), each per joint, in units of M^-1 d.
@@ -71,14 +68,8 @@ def test_the_error_equation_under_a_constant_load():
 
 def last_error(masses, **gains):
     """Return the largest error of the last of nine seconds, at 100 Hz, of an arm of `masses` times the nominal ones."""
-    env = TwoLinkArmEnv(
-        reference=STILL,
-        initial_error=(-0.01, 0.0),
-        parameter_error={"ratio": {"m1": masses, "m2": masses}},
-        actuator=None,
-        action="torque",
-        limits={"velocity": 1e3},
-    )
+    heavy = {"parameter_error": {"ratio": {"m1": masses, "m2": masses}}, "limits": {"velocity": 1e3}}
+    env = TwoLinkArmEnv(reference=STILL, initial_error=(-0.01, 0.0), actuator=None, action="torque", **heavy)
     policy = controllers.make("computed-torque-tde", env, **gains)
     observation, _ = env.reset(seed=0)
     state, log = None, []

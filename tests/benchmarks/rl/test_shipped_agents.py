@@ -18,11 +18,8 @@ def test_every_shipped_agent_has_a_factory():
     assert set(shipped()) == factories
 
 
-def test_agents_have_three_training_seeds_or_more():
+def test_agents_have_three_training_seeds_or_more_and_less_than_10_megabytes():
     assert min(map(len, shipped().values())) >= 3
-
-
-def test_the_agents_take_less_than_10_megabytes():
     assert sum(path.stat().st_size for path in SHIPPED.rglob("*")) < 10e6
 
 

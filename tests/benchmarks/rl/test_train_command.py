@@ -18,12 +18,10 @@ PAGES = "\n".join(
 )
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(autouse=True)
+def hyperparameters(folder):
     arguments = {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}
-    Path("short.json").write_text(json.dumps({"ppo": {"lanes": 4, "steps": 80, "arguments": arguments}}))
-    return tmp_path
+    (folder / "short.json").write_text(json.dumps({"ppo": {"lanes": 4, "steps": 80, "arguments": arguments}}))
 
 
 def train(*options):
@@ -43,9 +41,8 @@ def test_options_reach_the_agent(folder, capsys):
 
 
 @pytest.mark.slow
-def test_the_pages_on_learning_run(tmp_path, monkeypatch):
+def test_the_pages_on_learning_run(folder):
     """Their training and recording commands with fewer steps, then its Python as printed, in one process."""
-    monkeypatch.chdir(tmp_path)
     (command,) = [line for line in PAGES.splitlines() if line == "fbl-gym train ppo"]
     assert cli.main([*command.split()[1:], "--steps", "16384"]) == 0
     for line in PAGES.splitlines():
@@ -58,10 +55,10 @@ def test_the_pages_on_learning_run(tmp_path, monkeypatch):
     code = code.replace("(1, 3)", "()").replace("n_steps=10_000", "n_steps=20, n_steps_per_epoch=10")
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
-    assert (tmp_path / "trace.png").exists()
+    assert (folder / "trace.png").exists()
     for archive in ("model.zip", *([] if "minari" in absent else ["cloned.zip"])):
         assert cli.main(["evaluate", archive, "--trust", "--scenario", "everything-2", "--seeds", "1"]) == 0
-    assert json.loads((tmp_path / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"
+    assert json.loads((folder / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,9 @@ from benchmarks.rl.vec_env import ArmVecEnv
 
 LANES = 3
 # Some lanes diverge, others are truncated, at different steps.
-OPTIONS = {"scenario": "everything-3", "duration": 0.4, "limits": {"velocity": 4.0}}
+OPTIONS = {
+    "scenario": "everything-3", "duration": 0.4, "limits": {"velocity": 4.0}, "constraints": {"velocity": 2.0},
+}  # fmt: skip
 
 
 def batched():
@@ -26,7 +28,7 @@ def test_every_step_equals_that_of_single_environments():
     ours, theirs = batched(), singles()
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
-    rng, ends = np.random.default_rng(0), {True: 0, False: 0}
+    rng, ends, costs = np.random.default_rng(0), {True: 0, False: 0}, set()
     for seed in (5, None, 9):
         if seed is not None:
             assert ours.seed(seed) == theirs.seed(seed)
@@ -40,11 +42,14 @@ def test_every_step_equals_that_of_single_environments():
                 assert a.dtype == b.dtype
             for info, single_info in zip(one[3], two[3], strict=True):
                 assert info.keys() == single_info.keys()
+                assert info["cost"] == single_info["cost"]
+                costs.add(info["cost"])
                 assert info["TimeLimit.truncated"] is bool(single_info["TimeLimit.truncated"])
                 if "terminal_observation" in single_info:
                     np.testing.assert_array_equal(info["terminal_observation"], single_info["terminal_observation"])
                     ends[info["TimeLimit.truncated"]] += 1
     assert min(ends.values()) > 0
+    assert costs == {0.0, 1.0}
 
 
 def test_attributes_and_methods_follow_sb3():

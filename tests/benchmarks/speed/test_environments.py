@@ -12,10 +12,8 @@ ROWS = [{"name": "peer", "ratio": 1.0, "peer": ""}, {"name": "arm", "ratio": 8.0
 
 
 def test_ratios_are_compared_with_a_baseline():
+    """A contestant that the baseline lacks is left out."""
     assert compare(ROWS, [ROWS[0], ROWS[1] | {"ratio": 4.0}]) == {"arm": 2.0}
-
-
-def test_a_contestant_that_the_baseline_lacks_is_left_out():
     assert compare(ROWS, ROWS[:1]) == {}
 
 
