@@ -67,25 +67,17 @@ from benchmarks.run.suite import load
         ("record zero --out a-v0 --noise -1", "noise must not be negative, got -1"),
     ],
 )
-def test_a_mistake_is_answered_with_what_is_right(line, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "old-v0").mkdir()
-    try:
-        status = cli.main(shlex.split(line))
-    except SystemExit as left:
-        status = left.code
-    assert status == 2
-    shown = capsys.readouterr()
+def test_a_mistake_is_answered_with_what_is_right(line, message, folder, fbl_gym):
+    (folder / "old-v0").mkdir()
+    shown = fbl_gym(line, 2)
     assert message in shown.err
     assert shown.out == ""
-    assert {path.name for path in tmp_path.iterdir()} <= {"old-v0", "results"}
+    assert {path.name for path in folder.iterdir()} <= {"old-v0", "results"}
 
 
-def test_a_mistake_in_a_file_is_one_line(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bad.py").write_text("import os\n= 3\n")
-    assert cli.main(["evaluate", "bad.py"]) == 2
-    assert capsys.readouterr().err == "fbl-gym: SyntaxError: invalid syntax (bad.py, line 2)\n"
+def test_a_mistake_in_a_file_is_one_line(folder, fbl_gym):
+    (folder / "bad.py").write_text("import os\n= 3\n")
+    assert fbl_gym("evaluate bad.py", 2).err == "fbl-gym: SyntaxError: invalid syntax (bad.py, line 2)\n"
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
@@ -140,36 +132,31 @@ def test_the_board_on_a_terminal_fits_into_it(board, width):
     assert len(row) - 1 + len(named.split(", ")) == 14 + len(board.families)
 
 
-def test_a_list_has_a_line_each(capsys):
-    assert cli.main(["list"]) == 0
-    whole = capsys.readouterr().out.splitlines()
+def test_a_list_has_a_line_each(fbl_gym):
+    whole = fbl_gym(["list"]).out.splitlines()
     assert len(whole) == sum(len(found()) for found in names.LISTS.values()) + len(names.LISTS)
 
 
-def test_a_family_is_listed_once(capsys):
-    assert cli.main(["list", "scenarios"]) == 0
-    shown = [line.partition("  ")[0] for line in capsys.readouterr().out.splitlines()]
+def test_a_family_is_listed_once(fbl_gym):
+    shown = [line.partition("  ")[0] for line in fbl_gym(["list", "scenarios"]).out.splitlines()]
     assert {"paper-10", "nominal", "noise-0 to -3"} <= set(shown)
     assert len(shown) == len(set(shown)) < 140
 
 
-def test_a_film_without_its_extra_is_refused_before_the_work(capsys, monkeypatch, tmp_path):
+def test_a_film_without_its_extra_is_refused_before_the_work(fbl_gym, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.delitem(sys.modules, "benchmarks.report.video", raising=False)
     monkeypatch.setattr("benchmarks.cli.evaluate.run_trials", None)
-    assert cli.main(["evaluate", "zero", "--video", str(tmp_path / "arm.mp4")]) == 2
-    assert "pip install 'fbl-gym[render]'" in capsys.readouterr().err
+    assert "pip install 'fbl-gym[render]'" in fbl_gym(["evaluate", "zero", "--video", str(tmp_path / "arm.mp4")], 2).err
 
 
-def test_help_on_training_needs_no_extra(capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("folder")
+def test_help_on_training_needs_no_extra(fbl_gym, monkeypatch):
     for name in ("torch", "stable_baselines3"):
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, "benchmarks.cli.train", raising=False)
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(["train", "--help"])
-    assert cli.main(["train", "ppo", "--steps", "10"]) == 2
-    assert "pip install 'fbl-gym[rl]'" in capsys.readouterr().err
+    fbl_gym("train --help")
+    assert "pip install 'fbl-gym[rl]'" in fbl_gym(["train", "ppo", "--steps", "10"], 2).err
 
 
 WITHOUT_EXTRAS = """
@@ -181,40 +168,30 @@ sys.exit(cli.main(sys.argv[1:]))
 """
 
 
-@pytest.mark.parametrize("command", ["list", "doctor", "--help"])
-def test_first_commands_need_no_extra(command):
-    done = subprocess.run([sys.executable, "-c", WITHOUT_EXTRAS, command], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    if command == "list":
-        assert "figure-7" in done.stdout
-        assert "cannot be loaded" not in done.stdout.replace("cannot be loaded: ImportError", "")
-
-
 @pytest.mark.parametrize(
     ("line", "extra"),
     [
-        ("evaluate zero", "bench"),
-        ("margins pid-flm", "bench"),
+        ("list", ""), ("doctor", ""), ("--help", ""), ("evaluate zero", "bench"), ("margins pid-flm", "bench"),
         ("tune pid-flm", "analysis"),
     ],
-)
-def test_a_command_names_its_extra(line, extra, tmp_path):
-    absent = "cli.EXTRAS.values()" if extra == "bench" else "[cli.EXTRAS['analysis']]"
+)  # fmt: skip
+def test_first_commands_need_no_extra_and_others_name_theirs(line, extra, tmp_path):
+    absent = "[cli.EXTRAS['analysis']]" if extra == "analysis" else "cli.EXTRAS.values()"
     code = WITHOUT_EXTRAS.replace("cli.EXTRAS.values()", absent)
     words = [sys.executable, "-c", code, *shlex.split(line)]
     done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 2
-    assert f"pip install 'fbl-gym[{extra}]'" in done.stderr
+    assert done.returncode == (2 if extra else 0), done.stderr
+    assert (f"pip install 'fbl-gym[{extra}]'" in done.stderr) == bool(extra)
     assert "Traceback" not in done.stderr
+    assert "cannot be loaded" not in done.stdout.replace("cannot be loaded: ImportError", "")
 
 
-def test_no_name_controls_the_terminal(tmp_path, monkeypatch, capsys):
+def test_no_name_controls_the_terminal(folder, capsys):
     """Raw escapes in the names of a scenario and a policy, and in an error, are shown as text."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "evil.toml").write_text('base = "nominal"\nname = "\\u001b[31mred"\nduration = 0.5\n')
+    (folder / "evil.toml").write_text('base = "nominal"\nname = "\\u001b[31mred"\nduration = 0.5\n')
     evil = "\x1b[2Jlaw.py"
-    (tmp_path / evil).write_text("from controllers.simple import PdGravity as make_policy\n")
-    (tmp_path / "fails.py").write_text("raise ValueError('\\x1b[2J')\n")
+    (folder / evil).write_text("from controllers.simple import PdGravity as make_policy\n")
+    (folder / "fails.py").write_text("raise ValueError('\\x1b[2J')\n")
     board = f"--scenarios evil.toml --seeds 1 --policies zero {evil}"
     for line in (
         f"evaluate zero {evil} --scenario evil.toml --seeds 1",

@@ -1,4 +1,4 @@
-"""External policies in a run: they reach no other row and stop no other cell."""
+"""External policies in a run: they reach no other row and stop no other cell, and run only with trust."""
 
 import contextlib
 import os
@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
+from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits, Failed, run_isolated
+from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.run.cell import run_cell
 from benchmarks.run.runner import run
 from benchmarks.run.store import Store
 from benchmarks.run.suite import Cell
+from controllers import registry
 
 PATCHES = """
 import numpy as np
@@ -77,17 +80,16 @@ FAILS = {
     ("evaluate", "goes"), ("evaluate zero", "exits"), ("margins", "exits"), ("margins", "leaves"),
     ("check-policy", "leaves"), ("record --out data/a-v0", "leaves"), ("record --out data/a-v0", "lacks"),
 ])  # fmt: skip
-def test_a_bad_policy_is_one_line_of_other_commands_too(command, law, tmp_path, monkeypatch, capfd):
+def test_a_bad_policy_is_one_line_of_other_commands_too(command, law, folder, capfd):
     """Its code runs in another process, so it cannot end this one without a word."""
     head, body, reason = BAD[law]
-    (tmp_path / f"{law}.py").write_text(head + LAW.format(body))
-    monkeypatch.chdir(tmp_path)
+    (folder / f"{law}.py").write_text(head + LAW.format(body))
     pytest.importorskip("minari")
     assert cli.main([*command.split(), f"{law}.py"]) in (1, 2)
     out, errors = capfd.readouterr()
     assert reason in out + errors
     assert "Traceback" not in errors
-    assert Path.cwd() == tmp_path
+    assert Path.cwd() == folder
 
 
 def test_a_process_that_changes_its_folder_runs_the_policies_of_the_new_one(tmp_path, monkeypatch):
@@ -201,12 +203,11 @@ def answer_with(data):
 
 
 @pytest.mark.parametrize("data", [b"garbage", pickle.dumps(5), pickle.dumps(Opens()), pickle.dumps(CallLimits())])
-def test_an_answer_is_data_or_an_error(data, tmp_path, monkeypatch):
+def test_an_answer_is_data_or_an_error(data, folder):
     """And no code of it runs in this process."""
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(Failed, match="its answer cannot be read"):
         run_isolated(answer_with, data)
-    assert not Path("ran").exists()
+    assert not (folder / "ran").exists()
 
 
 def test_no_standard_module_is_imported_from_the_current_folder(tmp_path):
@@ -246,3 +247,85 @@ def test_a_law_with_state_in_its_module_has_one_number_for_each_cell(tmp_path):
         assert [result.error for _, result in run(cells[::order], store, workers=workers)] == ["", ""]
         numbers.append([store.find(cell).rows[0]["error_pct"] for cell in cells])
     assert numbers[0] == numbers[1] == numbers[2]
+
+
+FLAGGED = "from controllers.simple import Zero as make_policy\nopen({flag!r}, 'w').close()\n"
+
+
+@pytest.fixture
+def flag(folder, monkeypatch):
+    """Files of this name are written by the law's code."""
+    monkeypatch.setattr(external, "_TRUSTED", set())
+    (folder / "law_for_trust.py").write_text(FLAGGED.format(flag=str(folder / "ran")))
+    return folder / "ran"
+
+
+@pytest.mark.parametrize("name", ["law_for_trust.py", "law_for_trust:make_policy"])
+def test_a_result_that_names_code_is_verified_only_with_trust(name, flag, fbl_gym):
+    store = Store(flag.parent / "store")
+    path = store.save(run_cell(Cell(name, "nominal", (0,))))
+    flag.unlink()
+    shown = fbl_gym(f"verify {path} --store store", 2).err
+    assert f"names {name}, whose code would be run; give --trust if you trust it" in shown
+    assert len(list(store.results())) == 1
+    assert not flag.exists()
+    fbl_gym(f"verify {path} --store store --trust")
+    assert flag.exists()
+
+
+@pytest.mark.parametrize(("named", "status"), [("law_for_trust.py", 0), ("a.zip", 1)])
+def test_a_suite_that_names_code_runs_only_with_trust(named, status, flag, fbl_gym):
+    """Trust covers archives too; this one is then refused for its content."""
+    (flag.parent / "a.zip").write_bytes(b"PK")
+    (flag.parent / "mine.toml").write_text(
+        f'policies = ["zero", "{named}"]\
+scenarios = ["nominal"]\
+seeds = 1\
+'
+    )
+    line = "leaderboard --suite mine.toml --store store --workers 1"
+    assert f"mine.toml names {named}, whose code would be run; give --trust" in fbl_gym(line, 2).err
+    assert not flag.exists()
+    shown = " ".join(fbl_gym(f"{line} --trust", status).out.split())
+    assert flag.exists() == (status == 0)
+    assert ("a.zip must be an archive" in shown) == (status == 1)
+
+
+FILES = {
+    "broken_law.py": "raise ImportError('my dependency is missing')\n",
+    "works_law.py": "from controllers.simple import Zero as make_policy\n",
+    "theirs-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n",
+    "theirs-1.0.dist-info/entry_points.txt": "[fbl_gym.policies]\nbroken = broken_law:make_policy\n"
+    "works = works_law:make_policy\nppo-torque = works_law:make_policy\n",
+}
+
+
+def test_a_broken_plugin_is_named_and_the_rest_works(folder, monkeypatch, capsys):
+    (folder / "theirs-1.0.dist-info").mkdir()
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setattr(registry, "entry_points", registry.entry_points.__wrapped__)
+    assert cli.main(["list", "policies"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert "cannot be loaded: ImportError: my dependency is missing" in lines["broken"]
+    assert "access: none" in lines["works"]
+    assert "trained on everything-2" in lines["ppo-torque"]
+    few = "--policies zero broken works --scenarios nominal --seeds 1 --workers 1"
+    assert cli.main(["leaderboard", *few.split()]) == 1
+    shown = capsys.readouterr().out
+    assert "Left out: broken: ImportError: my dependency is missing" in shown
+    assert " works " in shown
+
+
+def test_a_file_without_a_factory_suggests_its_class_and_no_imported_name(tmp_path):
+    law = tmp_path / "law.py"
+    law.write_text("from controllers import TorqueLaw\ndef helper():\n    pass\nclass MyLaw(TorqueLaw):\n    pass\n")
+    with pytest.raises(
+        external.NotFound, match=r"law.py has no make_policy: add `make_policy = MyLaw`, or give .*:MyLaw"
+    ):
+        external.load(PolicyName.parse(str(law)))
+    assert external.load(PolicyName.parse(f"{law}:MyLaw")).__name__ == "MyLaw"
+    law.write_text("from controllers.simple import Zero\n")
+    with pytest.raises(external.NotFound, match=r"unknown factory of .*law\.py 'make_policy'\. Known: none"):
+        external.load(PolicyName.parse(str(law)))

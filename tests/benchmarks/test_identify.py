@@ -94,16 +94,6 @@ def test_columns_have_names_units_and_a_zero(rows, tmp_path):
         columns(["torque=u"])
 
 
-def test_a_velocity_that_is_a_difference_is_known(rows, tmp_path):
-    position, time = rows[0][:, 1:3], rows[0][:, 0]
-    velocity = np.zeros_like(position)
-    velocity[2:] = (position[2:] - position[:-2]) / (time[2:] - time[:-2])[:, None]
-    names = [name for signal in ("time", "position", "torque", "velocity") for name in COLUMNS[signal]]
-    log = read(write(tmp_path / "v.csv", np.hstack([rows[0], velocity]), names))
-    assert log.difference == 2
-    assert "2 samples apart" in log.remarks[1]
-
-
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -214,15 +204,13 @@ def test_a_plan_starts_at_rest_and_keeps_limits():
 # The command.
 
 
-def test_the_command_writes_a_scenario_with_distributions(files, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_writes_a_scenario_with_distributions(files, folder, monkeypatch, fbl_gym):
     monkeypatch.setattr(fitting, "FOLDS", 2)
-    assert cli.main(["identify", "--plan", "plan.csv", "--start", "dfki-c1"]) == 0
+    fbl_gym(["identify", "--plan", "plan.csv", "--start", "dfki-c1"])
     assert scenarios.get("plan.toml").reference.kind == "array"
     command = ["identify", *map(str, files[:2]), "--start", "dfki-c1", "--toml", "my_arm.toml"]
-    assert cli.main([*command, "--validate", str(files[2]), "--plot", "fit.png"]) == 0
-    text = capsys.readouterr().out
-    assert (tmp_path / "fit.png").stat().st_size > 1000
+    text = fbl_gym([*command, "--validate", str(files[2]), "--plot", "fit.png"]).out
+    assert (folder / "fit.png").stat().st_size > 1000
     assert "starting model" in text
     assert "common scale" in text
     scenario = scenarios.get("my_arm.toml")

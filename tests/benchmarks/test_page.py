@@ -185,22 +185,17 @@ NAMES = (
 """Names of policies and scenarios that HTML, JavaScript, Plotly or the template could take for their own."""
 
 
-def called(policy, name):
-    return replace(policy, parsed=replace(policy.parsed, text=name))
+def renamed(run, name, task):
+    """A result with other names of its policy and its scenario."""
+    policy = replace(run.cell.policy, parsed=replace(run.cell.policy.parsed, text=name))
+    return replace(run, cell=replace(run.cell, policy=policy, scenario=short("nominal").replace(name=task)))
 
 
 @pytest.fixture(scope="module")
 def named(tmp_path_factory):
     """A page with these names alone."""
     runs = [run_cell(Cell(law, short("nominal"), SEEDS[:2])) for law in ("zero", "pd-gravity", "pid-flm", "oracle-flm")]
-    results = [
-        replace(
-            run,
-            cell=replace(run.cell, policy=called(run.cell.policy, name), scenario=short("nominal").replace(name=task)),
-        )
-        for run, name in zip(runs * 2, NAMES, strict=True)
-        for task in NAMES
-    ]
+    results = [renamed(run, name, task) for run, name in zip(runs * 2, NAMES, strict=True) for task in NAMES]
     path = tmp_path_factory.mktemp("named") / "index.html"
     write_page(path, assemble(results), results, NAMES[0])
     return path
@@ -213,9 +208,8 @@ def test_every_kind_of_name_is_text(browser, named):
     browser.get(named.as_uri())
     assert sorted(names(browser)) == sorted(NAMES)
     heads = [head.text.replace("\n", " ") for head in browser.find_elements("css selector", "#table thead th")]
-    assert {" ".join(name.split("\x1b")[0].split()) for name in NAMES} <= {
-        head.split("\x1b")[0].strip() for head in heads
-    }
+    heads = {head.split("\x1b")[0].strip() for head in heads}
+    assert {" ".join(name.split("\x1b")[0].split()) for name in NAMES} <= heads
     assert browser.find_elements("css selector", "thead .policy")[0].text == "policy"
     assert browser.execute_script("return document.querySelectorAll('img, main a, iframe, main script').length") == 0
     shown = browser.execute_script("return document.querySelector('#plot').data.map(line => line.name)")

@@ -52,15 +52,8 @@ def test_intervals_agree_with_scipy(statistic, of_runs):
     """Whole seeds are one paired sample of scipy.stats.bootstrap, with a scenario in each of its variables."""
     x = runs(3, 80)
     found = interval(statistic(x, resample(80, 0, resamples=4000)))
-    expected = stats.bootstrap(
-        list(x),
-        lambda *rows: of_runs(np.stack(rows)),
-        paired=True,
-        vectorized=False,
-        method="percentile",
-        n_resamples=4000,
-        random_state=1,
-    )
+    options = {"paired": True, "vectorized": False, "method": "percentile", "n_resamples": 4000, "random_state": 1}
+    expected = stats.bootstrap(list(x), lambda *rows: of_runs(np.stack(rows)), **options)
     width = found.high - found.low
     assert found.value == pytest.approx(of_runs(x))
     assert found.low == pytest.approx(expected.confidence_interval.low, abs=0.06 * width)

@@ -2,12 +2,20 @@
 
 import numpy as np
 
+from benchmarks.run.contract import check
+from fbl_gym import scenarios
+
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 """A reference at rest, on which loops are linear."""
 
 FAST = {"reference": STILL, "control_dt": 1e-3, "physics_dt": 1e-3}
 EXACT = {**FAST, "action": "torque", "actuator": None}
 """A law at 1 kHz, without a drive."""
+
+
+def nominal(**changes):
+    """Return the nominal scenario with changes."""
+    return scenarios.get("nominal").replace(**changes)
 
 
 def loaded(*torque):
@@ -26,3 +34,8 @@ def tracking(policy, env, steps, seed=0):
         states.append(state)
         errors.append(env.truth.reference - env.truth.position)
     return np.array(errors), states
+
+
+def broken_promises(policy, scenario="everything-2"):
+    """Return what `fbl-gym check-policy` finds broken."""
+    return [f"{found.promise}: {found.detail}" for found in check(policy, scenario) if not found.kept]

@@ -24,9 +24,8 @@ def test_cascade_error_obeys_its_linear_equation():
 
 def test_feed_forward_tracks_a_moving_reference():
     scenario = scenarios.get("paper-8").replace(friction=None, duration=4.0)
-    without, with_it = (
-        measure(rollout("cascade-flm", scenario, [0], {"feedforward": x}))[0]["error_pct"] for x in (0.0, 1.0)
-    )
+    traces = (rollout("cascade-flm", scenario, [0], {"feedforward": share}) for share in (0.0, 1.0))
+    without, with_it = (measure(trace)[0]["error_pct"] for trace in traces)
     assert with_it < 0.2 * without
 
 

@@ -24,12 +24,8 @@ def printed_k(q, v, a, g=9.81):
     c1, c12 = np.cos(q[0]), np.cos(q[0] + q[1])
     both = a[0] + a[1]
     fourth = (2 * a[0] + a[1]) * c2 - 2 * v[0] * v[1] * s2 - v[1] ** 2 * s2
-    return np.array(
-        [
-            [a[0], a[0], both, fourth, g * c1, g * c1, g * c12],
-            [0.0, 0.0, both, a[0] * c2 + v[0] ** 2 * s2, 0.0, 0.0, g * c12],
-        ]
-    )
+    first = [a[0], a[0], both, fourth, g * c1, g * c1, g * c12]
+    return np.array([first, [0.0, 0.0, both, a[0] * c2 + v[0] ** 2 * s2, 0.0, 0.0, g * c12]])
 
 
 def printed_estimate(q, v, a, desired, nominal):

@@ -24,13 +24,6 @@ def test_value_iteration_finds_the_same_gain(weights, dt):
     np.testing.assert_allclose(regulator(dt, *weights), k, rtol=1e-6)
 
 
-def test_gains_at_a_fast_rate_are_the_continuous_ones():
-    """As dt goes to zero: K = (integral, position, sqrt(velocity^2 + 2 position)), the last two without integral action."""
-    k = regulator(1e-5, 700.0, 1e-9, 1e-9)
-    assert k[0] == pytest.approx(700.0, rel=1e-3)
-    np.testing.assert_allclose(regulator(1e-5, 1e-6, 100.0, 10.0)[1:], [100.0, np.sqrt(300.0)], rtol=1e-3)
-
-
 def test_the_loop_is_regulator_and_filter():
     """Exact model, 1 kHz: the error is that of x = (F - G K) x, the filter's error having nothing to add at rest."""
     dt = 1e-3

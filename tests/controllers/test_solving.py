@@ -1,9 +1,11 @@
-"""The compiled solvers against LAPACK, at the edge of rank, and lane by lane."""
+"""The compiled solvers against LAPACK, at the edge of rank, and lane by lane; the compiled dynamics."""
 
 import numpy as np
 import pytest
 
+from controllers import dynamics
 from controllers.solving import LANES, least_squares
+from fbl_gym.model import arm
 
 COUNTS = (1, LANES - 1, LANES, 3 * LANES + 5)
 
@@ -67,3 +69,21 @@ def test_a_lane_alone_has_the_bits_it_has_in_a_batch():
     for i in range(n):
         lane = slice(i, i + 1)
         np.testing.assert_array_equal(least_squares(rows[lane], target[lane], 1e-7)[0][0], together[i])
+
+
+@pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics"])
+@pytest.mark.parametrize("shape", [(1, 2), (7, 2), (4, 3, 2)])
+def test_compiled_dynamics_has_the_bits_of_the_arms(name, shape):
+    q, v, x = np.random.default_rng(1).normal(scale=3.0, size=(3, *shape))
+    geared = arm.ArmParameters(rotor=(2.0, 1.0))
+    models = [geared, geared.lumped, np.tile(geared.lumped, (*shape[:-1], 1)), np.tile(geared.base, (*shape[:-1], 1))]
+    for model in models:
+        compiled = getattr(dynamics, name)(model, q, v, x)
+        np.testing.assert_array_equal(compiled, getattr(arm, name)(model, q, v, x))
+
+
+def test_an_acceleration_for_all_rows_is_broadcast():
+    q, v = np.random.default_rng(1).normal(size=(2, 5, 2))
+    model = arm.ArmParameters()
+    torque = dynamics.inverse_dynamics(model, q, v, np.array([1.0, -2.0]))
+    np.testing.assert_array_equal(torque, dynamics.inverse_dynamics(model, q, v, np.tile([1.0, -2.0], (5, 1))))

@@ -1,14 +1,20 @@
-"""Training runs of a few hundred steps."""
+"""Training runs of a few hundred steps, and the command `fbl-gym train`."""
 
 import copy
 import csv
+import json
 import pickle
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from benchmarks import cli
 from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.agent import describe, read, saved_agent
 from benchmarks.rl.progress import Progress
@@ -50,12 +56,11 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
 
 
 def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
-    each = tuple(
-        scenarios.get(name).replace(duration=0.2) for name in ("servo-practice-nominal", "servo-practice-delay-3")
-    )
+    names = ["servo-practice-nominal", "servo-practice-delay-3"]
+    each = tuple(scenarios.get(name).replace(duration=0.2) for name in names)
     adapter = AdapterSettings("residual", history=2, drive=True, sensors=("position", "velocity"))
     train(settings(scenarios=each, adapter=adapter), tmp_path, evaluations=2)
-    assert describe(tmp_path)["scenarios"] == ["servo-practice-nominal", "servo-practice-delay-3"]
+    assert describe(tmp_path)["scenarios"] == names
     error = validate(lambda env: saved_agent(env, str(tmp_path)), each)
     assert error == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
 
@@ -179,3 +184,86 @@ def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
     assert TrainingSettings("ppo").steps == shipped_hyperparameters("ppo")["steps"]
     blend = TrainingSettings("ppo", AdapterSettings("blend", second="pid-flm"))
     assert blend.hyperparameters == shipped_hyperparameters("ppo", "blend") != shipped_hyperparameters("ppo")
+
+
+DOCS = Path(__file__).parents[3] / "docs"
+PAGES = "\n".join(
+    (DOCS / page).read_text() for page in ("how-to/train.md", "how-to/offline-learning.md", "results/agents.md")
+)
+
+
+@pytest.fixture
+def short(folder):
+    """A folder with hyperparameters of a short run."""
+    arguments = {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}
+    (folder / "short.json").write_text(json.dumps({"ppo": {"lanes": 4, "steps": 80, "arguments": arguments}}))
+    return folder
+
+
+def train_command(*options):
+    return cli.main(["train", "ppo", *options, "--hyperparameters", "short.json"])
+
+
+def test_options_reach_the_agent(short, capsys):
+    options = "--interface residual --history 1 --context --scenario mixed-error-1 --steps 80"
+    assert train_command(*options.split()) == 0
+    printed = capsys.readouterr()
+    assert "agent: runs/ppo-residual-0" in printed.out
+    assert "left" in printed.err
+    description = describe(short / "runs" / "ppo-residual-0")
+    assert description["interface"]["history"] == 1
+    assert description["interface"]["context"] is True
+    assert description["scenario"]["name"] == "mixed-error-1"
+
+
+@pytest.mark.slow
+def test_the_pages_on_learning_run(folder):
+    """Their training and recording commands with fewer steps, then its Python as printed, in one process."""
+    (command,) = [line for line in PAGES.splitlines() if line == "fbl-gym train ppo"]
+    assert cli.main([*command.split()[1:], "--steps", "16384"]) == 0
+    for line in PAGES.splitlines():
+        if line.startswith("fbl-gym record") and find_spec("minari"):
+            assert cli.main([*line.split()[1:], "--episodes", "2"]) == 0
+    blocks = re.findall(r"```python\n(.*?)```", PAGES, flags=re.S)
+    absent = [package for package in ("d3rlpy", "minari") if find_spec(package) is None]
+    code = "\n".join(block for block in blocks if not any(f"import {package}" in block for package in absent))
+    code = code.replace("learn(150_000)", "learn(2_048)").replace("range(20_000)", "range(20)")
+    code = code.replace("(1, 3)", "()").replace("n_steps=10_000", "n_steps=20, n_steps_per_epoch=10")
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    assert (folder / "trace.png").exists()
+    for archive in ("model.zip", *([] if "minari" in absent else ["cloned.zip"])):
+        assert cli.main(["evaluate", archive, "--trust", "--scenario", "everything-2", "--seeds", "1"]) == 0
+    assert json.loads((folder / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
+        ("--hyperparameters lanes.json", "hyperparameters.lanes must be at most 1000"),
+        ("--hyperparameters rate.json", "hyperparameters.arguments must have a learning_rate, got {}"),
+        ("--hyperparameters words.json", "hyperparameters.arguments must be those of PPO: TypeError"),
+        ("--hyperparameters list.json", "list.json must be JSON with an entry 'ppo': TypeError"),
+        ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
+    ],
+)
+def test_a_mistake_of_the_command_is_answered_with_what_is_right(options, message, short, fbl_gym):
+    files = {
+        "lanes": {"ppo": {"lanes": 1001, "steps": 80, "arguments": {"learning_rate": 1e-3}}},
+        "rate": {"ppo": {"lanes": 4, "steps": 80, "arguments": {}}},
+        "words": {"ppo": {"lanes": 4, "steps": 80, "arguments": {"learning_rate": 1e-3, "n_step": 3}}}, "list": [],
+    }  # fmt: skip
+    for name, content in files.items():
+        (short / f"{name}.json").write_text(json.dumps(content))
+    (short / "none.json").touch()
+    assert message in fbl_gym(f"train ppo --hyperparameters short.json {options}", 2).err
+
+
+@pytest.mark.parametrize(("name", "content"), [("run.json", b""), ("run.json", b"[]"), ("checkpoint.pt", b"PK")])
+def test_a_damaged_run_is_refused(name, content, short, capsys):
+    assert train_command("--steps", "80", "--out", "run") == 0
+    (short / "run" / name).write_bytes(content)
+    capsys.readouterr()
+    assert train_command("--steps", "80", "--out", "run") == 2
+    assert "fbl-gym: folder must be new" in (said := capsys.readouterr().err) or "cannot be resumed" in said
