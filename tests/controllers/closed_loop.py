@@ -1,6 +1,7 @@
 """A closed loop in one environment, as many tests of controllers run it."""
 
 import numpy as np
+from scipy.linalg import expm
 
 from benchmarks.run.contract import check
 from fbl_gym import scenarios
@@ -39,3 +40,12 @@ def tracking(policy, env, steps, seed=0):
 def broken_promises(policy, scenario="everything-2"):
     """Return what `fbl-gym check-policy` finds broken."""
     return [f"{found.promise}: {found.detail}" for found in check(policy, scenario) if not found.kept]
+
+
+def response(a, x0, dt, steps):
+    """First component of x' = a x from x0, at each sample."""
+    step, x, log = expm(np.array(a) * dt), np.array(x0), []
+    for _ in range(steps + 1):
+        log.append(x[0])
+        x = step @ x
+    return np.array(log)

@@ -39,12 +39,6 @@ def test_samples_that_lie_apart_bear_noise():
     assert apart < 0.05 < 0.2 < close
 
 
-def test_the_printed_regression_estimates_where_nothing_saturates():
-    scenario = scenarios.get("paper-6a").replace(control_dt=1e-4, physics_dt=1e-4)
-    error = learn(scenario, 2000, regression="printed", spacing=5e-3)
-    assert 1e-6 < np.median(error[200:]) < 0.02
-
-
 def test_the_paper_s_tools_together_work_with_noise():
     scenario = scenarios.get("paper-10").replace(
         noise={"position": 1e-2, "velocity": 1e-2, "acceleration": 1e-2}, duration=2.0

@@ -8,8 +8,7 @@ import pytest
 import controllers
 from controllers.parts import Eso
 from fbl_gym import TwoLinkArmEnv
-from tests.controllers.closed_loop import EXACT, tracking
-from tests.controllers.linear import response
+from tests.controllers.closed_loop import EXACT, response, tracking
 
 
 def run(policy, env, steps):

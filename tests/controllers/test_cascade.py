@@ -7,8 +7,7 @@ import controllers
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmEnv, scenarios
-from tests.controllers.closed_loop import EXACT, tracking
-from tests.controllers.linear import response
+from tests.controllers.closed_loop import EXACT, response, tracking
 
 
 def test_cascade_error_obeys_its_linear_equation():

@@ -7,8 +7,7 @@ import controllers
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix
-from tests.controllers.closed_loop import FAST, STILL, loaded, nominal, tracking
-from tests.controllers.linear import response
+from tests.controllers.closed_loop import FAST, STILL, loaded, nominal, response, tracking
 
 HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.4),)}
 

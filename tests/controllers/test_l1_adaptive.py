@@ -6,8 +6,7 @@ import pytest
 import controllers
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
-from tests.controllers.closed_loop import FAST, loaded, tracking
-from tests.controllers.linear import response
+from tests.controllers.closed_loop import FAST, loaded, response, tracking
 
 
 @pytest.mark.parametrize("pole", [5.0, 200.0])

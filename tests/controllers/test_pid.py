@@ -5,8 +5,7 @@ import pytest
 
 import controllers
 from fbl_gym import SECTION_2_2, TABLE_1, TwoLinkArmEnv
-from tests.controllers.closed_loop import EXACT, tracking
-from tests.controllers.linear import response
+from tests.controllers.closed_loop import EXACT, response, tracking
 
 
 @pytest.mark.parametrize("arm", [TABLE_1, SECTION_2_2], ids=["table-1", "section-2-2"])

@@ -118,8 +118,6 @@ def test_names_that_are_no_robots_policy():
         Runner("oracle-flm", SCENARIO)
     with pytest.raises(ValueError, match="unknown policy 'pd-gravty'"):
         Runner("pd-gravty@my_gains", SCENARIO)
-    with pytest.raises(ValueError, match="there is no file"):
-        Runner("pd-gravity@my_gains", SCENARIO)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ import controllers
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.model.arm import inertia_matrix
-from tests.controllers.closed_loop import EXACT, tracking
-from tests.controllers.linear import response
+from tests.controllers.closed_loop import EXACT, response, tracking
 
 POSE = (-np.pi / 2, 0.4)
 

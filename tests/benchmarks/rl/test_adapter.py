@@ -21,6 +21,18 @@ from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
 MOTION = ("position", "velocity")
 
 
+def start(scenario, *settings, **more):
+    """Return an observation, and the torque of an agent's adapter there for an action."""
+    env = TwoLinkArmEnv(scenario)
+    observation = env.reset(seed=0)[0][None].copy()
+    adapter = AgentAdapter(AdapterSettings(*settings, **more), env.interface)
+    return (
+        env,
+        observation,
+        lambda *action: adapter.torque(np.array([action]), observation, adapter.initial(observation))[0],
+    )
+
+
 @pytest.mark.parametrize(
     ("action", "history", "context", "period"),
     [
@@ -101,36 +113,25 @@ def test_another_autoreset_mode_is_refused():
 
 
 def test_a_torque_is_a_share_of_the_drives_limits():
-    env = TwoLinkArmEnv("servo-nominal")
-    observation = env.reset(seed=0)[0][None]
-    adapter = AgentAdapter(AdapterSettings(sensors=("position", "velocity")), env.interface)
-    torque, _ = adapter.torque(np.array([[1.0, -0.5]]), observation, adapter.initial(observation))
-    np.testing.assert_allclose(torque[0], env.interface.torque_limit * np.array([1.0, -0.5]))
+    env, _, torque = start("servo-nominal", sensors=MOTION)
+    np.testing.assert_allclose(torque(1.0, -0.5)[0], env.interface.torque_limit * np.array([1.0, -0.5]))
     with pytest.raises(ValueError, match="not applicable: the agent's actions are shares of torque limits"):
         Agent(TwoLinkArmEnv(action="torque", actuator={"torque_limit": None}).interface, AdapterSettings(), None)
 
 
 def test_a_residual_is_an_acceleration_of_the_nominal_arm():
-    env = TwoLinkArmEnv("mixed-error-2")
-    observation = env.reset(seed=0)[0][None]
-    adapter = AgentAdapter(AdapterSettings("residual", residual=3.0), env.interface)
-    accelerations = []
-    for action in ([0, 0], [1, -0.5]):
-        torque, _ = adapter.torque(np.array([action]), observation, adapter.initial(observation))
-        motion = observation[:, :2], np.zeros((1, 2))
-        accelerations.append(forward_dynamics(env.interface.nominal, *motion, torque))
-    np.testing.assert_allclose(accelerations[1] - accelerations[0], [[3.0, -1.5]])
+    env, observation, torque = start("mixed-error-2", "residual", residual=3.0)
+    motion = observation[:, :2], np.zeros((1, 2))
+    none, some = (forward_dynamics(env.interface.nominal, *motion, torque(*each)) for each in ((0, 0), (1, -0.5)))
+    np.testing.assert_allclose(some - none, [[3.0, -1.5]])
 
 
 def test_a_blend_is_between_its_laws():
-    env = TwoLinkArmEnv("servo-practice-payload-1")
-    observation = env.reset(seed=0)[0][None]
-    adapter = AgentAdapter(AdapterSettings("blend", base="pid-flm", second="lqg"), env.interface)
+    env, observation, torque = start("servo-practice-payload-1", "blend", base="pid-flm", second="lqg")
     laws = [controllers.make(name, env.interface) for name in ("pid-flm", "lqg")]
     first, second = (law.torque(observation, law.initial(observation))[0] for law in laws)
     for action, expected in ((1.0, first), (-1.0, second), (0.5, 0.75 * first + 0.25 * second)):
-        torque, _ = adapter.torque(np.full((1, 2), action), observation, adapter.initial(observation))
-        np.testing.assert_allclose(torque, expected)
+        np.testing.assert_allclose(torque(action, action), expected)
 
 
 def test_memory_is_the_running_mean_of_the_squares_of_errors_and_of_their_change():
@@ -172,13 +173,10 @@ def test_an_episode_that_ends_within_a_period_ends_once():
 
 
 def test_a_residual_fades_at_the_torque_limits():
-    env = TwoLinkArmEnv("servo-nominal")
-    observation = env.reset(seed=0)[0][None].copy()
+    env, observation, torque = start("servo-nominal", "residual", base="pd-gravity", sensors=MOTION)
     observation[:, env.interface.layout["reference_position"]] += 3.0
-    adapter = AgentAdapter(AdapterSettings("residual", base="pd-gravity", sensors=MOTION), env.interface)
-    law, _ = adapter.torque(np.zeros((1, 2)), observation, adapter.initial(observation))
-    assert (np.abs(law) >= env.interface.torque_limit).all()
-    np.testing.assert_array_equal(adapter.torque(np.ones((1, 2)), observation, adapter.initial(observation))[0], law)
+    assert (np.abs(torque(0.0, 0.0)) >= env.interface.torque_limit).all()
+    np.testing.assert_array_equal(torque(1.0, 1.0), torque(0.0, 0.0))
 
 
 def test_an_agent_is_not_applicable_without_its_sensors():
