@@ -190,33 +190,22 @@ def edit(monkeypatch, module):
         ("pid-flm", "benchmarks.run.metrics", True), ("ppo-servo@1", "controllers.computed_torque", True),
         ("pid-flm", "controllers.adrc", False), ("pid-flm", "fbl_gym.view.render", False),
         ("pid-flm", "benchmarks.policies.spec", False), ("pid-flm", "benchmarks.cli.tune", False),
+        ("law.py", "controllers.sliding_mode", True), ("law.py", "controllers.adrc", False),
+        ("./agent", "controllers.sliding_mode", True), ("./agent", "controllers.adrc", False),
     ],
 )  # fmt: skip
 def test_a_law_depends_on_its_modules_the_kernel_and_the_metrics_but_on_no_other_law(
-    policy, module, stale, monkeypatch
+    policy, module, stale, folder, monkeypatch
 ):
+    """But for those that it uses: a law lists them by name, and the folder of a residual agent names its base law."""
+    (folder / "law.py").write_text(f"{SUBCLASS}    uses = ('sliding-mode',)\n")
+    shutil.copytree(SHIPPED / "ppo-servo" / "0", folder / "agent")
+    description = json.loads((folder / "agent" / "agent.json").read_text())
+    description["interface"] |= {"base": "sliding-mode"}
+    (folder / "agent" / "agent.json").write_text(json.dumps(description))
     before = resolve(policy).identity
     edit(monkeypatch, module)
     assert (resolve(policy).identity != before) == stale
-
-
-@pytest.mark.parametrize("form", ["folder", "law"])
-def test_an_edit_of_the_law_that_a_policy_uses_makes_its_results_stale(form, tmp_path, monkeypatch):
-    """The folder of a residual agent names its base law, and a law lists those that it uses by name."""
-    if form == "folder":
-        shutil.copytree(SHIPPED / "ppo-servo" / "0", tmp_path / "agent")
-        description = json.loads((tmp_path / "agent" / "agent.json").read_text())
-        description["interface"] |= {"base": "sliding-mode"}
-        (tmp_path / "agent" / "agent.json").write_text(json.dumps(description))
-        name = str(tmp_path / "agent")
-    else:
-        (tmp_path / "law.py").write_text(f"{SUBCLASS}    uses = ('sliding-mode',)\n")
-        name = str(tmp_path / "law.py")
-    before = resolve(name).identity
-    edit(monkeypatch, "controllers.adrc")
-    assert resolve(name).identity == before
-    edit(monkeypatch, "controllers.sliding_mode")
-    assert resolve(name).identity != before
 
 
 def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):

@@ -157,18 +157,15 @@ def test_the_response_is_that_of_python_control():
         ("oracle-flm", {}, "reads the true state"),
         ("pid-flm", {"actuator": {"jitter": 0.002}}, "has jitter"),
         ("zero", {}, "does not come to rest"),
+        ("nmpc", {}, "changes from sample to sample"),
         ("computed-torque-tde", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
     ],
 )
 def test_a_loop_without_margins_says_why(policy, options, reason):
+    if policy == "nmpc":
+        pytest.importorskip("casadi")
     with pytest.raises(NotLinear, match=reason):
         linearize(policy, Scenario(**options)).margins()
-
-
-def test_a_law_that_does_not_plan_at_every_sample_has_no_margins():
-    pytest.importorskip("casadi")
-    with pytest.raises(NotLinear, match="changes from sample to sample"):
-        linearize("nmpc")
 
 
 def test_the_command_prints_margins_or_the_reason(fbl_gym):

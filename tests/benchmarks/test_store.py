@@ -169,23 +169,24 @@ COMMAND = [
 def test_kill_9_in_a_loop(tmp_path):
     """Killed again and again while it runs, the run goes on where it was: nothing lost, nothing doubled, nothing twice."""
     total, seen = 4 * 8, {}
+    command = [*COMMAND, "--store", str(tmp_path)]
+
+    def stored():
+        return {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in Store(tmp_path).files()}
+
     for _ in range(3):
-        process = subprocess.Popen([*COMMAND, "--store", str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         target, deadline = len(seen) + 4, time.monotonic() + 60
         while len(Store(tmp_path).files()) < target and time.monotonic() < deadline and process.poll() is None:
             time.sleep(0.005)
         process.send_signal(signal.SIGKILL)
         process.communicate()
-        now = {p.name: (p.stat().st_mtime_ns, p.read_bytes()) for p in Store(tmp_path).files()}
-        assert now.items() >= seen.items()
-        assert len(now) > len(seen)
-        seen = now
-    done = subprocess.run([*COMMAND, "--store", str(tmp_path)], capture_output=True, text=True, check=False)
+        assert stored().items() > seen.items()
+        seen = stored()
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    now = {p.name: (p.stat().st_mtime_ns, p.read_bytes()) for p in Store(tmp_path).files()}
-    assert now.items() >= seen.items()
-    assert len(now) == total
-    assert len(list(Store(tmp_path).results())) == total
+    assert stored().items() >= seen.items()
+    assert len(stored()) == len(list(Store(tmp_path).results())) == total
 
 
 def test_two_processes_share_a_store(tmp_path):

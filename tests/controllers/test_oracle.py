@@ -78,11 +78,8 @@ def test_gains_follow_the_arm():
 
 def test_the_oracle_tracks_best():
     """The oracle tracks far better than any law without privileged access if parameters, load and friction are wrong."""
-    mean = {}
-    for name in ("oracle-flm", "cascade-flm", "pid-flm", "pd-gravity"):
-        env = TwoLinkArmVectorEnv(8, "everything-3")
-        mean[name] = np.abs(tracking(controllers.make(name, env), env, 900)[0][1:]).mean()
-    assert mean["oracle-flm"] < 0.1 * min(mean[name] for name in mean if name != "oracle-flm")
+    others = min(mean_error(name, "everything-3") for name in ("cascade-flm", "pid-flm", "pd-gravity"))
+    assert mean_error("oracle-flm", "everything-3") < 0.1 * others
 
 
 def planned(scenario, seeds, **options):

@@ -146,7 +146,6 @@ BAD = {
     "not going on": ({"time": 0.09}, "time must go on"),
     "no time": ({"time": np.nan}, "time must go on"),
     "not finite": ({"position": [0.1, np.nan]}, "position must be 2 finite numbers"),
-    "infinite": ({"position": [np.inf, 0.0]}, "position must be 2 finite numbers"),
     "short": ({"position": [0.1]}, "position must be 2 finite numbers"),
     "text": ({"position": "?"}, "could not convert"),
     "jump": ({"position": [0.1, 1.6], "reference": [0.1, 1.6, 0, 0, 0, 0]}, "joint 2 .* last reading"),

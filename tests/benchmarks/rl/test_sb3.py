@@ -1,6 +1,5 @@
 """Stable-baselines3: its archives are policies, its tools and vectors take the environment, actors are exported."""
 
-import importlib
 import json
 import subprocess
 import sys
@@ -43,10 +42,18 @@ def same_action(policy, model, observation):
     np.testing.assert_array_equal(*actions)
 
 
-def save_model(folder, env, algorithm="PPO", module="stable_baselines3", **settings):
+SETTINGS = {
+    "PPO": {}, "SAC": {"buffer_size": 10}, "TQC": {"module": "sb3_contrib", "buffer_size": 10},
+    "ARS": {"module": "sb3_contrib"}, "RecurrentPPO": {"module": "sb3_contrib", "policy": "MlpLstmPolicy"},
+}  # fmt: skip
+"""Of algorithms: their module, their network, and what makes them small."""
+
+
+def save_model(folder, env, algorithm="PPO"):
     """Save a model that has not learned."""
-    policy = settings.pop("policy", "MlpPolicy")
-    model = getattr(importlib.import_module(module), algorithm)(policy, env, device="cpu", seed=0, **settings)
+    settings = {"module": "stable_baselines3", "policy": "MlpPolicy"} | SETTINGS[algorithm]
+    module = pytest.importorskip(settings.pop("module"))
+    model = getattr(module, algorithm)(settings.pop("policy"), env, device="cpu", seed=0, **settings)
     model.save(folder / "model.zip")
     return model, folder / "model.zip"
 
@@ -80,21 +87,10 @@ def test_a_zip_of_single_precision_or_monitored_by_sb3_acts_as_it_was_save_model
         same_action(load_zip(path, plain.unwrapped.interface, trust=True), model, observation)
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "settings"),
-    [
-        ("PPO", {}),
-        ("SAC", {"buffer_size": 10}),
-        ("TQC", {"module": "sb3_contrib", "buffer_size": 10}),
-        ("ARS", {"module": "sb3_contrib"}),
-        ("RecurrentPPO", {"module": "sb3_contrib", "policy": "MlpLstmPolicy"}),
-    ],
-)
-def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, tmp_path):
-    if settings.get("module"):
-        pytest.importorskip("sb3_contrib")
+@pytest.mark.parametrize("algorithm", SETTINGS)
+def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, tmp_path):
     env = TwoLinkArmEnv()
-    model, path = save_model(tmp_path, env, algorithm, **settings)
+    model, path = save_model(tmp_path, env, algorithm)
     external.trust(PolicyName.parse(str(path)))
     observation, _ = env.reset(seed=0)
     same_action(resolve(str(path)).make(env), model, observation)
@@ -105,12 +101,8 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, settings, t
     [("PPO", {}), ("PPO", {"past_actions": 0}), ("RecurrentPPO", {"scenario": "servo-delay-2"})],
 )
 def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(algorithm, options, tmp_path):
-    module, policy = ("stable_baselines3", "MlpPolicy")
-    if algorithm == "RecurrentPPO":
-        pytest.importorskip("sb3_contrib")
-        module, policy = ("sb3_contrib", "MlpLstmPolicy")
     tracking = TwoLinkArmTrackingEnv(**options)
-    model, path = save_model(tmp_path, tracking, algorithm, module, policy=policy)
+    model, path = save_model(tmp_path, tracking, algorithm)
     lanes = TwoLinkArmVectorEnv(2, options.get("scenario"), autoreset_mode="SameStep")
     archive = load_zip(path, lanes.interface, trust=True)
     a, b = tracking.reset(seed=1)[0], lanes.reset(seed=0)[0]
