@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks import cli
 from benchmarks.analysis import board as analysis_board
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
@@ -401,28 +400,32 @@ def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
-def test_an_incomplete_report_says_what_it_lacks(folder, fbl_gym):
-    few = ["--policies", "zero", "--seeds", "1", "--scenarios"]
-    fbl_gym(["leaderboard", *few, "nominal", "--workers", "1"])
-    fbl_gym(["report", *few, "nominal"])
-    assert "ncomplete" not in (folder / "results" / "report" / "board.md").read_text()
-    shown = fbl_gym(["report", *few, "nominal", "noise-1", "noise-2"], 1)
+FEW = "--policies zero --seeds 1 --scenarios nominal"
+
+
+@pytest.fixture
+def report(folder, fbl_gym):
+    """The folder of a complete report."""
+    fbl_gym(f"leaderboard {FEW} --workers 1")
+    fbl_gym(f"report {FEW}")
+    return folder / "results" / "report"
+
+
+def test_an_incomplete_report_says_what_it_lacks(report, fbl_gym):
+    assert "ncomplete" not in (report / "board.md").read_text()
+    shown = fbl_gym(f"report {FEW} noise-1 noise-2", 1)
     sentence = "Incomplete: 2 of 3 scenarios have no results: noise-1, noise-2"
     assert sentence in shown.out
     assert "the report is incomplete" in shown.err
     for name in ("board.md", "board.html"):
-        assert sentence in (folder / "results" / "report" / name).read_text(encoding="utf-8")
+        assert sentence in (report / name).read_text(encoding="utf-8")
 
 
-def test_a_page_is_complete_or_as_it_was(folder, monkeypatch):
+def test_a_page_is_complete_or_as_it_was(report, fbl_gym, monkeypatch):
     """Killed while it writes, the report leaves the last page."""
-    few = ["--policies", "zero", "--seeds", "1", "--scenarios", "nominal"]
-    assert cli.main(["leaderboard", *few, "--workers", "1"]) == 0
-    assert cli.main(["report", *few]) == 0
-    report = folder / "results" / "report"
     before = {path.name: path.read_bytes() for path in report.iterdir()}
     monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
-    assert cli.main(["report", *few]) == 130
+    fbl_gym(f"report {FEW}", 130)
     assert {path.name: path.read_bytes() for path in report.iterdir()} == before
 
 

@@ -12,7 +12,6 @@ from benchmarks.analysis.board import assemble
 from benchmarks.analysis.curves import read_groups
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.analysis.transfer import Runs, compare_halves, compare_orders
-from benchmarks.cli.parser import main
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell, Suite
 from fbl_gym import scenarios
@@ -176,15 +175,13 @@ def test_runs_are_grouped_over_their_seeds_and_keep_their_best_agent(trained):
     assert ppo.estimate("steps", np.array([300])).value == pytest.approx([4.0])
 
 
-def test_the_command_compares_after_equal_steps_and_equal_time(trained, tmp_path, capsys):
-    assert main(["curves", *map(str, trained), "--plot", str(tmp_path / "curves.svg")]) == 0
-    out = capsys.readouterr().out
+def test_the_command_compares_after_equal_steps_and_equal_time(trained, tmp_path, fbl_gym):
+    out = fbl_gym(["curves", *map(str, trained), "--plot", str(tmp_path / "curves.svg")]).out
     assert "after 300 steps" in out
     assert "after 3 s" in out
     assert "ppo" in (tmp_path / "curves.svg").read_text()
 
 
-def test_a_folder_without_a_run_and_a_run_given_twice_are_refused(trained, tmp_path, capsys):
+def test_a_folder_without_a_run_and_a_run_given_twice_are_refused(trained, tmp_path, fbl_gym):
     for wrong, text in ((tmp_path, "RUN must be a folder of fbl-gym train"), (trained[0], "RUN must differ")):
-        assert main(["curves", str(trained[0]), str(wrong)]) == 2
-        assert text in capsys.readouterr().err
+        assert text in fbl_gym(["curves", str(trained[0]), str(wrong)], 2).err

@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from benchmarks import cli
 from benchmarks.identification import excitation, result
 from benchmarks.identification import fit as fitting
 from benchmarks.identification.fit import identify, rollout_errors
@@ -223,13 +222,13 @@ def test_the_command_writes_a_scenario_with_distributions(files, folder, monkeyp
     gym.make("fbl_gym/TwoLinkArm-v0", scenario="my_arm.toml").reset(seed=0)
 
 
-def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch):
+def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch, fbl_gym):
     """The velocity of the log is a difference, and there is no noise of a velocity to switch off."""
     monkeypatch.setattr(fitting, "FOLDS", 2)
     path = tmp_path / "robot.toml"
     path.write_text('base = "servo-practice-nominal"\nduration = 8.0\nfriction.load = 0.0\n')
     start = scenarios.get(str(path))
-    cli.main(f"evaluate pd-gravity --scenario {path} --seeds 1 --trace {tmp_path}/run.csv".split())
+    fbl_gym(f"evaluate pd-gravity --scenario {path} --seeds 1 --trace {tmp_path}/run.csv")
     runs = [read(tmp_path / "run.csv")]
     assert runs[0].difference == 1
     (tmp_path / "arm.toml").write_text(result.text(identify(runs, start), runs, start, str(path), ""))

@@ -6,7 +6,6 @@ import json
 import pytest
 
 import controllers
-from benchmarks import cli
 from benchmarks.policies import external
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve
@@ -151,7 +150,7 @@ def test_wrong_gains_are_refused(text, message, folder):
         resolve(text)
 
 
-def test_gains_of_another_arm_are_named(folder, capsys):
+def test_gains_of_another_arm_are_named(folder, fbl_gym):
     arm = dataclasses.asdict(TABLE_1)
     (folder / "told.json").write_text(json.dumps({"gains": {"frequency": 8.0}, "arms": [arm]}))
     name = PolicyName.parse("pd-gravity@told.json")
@@ -159,5 +158,5 @@ def test_gains_of_another_arm_are_named(folder, capsys):
     assert name.gains_of_other_arms(SECTION_2_2) == [folder / "told.json"]
     assert PolicyName.parse("pd-gravity@gains.json").gains_of_other_arms(SECTION_2_2) == []
     for scenario, names in (("nominal", False), ("servo-nominal", True)):
-        assert cli.main(["evaluate", "pd-gravity@told.json", "--scenario", scenario, "--seeds", "1"]) == 0
-        assert ("told.json has the gains of another arm" in capsys.readouterr().out) == names
+        shown = fbl_gym(f"evaluate pd-gravity@told.json --scenario {scenario} --seeds 1").out
+        assert ("told.json has the gains of another arm" in shown) == names

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cli
 from benchmarks.cli import reproduce
 from benchmarks.paper import claim, claims, radius, section_3
 from benchmarks.paper.claim import CONTROL, OPEN, REPRODUCED, STATED, Outcome, judge
@@ -154,10 +153,10 @@ TEXTS = ("figure", "claim", "paper", "bound", "scenario", "stated", "chosen", "a
 CLAIM = dict(zip(TEXTS, "abcdefghi", strict=True)) | {"cases": [["stated", "first", "2 %", "", "yes"]]}
 
 
-def test_new_measurements_replace_old_ones_and_other_claims_stay(tmp_path, monkeypatch):
+def test_new_measurements_replace_old_ones_and_other_claims_stay(tmp_path, monkeypatch, fbl_gym):
     """In the paper's order."""
     claims.save(tmp_path, {"figure-7": CLAIM, "figure-6a": CLAIM | {"paper": "3 %"}})
     monkeypatch.setattr(reproduce, "measure_claim", lambda name, cases: (CLAIM, None))
-    assert cli.main(["reproduce", "--only", "figure-6a", "equation-10", "--out", str(tmp_path)]) == 0
+    fbl_gym(f"reproduce --only figure-6a equation-10 --out {tmp_path}")
     assert list(claims.load(tmp_path).items()) == [(name, CLAIM) for name in ("equation-10", "figure-6a", "figure-7")]
     assert (tmp_path / "claims.md").read_text().count("| first | 2 % |") == 3

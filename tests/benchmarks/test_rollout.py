@@ -2,13 +2,11 @@
 
 import csv
 import dataclasses
-import shlex
 
 import numpy as np
 import pytest
 
 import controllers
-from benchmarks import cli
 from benchmarks.report.latex import escape, write_table
 from benchmarks.run.rollout import rollout, rollout_trials
 from benchmarks.run.suite import load, with_option
@@ -90,10 +88,10 @@ def test_signals_are_those_of_the_environment_and_the_policy(signals):
     assert (np.abs(both("motor_position_{}_rad", 20) - both("position_{}_rad", 20)) > 1e-4).any()
 
 
-def test_a_file_has_the_numbers_of_the_table(signals, tmp_path):
+def test_a_file_has_the_numbers_of_the_table(signals, tmp_path, fbl_gym):
     (tmp_path / "short.toml").write_text(f'base = "{TASK}"\nduration = 0.4\n')
     line = ["evaluate", LAW, "--scenario", str(tmp_path / "short.toml"), "--seeds", "2"]
-    assert cli.main([*line, "--trace", str(tmp_path / "trace.csv")]) == 0
+    fbl_gym([*line, "--trace", str(tmp_path / "trace.csv")])
     with (tmp_path / "trace.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 41
@@ -126,19 +124,19 @@ def test_an_option_changes_where_its_path_leads():
     assert swept.parameter_error == dataclasses.replace(trained_on.parameter_error, radius=2.0)
 
 
-def test_a_sweep_goes_on_in_the_store(folder):
+def test_a_sweep_goes_on_in_the_store(folder, fbl_gym):
     line = "sweep pd-gravity zero --over noise.position=1e-4:1e-2:log:3 --scenario arm.toml --seeds 2 --workers 1"
-    assert cli.main(shlex.split(line)) == 0
+    fbl_gym(line)
     runs = rows("results/sweep.csv")
     assert [run["noise.position"] for run in runs[::4]] == ["0.0001", "0.001", "0.01"]
     stored = {path: path.stat().st_mtime_ns for path in (folder / "results/board").iterdir()}
-    assert cli.main(shlex.split(line)) == 0
+    fbl_gym(line)
     assert stored == {path: path.stat().st_mtime_ns for path in (folder / "results/board").iterdir()}
 
 
-def test_two_options_give_every_pair_of_values(folder):
+def test_two_options_give_every_pair_of_values(folder, fbl_gym):
     line = "sweep pd-gravity --over arm.m2=2,4 --over noise.position=0:1e-2:lin:2 --scenario arm.toml --seeds 1"
-    assert cli.main(shlex.split(f"{line} --workers 1 --csv two.csv --plot two.svg")) == 0
+    fbl_gym(f"{line} --workers 1 --csv two.csv --plot two.svg")
     assert [(run["arm.m2"], run["noise.position"]) for run in rows("two.csv")] == [
         ("2.0", "0.0"), ("2.0", "0.01"), ("4.0", "0.0"), ("4.0", "0.01"),
     ]  # fmt: skip
@@ -180,7 +178,6 @@ def test_columns_of_numbers_are_to_the_right(tmp_path):
     ],
 )
 def test_commands_write_their_table(line, rows, columns, folder, fbl_gym):
-    (folder / "arm.toml").write_text('base = "noise-1"\nduration = 0.5\n')
     scenario = "" if "leaderboard" in line else "--scenario arm.toml"
     assert "table: table.tex" in fbl_gym(f"{line} {scenario} --seeds 2 --tex table.tex").out
     assert ("--plot" in line) == (folder / "lines.png").exists()

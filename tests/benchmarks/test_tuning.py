@@ -11,7 +11,6 @@ import optuna
 import pytest
 from optuna.distributions import FloatDistribution
 
-from benchmarks import cli
 from benchmarks.analysis import recommend
 from benchmarks.analysis.recommend import Likeness, around, is_safe, push
 from benchmarks.policies.spec import resolve
@@ -81,13 +80,13 @@ def studies(folder):
     return optuna.get_all_study_names(f"sqlite:///{folder}/studies.db")
 
 
-def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
+def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch, fbl_gym):
     monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
     few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
     arguments = ["tune", "pid-flm", *few, "--storage", f"sqlite:///{tmp_path}/studies.db", "--ship"]
-    assert cli.main([*arguments, "--trials", "1"]) == 0
+    fbl_gym([*arguments, "--trials", "1"])
     assert json.loads((tmp_path / "servo" / "pid-flm.json").read_text())["trials"]["count"] == 3  # one for each gain
-    assert cli.main([*arguments, "--trials", "2"]) == 0
+    fbl_gym([*arguments, "--trials", "2"])
     found = json.loads((tmp_path / "servo" / "pid-flm.json").read_text())
     assert found["trials"]["count"] == 6
     assert found["trials"]["environment_steps"] == 6 * 2 * 1000
@@ -148,23 +147,18 @@ def gains_of(study):
     return [tuple(trial.params.values()) for trial in study.trials if trial.params]
 
 
-@pytest.fixture
-def quick_cost(monkeypatch):
+def test_a_resumed_study_repeats_no_trial(tmp_path, monkeypatch):
     monkeypatch.setattr(Task, "cost", lambda _, gains: (sum(gains.values()), 0.0))
-
-
-@pytest.mark.usefixtures("quick_cost")
-def test_a_resumed_study_repeats_no_trial(tmp_path):
     task = Task("pid-flm", NOMINAL, seeds(1, 1)[0])
     for trials in (2, 3, 4, 5):
         study = tune(task, f"sqlite:///{tmp_path}/new/studies.db", trials=trials)
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
 
 
-def test_two_processes_share_a_study(tmp_path):
+def test_two_processes_share_a_study(tmp_path, fbl_gym):
     storage = f"sqlite:///{tmp_path}/studies.db?timeout=60"
     line = f"tune pd-gravity --seeds 1 --fresh-seeds 1 --candidates 1 --scenarios nominal --storage {storage} --out {tmp_path}"
-    assert cli.main([*line.split(), "--trials", "1"]) == 0
+    fbl_gym(f"{line} --trials 1")
     command = [sys.executable, "-m", "fbl_gym", *line.split(), "--trials", "4"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     for process in both:
@@ -173,8 +167,7 @@ def test_two_processes_share_a_study(tmp_path):
     (name,) = studies(tmp_path)
     study = optuna.load_study(study_name=name, storage=storage)
     assert {trial.state.name for trial in study.trials} == {"COMPLETE"}
-    gains = [tuple(trial.params.values()) for trial in study.trials if trial.params]
-    assert len(set(gains)) == len(gains) >= 2
+    assert len(set(gains_of(study))) == len(gains_of(study)) >= 2
 
 
 def test_gains_of_another_law_with_the_same_file_name_are_refused(folder):

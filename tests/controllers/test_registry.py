@@ -61,12 +61,10 @@ def test_an_installed_package_adds_a_policy(monkeypatch):
     assert controllers.make("mine", TwoLinkArmEnv(), frequency=3.0).frequency == (3.0, 3.0)
 
 
-def test_the_name_of_an_argument_gives_no_way_to_the_truth():
-    assert isinstance(controllers.make(plain_factory, TwoLinkArmEnv()), Interface)
-
-
-def test_privileged_access_gets_the_environment():
+def test_privileged_access_alone_gets_the_environment():
+    """The name of an argument gives no way to the truth."""
     env = TwoLinkArmEnv()
+    assert isinstance(controllers.make(plain_factory, env), Interface)
     assert controllers.access(privileged_factory) == "privileged"
     assert controllers.make(privileged_factory, env) is env
     with pytest.raises(ValueError, match="needs the environment, got its interface"):

@@ -48,24 +48,21 @@ def test_weights_that_need_code_to_load_are_refused(tmp_path):
         saved_agent(interface, str(tmp_path))
 
 
-@pytest.mark.parametrize(
-    "damage",
-    ["", "[]", "3", "{", "{}", '{"interface": 3}', '{"interface": {}, "weights": 3}', '{"interface": {"action": 1}}',
-     r'{"interface": {}, "weights": "\u0000"}',
-     '{"interface": {"x": 1}, "network": {"layers": 0}}', '{"interface": {}, "network": {"layers": "x"}}'],
-)  # fmt: skip
-def test_a_malformed_folder_is_an_error_that_names_the_file(damage, tmp_path):
-    write_agent(tmp_path, TwoLinkArmEnv().interface)
-    (tmp_path / "agent.json").write_text(damage)
-    with pytest.raises(ValueError, match=r"must be as `fbl-gym train` wrote it"):
-        saved_agent(TwoLinkArmEnv().interface, str(tmp_path))
+DAMAGED = {
+    "agent.json": [
+        b"", b"[]", b"3", b"{", b"{}", b'{"interface": 3}', b'{"interface": {}, "weights": 3}',
+        b'{"interface": {"action": 1}}', rb'{"interface": {}, "weights": "\u0000"}',
+        b'{"interface": {"x": 1}, "network": {"layers": 0}}', b'{"interface": {}, "network": {"layers": "x"}}',
+    ],
+    "weights.npz": [b"", b"PK", b"PK\x03\x04" + 40 * b"x"],
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("content", [b"", b"PK", b"PK\x03\x04" + 40 * b"x"])
-def test_damaged_weights_are_an_error_that_names_the_file(content, tmp_path):
+@pytest.mark.parametrize(("name", "content"), [(name, content) for name in DAMAGED for content in DAMAGED[name]])
+def test_a_damaged_file_of_an_agent_is_an_error(name, content, tmp_path):
     write_agent(tmp_path, TwoLinkArmEnv().interface)
-    files(tmp_path)[1].write_bytes(content)
-    with pytest.raises(ValueError, match=r"weights.npz must be as `fbl-gym train` wrote it"):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match=f"{name} must be as `fbl-gym train` wrote it"):
         saved_agent(TwoLinkArmEnv().interface, str(tmp_path))
 
 

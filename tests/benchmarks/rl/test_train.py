@@ -200,14 +200,11 @@ def short(folder):
     return folder
 
 
-def train_command(*options):
-    return cli.main(["train", "ppo", *options, "--hyperparameters", "short.json"])
+SHORT = "train ppo --hyperparameters short.json --steps 80"
 
 
-def test_options_reach_the_agent(short, capsys):
-    options = "--interface residual --history 1 --context --scenario mixed-error-1 --steps 80"
-    assert train_command(*options.split()) == 0
-    printed = capsys.readouterr()
+def test_options_reach_the_agent(short, fbl_gym):
+    printed = fbl_gym(f"{SHORT} --interface residual --history 1 --context --scenario mixed-error-1")
     assert "agent: runs/ppo-residual-0" in printed.out
     assert "left" in printed.err
     description = describe(short / "runs" / "ppo-residual-0")
@@ -258,9 +255,8 @@ def test_a_mistake_of_the_command_is_answered_with_what_is_right(options, messag
 
 
 @pytest.mark.parametrize(("name", "content"), [("run.json", b""), ("run.json", b"[]"), ("checkpoint.pt", b"PK")])
-def test_a_damaged_run_is_refused(name, content, short, capsys):
-    assert train_command("--steps", "80", "--out", "run") == 0
+def test_a_damaged_run_is_refused(name, content, short, fbl_gym):
+    fbl_gym(f"{SHORT} --out run")
     (short / "run" / name).write_bytes(content)
-    capsys.readouterr()
-    assert train_command("--steps", "80", "--out", "run") == 2
-    assert "fbl-gym: folder must be new" in (said := capsys.readouterr().err) or "cannot be resumed" in said
+    said = fbl_gym(f"{SHORT} --out run", 2).err
+    assert "fbl-gym: folder must be new" in said or "cannot be resumed" in said
