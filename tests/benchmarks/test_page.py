@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.analysis.board import assemble
 from benchmarks.report.columns import columns
@@ -157,12 +158,12 @@ def test_a_phone_shows_it_without_scrolling_the_page_sideways(page, path, scheme
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", wish)
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", phone)
     page.get(path.as_uri())
-    root = "document.documentElement"
-    assert page.execute_script(f"return {root}.dataset.theme") == scheme
-    assert page.execute_script(f"return {root}.scrollWidth") == 390
+    theme = "return document.documentElement.dataset.theme"
+    assert WebDriverWait(page, 5).until(lambda page: page.execute_script(theme)) == scheme
+    assert page.execute_script("return document.documentElement.scrollWidth") == 390
     press(page, "#theme")
     page.refresh()  # the choice is kept
-    assert page.execute_script(f"return {root}.dataset.theme") != scheme
+    assert WebDriverWait(page, 5).until(lambda page: page.execute_script(theme)) != scheme
     page.execute_script("localStorage.clear()")
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})

@@ -67,8 +67,7 @@ def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
 
 def test_several_scenarios_have_enough_lanes_each():
     each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
-    assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES
-    assert TrainingSettings("ppo").lanes == 64
+    assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES != TrainingSettings("ppo").lanes
 
 
 def test_a_run_repeats_and_its_seed_matters(tmp_path):
