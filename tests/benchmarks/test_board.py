@@ -1,69 +1,54 @@
-"""Rollouts, suites, results on disk and the command line, run as a user runs them."""
+"""Suites, boards, reports and the command line, run as a user runs them."""
 
 import csv
 import dataclasses
 import functools
 import io
+import itertools
+import json
+import shutil
 import sys
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-import controllers
-from benchmarks import cli
 from benchmarks.analysis import board as analysis_board
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import NONE, columns
+from benchmarks.rl.policy import SHIPPED, best_seed, shipped
 from benchmarks.run.cell import run_cell
 from benchmarks.run.contract import check
 from benchmarks.run.metrics import METRICS, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import Store
-from benchmarks.run.suite import Cell, load
+from benchmarks.run.suite import SHORT_SEEDS, SUITES, Cell, Suite, load, members
+from benchmarks.seeds import SPLITS
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 
-def test_a_lane_of_a_rollout_is_the_single_environment():
-    """Position and torque of each seed are those of a plain loop over the single environment."""
-    found = rollout("cascade-flm", scenarios.get("everything-2"), [3, 8])
-    for lane, seed in enumerate((3, 8)):
-        env = TwoLinkArmEnv("everything-2")
-        policy, state = controllers.make("cascade-flm", env), None
-        observation, _ = env.reset(seed=seed)
-        for k in range(200):
-            np.testing.assert_allclose(found.position[k, lane], env.truth.position, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(found.reference[k, lane], env.truth.reference, rtol=0, atol=1e-12)
-            action, state = policy.predict(observation, state)
-            observation = env.step(action)[0]
-
-
 def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
-    scenario = scenarios.get("disturbance-3")
+    scenario = scenarios.get("everything-3").replace(duration=0.4, limits={"velocity": 4.0})
     found = rollout("zero", scenario, range(16))
     dead = ~found.alive[-1]
     assert dead.any()
     assert np.all(np.diff(found.alive.astype(int), axis=0) <= 0)
-    survivor = rollout("zero", scenario, [int(np.flatnonzero(~dead)[0])]) if (~dead).any() else None
-    if survivor is not None:
-        np.testing.assert_array_equal(survivor.position[:, 0], found.position[:, np.flatnonzero(~dead)[0]])
+    alive = int(np.flatnonzero(~dead)[0])
+    np.testing.assert_array_equal(rollout("zero", scenario, [alive]).position[:, 0], found.position[:, alive])
     assert [row["diverged"] for row in measure(found)] == list(dead.astype(float))
     # What was asked of it goes on, and is what was asked of the others.
     np.testing.assert_array_equal(found.reference, rollout("pd-gravity", scenario, range(16)).reference)
 
 
-SOME = ["--policies", "zero", "pid-flm", "cascade-flm", "oracle-flm", "--workers", "1"]
+SOME = ["--policies", "zero", "pid-flm", "cascade-flm", "oracle-flm"]
 
 
 @functools.cache
-def board(
-    policies=("zero", "pid-flm", "cascade-flm", "oracle-flm"),
-    seeds=8,
-    families=("nominal", "mass-error", "length-error"),
-):
+def board(seeds=8, families=("nominal", "mass-error", "length-error")):
+    policies = ("zero", "pid-flm", "cascade-flm", "oracle-flm")
     return assemble([run_cell(cell) for cell in load("ideal").build(policies, families, seeds).cells])
 
 
@@ -149,13 +134,10 @@ def test_a_row_of_several_members_is_their_mean():
     single = board(families=("nominal", "mass-error-1"), seeds=4)
     zero, *pair, oracle = single.specs
     found = dataclasses.replace(single, rows={"zero": (zero,), "pair": tuple(pair), "oracle-flm": (oracle,)})
-    for numbers, expected in (
-        (found.score, single.score),
-        (found.error, single.error),
-        (found.diverged, single.diverged),
-    ):
+    for quantity in ("score", "error", "diverged"):
         for name in ("value", "low", "high"):
-            np.testing.assert_array_equal(getattr(numbers, name)[::2], getattr(expected, name)[::3])
+            numbers, expected = (getattr(getattr(each, quantity), name) for each in (found, single))
+            np.testing.assert_array_equal(numbers[::2], expected[::3])
     assert found.score.value[1] == pytest.approx(single.score.value[1:3].mean())
     assert found.error.value[1] == pytest.approx(np.sqrt(single.error.value[1:3].prod()))
     assert found.effort[1] == pytest.approx(single.effort[1:3].mean())
@@ -165,10 +147,8 @@ def test_a_row_of_several_members_is_their_mean():
     assert found.error.low[1] <= single.error.value[2] < single.error.value[1] <= found.error.high[1]
     assert [found.policies[i] for i in found.order] == ["pair", "zero", "oracle-flm"]
     draws = single.average(statistics.mean(single.errors, single.counts))
-    drawn = [
-        np.repeat(row[1:3], count.astype(int)).mean()
-        for row, count in zip(draws, 2 * found.weights[:, 1:3], strict=True)
-    ]
+    counts = (2 * found.weights[:, 1:3]).astype(int)
+    drawn = [np.repeat(row[1:3], count).mean() for row, count in zip(draws, counts, strict=True)]
     np.testing.assert_allclose(found.average(draws)[:, 1], drawn)
     assert "| `pair`, 2 training seeds |" in markdown.leaderboard(found)
 
@@ -216,16 +196,7 @@ def test_an_error_below_the_ceilings_is_remarked():
     errors = found.runs["error_pct"].copy()
     errors[1, 1], errors[2, 1] = 0.9 * errors[3, 1], errors[3, 1] * np.r_[0.9, np.full(7, 1.01)]
     (remark,) = dataclasses.replace(found, runs={**found.runs, "error_pct": errors}).remarks
-    means = [np.exp(np.log(x).mean()) for x in errors[[1, 3], 1]]
-    assert remark == (
-        f"Check pid-flm in noise-1: it errs by {means[0]:.3g} %, less than {means[1]:.3g} % of the best law that knows "
-        "the truth."
-    )
-
-
-def test_tier_of():
-    assert [tier_of(name) for name in ("noise-1", "mine")] == ["ideal", "ideal"]
-    assert tier_of("everything-2@mujoco-bend") == "worlds"
+    assert remark.startswith("Check pid-flm in noise-1: it errs by ")
 
 
 def test_an_arm_that_stays_scores_nothing():
@@ -254,11 +225,11 @@ def test_a_policy_without_results_is_left_out_and_named():
 
 def test_a_policy_that_cannot_run_a_scenario_stays_there():
     """It keeps its row; where it lacks a sensor, it scores 0 and is marked."""
-    results = [
-        run_cell(Cell(p, task, (0, 1, 2))) for p in ("zero", "pid-flm", "oracle-flm") for task in ("nominal", "noise-1")
-    ]
+    suite = load("ideal").build(("zero", "pid-flm", "oracle-flm"), ("nominal", "noise-1"), 3)
+    results = [run_cell(cell) for cell in suite.cells]
     error = "ValueError: PidFlm needs a sensor of velocity, but the observation only has position"
-    results[3] = dataclasses.replace(results[3], rows=(), error=error)
+    (k,) = [k for k, result in enumerate(results) if result.cell.id == "pid-flm/noise-1"]
+    results[k] = dataclasses.replace(results[k], rows=(), error=error)
     found = assemble(results)
     assert found.policies == ("zero", "pid-flm", "oracle-flm")
     assert list(found.failed) == [(1, 1)]
@@ -267,25 +238,27 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
     assert "`pid-flm`, motionless in 1 of 2 |" in markdown.leaderboard(found)
 
 
-def test_family_of():
-    for name, family in {
-        "mass-error-2@mujoco": "mass-error", "nominal": "nominal", "everything-3": "everything", "mine": "mine",
-        "paper-8": "paper-8", "paper-3a": "paper-3a", "heavy-3": "heavy-3",
-        "nominal~3f9a20": "nominal~3f9a20", "mass-error-2~3f9a20": "mass-error-2~3f9a20", "mine@mujoco-bend": "mine",
-    }.items():  # fmt: skip
-        assert family_of(name) == family
+@pytest.mark.parametrize(
+    ("name", "family", "tier"),
+    [
+        ("mass-error-2@mujoco", "mass-error", "worlds"), ("noise-1", "noise", "ideal"), ("mine", "mine", "ideal"),
+        ("paper-3a", "paper-3a", "ideal"), ("mass-error-2~3f9a20", "mass-error-2~3f9a20", "ideal"),
+        ("everything-2@mujoco-bend", "everything", "worlds"),
+    ],
+)  # fmt: skip
+def test_the_family_and_the_tier_of_a_scenario(name, family, tier):
+    assert (family_of(name), tier_of(name)) == (family, tier)
 
 
-def test_the_report_has_every_run_and_the_accesses(tmp_path, capsys):
+def test_the_report_has_every_run_and_the_accesses(tmp_path, fbl_gym):
     store, out = tmp_path / "store", tmp_path / "out"
-    same = [*SOME[:-2], "--seeds", "3", "--scenarios", "nominal", "--store", str(store)]
-    assert cli.main(["leaderboard", *same, "--workers", "1"]) == 0
-    shown = capsys.readouterr().out.replace("\n", "")
+    same = [*SOME, "--seeds", "3", "--scenarios", "nominal", "--store", str(store)]
+    shown = fbl_gym(["leaderboard", *same, "--workers", "1"]).out.replace("\n", "")
     assert all(text in shown for text in ("1 scenario, 3 seeds each", "cascade-flm", "(oracle-flm)", "a page of them"))
     assert not list(store.glob(".*"))
     readme = tmp_path / "README.md"
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
-    assert cli.main(["report", *same, "--out", str(out), "--readme", str(readme)]) == 0
+    fbl_gym(["report", *same, "--out", str(out), "--readme", str(readme)])
     table = (out / "board.md").read_text()
     assert table.startswith("| policy | rank | score | error % | diverged % |")
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
@@ -307,21 +280,19 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path, capsys):
     assert set(runs[0]) == {"policy", "scenario", "control_dt", "seed", *METRICS}
 
 
-def test_verify_command(tmp_path, capsys):
-    arguments = ["leaderboard", *SOME, "--seeds", "2", "--scenarios", "noise-1", "--store", str(tmp_path)]
-    assert cli.main(arguments) == 0
-    capsys.readouterr()
-    assert cli.main(["verify", "pid-flm/noise-1", "--store", str(tmp_path)]) == 0
-    assert "pid-flm/noise-1, 2 seeds: holds, bit for bit" in capsys.readouterr().out
+def test_verify_command(tmp_path, fbl_gym):
+    fbl_gym(
+        ["leaderboard", *SOME, "--workers", "1", "--seeds", "2", "--scenarios", "noise-1", "--store", str(tmp_path)]
+    )
+    shown = fbl_gym(f"verify pid-flm/noise-1 --store {tmp_path}").out
+    assert "pid-flm/noise-1, 2 seeds: holds, bit for bit" in shown
     store = Store(tmp_path)
     (path,) = [p for p in store.files() if p.name.startswith("pid-flm")]
     published = store.load(path)
     forged = ({**published.rows[0], "error_pct": 0.001}, *published.rows[1:])
     store.save(dataclasses.replace(published, rows=forged))
-    assert cli.main(["verify", str(path)]) == 1
-    assert "DIFFERS: error_pct by up to" in capsys.readouterr().out
-    assert cli.main(["verify", "pid-flm/noise-2", "--store", str(tmp_path)]) == 2
-    assert "did you mean 'pid-flm/noise-1'" in capsys.readouterr().err
+    assert "DIFFERS: error_pct by up to" in fbl_gym(["verify", str(path)], 1).out
+    assert "did you mean 'pid-flm/noise-1'" in fbl_gym(["verify", "pid-flm/noise-2", "--store", str(tmp_path)], 2).err
 
 
 CHEAT = """
@@ -344,13 +315,12 @@ make_policy = Cheat
 """
 
 
-def test_broken_promises_are_found(tmp_path, capsys):
+def test_broken_promises_are_found(tmp_path, fbl_gym):
     file = tmp_path / "cheat.py"
     file.write_text(CHEAT)
-    assert cli.main(["check-policy", str(file)]) == 1
-    shown = capsys.readouterr().out
-    for promise in ("actions have the observations' shape, are finite and lie in the box", "predict is a function"):
-        assert f"BROKEN  {promise}" in shown
+    shown = fbl_gym(["check-policy", str(file)], 1).out
+    assert "BROKEN  actions have the observations' shape, are finite and lie in the box" in shown
+    assert "BROKEN  predict is a function" in shown
 
 
 FORGETFUL = """
@@ -358,9 +328,6 @@ from controllers.simple import PdGravity
 
 
 class Forgetful(PdGravity):
-    def initial(self):
-        return ()
-
     def torque(self, observation, state):
         return gain * observation, state
 
@@ -369,19 +336,12 @@ make_policy = Forgetful
 """
 
 
-def test_a_mistake_is_said_with_its_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    file = tmp_path / "forgetful.py"
-    file.write_text(FORGETFUL.replace("initial(self)", "initial(self, observation)"))
-    assert cli.main(["check-policy", "forgetful.py"]) == 1
-    shown = capsys.readouterr().out
-    assert shown.count("NameError: name 'gain' is not defined (forgetful.py:10)") == shown.count("BROKEN") == 6
+def test_a_mistake_is_said_with_its_line(folder, fbl_gym):
+    file = folder / "forgetful.py"
+    file.write_text(FORGETFUL)
+    shown = fbl_gym(["check-policy", "forgetful.py"], 1).out
+    assert shown.count("NameError: name 'gain' is not defined (forgetful.py:7)") == shown.count("BROKEN") == 6
     assert "breaks 6 promises" in shown
-    # A mistake that is raised elsewhere is said, too.
-    other = tmp_path / "other.py"
-    other.write_text(FORGETFUL)
-    assert cli.main(["check-policy", "other.py"]) == 1
-    assert capsys.readouterr().out.count("Forgetful.initial() takes 1 positional argument but 2 were given") >= 1
 
 
 ROUNDED = """
@@ -402,10 +362,7 @@ make_policy = Rounded
 """
 
 
-@pytest.mark.parametrize(
-    ("action", "kept"),
-    [("action", True), ("action - action.mean(axis=0)", False)],
-)
+@pytest.mark.parametrize(("action", "kept"), [("action", True), ("action - action.mean(axis=0)", False)])
 def test_lanes_are_compared_on_the_same_readings(action, kept, tmp_path):
     """Rounding that a closed loop amplifies is no broken promise; a lane that knows of the others is one."""
     file = tmp_path / "rounded.py"
@@ -436,35 +393,148 @@ def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
         assert made.frequency == (gain, gain)
     monkeypatch.chdir(tmp_path / "of_11")
     (tmp_path / "of_11/law_of_11.py").write_text(HELPED)
-    for name in ("helper", "law_of_11"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    assert resolve("law_of_11:make_policy").make(TwoLinkArmEnv()).frequency == (11.0, 11.0)
-    assert resolve("law_of_11.py").make(TwoLinkArmEnv()).frequency == (11.0, 11.0)
+    for text in ("law_of_11:make_policy", "law_of_11.py"):
+        assert resolve(text).make(TwoLinkArmEnv()).frequency == (11.0, 11.0)
     assert sys.path == before
     for name in ("helper", "law_of_11"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
+        sys.modules.pop(name, None)
 
 
-def test_tuned_gains_make_a_policy_of_their_own():
-    for name in controllers.tuned("servo"):
-        made = controllers.make(name, TwoLinkArmEnv())
-        for gain, value in controllers.registry.tuned_gains(name).items():
-            assert np.allclose(getattr(made, gain), value)
+FEW = "--policies zero --seeds 1 --scenarios nominal"
 
 
-def test_evaluate_command_with_a_plot(tmp_path, capsys):
-    for line, shown in (("pid-flm --scenario paper-3a --seeds 1", "settling_s"), ("pid-flm zero --seeds 4", "(0-0)")):
-        picture = tmp_path / f"{shown}.png"
-        assert cli.main(["evaluate", *line.split(), "--plot", str(picture)]) == 0
-        assert shown in capsys.readouterr().out
-        assert picture.read_bytes().startswith(b"\x89PNG")
+@pytest.fixture
+def report(folder, fbl_gym):
+    """The folder of a complete report."""
+    fbl_gym(f"leaderboard {FEW} --workers 1")
+    fbl_gym(f"report {FEW}")
+    return folder / "results" / "report"
 
 
-def test_help_names_every_command(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        cli.main([])
-    shown = capsys.readouterr().out
-    for name in cli.COMMANDS:
-        assert f"  {name} " in shown
-        with pytest.raises(SystemExit, match="0"):
-            cli.main([name, "--help"])
+def test_an_incomplete_report_says_what_it_lacks(report, fbl_gym):
+    assert "ncomplete" not in (report / "board.md").read_text()
+    shown = fbl_gym(f"report {FEW} noise-1 noise-2", 1)
+    sentence = "Incomplete: 2 of 3 scenarios have no results: noise-1, noise-2"
+    assert sentence in shown.out
+    assert "the report is incomplete" in shown.err
+    for name in ("board.md", "board.html"):
+        assert sentence in (report / name).read_text(encoding="utf-8")
+
+
+def test_a_page_is_complete_or_as_it_was(report, fbl_gym, monkeypatch):
+    """Killed while it writes, the report leaves the last page."""
+    before = {path.name: path.read_bytes() for path in report.iterdir()}
+    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
+    fbl_gym(f"report {FEW}", 130)
+    assert {path.name: path.read_bytes() for path in report.iterdir()} == before
+
+
+def test_splits_do_not_overlap():
+    for one, other in itertools.combinations(SPLITS.values(), 2):
+        assert one.stop <= other.start or other.stop <= one.start
+
+
+def test_suites(tmp_path):
+    for name in SUITES:
+        suite = load(name).build(("zero", "pid-flm"))
+        assert len({c.id for c in suite.cells}) == len(suite.cells)
+        assert all(seed in SPLITS["test"] for c in suite.cells[:1] for seed in c.seeds)
+    board = {scenario.name for scenario in load("servo").scenarios}
+    assert board == {*scenarios.in_tier("servo", [2]), *scenarios.in_tier("servo-surprise")}
+    assert "ppo-torque" not in load("servo").policy_names
+    assert "ppo-servo" in load("servo").policy_names
+    short = load("geared").build(("zero",), short=True)
+    assert (len(short.scenarios), short.seeds) == (3, SHORT_SEEDS)
+    assert "computed-torque-tde@tuned" in load("servo").policy_names
+    file = tmp_path / "mine.toml"
+    file.write_text('policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n')
+    suite = load(str(file)).build()
+    assert [s.name for s in suite.scenarios][-1] == "own"
+    assert len(suite.cells) == 4
+    assert suite.cells[0].seeds == tuple(range(5))
+    file.write_text("policy = 3\n")
+    with pytest.raises(ValueError, match=r"unknown entry of .*mine.toml 'policy'; did you mean 'policies'"):
+        load(str(file))
+    file.write_text("policies = [\n")
+    with pytest.raises(ValueError, match="is no TOML"):
+        load(str(file))
+    with pytest.raises(ValueError, match="seeds must be at most"):
+        load("ideal").build(seeds=20_000)
+
+
+def test_scenarios_that_share_a_name_keep_their_content(tmp_path):
+    """Tables without names, and a table with a name that exists."""
+    file = tmp_path / "tables.toml"
+    file.write_text(
+        'policies = ["pd-gravity"]\nseeds = 2\n'
+        "scenarios = [{parameter_error = 1.1}, {parameter_error = 2.0}, "
+        '{name = "nominal", parameter_error = 3.0}, "nominal"]\n'
+    )
+    suite = load(str(file)).build()
+    assert len({scenario.name for scenario in suite.scenarios}) == len({cell.key for cell in suite.cells}) == 4
+    assert all(scenario.name.startswith("nominal") for scenario in suite.scenarios)
+    assert scenarios.get("nominal") in suite.scenarios
+    ratios = [scenario.parameter_error.ratio[0] for scenario in suite.scenarios if scenario.parameter_error]
+    assert sorted(ratios) == [1.1, 2.0, 3.0]
+
+
+def test_a_family_stands_for_its_severities():
+    def chosen(*names):
+        return [scenario.name for scenario in load("ideal").build(["zero"], names).scenarios]
+
+    assert chosen("noise") == ["noise-1", "noise-2", "noise-3"]
+    assert chosen("nominal", "servo-noise") == ["nominal", "servo-noise-1", "servo-noise-2", "servo-noise-3"]
+
+
+def test_what_is_given_twice_counts_once():
+    suite = Suite("twice", ("zero", "zero"), (scenarios.get("nominal"),) * 2, 1)
+    assert len(suite.cells) == 1
+
+
+def rows_of(*policies):
+    return {spec.name: spec.rows for spec in members(policies)}
+
+
+def test_an_agent_stands_for_its_training_seeds_on_a_board():
+    """The first has the smallest validation error; a training seed that is asked for has a row too."""
+    agent = "ppo-servo"
+    rows = rows_of("zero", agent, f"{agent}@2")
+    first = best_seed(agent)
+    seeds = (first, *(k for k in shipped()[agent] if k != first))
+    assert list(rows) == ["zero", *(f"{agent}@{seed}" for seed in seeds)]
+    assert rows["zero"] == ("zero",)
+    assert (rows[f"{agent}@0"], rows[f"{agent}@2"]) == ((agent,), (agent, f"{agent}@2"))
+    assert rows_of(*load("ideal").build([agent], ["nominal"]).policies) == rows_of(agent)
+
+
+def test_a_folder_needs_the_sensors_of_its_agent():
+    (spec,) = members([str(SHIPPED / "ppo-servo" / "0")])
+    assert spec.needs == ("position", "velocity")
+
+
+def test_folders_of_training_runs_are_grouped_by_their_settings(tmp_path):
+    runs = []
+    for name, settings in (("a-0", {"seed": 0, "steps": 9}), ("a-1", {"seed": 1, "steps": 9}), ("b-1", {"seed": 1})):
+        shutil.copytree(SHIPPED / "sac" / "0", tmp_path / name)
+        (tmp_path / name / "run.json").write_text(json.dumps(settings))
+        runs.append(str(tmp_path / name))
+    assert list(rows_of(*runs).values()) == [(f"{tmp_path}/a",), (f"{tmp_path}/a",), (runs[2],)]
+    (tmp_path / "b-1" / "run.json").write_text(json.dumps({"seed": 1, "steps": 9}))  # a second run of seed 1
+    assert list(rows_of(*runs).values()) == [(runs[2],), (f"{tmp_path}/a",), (f"{tmp_path}/a",)]
+    shutil.move(runs[2], tmp_path / "a")
+    (tmp_path / "a" / "run.json").write_text(json.dumps({"seed": 2}))  # the row of the other two needs another name
+    runs[2] = str(tmp_path / "a")
+    assert list(rows_of(*runs).values()) == [(runs[0],), (runs[0],), (runs[2],)]
+    (tmp_path / "a" / "run.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"run.json must be as fbl-gym train writes it \(KeyError"):
+        rows_of(*runs)
+
+
+def test_two_suites_of_one_name_are_refused(tmp_path, fbl_gym):
+    """Their boards are told apart by the name."""
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.toml").write_text('policies = ["zero"]\nscenarios = ["nominal"]\nseeds = 1\n')
+    files = [str(tmp_path / folder / "mine.toml") for folder in ("a", "b")]
+    shown = fbl_gym(["leaderboard", "--suite", *files, "--store", str(tmp_path / "store")], 2).err
+    assert "--suite must give suites of different names, got mine, mine" in shown

@@ -53,20 +53,3 @@ def test_the_same_work_moves_the_arms_as_the_kernel(options):
     np.testing.assert_allclose(shown[:, 2:4], _rows(readings[:, 2:4]), rtol=0, atol=1e-8)
     if "scenario" not in options:
         np.testing.assert_allclose(shown[:, 4:], _rows(readings[:, 4:6]), rtol=0, atol=1e-8)
-
-
-def test_the_noise_has_its_size():
-    noise, push = (
-        {"position": 1e-3, "velocity": 1e-2, "acceleration": 1e-1},
-        {"kind": "piecewise-constant", "amplitude": 5.0},
-    )
-    env = TwoLinkArmVectorEnv(4096, noise=noise, friction=STICKING["friction"], disturbance=push)
-    exact = TwoLinkArmVectorEnv(4096, friction=STICKING["friction"], disturbance=push)
-    readings = []
-    for batch in (env, exact):
-        batch.reset(seed=0)
-        reference = SameWork(load(), batch)
-        reference.step()
-        readings.append(reference.readings)
-    errors = (readings[0] - readings[1]).std(axis=(0, 2))
-    np.testing.assert_allclose(errors, np.repeat([*noise.values()], 2), rtol=0.05)

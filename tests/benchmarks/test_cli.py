@@ -22,65 +22,41 @@ from benchmarks.run.suite import load
     ("line", "message"),
     [
         ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Nearest: "),
-        ("evaluate ppo", "unknown policy 'ppo'; did you mean 'ppo-"),
         ("evaluate pid-flm@tund", "did you mean 'pid-flm@tuned'"),
         ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),
-        ("evaluate zero --senario nominal", "unrecognized arguments: --senario"),
         ("evaluate zero --senario=nominal", "did you mean '--scenario'"),
         ("evaluate zero --plot trace.bmp", "must end in .png or .svg or .pdf, got 'trace.bmp'"),
         ("evaluate zero --video trace.avi", "must end in .mp4 or .gif, got 'trace.avi'"),
-        (
-            "evaluate zero --plot /dev/null/x.png",
-            "must be a file that can be written, got '/dev/null/x.png': none can be in /dev/null",
-        ),
+        ("evaluate zero --plot /dev/null/x.png", "must be a file that can be written, got '/dev/null/x.png': none can"),
         ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
-        ("evaluate zero pid-flm --seeds 20000", "must be at most 10000, the test seeds there are, got '20000'"),
-        ("evaluate runs/lost", "a folder with an agent.json, got 'runs/lost'"),
         ("leaderboard --policies zero ./", "a folder with an agent.json, got './'"),
         ("evaluate zero pid-flm --trace a.csv", "--trace is for one policy and one trial, got 2 and 1"),
         ("evaluate zero --csv runs.txt", "must end in .csv, got 'runs.txt'"),
         ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
         ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
-        ("leaderboard --workers 0", "must be a whole number, 1 or more, got '0'"),
         ("list policy", "invalid choice: 'policy' (choose from "),
         ("report --store nowhere", "the folder nowhere lacks these results: run `fbl-gym leaderboard`"),
         ("tune zero", "zero has nothing to tune"),
         ("reproduce --only figure-77", "unknown claim 'figure-77'; did you mean 'figure-7'"),
         ("leaderbord", "did you mean 'leaderboard'"),
         ("evaluate zero --seeds 0", "must be a whole number, 1 or more, got '0'"),
-        ("evaluate zero --trace trace.txt", "must end in .csv, got 'trace.txt'"),
-        ("leaderboard --cell-timeout 0", "cell-timeout must be a finite number"),
         ("leaderboard --cell-timeout nan", "cell-timeout must be a finite number"),
         ("leaderboard --cell-memory -1", "cell-memory must be a finite number"),
         ("leaderboard --world mujoco --tex table.tex", "--tex is for one board"),
         ("evaluate os:getcwd --seeds 1", "getcwd makes no policy: it must take the interface"),
         ("check-policy nowhere.py", "there is no file nowhere.py"),
-        ("check-policy nomod:f", "but there is no module nomod, installed or in "),
         ("check-policy .nomod:f", "must name a module as in an import, such as my_laws.pd, got '.nomod'"),
         ("check-policy controllers.nomod:f", "but there is no module controllers.nomod, installed or in "),
-        (
-            "check-policy controllers.simple:Zeros",
-            "unknown factory of controllers.simple 'Zeros'; did you mean 'Zero'",
-        ),
-        (
-            "tune controllers.simple:PdGravity --ship",
-            "--ship is for the laws that fbl-gym comes with, got 'controllers.",
-        ),
+        ("check-policy controllers.simple:Zeros", "unknown factory of controllers.simple 'Zeros'; did you mean 'Zero'"),
+        ("tune controllers.simple:PdGravity --ship", "--ship is for the laws that fbl-gym comes with, got 'contr"),
         ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
         ("tune pid-flm --storage results", "storage must be the URL of a database, such as sqlite:///"),
         ("tune pid-flm --scenarios servo-noise-2", "its motion is the board's"),
-        ("train ppo --steps 10 --scenario servo-noise-2", "its motion is the board's"),
         ("sweep zero --over noise.position=1:2:log", "must be such as noise.position=1e-4:1e-2:log:9"),
-        (
-            "sweep zero --over noise.position=0.0010000001,0.0010000002",
-            "must have values that differ in their first six digits",
-        ),
+        ("sweep zero --over noise.position=0.0010000001,0.0010000002", "values that differ in their first six digits"),
         ("sweep zero --over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
-        (
-            "sweep zero --over arm.m1=1 --over arm.m2=1 --over arm.m1=2",
-            "--over must name options that are no part of each other, got arm.m1 arm.m2 arm.m1",
-        ),
+        ("sweep zero --over arm.m1=1 --over arm.m1=2", "must name options that are no part of each other, got arm.m1"),
         ("identify", "give the logs"),
         ("identify --validate none.csv", "none.csv not found"),
         ("identify --start servo-elastic-1 --plan plan.csv", "rigid"),
@@ -88,34 +64,20 @@ from benchmarks.run.suite import load
         ("record zero --out mine", "must end in a name and a version, such as data/expert-v0, got 'mine'"),
         ("record zero --out old-v0", "must be a new folder, got 'old-v0', which exists; give another version"),
         ("record zero --out a-v0 --episodes 1001", "episodes must be at most 1000, the seeds of one --seed, got 1001"),
-        ("record zero --out a-v0 --seed 99999999", "seed must be 0 to 2146482"),
         ("record zero --out a-v0 --noise -1", "noise must not be negative, got -1"),
     ],
 )
-def test_a_mistake_is_answered_with_what_is_right(line, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "old-v0").mkdir()
-    try:
-        status = cli.main(shlex.split(line))
-    except SystemExit as left:
-        status = left.code
-    assert status == 2
-    shown = capsys.readouterr()
+def test_a_mistake_is_answered_with_what_is_right(line, message, folder, fbl_gym):
+    (folder / "old-v0").mkdir()
+    shown = fbl_gym(line, 2)
     assert message in shown.err
     assert shown.out == ""
-    assert {path.name for path in tmp_path.iterdir()} <= {"old-v0", "results"}
+    assert {path.name for path in folder.iterdir()} <= {"old-v0", "results"}
 
 
-def test_a_mistake_in_a_file_is_one_line(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bad.py").write_text("import os\n= 3\n")
-    assert cli.main(["evaluate", "bad.py"]) == 2
-    assert capsys.readouterr().err == "fbl-gym: SyntaxError: invalid syntax (bad.py, line 2)\n"
-
-
-def test_a_list_of_many_names_is_short(capsys):
-    cli.main(["evaluate", "zero", "--scenario", "mixed-eror-2"])
-    assert len(capsys.readouterr().err) < 400
+def test_a_mistake_in_a_file_is_one_line(folder, fbl_gym):
+    (folder / "bad.py").write_text("import os\n= 3\n")
+    assert fbl_gym("evaluate bad.py", 2).err == "fbl-gym: SyntaxError: invalid syntax (bad.py, line 2)\n"
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
@@ -147,18 +109,14 @@ def printed(board, **options):
     return file.getvalue()
 
 
-def test_the_board_in_a_file_has_all_its_columns(board):
+def test_the_board_in_a_file_has_all_its_columns_and_the_numbers_of_the_markdown_table(board):
     """One row for each policy, nothing cut, whatever the width that is taken for the text below it."""
-    shown = printed(board, width=80)
+    shown, table = printed(board, width=80), markdown.leaderboard(board)
     assert "…" not in shown
+    assert max(map(len, shown[shown.index("score: 0") :].splitlines())) <= 80
+    assert f"{len(board.scenarios)} scenarios, 1 seed each" in shown
     (row,) = [line for line in shown.splitlines() if line.lstrip().startswith("slotine-li@tuned")]
     assert len(row.split()) == 15 + len(board.families)
-    assert max(map(len, shown[shown.index("score: 0") :].splitlines())) <= 80
-
-
-def test_the_board_in_a_file_has_the_numbers_of_the_markdown_table(board):
-    shown, table = printed(board, width=80), markdown.leaderboard(board)
-    assert f"{len(board.scenarios)} scenarios, 1 seed each" in shown
     for error, policy in zip(board.error.value, board.policies, strict=True):
         (row,) = [line for line in shown.splitlines() if line.strip("( ").startswith(policy)]
         assert number(error) in row.split()
@@ -175,36 +133,31 @@ def test_the_board_on_a_terminal_fits_into_it(board, width):
     assert len(row) - 1 + len(named.split(", ")) == 14 + len(board.families)
 
 
-def test_a_list_has_a_line_each(capsys):
-    assert cli.main(["list"]) == 0
-    whole = capsys.readouterr().out.splitlines()
+def test_a_list_has_a_line_each(fbl_gym):
+    whole = fbl_gym(["list"]).out.splitlines()
     assert len(whole) == sum(len(found()) for found in names.LISTS.values()) + len(names.LISTS)
 
 
-def test_a_family_is_listed_once(capsys):
-    assert cli.main(["list", "scenarios"]) == 0
-    shown = [line.partition("  ")[0] for line in capsys.readouterr().out.splitlines()]
+def test_a_family_is_listed_once(fbl_gym):
+    shown = [line.partition("  ")[0] for line in fbl_gym(["list", "scenarios"]).out.splitlines()]
     assert {"paper-10", "nominal", "noise-0 to -3"} <= set(shown)
     assert len(shown) == len(set(shown)) < 140
 
 
-def test_a_film_without_its_extra_is_refused_before_the_work(capsys, monkeypatch, tmp_path):
+def test_a_film_without_its_extra_is_refused_before_the_work(fbl_gym, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.delitem(sys.modules, "benchmarks.report.video", raising=False)
     monkeypatch.setattr("benchmarks.cli.evaluate.run_trials", None)
-    assert cli.main(["evaluate", "zero", "--video", str(tmp_path / "arm.mp4")]) == 2
-    assert "pip install 'fbl-gym[render]'" in capsys.readouterr().err
+    assert "pip install 'fbl-gym[render]'" in fbl_gym(f"evaluate zero --video {tmp_path}/arm.mp4", 2).err
 
 
-def test_help_on_training_needs_no_extra(capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("folder")
+def test_help_on_training_needs_no_extra(fbl_gym, monkeypatch):
     for name in ("torch", "stable_baselines3"):
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, "benchmarks.cli.train", raising=False)
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(["train", "--help"])
-    assert cli.main(["train", "ppo", "--steps", "10"]) == 2
-    assert "pip install 'fbl-gym[rl]'" in capsys.readouterr().err
+    fbl_gym("train --help")
+    assert "pip install 'fbl-gym[rl]'" in fbl_gym("train ppo --steps 10", 2).err
 
 
 WITHOUT_EXTRAS = """
@@ -216,47 +169,32 @@ sys.exit(cli.main(sys.argv[1:]))
 """
 
 
-@pytest.mark.parametrize("command", ["list", "doctor", "--help"])
-def test_first_commands_need_no_extra(command):
-    done = subprocess.run([sys.executable, "-c", WITHOUT_EXTRAS, command], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    if command == "list":
-        assert "figure-7" in done.stdout
-        assert "cannot be loaded" not in done.stdout.replace("cannot be loaded: ImportError", "")
-
-
 @pytest.mark.parametrize(
     ("line", "extra"),
     [
-        ("evaluate zero", "bench"),
-        ("leaderboard", "bench"),
-        ("margins pid-flm", "bench"),
+        ("list", ""), ("doctor", ""), ("--help", ""), ("evaluate zero", "bench"), ("margins pid-flm", "bench"),
         ("tune pid-flm", "analysis"),
     ],
-)
-def test_a_command_names_its_extra(line, extra, tmp_path):
-    code = (
-        WITHOUT_EXTRAS
-        if extra == "bench"
-        else WITHOUT_EXTRAS.replace("cli.EXTRAS.values()", "[cli.EXTRAS['analysis']]")
-    )
+)  # fmt: skip
+def test_first_commands_need_no_extra_and_others_name_theirs(line, extra, tmp_path):
+    absent = "[cli.EXTRAS['analysis']]" if extra == "analysis" else "cli.EXTRAS.values()"
+    code = WITHOUT_EXTRAS.replace("cli.EXTRAS.values()", absent)
     words = [sys.executable, "-c", code, *shlex.split(line)]
     done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 2
-    assert f"pip install 'fbl-gym[{extra}]'" in done.stderr
+    assert done.returncode == (2 if extra else 0), done.stderr
+    assert (f"pip install 'fbl-gym[{extra}]'" in done.stderr) == bool(extra)
     assert "Traceback" not in done.stderr
+    assert "cannot be loaded" not in done.stdout.replace("cannot be loaded: ImportError", "")
 
 
-def test_no_name_controls_the_terminal(tmp_path, monkeypatch, capsys):
+def test_no_name_controls_the_terminal(folder, capsys):
     """Raw escapes in the names of a scenario and a policy, and in an error, are shown as text."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "evil.toml").write_text('base = "nominal"\nname = "\\u001b[31mred"\nduration = 0.5\n')
+    (folder / "evil.toml").write_text('base = "nominal"\nname = "\\u001b[31mred"\nduration = 0.5\n')
     evil = "\x1b[2Jlaw.py"
-    (tmp_path / evil).write_text("from controllers.simple import PdGravity as make_policy\n")
-    (tmp_path / "fails.py").write_text("raise ValueError('\\x1b[2J')\n")
+    (folder / evil).write_text("from controllers.simple import PdGravity as make_policy\n")
+    (folder / "fails.py").write_text("raise ValueError('\\x1b[2J')\n")
     board = f"--scenarios evil.toml --seeds 1 --policies zero {evil}"
     for line in (
-        f"evaluate {evil} --scenario evil.toml --seeds 1",
         f"evaluate zero {evil} --scenario evil.toml --seeds 1",
         f"leaderboard {board} --workers 1",
         f"report {board}",

@@ -30,20 +30,11 @@ class make_policy(PdGravity):
 def cluster(tmp_path):
     """The address of a scheduler, and its workers."""
     file = tmp_path / "scheduler.json"
-    start = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        "0",
-        "--no-dashboard",
-    ]
-    processes = [subprocess.Popen([*start, "--scheduler-file", str(file)], stderr=subprocess.DEVNULL)]
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    for _ in range(2):
-        processes.append(subprocess.Popen([*worker, "--scheduler-file", str(file)], stderr=subprocess.DEVNULL))
+    worker = "worker --nthreads 1 --no-nanny"
+    processes = []
+    for line in ("scheduler --host 127.0.0.1 --port 0", worker, worker):
+        command = f"-m distributed.cli.dask_{line} --no-dashboard --scheduler-file"
+        processes.append(subprocess.Popen([sys.executable, *command.split(), file], stderr=subprocess.DEVNULL))
     with distributed.Client(scheduler_file=str(file), timeout=60, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=120)
         address = client.scheduler.address

@@ -1,14 +1,17 @@
-"""The commands that check the board: coverage, where rows end, and the sealed test."""
+"""What checks the board: coverage, where rows end, the sealed test, orders in two worlds, learning curves."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
+from scipy.stats import kendalltau
 
 from benchmarks.analysis import ends, sealed
 from benchmarks.analysis.board import assemble
+from benchmarks.analysis.curves import read_groups
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.analysis.transfer import Runs
+from benchmarks.analysis.transfer import Runs, compare_halves, compare_orders
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell, Suite
 from fbl_gym import scenarios
@@ -21,10 +24,9 @@ POLICIES = ("pd-gravity", "computed-torque", "oracle-flm")
 
 def board(seeds, *more, ceilings=()):
     """A board of short episodes; one scenario has more seeds."""
-    tasks = [
-        scenarios.get(name).replace(duration=1.0, name=f"{name}@short") for name in ("servo-nominal", "servo-noise-2")
-    ]
-    suite = Suite("short", POLICIES, tuple(tasks), seeds, more_seeds=dict(more), ceilings=dict(ceilings))
+    names = ("servo-nominal", "servo-noise-2")
+    tasks = tuple(scenarios.get(name).replace(duration=1.0, name=f"{name}@short") for name in names)
+    suite = Suite("short", POLICIES, tasks, seeds, more_seeds=dict(more), ceilings=dict(ceilings))
     return assemble([run_cell(cell) for cell in suite.cells], suite.cells)
 
 
@@ -97,3 +99,89 @@ def test_tau_of_the_sealed_test():
     taus = sealed.tau(found, rows, FAMILIES, Runs(errors, np.zeros_like(errors)))
     assert taus["all"] == pytest.approx(1.0)
     assert set(taus) == {"all", "noise"}
+
+
+def runs(errors, diverged=0.0):
+    """Return runs [policies x scenarios x seeds] of errors that broadcast to it."""
+    errors = np.asarray(errors)
+    errors = errors[:, None] if errors.ndim == 2 else errors
+    return Runs(errors, np.broadcast_to(diverged, errors.shape))
+
+
+def test_tau_is_kendalls_where_all_pairs_are_separated():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        first, second = rng.permutation(8.0 * np.arange(1, 9)), rng.permutation(8.0 * np.arange(1, 9))
+        spread = rng.uniform(0.99, 1.01, 16)
+        agreement = compare_orders(runs(np.outer(first, spread)), runs(np.outer(second, spread)))
+        assert agreement.pairs == agreement.clear_pairs == 28
+        assert agreement.tau == agreement.clear_tau
+        assert agreement.tau == pytest.approx(kendalltau(first, second).statistic)
+    assert compare_halves(runs(np.outer(first, spread))) == compare_orders(*[runs(np.outer(first, spread))] * 2)
+
+
+def test_pairs_that_one_world_does_not_separate_are_not_clear():
+    rng = np.random.default_rng(1)
+    alike = runs(rng.lognormal(size=(2, 400)))
+    apart = np.array([[1.0], [5.0]]) * rng.lognormal(sigma=0.1, size=(2, 400))
+    assert compare_orders(runs(apart), runs(apart[::-1])) == compare_orders(runs(apart[::-1]), runs(apart))
+    assert compare_orders(runs(apart), runs(apart[::-1])).tau == -1.0
+    assert compare_orders(alike, runs(apart)).clear_pairs == compare_halves(alike).clear_pairs == 0
+    assert np.isnan(compare_orders(alike, runs(apart)).clear_tau)
+    assert abs(compare_orders(alike, runs(apart)).tau) == compare_orders(alike, runs(apart)).pairs == 1
+
+
+def test_a_policy_that_diverges_on_both_sides_has_no_place():
+    errors = np.outer([1.0, 2.0, 90.0], np.linspace(0.9, 1.1, 8))
+    lost = np.array([0.0, 0.0, 1.0])[:, None, None]
+    assert compare_orders(runs(errors), runs(errors)).pairs == 3
+    assert compare_orders(runs(errors, lost), runs(errors, lost)).pairs == 1
+    assert compare_orders(runs(errors, lost), runs(errors)).pairs == 3
+
+
+def test_the_command_prints_both_boards_and_tau(tmp_path, fbl_gym):
+    pytest.importorskip("mujoco")
+    broken = tmp_path / "broken.py"
+    broken.write_text("def make_policy(interface):\n    raise ValueError('no gains')\n")
+    (tmp_path / "short.toml").write_text('base = "servo-nominal"\nduration = 2.0\n')
+    base = ["leaderboard", "--world", "mujoco-lab", "--workers", "1", "--store", str(tmp_path)]
+    line = [*base, "--policies", "computed-torque", "pd-gravity", "oracle-flm", str(broken)]
+    out = fbl_gym([*line, "--seeds", "4", "--scenarios", str(tmp_path / "short.toml")], 1).out
+    lines = [words for text in out.splitlines() if (words := text.split())]
+    assert next(words for words in lines if words[0] == "mujoco-lab")[1] == "1.00"
+    places = [tuple(words[:2]) for words in lines if words[0] in ("computed-torque", "pd-gravity")]
+    assert places == [("computed-torque", "1–2"), ("pd-gravity", "1–2")] * 2
+    assert any(words[0] == "(oracle-flm)" for words in lines)
+    assert f"Left out: {broken}: ValueError: no gains" in " ".join(out.split())
+    assert "--seeds must be at least 4" in fbl_gym([*base, "--policies", "pd-gravity", "--seeds", "2"], 2).err
+
+
+@pytest.fixture
+def trained(tmp_path):
+    """Two runs of PPO, with the errors 8, 2, 4 and 8, 8, 8 at 100, 200, 300 steps, and a slower one of SAC."""
+    for name, seed, errors, cpu in (("ppo-0", 0, (8, 2, 4), 1), ("ppo-1", 1, (8, 8, 8), 1), ("sac-0", 0, (8, 1, 1), 5)):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "run.json").write_text(json.dumps({"algorithm": name[:3], "seed": seed}))
+        rows = [f"{100 * i},{9 * i},{cpu * i},{error}" for i, error in enumerate(errors, 1)]
+        (folder / "curve.csv").write_text("\n".join(["steps,wall_s,cpu_s,validation_mrad", *rows]) + "\n")
+    return [tmp_path / name for name in ("ppo-0", "ppo-1", "sac-0")]
+
+
+def test_runs_are_grouped_over_their_seeds_and_keep_their_best_agent(trained):
+    ppo, sac = read_groups(trained)
+    assert (ppo.name, len(ppo.runs), sac.name, len(sac.runs)) == ("ppo", 2, "sac", 1)
+    np.testing.assert_array_equal(ppo.errors("steps", np.array([50, 100, 250, 300])), [[8, 8, 2, 2], [8, 8, 8, 8]])
+    assert ppo.estimate("steps", np.array([300])).value == pytest.approx([4.0])
+
+
+def test_the_command_compares_after_equal_steps_and_equal_time(trained, tmp_path, fbl_gym):
+    out = fbl_gym(["curves", *map(str, trained), "--plot", str(tmp_path / "curves.svg")]).out
+    assert "after 300 steps" in out
+    assert "after 3 s" in out
+    assert "ppo" in (tmp_path / "curves.svg").read_text()
+
+
+def test_a_folder_without_a_run_and_a_run_given_twice_are_refused(trained, tmp_path, fbl_gym):
+    for wrong, text in ((tmp_path, "RUN must be a folder of fbl-gym train"), (trained[0], "RUN must differ")):
+        assert text in fbl_gym(["curves", str(trained[0]), str(wrong)], 2).err

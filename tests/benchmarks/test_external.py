@@ -1,4 +1,4 @@
-"""External policies in a run: they reach no other row and stop no other cell."""
+"""External policies in a run: they reach no other row and stop no other cell, and run only with trust."""
 
 import contextlib
 import os
@@ -8,10 +8,13 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import cli
+from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits, Failed, run_isolated
+from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.run.cell import run_cell
 from benchmarks.run.runner import run
@@ -36,57 +39,11 @@ def make_policy(interface):
 def test_a_policy_that_patches_the_package_changes_no_other_row(workers, tmp_path):
     (tmp_path / "patches.py").write_text(PATCHES)
     clean = Cell("pd-gravity", "noise-1", (0, 1))
-    code = "from benchmarks.run.cell import run_cell; from benchmarks.run.suite import Cell; "
-    store = Store(tmp_path / "store")
-    truth = subprocess.run(
-        [sys.executable, "-c", f"{code}print(run_cell(Cell('pd-gravity', 'noise-1', (0, 1))).rows[0]['error_pct'])"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    script = (
-        "from pathlib import Path; from benchmarks.run.runner import run; from benchmarks.run.store import Store; "
-        "from benchmarks.run.suite import Cell; "
-        "from benchmarks.policies.spec import resolve_isolated; import numpy; "
-        f"cells = [Cell(resolve_isolated(p), 'noise-1', (0, 1)) for p in ({str(tmp_path / 'patches.py')!r}, 'pd-gravity')]; "
-        f"print([r.error for _, r in run(cells, Store(Path({str(store.folder)!r})), workers={workers})]); "
-        "print(numpy.geterr()['divide'])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout == "['', '']\nwarn\n"
-    assert str(store.find(clean).rows[0]["error_pct"]) == truth.stdout.strip()
-
-
-def test_a_policy_that_patches_the_package_changes_no_other_row_that_is_shown(tmp_path):
-    (tmp_path / "patches.py").write_text(PATCHES)
-    script = "from benchmarks import cli; cli.main(['evaluate', 'patches.py', 'pd-gravity', '--seeds', '1'])"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
-    rows = {line.split()[0]: line.split()[1] for line in done.stdout.splitlines() if len(line.split()) > 4}
-    assert rows["patches.py"] != rows["pd-gravity"]
-
-
-ASKS = """
-class Policy:
-    def predict(self, observation, state=None, episode_start=None, deterministic=False):
-        return 0 * observation[..., :2], None
-
-
-def make_policy(env):
-    open("got.txt", "w").write(type(env).__name__)
-    return Policy()
-"""
-
-
-@pytest.mark.parametrize(("declares", "argument", "ranked"), [
-    ("", "Interface", True), ("\nmake_policy.access = 'none'\n", "Interface", True),
-    ("\nmake_policy.access = 'privileged'\n", "TwoLinkArmVectorEnv", False),
-])  # fmt: skip
-def test_only_a_factory_that_declares_it_gets_the_environment(declares, argument, ranked, tmp_path, monkeypatch):
-    """The name of the argument does not count."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "asks.py").write_text(ASKS + declares)
-    cell = Cell(resolve_isolated("asks.py"), "nominal", (0,))
-    assert run_cell(cell).error == ""
-    assert (tmp_path / "got.txt").read_text() == argument
-    assert cell.policy.ranked == ranked
+    truth, store = run_cell(clean), Store(tmp_path / "store")
+    cells = [Cell(resolve_isolated(str(tmp_path / "patches.py")), "noise-1", (0, 1)), clean]
+    assert [result.error for _, result in run(cells, store, workers=workers)] == ["", ""]
+    assert np.geterr()["divide"] == "warn"
+    assert store.find(clean).rows[0]["error_pct"] == truth.rows[0]["error_pct"]
 
 
 def test_what_a_policy_prints_and_reads_stays_with_it(tmp_path):
@@ -94,17 +51,6 @@ def test_what_a_policy_prints_and_reads_stays_with_it(tmp_path):
     law.write_text("from controllers.simple import Zero as make_policy\nimport sys\nprint('hello', sys.stdin.read())\n")
     outcomes = list(run([Cell(resolve_isolated(str(law)), "nominal", (0,))], Store(tmp_path / "store")))
     assert [result.error for _, result in outcomes] == [""]
-
-
-def test_a_relative_path_is_that_of_the_present_folder(tmp_path, monkeypatch):
-    for folder, law in (("one", "Zero"), ("two", "PdGravity")):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "law.py").write_text(f"from controllers.simple import {law} as make_policy\n")
-    digests = []
-    for folder in ("one", "two"):
-        monkeypatch.chdir(tmp_path / folder)
-        digests.append(resolve_isolated("law.py").digest)
-    assert digests[0] != digests[1]
 
 
 LAW = "from controllers.simple import Zero\nclass make_policy(Zero):\n    def torque(self, observation, state):\n        {}\n"
@@ -116,52 +62,47 @@ BAD = {
     "lacks": ("", "{}['lost']", "KeyError: 'lost'"),
     "goes": ("import os\nos.chdir('/')\n", WORKS, "the policy went to another folder, /, where"),
 }
+FAILS = {
+    "text": (
+        "class E(Exception):\n    def __str__(self):\n        raise RuntimeError\n", "raise E",
+        "E: (its text raises an error)",
+    ),
+    "loads": ("class E(BaseException):\n    pass\nraise E('no')\n", WORKS, "ValueError: E: no, while it was loaded"),
+    "exits": BAD["exits"],
+    "kills": ("import os\nos.kill(os.getpid(), 9)\n", WORKS, "ValueError: its process died, with exit status 137, while"),
+    "segment": ("import ctypes\nctypes.string_at(0)\n", WORKS, "ValueError: its process died, with exit status 139, while"),
+    "memory": ("import numpy as np\n", "return np.ones(10**10), state", "MemoryError: Unable to allocate 74.5 GiB"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("command", "law"), [
     ("evaluate", "goes"), ("evaluate zero", "exits"), ("margins", "exits"), ("margins", "leaves"),
     ("check-policy", "leaves"), ("record --out data/a-v0", "leaves"), ("record --out data/a-v0", "lacks"),
 ])  # fmt: skip
-def test_a_bad_policy_is_one_line_of_other_commands_too(command, law, tmp_path, monkeypatch, capfd):
+def test_a_bad_policy_is_one_line_of_other_commands_too(command, law, folder, capfd):
     """Its code runs in another process, so it cannot end this one without a word."""
     head, body, reason = BAD[law]
-    (tmp_path / f"{law}.py").write_text(head + LAW.format(body))
-    monkeypatch.chdir(tmp_path)
+    (folder / f"{law}.py").write_text(head + LAW.format(body))
     pytest.importorskip("minari")
     assert cli.main([*command.split(), f"{law}.py"]) in (1, 2)
     out, errors = capfd.readouterr()
     assert reason in out + errors
     assert "Traceback" not in errors
-    assert Path.cwd() == tmp_path
-
-
-FAILS = {
-    "text": ("class E(Exception):\n    def __str__(self):\n        raise RuntimeError\n", "raise E"),
-    "loads": ("class E(BaseException):\n    pass\nraise E('no')\n", WORKS),
-    "exits": ("import sys\nsys.exit(0)\n", WORKS),
-    "kills": ("import os, signal\nos.kill(os.getpid(), signal.SIGKILL)\n", WORKS),
-    "segment": ("import ctypes\nctypes.string_at(0)\n", WORKS),
-    "memory": ("import numpy as np\n", "return np.ones(10**10), state"),
-}
-REASONS = {
-    "text": "E: (its text raises an error)",
-    "loads": "ValueError: E: no, while it was loaded",
-    "exits": "SystemExit: 0",
-    "kills": "ValueError: its process died, with exit status 137, while it was loaded",
-    "segment": "ValueError: its process died, with exit status 139, while it was loaded",
-    "memory": "MemoryError: Unable to allocate 74.5 GiB",
-}  # fmt: skip
+    assert Path.cwd() == folder
 
 
 def test_a_process_that_changes_its_folder_runs_the_policies_of_the_new_one(tmp_path, monkeypatch):
     """The workers of the first board are still there when the second one starts."""
-    for name in ("first", "second"):
-        folder = tmp_path / name
+    digests = set()
+    for law in ("Zero", "PdGravity"):
+        folder = tmp_path / law
         folder.mkdir()
-        (folder / f"{name}.py").write_text("from controllers.simple import Zero as make_policy\n")
+        (folder / "law.py").write_text(f"from controllers.simple import {law} as make_policy\n")
         monkeypatch.chdir(folder)
-        ((done, result),) = run([Cell(f"{name}.py", "nominal", (0,))], Store(folder / "store"), workers=2)
+        ((done, result),) = run([Cell("law.py", "nominal", (0,))], Store(folder / "store"), workers=2)
         assert (done, result.error) == ("computed", "")
+        digests.add(resolve_isolated("law.py").digest)
+    assert len(digests) == 2
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits memory, and uses any file name")
@@ -169,23 +110,23 @@ def test_no_bad_policy_stops_the_board(tmp_path):
     """Each failure is listed with its reason, and names of any kind have their rows, in a report too."""
     for name in NAMES:
         (tmp_path / f"{name}.py").write_text(LAW.format(WORKS))
-    for name, (head, body) in FAILS.items():
+    for name, (head, body, _) in FAILS.items():
         (tmp_path / f"{name}.py").write_text(head + LAW.format(body))
     policies = [f"{name}.py" for name in (*NAMES, *FAILS)]
-    line = [sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", *policies, "--scenarios", "nominal"]
-    line += ["--seeds", "1", "--store", "store", "--cell-memory", "3", "--workers", "2"]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, cwd=tmp_path, stdin=subprocess.DEVNULL)
-    assert done.returncode == 1
-    assert "Traceback" not in done.stdout + done.stderr
-    shown = " ".join(done.stdout.split())
-    for name, reason in REASONS.items():
+    same = ["--policies", "zero", *policies, "--scenarios", "nominal", "--seeds", "1", "--store", "store"]
+
+    def fbl_gym(*words):
+        line = [sys.executable, "-m", "fbl_gym", *words]
+        done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, stdin=subprocess.DEVNULL)
+        assert (done.returncode, "Traceback" in done.stdout + done.stderr) == (1, False), done.stderr
+        return " ".join(done.stdout.split())
+
+    shown = fbl_gym("leaderboard", *same, "--cell-memory", "3", "--workers", "2")
+    for name, (_, _, reason) in FAILS.items():
         assert f"Left out: {name}.py: {reason}" in shown
     assert shown.count("Left out") == len(FAILS)
     assert len(list((tmp_path / "store").glob("*--*.json"))) == 1 + len(NAMES)
-    line[3:4] = ["report"]
-    del line[-2:]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, cwd=tmp_path, stdin=subprocess.DEVNULL)
-    assert (done.returncode, "Traceback" in done.stderr) == (1, False), done.stderr
+    fbl_gym("report", *same)
     table = (tmp_path / "results" / "report" / "board.md").read_text(encoding="utf-8")
     rows = [line for line in table.splitlines() if line.startswith("|")]
     assert len(rows) == 2 + 1 + len(NAMES)
@@ -193,17 +134,11 @@ def test_no_bad_policy_stops_the_board(tmp_path):
     assert "Left out: loads.py: ValueError: E: no" in table
 
 
-RANDOM = "import numpy as np\n" + LAW.format("return np.random.randn(len(observation), 2), state")
-
-
-def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "shaky.py").write_text(RANDOM)
-    line = "leaderboard --policies zero shaky.py --scenarios servo-nominal --seeds 1 --workers 1 --store store"
-    assert cli.main(line.split()) == 1
-    assert "shaky.py: breaks a promise (a lane of a batch acts as a single policy)" in " ".join(
-        capsys.readouterr().out.split()
-    )
+def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path):
+    random = "import numpy as np\n" + LAW.format("return np.random.randn(len(observation), 2), state")
+    (tmp_path / "shaky.py").write_text(random)
+    error = run_cell(Cell(resolve_isolated(str(tmp_path / "shaky.py")), "servo-nominal", (0,))).error
+    assert "breaks a promise (a lane of a batch acts as a single policy)" in error
 
 
 LATE = "it took longer than 1 s, see leaderboard --cell-timeout"
@@ -267,12 +202,11 @@ def answer_with(data):
 
 
 @pytest.mark.parametrize("data", [b"garbage", pickle.dumps(5), pickle.dumps(Opens()), pickle.dumps(CallLimits())])
-def test_an_answer_is_data_or_an_error(data, tmp_path, monkeypatch):
+def test_an_answer_is_data_or_an_error(data, folder):
     """And no code of it runs in this process."""
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(Failed, match="its answer cannot be read"):
         run_isolated(answer_with, data)
-    assert not Path("ran").exists()
+    assert not (folder / "ran").exists()
 
 
 def test_no_standard_module_is_imported_from_the_current_folder(tmp_path):
@@ -312,3 +246,82 @@ def test_a_law_with_state_in_its_module_has_one_number_for_each_cell(tmp_path):
         assert [result.error for _, result in run(cells[::order], store, workers=workers)] == ["", ""]
         numbers.append([store.find(cell).rows[0]["error_pct"] for cell in cells])
     assert numbers[0] == numbers[1] == numbers[2]
+
+
+FLAGGED = "from controllers.simple import Zero as make_policy\nopen({flag!r}, 'w').close()\n"
+
+
+@pytest.fixture
+def flag(folder, monkeypatch):
+    """Files of this name are written by the law's code."""
+    monkeypatch.setattr(external, "_TRUSTED", set())
+    (folder / "law_for_trust.py").write_text(FLAGGED.format(flag=str(folder / "ran")))
+    return folder / "ran"
+
+
+@pytest.mark.parametrize("name", ["law_for_trust.py", "law_for_trust:make_policy"])
+def test_a_result_that_names_code_is_verified_only_with_trust(name, flag, fbl_gym):
+    store = Store(flag.parent / "store")
+    path = store.save(run_cell(Cell(name, "nominal", (0,))))
+    flag.unlink()
+    shown = fbl_gym(f"verify {path} --store store", 2).err
+    assert f"names {name}, whose code would be run; give --trust if you trust it" in shown
+    assert len(list(store.results())) == 1
+    assert not flag.exists()
+    fbl_gym(f"verify {path} --store store --trust")
+    assert flag.exists()
+
+
+@pytest.mark.parametrize(("named", "status"), [("law_for_trust.py", 0), ("a.zip", 1)])
+def test_a_suite_that_names_code_runs_only_with_trust(named, status, flag, fbl_gym):
+    """Trust covers archives too; this one is then refused for its content."""
+    (flag.parent / "a.zip").write_bytes(b"PK")
+    suite = f'policies = ["zero", "{named}"]\nscenarios = ["nominal"]\nseeds = 1\n'
+    (flag.parent / "mine.toml").write_text(suite)
+    line = "leaderboard --suite mine.toml --store store --workers 1"
+    assert f"mine.toml names {named}, whose code would be run; give --trust" in fbl_gym(line, 2).err
+    assert not flag.exists()
+    shown = " ".join(fbl_gym(f"{line} --trust", status).out.split())
+    assert flag.exists() == (status == 0)
+    assert ("a.zip must be an archive" in shown) == (status == 1)
+
+
+FILES = {
+    "broken_law.py": "raise ImportError('my dependency is missing')\n",
+    "works_law.py": "from controllers.simple import Zero as make_policy\n",
+    "theirs-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n",
+    "theirs-1.0.dist-info/entry_points.txt": "[fbl_gym.policies]\nbroken = broken_law:make_policy\n"
+    "works = works_law:make_policy\nppo-torque = works_law:make_policy\n",
+}
+
+
+def test_a_broken_plugin_is_named_and_the_rest_works(tmp_path):
+    (tmp_path / "theirs-1.0.dist-info").mkdir()
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    code = f"import sys; sys.path.append({str(tmp_path)!r}); from fbl_gym.__main__ import main; sys.exit(main())"
+
+    def fbl_gym(line):
+        return subprocess.run([sys.executable, "-c", code, *line.split()], capture_output=True, text=True, cwd=tmp_path)
+
+    lines = {line.split()[0]: line for line in fbl_gym("list policies").stdout.splitlines()}
+    assert "cannot be loaded: ImportError: my dependency is missing" in lines["broken"]
+    assert "access: none" in lines["works"]
+    assert "trained on everything-2" in lines["ppo-torque"]
+    board = fbl_gym("leaderboard --policies zero broken works --scenarios nominal --seeds 1 --workers 1")
+    assert "Left out: broken: ImportError: my dependency is missing" in board.stdout
+    assert " works " in board.stdout
+    assert "Traceback" not in board.stderr
+
+
+def test_a_file_without_a_factory_suggests_its_class_and_no_imported_name(tmp_path):
+    law = tmp_path / "law.py"
+    law.write_text("from controllers import TorqueLaw\ndef helper():\n    pass\nclass MyLaw(TorqueLaw):\n    pass\n")
+    with pytest.raises(
+        external.NotFound, match=r"law.py has no make_policy: add `make_policy = MyLaw`, or give .*:MyLaw"
+    ):
+        external.load(PolicyName.parse(str(law)))
+    assert external.load(PolicyName.parse(f"{law}:MyLaw")).__name__ == "MyLaw"
+    law.write_text("from controllers.simple import Zero\n")
+    with pytest.raises(external.NotFound, match=r"unknown factory of .*law\.py 'make_policy'\. Known: none"):
+        external.load(PolicyName.parse(str(law)))

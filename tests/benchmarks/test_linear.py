@@ -7,7 +7,6 @@ import control
 import numpy as np
 import pytest
 
-from benchmarks import cli
 from benchmarks.analysis.linear import POINT, NotLinear, linearize
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env
@@ -97,9 +96,16 @@ def test_no_margin_within_the_gap_of_a_backlash():
         linearize("computed-torque", Scenario(arm={"gravity": 0.0}, joint=springs))
 
 
-def test_a_delay_of_the_drive_is_taken_off_the_delay_margin():
-    plain, delayed = linearize("lqg"), linearize("lqg", Scenario(actuator={"delay": 0.004}))
-    assert delayed.margins().delay == pytest.approx(plain.margins().delay - 0.004, abs=1e-5)
+@pytest.mark.parametrize(
+    ("policy", "options", "less"),
+    [
+        ("lqg", {"actuator": {"delay": 0.004}}, 0.004), ("pd-gravity", {"encoder": {"latency": 1}}, 0.01),
+        ("pid-flm", {"encoder": {"counts": 4096}}, 0.0),
+    ],
+)  # fmt: skip
+def test_what_is_late_in_drive_and_encoder_is_taken_off_the_delay_margin(policy, options, less):
+    plain, late = linearize(policy), linearize(policy, Scenario(**options))
+    assert late.margins().delay == pytest.approx(plain.margins().delay - less, abs=1e-5)
 
 
 def test_more_observed_actions_than_the_delay_has_do_not_change_the_margins():
@@ -125,24 +131,11 @@ def test_a_drive_of_half_the_gain_allows_twice_the_gain():
     """The whole loop scales with the drive's gain, as it does in the environment."""
     gains = {"kp": 100.0, "ki": 200.0, "kd": 20.0}
     options = {"arm": {"gravity": 0.0}}
-    full, half = (
-        linearize("pid-flm", Scenario(actuator=actuator, **options), gains=gains).margins()
-        for actuator in (None, {"gain": 0.5})
-    )
+    tasks = (Scenario(actuator=actuator, **options) for actuator in (None, {"gain": 0.5}))
+    full, half = (linearize("pid-flm", task, gains=gains).margins() for task in tasks)
     for joint in (0, 1):
         assert half.gain_upper[joint] == pytest.approx(2.0 * full.gain_upper[joint], rel=1e-3)
         assert half.gain_lower[joint] == pytest.approx(2.0 * full.gain_lower[joint], rel=1e-3)
-
-
-def test_a_latency_of_the_encoder_is_a_delay_of_the_loop():
-    """Both are the same number of samples of the loop, for a law that reads nothing else of the arm."""
-    plain, late = linearize("pd-gravity"), linearize("pd-gravity", Scenario(encoder={"latency": 1}))
-    assert late.margins().delay == pytest.approx(plain.margins().delay - 0.01, abs=1e-5)
-
-
-def test_rounding_of_an_encoder_changes_no_margin():
-    plain, rounded = linearize("pid-flm"), linearize("pid-flm", Scenario(encoder={"counts": 4096}))
-    assert rounded.margins() == plain.margins()
 
 
 def test_the_response_is_that_of_python_control():
@@ -164,22 +157,18 @@ def test_the_response_is_that_of_python_control():
         ("oracle-flm", {}, "reads the true state"),
         ("pid-flm", {"actuator": {"jitter": 0.002}}, "has jitter"),
         ("zero", {}, "does not come to rest"),
+        ("nmpc", {}, "changes from sample to sample"),
         ("computed-torque-tde", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
     ],
 )
 def test_a_loop_without_margins_says_why(policy, options, reason):
+    if policy == "nmpc":
+        pytest.importorskip("casadi")
     with pytest.raises(NotLinear, match=reason):
         linearize(policy, Scenario(**options)).margins()
 
 
-def test_a_law_that_does_not_plan_at_every_sample_has_no_margins():
-    pytest.importorskip("casadi")
-    with pytest.raises(NotLinear, match="changes from sample to sample"):
-        linearize("nmpc")
-
-
-def test_the_command_prints_margins_or_the_reason(capsys):
-    assert cli.main(["margins", "cascade-flm", "sliding-mode@layer=0", "--at", "-1", "0.5"]) == 0
-    printed = capsys.readouterr().out
+def test_the_command_prints_margins_or_the_reason(fbl_gym):
+    printed = fbl_gym(["margins", "cascade-flm", "sliding-mode@layer=0", "--at", "-1", "0.5"]).out
     assert " ms " in printed
     assert "no margins of sliding-mode@layer=0: the law has no derivative" in printed

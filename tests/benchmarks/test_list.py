@@ -1,33 +1,71 @@
-"""`fbl-gym list`: options and gains are described from their declarations."""
+"""`fbl-gym show` and `list`: numbers of a scenario and what follows from them; options, from their declarations."""
 
 import runpy
 from pathlib import Path
 
-from benchmarks import cli
+import numpy as np
+import pytest
+
 from benchmarks.cli import names
+from benchmarks.cli.show import follows, options
+from fbl_gym import Scenario, scenarios
+
+
+def test_each_option_is_shown_with_its_unit():
+    task = Scenario(
+        friction={"viscous": (1.0, 0.5), "coulomb": {"uniform": [1, 2]}},
+        actuator={"delay_samples": {"choice": [0, 2]}},
+        events=[{"kind": "knock", "time": 1.0, "impulse": (3, 1)}],
+    )
+    shown = {name: (text, unit) for name, text, unit in options(task)}
+    assert shown["friction.viscous"] == ("1; 0.5", "N m s/rad")
+    assert shown["friction.coulomb"] == ("1 to 2, uniform", "N m")
+    assert shown["actuator.delay_samples"] == ("one of 0, 2", "")
+    assert shown["events[0]: knock, impulse"] == ("3; 1", "N m s")
+    assert not any(name.startswith(("joint", "noise")) for name in shown)
+
+
+def test_what_follows_is_right():
+    """Against closed forms: weight of two point masses, dead time by addition, modes with one link alone."""
+    facts = follows(Scenario())
+    assert (
+        facts["weight (largest torque of gravity)"] == f"{9.81 * (35 * 0.7 + 15 * 0.5):.3g}, {9.81 * 15 * 0.5:.3g} N m"
+    )
+    assert facts["dead time"] == "5 ms"
+    late = Scenario(
+        actuator={"delay_samples": 1, "delay": 0.002, "lag": 0.004}, encoder={"difference": 1, "latency": 1}
+    )
+    assert follows(late)["dead time"] == "36 ms"
+    assert follows(late)["delay of a command: delay, delay_samples, jitter"] == "12 ms"
+    flat = Scenario(arm={"gravity": 0.0}, friction={"coulomb": {"uniform": (1, 20)}})
+    assert follows(flat)["largest Coulomb friction"] == "1, 2.5 % of the limit"
+    assert "torque limit / weight" not in follows(flat)
+    stiff = {"stiffness": (1e9, 4e4), "rotor_inertia": 1.0}
+    modes = follows(Scenario(joint=stiff, physics_dt=1e-6, duration=0.01))["modes of the stretched links, motors held"]
+    assert float(modes.split(",")[0]) == pytest.approx(np.sqrt(4e4 / 3.75) / (2 * np.pi), rel=0.01)
+
+
+def test_two_scenarios_show_their_differences(fbl_gym):
+    text = fbl_gym(["show", "servo-nominal", "servo-delay-2"]).out
+    assert "actuator.delay" in text
+    assert "friction" not in text.split("what follows")[0]
+    assert "modes of the stretched" in fbl_gym(["show", "geared-nominal"]).out
+    fbl_gym("show", 2)
+    assert scenarios.get("geared-nominal").joint is not None
+
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def listed(what, capsys):
-    """Return the printed text of each name."""
-    assert cli.main(["list", what]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    return {name: text.strip() for name, _, text in (line.partition("  ") for line in lines)}
-
-
-def test_an_option_is_listed_with_valid_values_unit_default_and_meaning(capsys):
-    texts = listed("options", capsys)
+def test_an_option_is_listed_with_valid_values_unit_default_and_meaning(fbl_gym):
+    lines = fbl_gym("list options").out.splitlines()
+    texts = {name: text.strip() for name, _, text in (line.partition("  ") for line in lines)}
     form = "one or two numbers or distributions not below 0 [N m]"
     assert texts["friction.coulomb"] == form + "; default 0; Coulomb friction, f_i2."
-    assert (
-        texts["parameter_error.payload.mass"]
-        == "a number or distribution not below 0 [kg]; required; mass of the payload."
-    )
-    sine = texts["disturbance[sine].phase"]
-    assert sine.startswith(
-        "one or two numbers not below -1e+06 and not above 1e+06, or None [rad]; default None; phase"
-    )
+    mass = "a number or distribution not below 0 [kg]; required; mass of the payload."
+    assert texts["parameter_error.payload.mass"] == mass
+    sine = "one or two numbers not below -1e+06 and not above 1e+06, or None [rad]; default None; phase"
+    assert texts["disturbance[sine].phase"].startswith(sine)
     assert texts["reward.tracking"].startswith('"log" or "l1"; default log;')
 
 

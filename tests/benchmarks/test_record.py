@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import cli
 from benchmarks.rl.training_settings import training_seeds
 from fbl_gym import scenarios
 
@@ -18,12 +17,11 @@ record = pytest.importorskip("benchmarks.run.episodes").record
 COMMAND = ["record", "computed-torque", "--scenario", "payload-2", "--episodes", "2", "--noise", "0.1", "--out"]
 
 
-def test_the_environment_repeats_a_recorded_episode(tmp_path, monkeypatch, capsys):
-    assert cli.main([*COMMAND, str(tmp_path / "noisy-v0")]) == 0
+def test_the_environment_repeats_a_recorded_episode(tmp_path, monkeypatch, fbl_gym):
+    assert "2 episodes, 0 terminated" in fbl_gym([*COMMAND, str(tmp_path / "noisy-v0")]).out
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     data = minari.load_dataset("noisy-v0")
     assert data.storage.metadata["algorithm_name"] == "computed-torque"
-    assert "2 episodes, 0 terminated" in capsys.readouterr().out
     assert (data.total_episodes, data.total_steps) == (2, 2000)
     (seed,) = [metadata["seed"] for metadata in data.storage.get_episode_metadata([1])]
     assert seed == training_seeds(0)[1]
@@ -41,7 +39,7 @@ def test_the_environment_repeats_a_recorded_episode(tmp_path, monkeypatch, capsy
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_the_next_run_removes_what_a_killed_one_left(tmp_path):
+def test_the_next_run_removes_what_a_killed_one_left(tmp_path, fbl_gym):
     code = (
         "import os, sys; from minari.dataset.minari_storage import MinariStorage; from benchmarks import cli; "
         "MinariStorage.update_metadata = lambda *_: os.kill(os.getpid(), 9); cli.main(sys.argv[1:])"
@@ -50,7 +48,7 @@ def test_the_next_run_removes_what_a_killed_one_left(tmp_path):
     assert subprocess.run([sys.executable, "-c", code, *line], check=False).returncode == -9
     (left,) = tmp_path.iterdir()
     os.utime(left, (0, 0))  # as if that was days ago
-    assert cli.main(line) == 0
+    fbl_gym(line)
     assert [path.name for path in tmp_path.iterdir()] == ["noisy-v0"]
 
 

@@ -1,22 +1,194 @@
-"""Each statistic against its definition by brute force, against SciPy, and by how often its interval covers."""
+"""Each metric against a number worked out by hand; each statistic against brute force, SciPy and its coverage."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.analysis.statistics import (
-    BOUNDS,
-    diverged_shares,
-    geometric_mean,
-    interval,
-    mean,
-    proportion,
-    ranks,
-    resample,
-    score,
-    tail_mean,
-    wins,
-)
+from benchmarks.analysis import statistics
+from benchmarks.run.metrics import METRICS, WORST_ERROR, amplitude, departure, errors, measure, summarize
+from benchmarks.run.rollout import Trace, rollout
+from fbl_gym import Actuator, MinimumJerk, Scenario, Steps
+
+
+def trace(position, reference, *, torque=None, command=None, alive=None, scenario=None):
+    """A trace of one seed from [T + 1 x 2] arrays."""
+    position, reference = np.asarray(position, float)[:, None], np.asarray(reference, float)[:, None]
+    n = len(position)
+    scenario = scenario or Scenario(duration=0.01 * (n - 1), reference=MinimumJerk())
+    return Trace(
+        scenario=scenario,
+        seeds=(7,),
+        time=scenario.control_dt * np.arange(n),
+        position=position,
+        velocity=np.zeros_like(position),
+        reference=reference,
+        command=np.zeros_like(position) if command is None else np.asarray(command, float)[:, None],
+        torque=np.zeros_like(position) if torque is None else np.asarray(torque, float)[:, None],
+        disturbance=np.zeros_like(position),
+        alive=np.ones((n, 1), bool) if alive is None else np.asarray(alive)[:, None],
+        decision_time=1e-6,
+    )
+
+
+def ramp(n, top=1.0):
+    return np.repeat(np.linspace(0.0, top, n)[:, None], 2, axis=1)
+
+
+def test_tracking_error():
+    reference = ramp(101, 2.0)
+    position = reference - [0.02, 0.06]
+    position[0] = 0.0
+    (row,) = measure(trace(position, reference))
+    assert row["error_mrad"] == pytest.approx(1e3 * 100 / 101 * 0.04)
+    assert row["error_pct"] == pytest.approx(100 * 100 / 101 * 0.04 / 1.0)  # half of the range is 1 rad
+    assert row["resolution_pct"] == pytest.approx(100 * 2 * np.pi / 2**20)
+    assert row["rms_mrad"] == pytest.approx(1e3 * np.sqrt(100 / 101 * (0.02**2 + 0.06**2) / 2))
+    assert row["max_mrad"] == pytest.approx(60.0)
+    assert row["diverged"] == 0.0
+
+
+def test_the_papers_errors_are_shares_of_the_departure_from_the_start():
+    """A step of 0.5 rad is 100 %, not half of it."""
+    reference = np.tile((0.5, -0.25), (10, 1))
+    reference[0] = 0.0
+    step = trace(0.9 * reference, reference)
+    np.testing.assert_allclose(departure(step), [[0.5, 0.25]])
+    (row,) = measure(step, departure(step))
+    assert row["error_pct"] == pytest.approx(9.0)
+
+
+def test_errors_are_shares_of_half_the_range_of_the_reference():
+    """The start does not matter; a joint that shall stand still is measured against one radian."""
+    reference = np.c_[np.full(10, 0.3), np.linspace(-1.0, 2.0, 10)]
+    (row,) = measure(found := trace(reference + 1e-3, reference))
+    np.testing.assert_allclose(amplitude(found), [[1.0, 1.5]])
+    assert row["error_pct"] == pytest.approx(100 * (1e-3 / 1.0 + 1e-3 / 1.5) / 2)
+    scenario = Scenario(duration=0.09, encoder={"counts": (1000, 2000)})
+    (row,) = measure(trace(reference, reference, scenario=scenario))
+    assert row["resolution_pct"] == pytest.approx(100 * (2 * np.pi / 1000 + 2 * np.pi / 2000 / 1.5) / 2)
+
+
+def test_integral_criteria():
+    """An error of 0.2 and 0.4 rad over 1 s."""
+    reference = ramp(101)
+    (row,) = measure(trace(reference - [0.2, 0.4], reference))
+    assert row["iae"] == pytest.approx(0.3)
+    assert row["itae"] == pytest.approx(0.3 * 0.505)
+    assert row["ise"] == pytest.approx((0.04 + 0.16) / 2)
+
+
+def test_violation():
+    """One sample of the position, one of the velocity, and two after the end, out of ten."""
+    scenario = Scenario(duration=0.1, constraints={"high": (0.5, 9.0), "velocity": 2.0})
+    position, alive = np.zeros((11, 2)), np.arange(11) < 9
+    position[[0, 3], 0] = 0.6
+    run = trace(position, position, scenario=scenario, alive=alive)
+    run.velocity[5, 0, 1] = -3.0
+    assert measure(run)[0]["violation_pct"] == pytest.approx(40.0)
+    assert np.isnan(measure(trace(position, position))[0]["violation_pct"])
+
+
+def test_recovery():
+    """Two events: an error of 10 mrad before, a pulse of 0.1 rad for 0.3 s, and one without return."""
+    t = 0.01 * np.arange(601)
+    error = np.where((t > 2.0) & (t < 2.3 - 1e-9), 0.11, 0.01) + np.where(t > 4.0, 0.05, 0.0)
+    scenario = Scenario(duration=6.0, reference=MinimumJerk())
+    found = trace(-np.c_[error, error], np.zeros((601, 2)), scenario=scenario)
+    (row,) = measure(dataclasses.replace(found, event_times=np.array([[2.0, 4.0]])))
+    assert row["recovery_rad_s"] == pytest.approx((0.1 * 0.29 + 0.05 * 2.0) / 2)
+    assert row["recovery_s"] == pytest.approx((0.29 + 2.0) / 2)
+    assert row["unrecovered_pct"] == 50.0
+    # An event without effect has no area, although the error of a moving arm swings.
+    swing = 0.01 + 0.005 * np.sin(20 * t)
+    found = trace(np.c_[swing, swing], np.zeros((601, 2)), scenario=scenario)
+    (row,) = measure(dataclasses.replace(found, event_times=np.array([[3.0]])))
+    assert row["recovery_rad_s"] == pytest.approx(0.0, abs=1e-5)
+    assert (row["recovery_s"], row["unrecovered_pct"]) == (0.0, 0.0)
+    dead = dataclasses.replace(found, event_times=np.array([[3.0]]), alive=(t < 4.0)[:, None])
+    for other in (found, dead):  # no event, or the run diverged
+        (row,) = measure(other)
+        assert all(np.isnan(row[name]) for name in ("recovery_rad_s", "recovery_s", "unrecovered_pct"))
+
+
+def test_event_times_are_those_of_each_lane():
+    events = [{"kind": "knock", "time": {"uniform": [0.2, 0.8]}, "impulse": 30.0}, {"kind": "drop", "time": 0.9}]
+    found = rollout("pd-gravity", Scenario(duration=1.0, events=events), range(20))
+    assert found.event_times.shape == (20, 2)
+    np.testing.assert_allclose(found.event_times[:, 1], 0.9)
+    jumps = np.abs(np.diff(found.velocity, axis=0)).sum(axis=-1).argmax(axis=0)
+    np.testing.assert_array_equal(jumps, np.floor(found.event_times[:, 0] / 0.01 + 1e-9))
+
+
+def test_a_diverged_run_counts_with_the_worst_error():
+    reference = ramp(101)
+    alive = np.arange(101) < 51
+    found = trace(reference, reference, alive=alive)
+    assert np.all(errors(found)[51:] == WORST_ERROR)
+    (row,) = measure(found)
+    assert row["diverged"] == 1.0
+    assert row["error_mrad"] == pytest.approx(1e3 * np.pi * 50 / 101)
+    good = measure(trace(reference, reference))
+    assert summarize([row, *good])["error_mrad"] == pytest.approx(row["error_mrad"] / 2)
+    assert summarize([row, *good])["diverged"] == 0.5
+
+
+def test_no_error_counts_more_than_half_a_turn():
+    (row,) = measure(trace(ramp(11) + 100.0, ramp(11)))
+    assert row["max_mrad"] == pytest.approx(1e3 * np.pi)
+
+
+def test_steady_state_is_measured_in_the_last_quarter_of_a_rest():
+    reference = np.vstack([ramp(51), np.ones((40, 2)), 1.0 + ramp(12)[1:]])
+    # The reference rests from sample 50 to sample 90; the last quarter are the ten samples up to there.
+    error = np.r_[np.full(81, 0.5), np.full(4, 0.1), np.full(6, 0.01), np.full(11, 0.7)][:, None] * [1.0, 2.0]
+    position = reference - error
+    position[0] = 0.0
+    (row,) = measure(trace(position, reference))
+    assert row["steady_1_pct"] == pytest.approx(100 * (4 * 0.1 + 6 * 0.01) / 10)  # half of the range is 1 rad
+    assert row["steady_2_pct"] == pytest.approx(2 * row["steady_1_pct"])
+    (moving,) = measure(trace(ramp(101), ramp(101)))
+    assert np.isnan(moving["steady_1_pct"])
+
+
+def test_step_response_of_a_known_second_order_system():
+    """Damping 0.5, frequency 10 rad/s: overshoot exp(-pi z / sqrt(1 - z^2)) = 16.3 %, settling where it enters 2 %."""
+    z, w, dt, n = 0.5, 10.0, 1e-3, 3000
+    t = dt * np.arange(n + 1)
+    wd = w * np.sqrt(1 - z * z)
+    response = 1 - np.exp(-z * w * t) * (np.cos(wd * t) + z / np.sqrt(1 - z * z) * np.sin(wd * t))
+    scenario = Scenario(
+        reference=Steps(points=((0, 0), (1, 1)), period=3.0), duration=3.0, control_dt=dt, physics_dt=dt
+    )
+    (row,) = measure(trace(np.c_[response, response], np.ones((n + 1, 2)), scenario=scenario))
+    assert row["overshoot_pct"] == pytest.approx(100 * np.exp(-np.pi * z / np.sqrt(1 - z * z)), rel=1e-3)
+    settled = dt * (1 + np.flatnonzero(np.abs(response - 1) > 0.02).max())
+    assert row["settling_s"] == pytest.approx(settled, abs=1.5e-3)
+    (other,) = measure(trace(ramp(50), ramp(50)))
+    assert np.isnan(other["overshoot_pct"])
+    assert np.isnan(other["settling_s"])
+
+
+def test_effort():
+    n = 101
+    torque = np.zeros((n, 2))
+    torque[1::2, 0] = 10.0  # jumps by 10 N m at each of 100 samples, 100 samples a second
+    torque[:, 1] = 20.0
+    scenario = Scenario(duration=1.0, actuator=Actuator(torque_limit=(50.0, 20.0)))
+    command = np.where(np.arange(n)[:, None] < 25, -20.0, torque)
+    (row,) = measure(trace(ramp(n), ramp(n), torque=0.5 * torque, command=command, scenario=scenario))
+    assert row["torque_rms"] == pytest.approx(0.5 * np.sqrt((50 * 100 + n * 400) / (2 * n)))
+    assert row["variation"] == pytest.approx(0.5 * 100 * 10 / 1.01)
+    assert row["saturated_pct"] == pytest.approx(100.0)
+    (row,) = measure(trace(ramp(n), ramp(n), torque=torque, command=0.5 * command, scenario=scenario))
+    assert row["saturated_pct"] == 0.0
+
+
+def test_every_metric_has_a_meaning():
+    (row,) = measure(trace(ramp(20), ramp(20)))
+    assert list(row) == list(METRICS)
+    assert all(METRICS.values())
 
 
 def runs(*shape, seed=0):
@@ -27,40 +199,34 @@ def runs(*shape, seed=0):
 def test_means_are_those_of_the_runs_drawn_again(n):
     x = runs(2, 3, n)
     x[0, 0] = x[0, 1]  # ties
-    counts = resample(n, 1, resamples=40)
+    counts = statistics.resample(n, 1, resamples=40)
     np.testing.assert_array_equal(counts[0], 1.0)  # the data
     drawn = [[np.repeat(one, c.astype(int), axis=-1) for one in x] for c in counts]
     expected = [[stats.gmean(one, axis=None) for one in pair] for pair in drawn]
-    np.testing.assert_allclose(geometric_mean(x, counts), expected, rtol=1e-12)
-    np.testing.assert_allclose(mean(x, counts), np.mean(drawn, axis=(2, 3)), rtol=1e-12)
+    np.testing.assert_allclose(statistics.geometric_mean(x, counts), expected, rtol=1e-12)
+    np.testing.assert_allclose(statistics.mean(x, counts), np.mean(drawn, axis=(2, 3)), rtol=1e-12)
 
 
 def test_resamples_draw_n_of_n_and_repeat_with_their_seed():
-    counts = resample(50, 3, resamples=1200)
+    counts = statistics.resample(50, 3, resamples=1200)
     assert counts.shape == (1201, 50)
     assert np.all(counts.sum(axis=-1) == 50)
-    np.testing.assert_array_equal(counts, resample(50, 3, resamples=1200))
+    np.testing.assert_array_equal(counts, statistics.resample(50, 3, resamples=1200))
     # Multinomial: each seed once on average, with variance 1 - 1/n.
     assert counts.mean() == 1.0
     assert counts[1:].var() == pytest.approx(1 - 1 / 50, rel=0.03)
 
 
 @pytest.mark.parametrize(
-    ("statistic", "of_runs"), [(geometric_mean, lambda x: stats.gmean(x, axis=None)), (mean, np.mean)]
+    ("statistic", "of_runs"),
+    [(statistics.geometric_mean, lambda x: stats.gmean(x, axis=None)), (statistics.mean, np.mean)],
 )
 def test_intervals_agree_with_scipy(statistic, of_runs):
     """Whole seeds are one paired sample of scipy.stats.bootstrap, with a scenario in each of its variables."""
     x = runs(3, 80)
-    found = interval(statistic(x, resample(80, 0, resamples=4000)))
-    expected = stats.bootstrap(
-        list(x),
-        lambda *rows: of_runs(np.stack(rows)),
-        paired=True,
-        vectorized=False,
-        method="percentile",
-        n_resamples=4000,
-        random_state=1,
-    )
+    found = statistics.interval(statistic(x, statistics.resample(80, 0, resamples=4000)))
+    options = {"paired": True, "vectorized": False, "method": "percentile", "n_resamples": 4000, "random_state": 1}
+    expected = stats.bootstrap(list(x), lambda *rows: of_runs(np.stack(rows)), **options)
     width = found.high - found.low
     assert found.value == pytest.approx(of_runs(x))
     assert found.low == pytest.approx(expected.confidence_interval.low, abs=0.06 * width)
@@ -68,7 +234,7 @@ def test_intervals_agree_with_scipy(statistic, of_runs):
 
 
 def test_the_ends_of_an_interval_are_quantiles():
-    found = interval(np.r_[3.0, np.arange(1001.0)])
+    found = statistics.interval(np.r_[3.0, np.arange(1001.0)])
     assert (found.value, found.low, found.high) == pytest.approx((3.0, 25.0, 975.0))
 
 
@@ -82,24 +248,24 @@ def test_whole_seeds_cover_where_scenarios_share_them():
     truth = np.exp(np.log(benchmark(200_000)).mean())
     covered = 0
     for k in range(200):
-        found = interval(geometric_mean(benchmark(60), resample(60, k, resamples=300)))
+        found = statistics.interval(statistics.geometric_mean(benchmark(60), statistics.resample(60, k, resamples=300)))
         covered += found.low <= truth <= found.high
     assert 0.90 <= covered / 200 <= 0.99  # 95 % says the interval
 
 
 def test_wins_are_counted_on_the_same_seed():
     a = runs(2, 30)
-    counts = resample(30, 0)
-    assert np.all(wins(a, a + 1e-9, counts) == 1.0)
-    assert np.all(wins(a, a, counts) == 0.5)
+    counts = statistics.resample(30, 0)
+    assert np.all(statistics.wins(a, a + 1e-9, counts) == 1.0)
+    assert np.all(statistics.wins(a, a, counts) == 0.5)
     b = runs(2, 30, seed=1)
-    assert wins(a, b, counts)[0] == pytest.approx(np.mean(a < b))
+    assert statistics.wins(a, b, counts)[0] == pytest.approx(np.mean(a < b))
 
 
 def test_ranks():
     x = np.stack([runs(2, 50), runs(2, 50) + 5.0, 1.001 * runs(2, 50, seed=1), runs(2, 50)])
-    draws = geometric_mean(x, resample(50, 0))
-    found = ranks(draws)
+    draws = statistics.geometric_mean(x, statistics.resample(50, 0))
+    found = statistics.ranks(draws)
     assert (found.low[1], found.value[1], found.high[1]) == (4.0, 4.0, 4.0)
     assert (found.low[2], found.high[2]) == (1.0, 3.0)
     np.testing.assert_array_equal(found.value[[0, 3]], found.value[[3, 0]])
@@ -110,28 +276,32 @@ def test_ranks():
 def test_score():
     """Staying scores 0, the ceiling 100, half of the way in the logarithm 50."""
     gain, span = np.log([1.0, 4500.0, np.sqrt(4500.0)]), np.log(4500.0)
-    np.testing.assert_allclose(score(gain[None], [[span] * 3], 0.0), [0.0, 100.0, 50.0])
-    assert score(gain, [span] * 3, 0.0) == pytest.approx(50.0)
+    np.testing.assert_allclose(statistics.score(gain[None], [[span] * 3], 0.0), [0.0, 100.0, 50.0])
+    assert statistics.score(gain, [span] * 3, 0.0) == pytest.approx(50.0)
     # Each percent of diverged runs costs as much as halving the error gains.
-    assert score(gain, [span] * 3, 0.01) == pytest.approx(score(gain - np.log(2.0), [span] * 3, 0.0))
-    assert score([-50.0, 50.0], [span] * 2, 0.0) == pytest.approx(np.mean(BOUNDS))
+    assert statistics.score(gain, [span] * 3, 0.01) == pytest.approx(
+        statistics.score(gain - np.log(2.0), [span] * 3, 0.0)
+    )
+    assert statistics.score([-50.0, 50.0], [span] * 2, 0.0) == pytest.approx(np.mean(statistics.BOUNDS))
 
 
 def test_the_posterior_of_diverged_runs():
     """That of Jeffreys' prior for independent runs; none seen is not none; runs of one seed are one cluster."""
     flags = np.arange(64) < 3
-    draws, prior = diverged_shares([flags], [1.0], 0, resamples=20_000)
+    draws, prior = statistics.diverged_shares([flags], [1.0], 0, resamples=20_000)
     assert prior == 0.5 / 64.5
     assert draws[0] == pytest.approx(3.5 / 64.5)
     beta = stats.beta(3.5, 61.5)
     np.testing.assert_allclose(np.quantile(draws[1:], (0.025, 0.5, 0.975)), beta.ppf((0.025, 0.5, 0.975)), rtol=0.06)
-    none = interval(diverged_shares([np.zeros(32)] * 15, np.ones(15), 0)[0])
+    none = statistics.interval(statistics.diverged_shares([np.zeros(32)] * 15, np.ones(15), 0)[0])
     assert 0.0 < none.low < 0.5 / 480 < none.high < 3.0 / 480
     clustered, spread = np.zeros((2, 8, 32))
     clustered[:, 0] = spread[range(8), range(8)] = 1.0  # eight runs each: of one seed, of eight
-    one, eight = (interval(diverged_shares(flags, np.ones(8), 0)[0]) for flags in (clustered, spread))
+    one, eight = (
+        statistics.interval(statistics.diverged_shares(flags, np.ones(8), 0)[0]) for flags in (clustered, spread)
+    )
     assert one.high > 1.5 * eight.high
-    many, prior = diverged_shares([np.zeros((2, 32)), np.array([[0.0] * 512, [1.0] * 512])], [1.0, 3.0], 0)
+    many, prior = statistics.diverged_shares([np.zeros((2, 32)), np.array([[0.0] * 512, [1.0] * 512])], [1.0, 3.0], 0)
     assert many.shape == (2001, 2)
     assert prior == pytest.approx((0.125 / 32.125 + 0.375 / 512.375) / 2)
     assert many[0, 1] == pytest.approx(0.5 + 0.5 * 0.125 / 32.125)
@@ -148,33 +318,33 @@ def test_intervals_of_diverged_runs_cover(spread):
 
     truth = lost(2_000_000).mean()
     for trial in range(200):
-        estimate = interval(diverged_shares(lost(32), rates, trial, resamples=500)[0])
+        estimate = statistics.interval(statistics.diverged_shares(lost(32), rates, trial, resamples=500)[0])
         covered += estimate.low <= truth <= estimate.high
     assert covered >= 0.92 * 200
 
 
 def test_tail_mean():
     x = np.random.default_rng(0).permutation(200.0 * np.arange(1, 101)).reshape(1, 100)
-    assert tail_mean(x) == pytest.approx(200 * 98)
-    assert tail_mean([3.0, 1.0]) == 3.0
+    assert statistics.tail_mean(x) == pytest.approx(200 * 98)
+    assert statistics.tail_mean([3.0, 1.0]) == 3.0
 
 
 def test_shares_agree_with_scipy_and_cover():
     for k, n in [(0, 256), (1, 30), (15, 30), (30, 30)]:
-        found, expected = proportion(k, n), stats.binomtest(k, n).proportion_ci(method="exact")
+        found, expected = statistics.proportion(k, n), stats.binomtest(k, n).proportion_ci(method="exact")
         assert (found.value, found.low, found.high) == pytest.approx((k / n, expected.low, expected.high))
     n = 40
     k = np.arange(n + 1)
-    found = proportion(k, n)
+    found = statistics.proportion(k, n)
     for p in np.linspace(0.01, 0.99, 50):
         assert stats.binom.pmf(k, n, p)[(found.low <= p) & (p <= found.high)].sum() >= 0.95
     with pytest.raises(ValueError, match="count must lie between 0 and runs"):
-        proportion(3, 2)
+        statistics.proportion(3, 2)
 
 
 def test_missing_runs_and_wrong_shapes_are_refused():
-    counts = resample(4, 0, resamples=5)
+    counts = statistics.resample(4, 0, resamples=5)
     with pytest.raises(ValueError, match="every run must have a number, the worst where it diverged; got 1 NaN"):
-        geometric_mean([[1.0, 2.0, np.nan, 4.0]], counts)
+        statistics.geometric_mean([[1.0, 2.0, np.nan, 4.0]], counts)
     with pytest.raises(ValueError, match=r"counts must be \[b x n\]"):
-        mean(np.ones((2, 5)), counts)
+        statistics.mean(np.ones((2, 5)), counts)

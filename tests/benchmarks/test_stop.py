@@ -1,10 +1,12 @@
 """Stopped runs: nothing is left behind, and the message says what is kept."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -26,33 +28,29 @@ class make_policy(Zero):
 WAITS = {"sleeps": "time.sleep(600)", "computes": "while True: pass"}
 
 
+def living(chosen):
+    """The processes whose folder in /proc is chosen."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if chosen(process):
+                found.append(int(process.name))
+    return found
+
+
 def group(number):
     """The living processes of a group, without zombies."""
-    living = []
-    for pid in filter(str.isdigit, os.listdir("/proc")):
-        try:
-            with open(f"/proc/{pid}/stat") as file:
-                _, _, fields = file.read().rpartition(") ")
-        except OSError:
-            continue
-        state, _, of = fields.split()[:3]
-        if int(of) == number and state != "Z":
-            living.append(int(pid))
-    return living
+
+    def chosen(process):
+        state, _, of = (process / "stat").read_text().rpartition(") ")[2].split()[:3]
+        return int(of) == number and state != "Z"
+
+    return living(chosen)
 
 
 def isolated(folder):
     """The living processes of isolated calls that run in a folder."""
-    living = []
-    for pid in filter(str.isdigit, os.listdir("/proc")):
-        try:
-            with open(f"/proc/{pid}/cmdline") as file:
-                command = file.read()
-            if "fresh.py" in command and os.readlink(f"/proc/{pid}/cwd") == str(folder):
-                living.append(int(pid))
-        except OSError:
-            continue
-    return living
+    return living(lambda it: "fresh.py" in (it / "cmdline").read_text() and (it / "cwd").readlink() == folder)
 
 
 def wait(until, seconds):

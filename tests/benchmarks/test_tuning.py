@@ -1,21 +1,27 @@
-"""Trials find gains, and fresh seeds judge them."""
+"""Trials find gains, fresh seeds judge them, and `fbl-gym recommend` tunes briefly for a robot's conditions."""
 
+import dataclasses
 import json
 import math
-import shlex
 import subprocess
 import sys
 
 import numpy as np
 import optuna
 import pytest
+from optuna.distributions import FloatDistribution
 
-from benchmarks import cli
+from benchmarks.analysis import recommend
+from benchmarks.analysis.recommend import Likeness, around, is_safe, push
 from benchmarks.policies.spec import resolve
+from benchmarks.run.cell import run_cell
 from benchmarks.seeds import SPLITS
+from benchmarks.tuning import brief, search
 from benchmarks.tuning.search import Task, at_edge, judge, scenarios_of, seeds, summary, tune, write_gains
-from controllers.gains import parse_gain
 from fbl_gym import Scenario, scenarios
+from fbl_gym.records import ends
+from fbl_gym.scenarios import as_scenario, held_out_reason
+from tests import drawn_arms
 
 NOMINAL = (Scenario(),)
 
@@ -68,23 +74,19 @@ def test_judging_is_on_tuning_seeds_that_no_trial_saw():
     assert len(fresh) == 128
     assert not set(tried) & set(fresh)
     assert {*tried, *fresh} <= set(SPLITS["tuning"])
-    with pytest.raises(
-        ValueError, match="there are 10000 tuning seeds, for trials and judging together, got 16 and 9985"
-    ):
-        seeds(16, 9985)
 
 
 def studies(folder):
     return optuna.get_all_study_names(f"sqlite:///{folder}/studies.db")
 
 
-def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch):
+def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch, fbl_gym):
     monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
     few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
     arguments = ["tune", "pid-flm", *few, "--storage", f"sqlite:///{tmp_path}/studies.db", "--ship"]
-    assert cli.main([*arguments, "--trials", "1"]) == 0
+    fbl_gym([*arguments, "--trials", "1"])
     assert json.loads((tmp_path / "servo" / "pid-flm.json").read_text())["trials"]["count"] == 3  # one for each gain
-    assert cli.main([*arguments, "--trials", "2"]) == 0
+    fbl_gym([*arguments, "--trials", "2"])
     found = json.loads((tmp_path / "servo" / "pid-flm.json").read_text())
     assert found["trials"]["count"] == 6
     assert found["trials"]["environment_steps"] == 6 * 2 * 1000
@@ -125,64 +127,38 @@ make_policy = Law
 """
 
 
-def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "law.py").write_text(LAW)
-    few = shlex.split(
-        "--trials 3 --seeds 1 --fresh-seeds 1 --candidates 2 --scenarios nominal --storage sqlite:///studies.db"
-    )
+def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(folder, fbl_gym):
+    (folder / "law.py").write_text(LAW)
+    few = "--trials 3 --seeds 1 --fresh-seeds 1 --candidates 2 --scenarios nominal --storage sqlite:///studies.db"
     for policy in ("law.py", "law.py:Law"):
-        assert cli.main(["tune", policy, *few]) == 0
-        first, *_, last = capsys.readouterr().out.splitlines()  # between them, whether a gain is at an edge
+        first, *_, last = fbl_gym(f"tune {policy} {few}").out.splitlines()  # between them, whether a gain is at an edge
         assert first.startswith(f"{policy}: frequency=")
         assert last.endswith(f"use them as {policy}@results/gains")
         assert resolve(f"{policy}@results/gains").configuration["frequency"] == float(first.split("=")[1])
-        assert cli.main(["evaluate", f"{policy}@tuned"]) == 2
-        assert f"`fbl-gym tune {policy} --class CLASS` finds some" in capsys.readouterr().err
-    assert len(studies(tmp_path)) == 2
+        assert f"`fbl-gym tune {policy} --class CLASS` finds some" in fbl_gym(f"evaluate {policy}@tuned", 2).err
+    assert len(studies(folder)) == 2
     # Changed code is another law, of which nothing was tried.
-    (tmp_path / "law.py").write_text(f"{LAW}changed = True\n")
-    assert cli.main(["tune", "law.py", *few]) == 0
-    assert len(studies(tmp_path)) == 3
+    (folder / "law.py").write_text(f"{LAW}changed = True\n")
+    fbl_gym(f"tune law.py {few}")
+    assert len(studies(folder)) == 3
 
 
 def gains_of(study):
     return [tuple(trial.params.values()) for trial in study.trials if trial.params]
 
 
-@pytest.fixture
-def quick_cost(monkeypatch):
+def test_a_resumed_study_repeats_no_trial(tmp_path, monkeypatch):
     monkeypatch.setattr(Task, "cost", lambda _, gains: (sum(gains.values()), 0.0))
-
-
-@pytest.mark.usefixtures("quick_cost")
-def test_a_resumed_study_repeats_no_trial(tmp_path):
     task = Task("pid-flm", NOMINAL, seeds(1, 1)[0])
     for trials in (2, 3, 4, 5):
         study = tune(task, f"sqlite:///{tmp_path}/new/studies.db", trials=trials)
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
 
 
-def test_pairs_of_default_gains_are_printed(tmp_path, capsys, monkeypatch):
-    """The first trial of a law has its default gains, some of which are pairs."""
-    monkeypatch.chdir(tmp_path)
-    few = "--trials 1 --seeds 1 --candidates 1 --fresh-seeds 1 --scenarios servo-practice-nominal"
-    assert cli.main(f"tune robust-flm {few}".split()) == 0
-    assert "kp=" in capsys.readouterr().out
-
-
-def test_a_pair_of_gains_is_one_for_each_joint():
-    """To a law that never thought of pairs, too: it multiplies joints by it."""
-    name, value = parse_gain("w=20,30")
-    assert name == "w"
-    assert list(value**2) == [400, 900]
-    assert parse_gain("w=20") == ("w", 20.0)
-
-
-def test_two_processes_share_a_study(tmp_path):
+def test_two_processes_share_a_study(tmp_path, fbl_gym):
     storage = f"sqlite:///{tmp_path}/studies.db?timeout=60"
     line = f"tune pd-gravity --seeds 1 --fresh-seeds 1 --candidates 1 --scenarios nominal --storage {storage} --out {tmp_path}"
-    assert cli.main([*line.split(), "--trials", "1"]) == 0
+    fbl_gym(f"{line} --trials 1")
     command = [sys.executable, "-m", "fbl_gym", *line.split(), "--trials", "4"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     for process in both:
@@ -191,24 +167,22 @@ def test_two_processes_share_a_study(tmp_path):
     (name,) = studies(tmp_path)
     study = optuna.load_study(study_name=name, storage=storage)
     assert {trial.state.name for trial in study.trials} == {"COMPLETE"}
-    gains = [tuple(trial.params.values()) for trial in study.trials if trial.params]
-    assert len(set(gains)) == len(gains) >= 2
+    assert len(set(gains_of(study))) == len(gains_of(study)) >= 2
 
 
-def test_gains_of_another_law_with_the_same_file_name_are_refused(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for folder in ("a", "b"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "law.py").write_text(LAW)
+def test_gains_of_another_law_with_the_same_file_name_are_refused(folder):
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+        (folder / name / "law.py").write_text(LAW)
     gains = {"policy": "a/law.py", "gains": {"frequency": 20.0}}
-    path = write_gains(gains, tmp_path / "gains")
-    write_gains(gains | {"policy": "./a/law.py"}, tmp_path / "gains")
+    path = write_gains(gains, folder / "gains")
+    write_gains(gains | {"policy": "./a/law.py"}, folder / "gains")
     with pytest.raises(ValueError, match=r"law\.py\.json has the gains of \./a/law\.py, not of b/law\.py"):
-        write_gains(gains | {"policy": "b/law.py"}, tmp_path / "gains")
+        write_gains(gains | {"policy": "b/law.py"}, folder / "gains")
     with pytest.raises(ValueError, match=r"law\.py\.json has the gains of \./a/law\.py, not of b/law\.py"):
         resolve("b/law.py@gains")
     assert json.loads(path.read_text())["policy"] == "./a/law.py"
-    for text in ("a/law.py@gains", f"{tmp_path}/a/law.py@gains", f"a/law.py@{path}"):
+    for text in ("a/law.py@gains", f"{folder}/a/law.py@gains", f"a/law.py@{path}"):
         assert resolve(text).configuration["frequency"] == 20.0
 
 
@@ -218,12 +192,147 @@ def test_a_gain_at_the_edge_of_its_range_is_named():
     assert at_edge(found | ranges) == {"kp": (2.0, 200.0), "kd": (1.0, 80.0)}
 
 
-def test_a_class_has_its_own_practice_and_folder(tmp_path, monkeypatch):
+def test_a_class_has_its_own_practice_and_folder(tmp_path, monkeypatch, fbl_gym):
     monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
     for robot in ("servo", "direct", "geared"):
         tried, judged = scenarios_of(robot)
         assert set(tried) < set(judged) == set(scenarios.in_tier(f"{robot}-practice"))
     few = "--trials 1 --seeds 1 --fresh-seeds 1 --candidates 1 --scenarios servo-practice-nominal"
-    line = f"tune pd-gravity --class servo --ship {few} --storage sqlite:///{tmp_path}/studies.db"
-    assert cli.main(line.split()) == 0
-    assert json.loads((tmp_path / "servo" / "pd-gravity.json").read_text())["policy"] == "pd-gravity"
+    line = f"tune robust-flm --class servo --ship {few} --storage sqlite:///{tmp_path}/studies.db"
+    assert "kp=" in fbl_gym(line).out  # of the defaults, some of which are pairs
+    assert json.loads((tmp_path / "servo" / "robust-flm.json").read_text())["policy"] == "robust-flm"
+
+
+BASE = scenarios.get("servo-nominal").replace(name="short", duration=0.6)
+
+
+def run_cells(cells):
+    return {cell.id: run_cell(cell) for cell in cells}
+
+
+@pytest.mark.parametrize(
+    ("name", "classes"),
+    [
+        ("servo-nominal", ("servo",)), ("servo-elastic-2", ("servo",)), ("direct-nominal", ("direct",)),
+        ("direct-dfki-a0", ("direct",)), ("geared-nominal", ("geared",)), ("geared-friction-3", ("geared",)),
+        ("nominal", ("servo",)), (Scenario(control_dt=0.004), ("direct", "servo")),
+    ],
+)  # fmt: skip
+def test_the_class_of_a_robot(name, classes):
+    assert Likeness.of(as_scenario(name)).classes == classes
+
+
+@pytest.mark.parametrize("name", ["nominal", "servo-nominal", "geared-nominal", "servo-everything-2", "paper-6a"])
+def test_a_condition_changes_one_option(name):
+    base = scenarios.get(name)
+    every = around(base)
+    assert next(iter(every.values())) is base
+    assert ("elastic" in every) == (base.joint is not None)
+    for kind, scenario in every.items():
+        changed = {field for field, value in vars(scenario).items() if value != getattr(base, field)} - {"name"}
+        if kind == "parameters" and base.joint is not None:
+            changed -= {"physics_dt"}  # a lighter link is faster on its spring
+        assert len(changed) == (0 if kind == "as described" else 1) or kind == "everything", (kind, changed)
+
+
+def test_sizes_are_twice_the_given_ones():
+    base = scenarios.get("servo-everything-2")
+    total = lambda s: ends(s.actuator.delay)[1] + s.actuator.delay_samples * s.control_dt
+    assert total(push(base, "delay", 2.0, "servo")) == pytest.approx(2 * total(base))
+    assert push(base, "lag", 2.0, "servo").actuator.lag == pytest.approx(2 * ends(base.actuator.lag)[1])
+    for field in ("viscous", "coulomb", "stiction"):
+        pushed, given = (getattr(s.friction, field) for s in (push(base, "friction", 2.0, "servo"), base))
+        assert ends(pushed) == pytest.approx([2 * x for x in ends(given)])
+    radius = push(base, "parameters", 2.0, "servo").parameter_error.radius
+    assert radius == pytest.approx(2 * base.parameter_error.radius)
+    assert ends(push(base, "noise", 2.0, "servo").noise.position.sigma)[1] == 2 * ends(base.noise.position.sigma)[1]
+    stiffness = ends(push(base, "elastic", 2.0, "servo").joint.stiffness)[1]
+    assert stiffness == pytest.approx(0.5 * ends(base.joint.stiffness)[1])
+    assert push(Scenario(), "delay", 2.0, "servo").actuator.delay == 0.01
+    for robot, lag in (("servo", 0.015), ("direct", 0.002)):
+        assert push(Scenario(), "lag", 2.0, robot).actuator.lag == lag
+    assert np.all(np.array(push(base, "saturation", 2.0, "servo").actuator.torque_limit) < base.actuator.torque_limit)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return recommend.recommend(BASE, ["pd-gravity", "computed-torque", "zero"], 4, run_cells)
+
+
+def test_the_choice(result):
+    assert result.safe
+    assert {choice.policy for choice in result.choices} == {"pd-gravity", "computed-torque"}  # zero is not safe
+    first, second = result.choices
+    assert first.median_pct < first.worst_pct
+    assert first.runs == 4 * len(result.conditions) == 44
+    assert 0.0 < first.diverged_bound < 0.2
+    assert len(first.errors_pct) == len(result.conditions)
+    assert sum(first.lost) == first.diverged
+    assert min(first.effort, second.effort) == 1.0
+
+
+def test_an_arm_that_stays_is_not_safe():
+    good = {"error_pct": 1.0, "baseline_error_pct": 80.0, "diverged": 0.0}
+    rows = lambda diverged: tuple(good | {"diverged": float(i < diverged)} for i in range(16))
+    base = run_cell(recommend.Cell("zero", BASE, (0,)))
+    assert is_safe([dataclasses.replace(base, rows=rows(1))])
+    assert not is_safe([dataclasses.replace(base, rows=rows(2))])  # lower bound 1.6 %
+    assert not is_safe([dataclasses.replace(base, rows=(good | {"error_pct": 50.0},) * 16)])
+    one, none = (dataclasses.replace(base, rows=rows(lost)) for lost in (1, 0))
+    assert is_safe([none, one, one, none])
+    assert not is_safe([none] + [one] * 7)  # 7 of 128 runs
+
+
+def test_brief_tuning_improves_a_law_and_goes_on(tmp_path):
+    storage, folder, news = f"sqlite:///{tmp_path / 'tuning.db'}", tmp_path / "gains", []
+    arguments = {"workers": 1, "command": "", "storage": storage, "folder": folder}
+    policies = ["ppo-servo", "pd-gravity", "zero", "pd-gravity@damping=1"]
+    names = brief.tune_briefly(BASE, policies, 3.0, lambda *part: news.append(part), **arguments)
+    assert news[-1][0] == 1.0
+    (task,) = brief.tasks_of(BASE, policies)
+    assert held_out_reason(BASE)
+    assert not any(held_out_reason(scenario) for scenario in task.scenarios)
+    trials = search.finished(search.open_study(task, storage))
+    best = min(trials, key=lambda trial: trial.value)
+    assert best.value < trials[0].value
+    assert names in ([f"pd-gravity@{folder / 'short'}"], ["pd-gravity@servo"])
+    study = search.open_study(dataclasses.replace(task, seeds=range(1)), storage)
+    study.enqueue_trial(dict.fromkeys(task.ranges, 10.0))
+    study.tell(study.ask(dict.fromkeys(task.ranges, FloatDistribution(1.0, 1e3))), -9.0)
+    new = brief.write_best(dataclasses.replace(task, seeds=range(1)), storage, folder, "")
+    assert new == f"pd-gravity@{folder}"
+    assert resolve(new).parsed.given_gains == dict.fromkeys(task.ranges, 10.0)
+    brief.tune_briefly(BASE, policies, 0.0, lambda *_: None, **arguments)
+    assert len(search.finished(search.open_study(task, storage))) > len(trials)
+
+
+def test_the_command(folder, fbl_gym, monkeypatch):
+    monkeypatch.setattr("benchmarks.cli.recommend.as_scenario", lambda name: BASE)
+    few = ["--seeds", "2", "--workers", "1", "--store", str(folder / "store")]
+    printed = fbl_gym(["recommend", "my_arm.toml", *few, "--policies", "pd-gravity", "--minutes", "0.01"]).out
+    assert "class: servo (100 Hz, rigid joints, dry friction of 10 % of" in printed
+    assert "pd-gravity@" in printed
+    assert "torque constant" in printed
+    arguments = ["recommend", "my_arm.toml", *few, "--minutes", "0"]
+    assert "error by condition" in fbl_gym([*arguments, "--policies", "pd-gravity", "zero"]).out
+    lacks = folder / "lacks.py"
+    lacks.write_text("def make_policy(interface):\n    return {}['lost']\n")
+    shown = " ".join(fbl_gym([*arguments, "--policies", "pd-gravity", str(lacks), "json:loads"]).out.split())
+    assert f"without {lacks}: KeyError: 'lost'" in shown
+    assert "without json:loads: TypeError: the JSON object must be" in shown
+    assert "No policy is safe on short" in fbl_gym([*arguments, "--policies", "zero"], 1).out
+    fbl_gym([*arguments, "--seeds", "1"], 2)
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_check_on_drawn_arms(monkeypatch, capsys):
+    draw = drawn_arms.draw
+    assert all(Likeness.of(draw(i)).classes[0] == draw(i).name.split("-")[2] for i in range(12))
+    monkeypatch.setattr(drawn_arms, "draw", lambda i: draw(i).replace(duration=0.3))
+    monkeypatch.setattr(drawn_arms, "TRIALS", 2)
+    few = ["0", "--seeds", "2", "--workers", "1", "--minutes", "0", "--laws", "pd-gravity", "--policies"]
+    drawn_arms.main([*few, "pd-gravity", "computed-torque"])
+    line, share = capsys.readouterr().out.splitlines()
+    assert line.startswith(f"{draw(0).name}: ")
+    assert "best of 1 laws tuned: pd-gravity" in line
+    assert "of 1 first choices are safe and within 1.5 times the best" in share

@@ -1,6 +1,27 @@
 """A closed loop in one environment, as many tests of controllers run it."""
 
 import numpy as np
+from scipy.linalg import expm
+
+from benchmarks.run.contract import check
+from fbl_gym import scenarios
+
+STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+"""A reference at rest, on which loops are linear."""
+
+FAST = {"reference": STILL, "control_dt": 1e-3, "physics_dt": 1e-3}
+EXACT = {**FAST, "action": "torque", "actuator": None}
+"""A law at 1 kHz, without a drive."""
+
+
+def nominal(**changes):
+    """Return the nominal scenario with changes."""
+    return scenarios.get("nominal").replace(**changes)
+
+
+def loaded(*torque):
+    """Return the options of a constant load on an arm that shall rest."""
+    return {"reference": STILL, "disturbance": {"kind": "array", "torque": (torque,)}}
 
 
 def tracking(policy, env, steps, seed=0):
@@ -14,3 +35,17 @@ def tracking(policy, env, steps, seed=0):
         states.append(state)
         errors.append(env.truth.reference - env.truth.position)
     return np.array(errors), states
+
+
+def broken_promises(policy, scenario="everything-2"):
+    """Return what `fbl-gym check-policy` finds broken."""
+    return [f"{found.promise}: {found.detail}" for found in check(policy, scenario) if not found.kept]
+
+
+def response(a, x0, dt, steps):
+    """First component of x' = a x from x0, at each sample."""
+    step, x, log = expm(np.array(a) * dt), np.array(x0), []
+    for _ in range(steps + 1):
+        log.append(x[0])
+        x = step @ x
+    return np.array(log)

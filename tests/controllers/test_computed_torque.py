@@ -1,20 +1,21 @@
-"""Computed torque against its error equation and the stability limit of its sampled loop."""
+"""Computed torque, its momentum observer and time-delay estimation: error equations, poles, stability limits."""
 
 import numpy as np
 import pytest
 
+import controllers
 from benchmarks.run.rollout import rollout
-from fbl_gym import ArmParameters, scenarios
+from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix
+from tests.controllers.closed_loop import FAST, STILL, loaded, nominal, response, tracking
 
-STILL = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.4),)}
+HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.4),)}
 
 
 def test_the_error_obeys_its_linear_equation():
     """e'' + 2 w e' + w^2 e = 0 with an exact model: e = E (1 + w t) exp(-w t) from rest."""
     w = 8.0
-    scenario = scenarios.get("nominal").replace(
-        reference=STILL, initial_error=(0.05, -0.05), control_dt=1e-3, actuator=None, duration=1.5
-    )
+    scenario = nominal(reference=HANGING, initial_error=(0.05, -0.05), control_dt=1e-3, actuator=None, duration=1.5)
     trace = rollout("computed-torque", scenario, [0], {"frequency": w})
     error = (trace.reference - trace.position)[:, 0]
     expected = error[0] * (1 + w * trace.time[:, None]) * np.exp(-w * trace.time[:, None])
@@ -27,10 +28,106 @@ def test_the_sampled_loop_has_its_stability_limit(share, grows):
     characteristic polynomial at z = -1 is 4 (1 - k w dt), so k < 1 / (w dt)."""
     w, dt = 20.0, 0.01
     ratio = share / (w * dt)
-    scenario = scenarios.get("nominal").replace(
-        arm=ArmParameters(gravity=0.0), reference=STILL, initial_error=(1e-4, -1e-4), actuator=None, duration=4.0,
+    scenario = nominal(
+        arm=ArmParameters(gravity=0.0), reference=HANGING, initial_error=(1e-4, -1e-4), actuator=None, duration=4.0,
         parameter_error={"ratio": (1 / ratio, 1 / ratio, 1.0, 1.0)}, control_dt=dt,
     )  # fmt: skip
     trace = rollout("computed-torque", scenario, [0], {"frequency": w})
     early, late = (np.abs(trace.reference - trace.position)[rows].max() for rows in (slice(0, 10), slice(90, 100)))
     assert (late > 2 * early) if grows else (late < 0.5 * early)
+
+
+@pytest.mark.parametrize("control_dt", [1e-3, 1e-2])
+@pytest.mark.parametrize("bandwidth", [5.0, 20.0])
+def test_the_observer_has_its_time_constant(control_dt, bandwidth):
+    """A constant load on an exact model: the estimate is d (1 - exp(-bandwidth t)) at the samples."""
+    load = np.array([60.0, -25.0])
+    scenario = nominal(
+        reference=HANGING, control_dt=control_dt, disturbance={"kind": "array", "torque": (tuple(load),)}, duration=1.0
+    )
+    env = TwoLinkArmVectorEnv(1, scenario)
+    policy = controllers.make("computed-torque-dob", env, bandwidth=bandwidth)
+    _, states = tracking(policy, env, scenario.steps)
+    estimate = np.array([state.disturbance[0] for state in states])
+    t = control_dt * np.arange(scenario.steps)[:, None]
+    # The first sample of an episode ends no interval.
+    expected = load * (1 - np.exp(-bandwidth * t))
+    assert np.abs(estimate - expected).max() < 0.02 * np.abs(load).max()
+
+
+AT_ONCE = 1e6
+"""A bandwidth at which nothing is filtered [rad/s]."""
+
+
+def test_without_the_filter_the_law_is_incremental():
+    """tau = tau_0 + M(q) (a - a_0): nominal Coriolis and gravity torques cancel (Sieberling, Chu and Mulder 2010, eq. 9)."""
+    env = TwoLinkArmVectorEnv(3, "everything-1", action="torque", actuator=None)
+    policy = controllers.make("computed-torque-tde", env, bandwidth=AT_ONCE, frequency=8.0)
+    observation, _ = env.reset(seed=0)
+    state = None
+    before = gravity_torque(env.interface.nominal, policy.read(observation, "position")[0])
+    for _ in range(100):
+        q, v, a = policy.read(observation, "position", "velocity", "acceleration")
+        r, dr, ddr = policy.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        desired = ddr + 64.0 * (r - q) + 16.0 * (dr - v)
+        expected = before + np.einsum("nij,nj->ni", inertia_matrix(env.interface.nominal, q), desired - a)
+        torque, state = policy.predict(observation, state)
+        np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
+        observation, before = env.step(torque)[0], torque
+
+
+@pytest.mark.parametrize("k", [0.2, 1.0, 4.0])
+def test_the_estimate_has_its_pole(k):
+    """Masses 1 / k of the nominal ones, held in place: what is left to find shrinks by 1 - k (1 - exp(-g dt)) per sample."""
+    g, q = 15.0, np.array([-1.0, 0.5])
+    env = TwoLinkArmEnv(reference=STILL, actuator=None, action="torque")
+    real = ArmParameters(TABLE_1.m1 / k, TABLE_1.m2 / k, TABLE_1.L1, TABLE_1.L2)
+    policy = controllers.make("computed-torque-tde", env, bandwidth=g)
+    observation, _ = env.reset(seed=0)
+    torque, state, log = gravity_torque(env.interface.nominal, q), None, []
+    for _ in range(60):
+        observation = observation.copy()
+        observation[env.layout["acceleration"]] = forward_dynamics(real, q, np.zeros(2), torque)
+        torque, state = policy.predict(observation, state)
+        log.append(state.missed[0])
+    # At rest and on its reference the arm needs G of the real arm: d = (1 / k - 1) G.
+    left = np.array(log) - (1.0 / k - 1.0) * gravity_torque(TABLE_1, q)
+    pole = 1.0 - k * (1.0 - np.exp(-g * 0.01))
+    expected = left[0] * pole ** np.arange(60)[:, None]
+    np.testing.assert_allclose(left, expected, atol=1e-9 * np.abs(gravity_torque(TABLE_1, q)).max())
+
+
+def test_the_error_equation_under_a_constant_load():
+    """Exact model, 1 kHz: M (e'' + 2 w e' + w^2 e) = d - d^, with d^' = g (d - d^)."""
+    w, g, load = 8.0, 12.0, np.array([20.0, 6.0])
+    env = TwoLinkArmEnv(**FAST | loaded(*load))
+    policy = controllers.make("computed-torque-tde", env, frequency=w, bandwidth=g)
+    errors, _ = tracking(policy, env, 2000)
+    # x = (e, e', what is left to find), each per joint, in units of M^-1 d.
+    rates = [[0.0, 1.0, 0.0], [-w * w, -2.0 * w, 1.0], [0.0, 0.0, -g]]
+    expected = response(rates, [0.0, 0.0, 1.0], 1e-3, 2000)
+    push = np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), load)
+    expected = np.outer(expected, push)
+    assert np.abs(errors - expected).max() < 0.03 * np.abs(expected).max()
+    assert np.abs(errors[-1]).max() < 1e-5
+
+
+def last_error(masses, **gains):
+    """Return the largest error of the last of nine seconds, at 100 Hz, of an arm of `masses` times the nominal ones."""
+    heavy = {"parameter_error": {"ratio": {"m1": masses, "m2": masses}}, "limits": {"velocity": 1e3}}
+    scenario = nominal(reference=STILL, initial_error=(-0.01, 0.0), actuator=None, duration=9.0, **heavy)
+    trace = rollout("computed-torque-tde", scenario, [0], gains)
+    return np.abs(trace.reference - trace.position)[-100:].max() if trace.alive[-1] else np.inf
+
+
+@pytest.mark.parametrize(("bandwidth", "frequency"), [(AT_ONCE, 5.0), (12.0, 5.0), (12.0, 15.0)])
+def test_estimation_is_stable_up_to_its_limit_of_inertia(bandwidth, frequency):
+    """Masses 1 / k of the nominal ones: stable for k < 2 / (h + 2 w dt - h w dt), h = 1 - exp(-g dt), and not beyond.
+
+    h = 1 and w dt -> 0 is the condition of time-delay control, k < 2.
+    """
+    h = -np.expm1(-bandwidth * 0.01)
+    most = 2.0 / (h + 2.0 * frequency * 0.01 - h * frequency * 0.01)
+    gains = {"bandwidth": bandwidth, "frequency": frequency}
+    assert last_error(1.0 / (0.9 * most), **gains) < 1e-3
+    assert last_error(1.0 / (1.1 * most), **gains) > 1e-2

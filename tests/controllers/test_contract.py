@@ -1,8 +1,8 @@
-"""Every registered policy keeps the contract of `fbl-gym check-policy`, is frozen, and holds plain data."""
+"""Every registered policy keeps the contract of `fbl-gym check-policy`; a subclass of `TorqueLaw` is a policy."""
 
 import dataclasses
+from dataclasses import dataclass
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -11,15 +11,22 @@ from benchmarks.policies.configuration import configuration
 from benchmarks.policies.spec import resolve
 from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.network import Actor
-from benchmarks.run.contract import broken, check
-from fbl_gym import Interface, TwoLinkArmEnv, scenarios
+from benchmarks.run.contract import broken
+from benchmarks.run.rollout import rollout
+from controllers import catalogue
+from fbl_gym import ArmParameters, Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.model.arm import inverse_dynamics
+from fbl_gym.records import number
+from fbl_gym.scenarios.classes import CLASSES, conditions
+from fbl_gym.scenarios.scenario import Scenario
+from tests.controllers.closed_loop import broken_promises, nominal, tracking
 
 NAMES = controllers.names()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, "pid-flm+kalman", "adaptive-robust-flm+eso+predictor"])
 def test_a_policy_keeps_every_promise(name):
-    assert [f"{result.promise}: {result.detail}" for result in check(name) if not result.kept] == []
+    assert broken_promises(name) == []
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -39,18 +46,106 @@ def test_a_policy_without_privileged_access_holds_plain_data(name):
     assert configuration(controllers.make(name, policy.interface)) == configuration(policy)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_sb3_evaluates_a_policy(name):
-    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
-    monitor = pytest.importorskip("stable_baselines3.common.monitor")
-    env = monitor.Monitor(gym.make("fbl_gym/TwoLinkArm-v0", duration=1.0))
-    reward, spread = evaluation.evaluate_policy(controllers.make(name, env), env, n_eval_episodes=2)
-    assert 0.0 <= reward <= 100.0
-    assert spread >= 0.0
-
-
 def test_a_torque_at_a_limit_that_float32_rounds_down_lies_in_the_box():
     limit = 0.7
     assert float(np.float32(limit)) < limit
-    scenario = scenarios.get("nominal").replace(actuator={"torque_limit": limit}, duration=0.5)
+    scenario = nominal(actuator={"torque_limit": limit}, duration=0.5)
     assert broken(resolve("pd-gravity"), scenario) == ""
+
+
+UNPRIVILEGED = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS and name != "nmpc"]
+
+
+def motion(name, scale):
+    """Return the positions [T + 1 x 1 x 2] of a servo whose masses are `scale` times the nominal ones."""
+    arm = CLASSES["servo"].arm
+    arm = dataclasses.replace(arm, m1=scale * arm.m1, m2=scale * arm.m2, rotor=tuple(scale * np.array(arm.rotor)))
+    return rollout(name, Scenario(**conditions(arm, "servo")).replace(duration=1.5), [0]).position
+
+
+@pytest.mark.parametrize("name", UNPRIVILEGED)
+def test_the_motion_does_not_depend_on_the_size(name):
+    nominal = motion(name, 1.0)
+    for scale in (0.3, 30.0):
+        np.testing.assert_allclose(motion(name, scale), nominal, atol=1e-6, err_msg=f"{scale} times the masses")
+
+
+ROTORS = ArmParameters(rotor=(8.0, 4.0))
+MODEL_BASED = ("computed-torque", "cascade-flm", "adaptive-flm", "slotine-li", "slotine-li-composite", "spong-robust",
+         "computed-torque-tde", "rbf-adaptive", "computed-torque-dob", "nmpc")  # fmt: skip
+
+
+def mean_error(name, arm):
+    """Return the mean position error [rad] over two seconds in four lanes."""
+    env = TwoLinkArmVectorEnv(4, arm=arm, action="torque", actuator=None)
+    errors, _ = tracking(controllers.factory(name)(env.interface), env, 200)
+    return np.abs(errors[1:]).mean()
+
+
+@pytest.mark.parametrize("name", MODEL_BASED)
+def test_a_law_follows_an_arm_with_rotors_as_well(name):
+    plain, heavy = mean_error(name, ArmParameters()), mean_error(name, ROTORS)
+    assert heavy < 1.5 * plain + 1e-5
+
+
+def test_estimates_are_those_of_the_links():
+    """The rotors are taken off the torque before the fit."""
+    exciting = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
+    options = {"action": "torque", "actuator": None, "control_dt": 1e-3, "reference": exciting}
+    env = TwoLinkArmVectorEnv(2, arm=ROTORS, parameter_error=1.2, **options)
+    _, states = tracking(controllers.make("adaptive-flm", env), env, 4000)
+    np.testing.assert_allclose(states[-1].lumped, env.truth.lumped, rtol=0.05)
+
+
+@dataclass(frozen=True)
+class Plain(controllers.TorqueLaw):
+    """Computed torque, as the README has it."""
+
+    w: float = 8.0
+
+    def torque(self, observation, state):
+        q, v = self.read(observation, "position", "velocity")
+        r, dr, ddr = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        a = ddr + self.w**2 * (r - q) + 2 * self.w * (dr - v)
+        return inverse_dynamics(self.interface.nominal, q, v, a), state
+
+
+@dataclass(frozen=True)
+class Declared(Plain):
+    w: float = number(8.0, unit="rad/s", above=0)
+
+
+@pytest.mark.parametrize("law", [Plain, Declared])
+def test_a_subclass_is_a_policy(law):
+    env = TwoLinkArmEnv()
+    errors, _ = tracking(law(env.interface), env, 900)
+    assert np.abs(errors).max() < 5e-3
+
+
+def test_only_declared_gains_are_checked():
+    interface = TwoLinkArmEnv().interface
+    assert Plain(interface, w=-1.0).w == -1.0
+    with pytest.raises(ValueError, match="w must be a finite number greater than 0, got -1"):
+        Declared(interface, w=-1.0)
+
+
+def test_a_law_prints_its_name_and_gains():
+    env = TwoLinkArmEnv()
+    assert repr(Plain(env.interface)).endswith("Plain(w=8.0)")
+    assert repr(controllers.make("pid-flm", env)) == "PidFlm(kp=(10.0, 10.0), ki=(0.0, 0.0), kd=(3.0, 3.0))"
+    assert repr(controllers.make("oracle-flm", env)) == "OracleFlm(kp=(400.0, 400.0), kd=(40.0, 40.0))"
+
+
+WITHOUT = ("zero", "computed-torque-eso", "h-infinity", "ladrc", "nmpc", "oracle")
+
+
+@pytest.mark.parametrize("name", [name for name in controllers.names() if not name.startswith(WITHOUT)])
+def test_a_missing_sensor_is_named(name):
+    with pytest.raises(ValueError, match=r"needs a sensor of|trained on sensors of position, velocity"):
+        controllers.factory(name)(TwoLinkArmEnv(sensors=("position",)).interface)
+
+
+def test_a_wrong_observation_is_refused():
+    policy = controllers.make("pid-flm", TwoLinkArmEnv())
+    with pytest.raises(ValueError, match=r"observation must have shape \(12,\)"):
+        policy.predict(np.zeros(7))

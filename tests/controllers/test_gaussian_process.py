@@ -20,9 +20,8 @@ def test_the_torque_has_the_mean_of_a_gaussian_process():
     state, rows, targets = None, [], []
     torque, last = None, None
     for step in range(60):
-        q, v, *reference = policy.read(
-            observation, "position", "velocity", "reference_position", "reference_velocity", "reference_acceleration"
-        )
+        names = ("reference_position", "reference_velocity", "reference_acceleration")
+        q, v, *reference = policy.read(observation, "position", "velocity", *names)
         rows.append(np.cos(np.concatenate(reference) @ frequencies + phases) * np.sqrt(2 / len(phases)))
         if step:
             model = inverse_dynamics(env.interface.nominal, q, 0.5 * (v + last), (v - last) / 0.01)
@@ -34,24 +33,17 @@ def test_the_torque_has_the_mean_of_a_gaussian_process():
         time = 0.01 * np.arange(len(z))
         kernel = SIGNAL**2 * z @ z.T * np.exp(-np.abs(time[:, None] - time) / 0.5)
         mean = kernel[-1] @ np.linalg.solve(kernel + 0.2**2 * np.eye(len(z)), np.array(targets))
-        plain = inverse_dynamics(
-            env.interface.nominal, q, v, policy.acceleration(observation[None], q[None], v[None])[0]
-        )
+        wanted = policy.acceleration(observation[None], q[None], v[None])[0]
+        plain = inverse_dynamics(env.interface.nominal, q, v, wanted)
         np.testing.assert_allclose(torque, plain + policy.weight * mean, rtol=1e-6, atol=1e-6)
         observation = env.step(torque)[0]
 
 
 def test_it_learns_what_the_model_misses():
     """On a wrong arm behind a delayed drive, the error falls to a fraction of that of computed torque."""
-    options = {
-        "reference": EXCITING,
-        "parameter_error": {"radius": 0.2},
-        "duration": 30.0,
-        "friction": {"viscous": 10.0},
-    }
-    env = TwoLinkArmVectorEnv(4, actuator={"delay_samples": 1, "lag": 0.01}, **options)
-    left = {
-        name: np.abs(tracking(controllers.make(name, env, frequency=10.0), env, 2900)[0][-1000:]).mean()
-        for name in ("computed-torque", "computed-torque-gp")
-    }
-    assert left["computed-torque-gp"] < 0.4 * left["computed-torque"]
+    wrong = {"parameter_error": {"radius": 0.2}, "friction": {"viscous": 10.0}}
+    late = {"actuator": {"delay_samples": 1, "lag": 0.01}}
+    env = TwoLinkArmVectorEnv(4, reference=EXCITING, duration=30.0, **wrong, **late)
+    laws = (controllers.make(name, env, frequency=10.0) for name in ("computed-torque", "computed-torque-gp"))
+    plain, learned = (np.abs(tracking(law, env, 2900)[0][-1000:]).mean() for law in laws)
+    assert learned < 0.4 * plain

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import pade
 
 import controllers
 from controllers.h_infinity import INTEGRAL, SLACK, robust_controller
 from fbl_gym import TwoLinkArmEnv
-from tests.controllers.closed_loop import tracking
-
-STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+from tests.controllers.closed_loop import EXACT, tracking
 
 
 def shaped(s, dead):
@@ -35,24 +32,10 @@ def test_gamma_is_the_norm_of_the_loop(dead):
     assert norm <= gamma * (1 + 1e-6)
 
 
-def test_more_dead_time_leaves_less_robustness():
-    assert norms(0.1)[1] < norms(0.5)[1] < norms(1.5)[1]
-
-
-def test_the_approximation_of_the_delay_is_the_known_one():
-    above, below = pade(np.cumprod([1.0, *(-0.3 / k for k in range(1, 5))]), 2)
-    s = 1j * np.geomspace(0.1, 10, 50)
-    ratio = np.polyval(above, s) / np.polyval(below, s)
-    np.testing.assert_allclose(ratio * (s + INTEGRAL) / s**3, shaped(s, 0.3), rtol=1e-9)
-    np.testing.assert_allclose(ratio, np.exp(-0.3 * s), atol=0.2)
-
-
 def test_the_loop_has_the_poles_of_the_design():
     """Exact model at 1 kHz, a small error, so that Coriolis torques vanish: the loop of plant and controller."""
     dt, w = 1e-3, 8.0
-    env = TwoLinkArmEnv(
-        actuator=None, action="torque", reference=STILL, initial_error=(-1e-3, 0.0), control_dt=dt, physics_dt=dt
-    )
+    env = TwoLinkArmEnv(**EXACT, initial_error=(-1e-3, 0.0))
     policy = controllers.make("h-infinity", env, bandwidth=w)
     errors = tracking(policy, env, 2999)[0]
     a, b, c, _ = robust_controller(0.05)
@@ -69,14 +52,6 @@ def test_the_loop_has_the_poles_of_the_design():
     for k in range(3000):
         expected.append((vectors[1] * np.exp(values * w * dt * k) @ amplitude).real)
     assert np.abs(errors - np.transpose([expected, np.zeros(3000)])).max() < 0.02 * 1e-3
-
-
-def test_the_integral_removes_a_load():
-    env = TwoLinkArmEnv(
-        sensors=("position",), reference=STILL, disturbance={"kind": "array", "torque": ((5.0, 2.0),)}, duration=30.0
-    )
-    errors, _ = tracking(controllers.make("h-infinity", env, bandwidth=10.0), env, 2999)
-    assert np.abs(errors[-1]).max() < 1e-5
 
 
 def test_a_bandwidth_beyond_the_dead_time_keeps_its_numbers_finite():

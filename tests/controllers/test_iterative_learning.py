@@ -8,11 +8,12 @@ from benchmarks.run.rollout import rollout, rollout_trials
 from controllers.iterative_learning import CAPACITY
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.scenarios import classes
+from tests.controllers.closed_loop import nominal
 
 W, GAIN, BANDWIDTH, DT = 10.0, 0.6, 20.0, 0.004
 
 # The stretched arm without gravity stays where it is linear.
-STILL = scenarios.get("nominal").replace(
+STILL = nominal(
     arm={"gravity": 0.0}, actuator=None, control_dt=DT, duration=4.0,
     reference={"kind": "array", "position": [[0, 0]] * 2, "velocity": [[0, 0]] * 2, "acceleration": [[0, 0]] * 2},
 )  # fmt: skip
@@ -53,11 +54,18 @@ def learned(law, observation, steps, state=None, start=None):
     return state
 
 
-def test_it_forgets_a_trial_that_ended_early_and_another_motion():
+@pytest.fixture
+def asked():
+    """A law, and the observation of two arms that are away from their references."""
     env = TwoLinkArmVectorEnv(2)
     law = controllers.make("computed-torque-ilc", env)
     observation = env.reset(seed=0)[0]
     observation[:, law.interface.layout["position"]] += 0.1
+    return law, observation
+
+
+def test_it_forgets_a_trial_that_ended_early_and_another_motion(asked):
+    law, observation = asked
     begins = np.array([True, True])
     state = learned(law, observation, 20)
     fresh = law.predict(observation)[0]
@@ -71,12 +79,9 @@ def test_it_forgets_a_trial_that_ended_early_and_another_motion():
     assert not np.allclose(actions[0], alone[0])
 
 
-def test_the_lengths_of_other_lanes_trials_do_not_matter():
+def test_the_lengths_of_other_lanes_trials_do_not_matter(asked):
     """Beyond its room, the state doubles for all lanes."""
-    env = TwoLinkArmVectorEnv(2)
-    law = controllers.make("computed-torque-ilc", env)
-    observation = env.reset(seed=0)[0]
-    observation[:, law.interface.layout["position"]] += 0.1
+    law, observation = asked
     both = learned(law, observation, 30)
     both = learned(law, observation, CAPACITY + 6, both, np.array([False, True]))
     alone = learned(law, observation[1], CAPACITY + 6, learned(law, observation[1], 30), np.array([True]))

@@ -6,19 +6,14 @@ import pytest
 import controllers
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
-from tests.controllers.closed_loop import tracking
-from tests.controllers.linear import response
-
-STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+from tests.controllers.closed_loop import FAST, loaded, response, tracking
 
 
 @pytest.mark.parametrize("pole", [5.0, 200.0])
 def test_the_error_equation_under_a_constant_load(pole):
     """Exact model, 1 kHz: e'' + 2 w e' + w^2 e = f - z with z' = g (k f - z) and k = p dt / (exp(p dt) - 1)."""
     w, g, load, dt = 8.0, 12.0, np.array([20.0, 6.0]), 1e-3
-    env = TwoLinkArmEnv(
-        reference=STILL, control_dt=dt, physics_dt=dt, disturbance={"kind": "array", "torque": (tuple(load),)}
-    )
+    env = TwoLinkArmEnv(**FAST | loaded(*load))
     policy = controllers.make("l1-adaptive", env, frequency=w, bandwidth=g, pole=pole)
     errors, states = tracking(policy, env, 2000)
     share = pole * dt / np.expm1(pole * dt)
@@ -28,10 +23,3 @@ def test_the_error_equation_under_a_constant_load(pole):
     f = np.linalg.solve(inertia_matrix(TABLE_1, (-1.0, 0.5)), load)
     assert np.abs(errors - np.outer(expected, f)).max() < 0.03 * np.abs(np.outer(expected, f)).max()
     np.testing.assert_allclose(states[-1][1][0], -share * f, rtol=0.01)
-
-
-def test_saturation_is_not_taken_for_a_disturbance():
-    tight = TwoLinkArmEnv(reference=STILL, initial_error=(-1.0, 0.0), actuator={"torque_limit": (330.0, 120.0)})
-    errors, states = tracking(controllers.make("l1-adaptive", tight), tight, 900)
-    assert max(np.abs(state.filtered).max() for state in states) < 5.0
-    assert np.abs(errors[-1]).max() < 1e-3

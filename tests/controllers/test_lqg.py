@@ -6,9 +6,8 @@ import pytest
 import controllers
 from controllers.lqg import plant, regulator
 from fbl_gym import TwoLinkArmEnv
-from tests.controllers.closed_loop import tracking
+from tests.controllers.closed_loop import EXACT, tracking
 
-STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
 WEIGHTS = [(3000.0, 200.0, 40.0), (500.0, 100.0, 10.0), (400.0, 400.0, 1.0)]
 
 
@@ -25,19 +24,10 @@ def test_value_iteration_finds_the_same_gain(weights, dt):
     np.testing.assert_allclose(regulator(dt, *weights), k, rtol=1e-6)
 
 
-def test_gains_at_a_fast_rate_are_the_continuous_ones():
-    """As dt goes to zero: K = (integral, position, sqrt(velocity^2 + 2 position)), the last two without integral action."""
-    k = regulator(1e-5, 700.0, 1e-9, 1e-9)
-    assert k[0] == pytest.approx(700.0, rel=1e-3)
-    np.testing.assert_allclose(regulator(1e-5, 1e-6, 100.0, 10.0)[1:], [100.0, np.sqrt(300.0)], rtol=1e-3)
-
-
 def test_the_loop_is_regulator_and_filter():
     """Exact model, 1 kHz: the error is that of x = (F - G K) x, the filter's error having nothing to add at rest."""
     dt = 1e-3
-    env = TwoLinkArmEnv(
-        actuator=None, action="torque", reference=STILL, initial_error=(-0.2, 0.0), control_dt=dt, physics_dt=dt
-    )
+    env = TwoLinkArmEnv(**EXACT, initial_error=(-0.2, 0.0))
     policy = controllers.make("lqg", env, integral=300.0, position=60.0, velocity=6.0)
     errors = tracking(policy, env, 1999)[0]
     f, g = plant(dt)
@@ -46,15 +36,3 @@ def test_the_loop_is_regulator_and_filter():
         expected.append(x[1])
         x = a @ x
     assert np.abs(errors - np.transpose([expected, np.zeros(2000)])).max() < 0.02 * 0.2
-
-
-def test_integral_action_removes_a_load_in_spite_of_a_biased_accelerometer():
-    env = TwoLinkArmEnv(
-        sensors=("position", "acceleration"),
-        reference=STILL,
-        disturbance={"kind": "array", "torque": ((30.0, 10.0),)},
-        noise={"acceleration": {"bias": 0.5}},
-        duration=20.0,
-    )
-    errors, _ = tracking(controllers.make("lqg", env), env, 1999)
-    assert np.abs(errors[-1]).max() < 1e-5

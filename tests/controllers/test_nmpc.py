@@ -11,9 +11,9 @@ from scipy.optimize import least_squares
 import controllers
 from benchmarks.run.rollout import rollout
 from controllers.nmpc import HORIZON, STEP, acceleration, planner, residuals, terminal
-from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
+from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics, inertia_matrix
-from tests.controllers.closed_loop import tracking
+from tests.controllers.closed_loop import nominal, tracking
 
 WEIGHTS = ((100.0, 100.0), (10.0, 10.0))
 SCALE = np.diagonal(inertia_matrix(TABLE_1, (0.0, 0.0)))
@@ -76,7 +76,7 @@ def test_nmpc_at_rest_is_the_optimal_regulator():
 
 def test_limits_are_kept_and_loads_leave_no_error():
     still = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.4),)}
-    scenario = scenarios.get("nominal").replace(
+    scenario = nominal(
         reference=still, disturbance={"kind": "array", "torque": ((40.0, -15.0),)}, duration=3.0,
         actuator={"torque_limit": (300, 100)}, initial_error=(0.5, -0.3),
     )  # fmt: skip
@@ -87,7 +87,7 @@ def test_limits_are_kept_and_loads_leave_no_error():
 
 def test_preview_reduces_the_error():
     """The same arm with the reference's next 0.3 s and without."""
-    scenario = scenarios.get("nominal").replace(duration=4.0)
+    scenario = nominal(duration=4.0)
     ahead = rollout("nmpc", scenario, [0])
     env = TwoLinkArmEnv(scenario)
     errors, _ = tracking(controllers.make("nmpc", env), env, scenario.steps)

@@ -1,33 +1,133 @@
-"""Regressors against the arm's own functions."""
+"""Slotine and Li's, the adaptive computed-torque and Spong's law against their Lyapunov functions; their regressors."""
 
 import numpy as np
 
-from controllers.passivity import drift_regressor, momentum_regressor, slotine_li_regressor
+import controllers
+from controllers.passivity import slotine_li_regressor
+from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import coriolis_matrix, gravity_torque, inertia_matrix, regressor
+from tests.controllers.closed_loop import nominal
+
+EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
 
 
-def random(n=100, k=4, seed=0):
+def closed_loop(name, scenario, lanes=8, **gains):
+    """Return the law, the real lumped parameters, and by sample: the estimates or None, s, q and the error."""
+    env = TwoLinkArmVectorEnv(lanes, scenario, action="torque")
+    policy = controllers.make(name, env, **gains)
+    observation, _ = env.reset(seed=0)
+    state, log = policy.initial(observation), []
+    for _ in range(scenario.steps - 1):
+        before = state.estimate if state else None
+        q, v = policy.read(observation, "position", "velocity")
+        r, dr = policy.read(observation, "reference_position", "reference_velocity")
+        s = dr - v + np.array(policy.slope) * (r - q)
+        action, state = policy.predict(observation, state)
+        log.append((before, s, q, r - q))
+        observation = env.step(action)[0]
+    return policy, env.truth.lumped, [np.array(x) for x in zip(*log, strict=True)]
+
+
+def wrong(radius=0.5, **changes):
+    return nominal(
+        parameter_error={"radius": radius}, actuator=None, control_dt=5e-4, physics_dt=5e-4, duration=2.0,
+        initial_error=(0.1, -0.1), reference=EXCITING, **changes,
+    )  # fmt: skip
+
+
+VISCOUS = (60.0, 15.0)
+
+
+def test_slotine_lis_lyapunov_function_decreases():
+    """V = s'Ms/2 + (p^ - p)'Gamma^-1 (p^ - p)/2 never rises along the loop, and falls by the integral of s'(K + B)s.
+
+    B is the real viscous friction, which the law estimates too. Estimates of Coulomb friction reach the edge of their box.
+    """
+    policy, lumped, (estimate, s, q, _) = closed_loop("slotine-li", wrong(friction={"viscous": VISCOUS}), friction=50.0)
+    p = np.concatenate([lumped, np.broadcast_to((*VISCOUS, 0.0, 0.0), (len(lumped), 4))], axis=-1)
+    assert np.any(estimate[:, :, 7:] == 0.0)
+    assert np.all(estimate[-1, :, 5:7] > 0.0)
+    kinetic = 0.5 * np.einsum("tni,tnij,tnj->tn", s, inertia_matrix(lumped, q), s)
+    v = kinetic + 0.5 * (((estimate - p) ** 2) / policy.rates).sum(axis=-1)
+    assert np.diff(v, axis=0).max() < 2e-3 * v[0].max()
+    gain = policy.damping * inertia_matrix(policy.interface.nominal, q) + np.diag(VISCOUS)
+    lost = 5e-4 * np.einsum("tni,tnij,tnj->tn", s, gain, s).sum(axis=0)
+    assert np.all(v[0] - v[-1] > 0.95 * lost)
+    np.testing.assert_allclose(np.median((v[0] - v[-1]) / lost), 1.0, rtol=0.1)
+
+
+def test_friction_is_estimated_and_taken_off_the_error():
+    """With an exact model, the estimates come close to the real friction, and the error is a fraction of that without them."""
+    friction = {"viscous": (40.0, 10.0), "coulomb": (20.0, 5.0)}
+    scenario = wrong(0.0, friction=friction).replace(duration=20.0, control_dt=1e-2, physics_dt=1e-3, initial_error=0.0)
+    left = {}
+    for rate in (0.0, 20.0):
+        _, _, (estimate, _, _, error) = closed_loop("slotine-li", scenario, friction=rate)
+        left[rate] = np.abs(error[-500:]).mean()
+    real = np.concatenate([friction["viscous"], friction["coulomb"]])
+    np.testing.assert_allclose(np.median(estimate[-1, :, 5:] / real, axis=0), 1.0, atol=0.2)
+    assert left[20.0] < 0.1 * left[0.0]
+
+
+def test_composite_estimates_converge_under_excitation():
+    """Along an exciting motion the prediction error brings the estimates to the truth; the tracking error alone is slower."""
+    scenario = wrong().replace(duration=20.0, control_dt=1e-2, physics_dt=1e-3, initial_error=0.0)
+    ends = {}
+    for name, gains in (("slotine-li", {}), ("slotine-li-composite", {"composite": 30.0})):
+        _, p, (estimate, *_) = closed_loop(name, scenario, friction=0.0, **gains)
+        ends[name] = np.median(np.abs(estimate[-1, :, :5] / p - 1))
+    assert ends["slotine-li-composite"] < 0.01
+    assert ends["slotine-li-composite"] < 0.5 * ends["slotine-li"]
+
+
+def test_estimates_are_held_while_the_torque_saturates():
+    scenario = nominal(actuator={"torque_limit": (1.0, 1.0)}, parameter_error=1.5, duration=0.2, reference=EXCITING)
+    _, _, (estimate, *_) = closed_loop("slotine-li", scenario)
+    np.testing.assert_array_equal(estimate[-1], estimate[0])
+
+
+def test_the_lyapunov_function_falls_by_the_damping():
+    """V = (s'W s + p~' Gamma^-1 p~) / 2 falls by damping s'W s on a wrong arm without friction."""
+    scenario = wrong(0.3)
+    policy, real, (estimates, s, _, _) = closed_loop(
+        "computed-torque-adaptive", scenario, lanes=4, damping=10.0, friction=1e-9
+    )
+    missing = real - estimates[..., :5]
+    value = 0.5 * ((policy.stretched * s**2).sum(-1) + (missing**2 / policy.rates[:5]).sum(-1))
+    fall = policy.damping * (policy.stretched * s**2).sum(-1) * scenario.control_dt
+    left = value - (value[0] - np.concatenate([np.zeros((1, 4)), np.cumsum(fall, axis=0)[:-1]]))
+    assert np.abs(left).max() < 0.02 * (value[0] - value[-1]).min()
+    assert (value[-1] < value[0]).all()
+
+
+def test_spongs_lyapunov_function_decreases_outside_the_layer():
+    """V = s'Ms/2 falls by more than its damping where every parameter is within its bound, down to a set that shrinks with
+    epsilon."""
+    left = {}
+    for epsilon in (0.1, 10.0):
+        policy, p, (_, s, q, _) = closed_loop("spong-robust", wrong(0.25), damping=20.0, bound=1.0, epsilon=epsilon)
+        nominal = policy.interface.nominal.lumped
+        assert np.all(np.abs(p / nominal - 1) < policy.bound)
+        v = 0.5 * np.einsum("tni,tnij,tnj->tn", s, inertia_matrix(p, q), s)
+        # Each of the five parameters adds at most bound * epsilon p1 / 4 to V'; beyond that, V must fall.
+        layer = 5 * policy.bound * epsilon * nominal[0] / 4
+        gain = policy.damping * inertia_matrix(nominal, q)
+        outside = np.einsum("tni,tnij,tnj->tn", s, gain, s)[:-1] > 1.5 * layer
+        assert outside.any()
+        assert np.diff(v, axis=0)[outside].max() < 0.0
+        left[epsilon] = np.median(v[-1000:])
+    assert left[0.1] < 0.3 * left[10.0]
+
+
+def random_states(n=100, k=4, seed=0):
     return np.random.default_rng(seed).uniform(-3, 3, (k, n, 2))
 
 
 def test_the_regressor_agrees_with_the_skew_form():
     """Y p = M a_r + C v_r + G with the C for which dM/dt - 2 C is skew, at random states."""
-    q, v, v_r, a_r = random()
+    q, v, v_r, a_r = random_states()
     p = np.array([17.0, 3.5, 4.0, 240.0, 70.0])
     expected = np.einsum("nij,nj->ni", inertia_matrix(p, q), a_r) + gravity_torque(p, q)
     expected += np.einsum("nij,nj->ni", coriolis_matrix(p, q, v, skew=True), v_r)
     np.testing.assert_allclose(slotine_li_regressor(q, v, v_r, a_r) @ p, expected, rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(slotine_li_regressor(q, v, v, a_r), regressor(q, v, a_r), rtol=1e-12, atol=1e-12)
-
-
-def test_the_momentum_form_needs_no_acceleration():
-    """M v and G - C'v; and d/dt (M v) + (G - C'v) = M a + C v + G, by differences."""
-    q, v, a, _ = random()
-    p = np.array([17.0, 3.5, 4.0, 240.0, 70.0])
-    np.testing.assert_allclose(momentum_regressor(q, v) @ p, np.einsum("nij,nj->ni", inertia_matrix(p, q), v))
-    skew = np.einsum("nji,nj->ni", coriolis_matrix(p, q, v, skew=True), v)
-    np.testing.assert_allclose(drift_regressor(q, v) @ p, gravity_torque(p, q) - skew, rtol=1e-12, atol=1e-9)
-    h = 1e-6
-    later, earlier = momentum_regressor(q + h * v, v + h * a), momentum_regressor(q - h * v, v - h * a)
-    rate = (later - earlier) / (2 * h)
-    np.testing.assert_allclose(rate + drift_regressor(q, v), regressor(q, v, a), rtol=1e-6, atol=1e-6)

@@ -1,48 +1,29 @@
-"""The paper's PID against its linear error equation and the roots of its printed gains."""
+"""The paper's PID against its linear error equation and its printed gains; PID with gravity compensation against its own."""
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import controllers
+from benchmarks.run.rollout import rollout
 from fbl_gym import SECTION_2_2, TABLE_1, TwoLinkArmEnv
-from tests.controllers.closed_loop import tracking
-from tests.controllers.linear import response
-
-STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
-FAST = {"control_dt": 1e-3, "physics_dt": 1e-3}
-
-
-def pid_deviation(arm, pose, start, dt):
-    """Largest distance of pid-flm's error from e'' + 3 e' + 10 e = 0 over 4 s, as a share of its amplitude, per joint."""
-    reference = {"kind": "minimum-jerk", "points": (pose,)}
-    env = TwoLinkArmEnv(
-        arm=arm, actuator=None, action="torque", reference=reference, initial_error=start, control_dt=dt, physics_dt=dt
-    )
-    steps = round(4.0 / dt)
-    errors = tracking(controllers.make("pid-flm", env), env, steps)[0]
-    expected = [response([[0, 1], [-10, -3]], [-x, 0.0], dt, steps) for x in start]
-    return np.abs(errors - np.transpose(expected)).max(axis=0) / np.abs(start).max()
+from fbl_gym.model.arm import inertia_matrix
+from tests.controllers.closed_loop import EXACT, nominal, response, tracking
 
 
 @pytest.mark.parametrize("arm", [TABLE_1, SECTION_2_2], ids=["table-1", "section-2-2"])
 def test_pid_error_obeys_its_linear_equation(arm):
     """Exact model, no noise, 1 kHz: e'' + 3 e' + 10 e = 0 within 1e-3 of its amplitude, for both joints."""
-    assert pid_deviation(arm, (0.0, 0.0), (-0.2, 0.2), 1e-3).max() < 1e-3
-
-
-def test_pid_deviation_halves_with_the_sampling_interval():
-    """Hanging, Table 1's gravity changes while the torque is held, and the deviation is 2.4e-3; it halves with the interval."""
-    coarse = pid_deviation(TABLE_1, (-1.0, 0.5), (-0.2, 0.2), 1e-3)
-    fine = pid_deviation(TABLE_1, (-1.0, 0.5), (-0.2, 0.2), 5e-4)
-    assert coarse.max() < 3e-3
-    np.testing.assert_allclose(fine / coarse, 0.5, atol=0.02)
+    reference = {"kind": "minimum-jerk", "points": ((0.0, 0.0),)}
+    env = TwoLinkArmEnv(arm=arm, **EXACT | {"reference": reference}, initial_error=(-0.2, 0.2))
+    errors = tracking(controllers.make("pid-flm", env), env, 4000)[0]
+    expected = [response([[0, 1], [-10, -3]], [x, 0.0], 1e-3, 4000) for x in (0.2, -0.2)]
+    assert np.abs(errors - np.transpose(expected)).max() < 1e-3 * 0.2
 
 
 def test_the_printed_gains_are_unstable():
     """P, I, D = 10, 3, 0 as printed: the error grows as exp(0.149 t), the roots of s^3 + 10 s + 3."""
-    env = TwoLinkArmEnv(
-        actuator=None, action="torque", reference=STILL, initial_error=(0.01, 0.0), duration=10.0, **FAST
-    )
+    env = TwoLinkArmEnv(**EXACT, initial_error=(0.01, 0.0), duration=10.0)
     errors = tracking(controllers.make("pid-flm", env, kp=10, ki=3, kd=0), env, 9999)[0][:, 0]
     roots = np.roots([1, 0, 10, 3])
     growth = roots.real.max()
@@ -50,3 +31,40 @@ def test_the_printed_gains_are_unstable():
     early, late = np.abs(errors[2000:4000]).max(), np.abs(errors[7000:9000]).max()
     assert late > 2 * early
     assert np.log(late / early) / 5.0 == pytest.approx(growth, rel=0.1)
+
+
+REST = np.array([-np.pi / 2, 0.4])
+RESTING = {"kind": "minimum-jerk", "points": (tuple(REST),)}
+
+
+def test_small_motions_obey_the_linearised_loop():
+    """M e'' + Kd e' + Kp e + Ki int(e) = 0 about a rest, gravity being compensated: compared with the matrix exponential."""
+    w, damping, share, start = 10.0, 0.8, 0.3, np.array([1e-3, -1e-3])
+    scenario = nominal(reference=RESTING, initial_error=tuple(-start), control_dt=1e-3, duration=1.0)
+    trace = rollout("pid-gravity", scenario, [0], {"frequency": w, "damping": damping, "integral": share})
+    inertia, scale = inertia_matrix(TABLE_1, REST), np.diag(np.diagonal(inertia_matrix(TABLE_1, (0.0, 0.0))))
+    kp, kd, ki = w**2 * scale, 2 * damping * w * scale, share * w**3 * scale
+    inverse, eye, zero = np.linalg.inv(inertia), np.eye(2), np.zeros((2, 2))
+    # x = (int e, e, e')
+    a = np.block([[zero, eye, zero], [zero, zero, eye], [-inverse @ ki, -inverse @ kp, -inverse @ kd]])
+    expected = np.array([(expm(a * t) @ np.concatenate([[0, 0], start, [0, 0]]))[2:4] for t in trace.time[::50]])
+    error = (trace.reference - trace.position)[::50, 0]
+    assert np.abs(error - expected).max() < 0.03 * np.abs(start).max()
+
+
+def test_pd_with_gravity_compensation_leaves_the_load_over_its_stiffness():
+    """At rest PD leaves e = d / Kp of a constant load, to the gravity compensation's own stiffness."""
+    load = np.array([40.0, 10.0])
+    scenario = nominal(reference=RESTING, disturbance={"kind": "array", "torque": (tuple(load),)}, duration=10.0)
+    w = 10.0
+    kp = w**2 * np.diagonal(inertia_matrix(TABLE_1, (0.0, 0.0)))
+    pd = rollout("pd-gravity", scenario, [0], {"frequency": w})
+    np.testing.assert_allclose((pd.reference - pd.position)[-1, 0], load / kp, rtol=1e-3)
+
+
+def test_the_integral_does_not_wind_up():
+    scenario = nominal(
+        reference=RESTING, actuator={"torque_limit": (250, 100)}, initial_error=(1.2, 0.0), duration=10.0
+    )
+    trace = rollout("pid-gravity", scenario, [0])
+    assert np.abs((trace.reference - trace.position)[-1, 0]).max() < 1e-2

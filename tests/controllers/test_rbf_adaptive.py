@@ -6,16 +6,13 @@ import controllers
 from controllers.rbf_adaptive import FEATURES, NODES, RbfState, bumps, features
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import gravity_torque, inertia_matrix
-
-STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
+from tests.controllers.closed_loop import EXACT
 
 
 def test_the_lyapunov_function_decreases_by_its_derivative():
     """Exact model, so W* = 0, and weights that start wrong: V falls, by the integral of k s' M s."""
     dt = 1e-3
-    env = TwoLinkArmEnv(
-        actuator=None, action="torque", reference=STILL, initial_error=(-0.2, 0.3), control_dt=dt, physics_dt=dt
-    )
+    env = TwoLinkArmEnv(**EXACT, initial_error=(-0.2, 0.3))
     policy = controllers.make("rbf-adaptive", env, rate=150.0, forget=0.0)
     observation, _ = env.reset(seed=0)
     weights = np.random.default_rng(0).normal(size=(1, 2, FEATURES))

@@ -1,22 +1,24 @@
-"""The registry: names, arguments, entry points, and access to the environment."""
+"""The registry: names, arguments, entry points, and access to the environment; gains and their declarations."""
 
+import inspect
 import json
+import math
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import controllers
 from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import Cell
 from controllers import registry
+from controllers.simple import PdGravity
 from fbl_gym import Interface, TwoLinkArmEnv
-
-
-def point_at(monkeypatch, path):
-    """Install an entry point "mine" that leads to "module:attribute"."""
-    point = metadata.EntryPoint("mine", path, registry.ENTRY_POINTS)
-    monkeypatch.setattr(registry, "entry_points", lambda: (point,))
+from fbl_gym.records import declarations, number, tuning_ranges
+from fbl_gym.scenarios.classes import CLASSES
+from tests.fbl_gym.declared import fields
 
 
 def plain_factory(env):
@@ -50,7 +52,8 @@ def test_the_catalogue_has_the_access_of_the_class(name):
 
 
 def test_an_installed_package_adds_a_policy(monkeypatch):
-    point_at(monkeypatch, "controllers.simple:PdGravity")
+    point = metadata.EntryPoint("mine", "controllers.simple:PdGravity", registry.ENTRY_POINTS)
+    monkeypatch.setattr(registry, "entry_points", lambda: (point,))
     assert "mine" in controllers.names()
     assert controllers.access("mine") == "nominal"
     assert controllers.kind("mine") == "classical"
@@ -58,42 +61,28 @@ def test_an_installed_package_adds_a_policy(monkeypatch):
     assert controllers.make("mine", TwoLinkArmEnv(), frequency=3.0).frequency == (3.0, 3.0)
 
 
-@pytest.mark.parametrize("factory", [plain_factory, lambda env, gain=1.0: env])
-def test_the_name_of_an_argument_gives_no_way_to_the_truth(factory):
-    assert isinstance(controllers.make(factory, TwoLinkArmEnv()), Interface)
-
-
-def test_privileged_access_gets_the_environment():
+def test_privileged_access_alone_gets_the_environment():
+    """The name of an argument gives no way to the truth."""
     env = TwoLinkArmEnv()
+    assert isinstance(controllers.make(plain_factory, env), Interface)
     assert controllers.access(privileged_factory) == "privileged"
     assert controllers.make(privileged_factory, env) is env
     with pytest.raises(ValueError, match="needs the environment, got its interface"):
         controllers.make("oracle-flm", env.interface)
 
 
-@pytest.mark.parametrize(
-    ("factory", "access", "expected"),
-    [
-        (plain_factory, None, "nominal"),
-        (plain_factory, "privileged", "privileged"),
-        (privileged_factory, None, "privileged"),
-        ("controllers.oracle:OracleFlm", None, "privileged"),
-    ],
-)
-def test_access_is_registered_or_declared(monkeypatch, factory, access, expected):
+@pytest.mark.parametrize(("factory", "access"), [(plain_factory, "privileged"), ("controllers.oracle:OracleFlm", None)])
+def test_access_is_registered_or_declared(monkeypatch, factory, access):
     monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
     controllers.register("mine", factory, "a policy", access=access)
-    assert controllers.access("mine") == expected
+    assert controllers.access("mine") == "privileged"
 
 
-def test_an_unknown_access_word_is_an_error_that_names_the_valid_ones(monkeypatch):
+def test_an_unknown_access_word_is_an_error_that_names_the_valid_ones():
     message = "unknown access.* 'truth'. Known: nominal, none, privileged"
-    point_at(monkeypatch, f"{__name__}:misspelt_factory")
-    monkeypatch.setattr(metadata.EntryPoint, "load", lambda point: misspelt_factory)
-    for ask in (controllers.access, lambda name: controllers.make(name, TwoLinkArmEnv())):
-        for policy in ("mine", misspelt_factory):
-            with pytest.raises(ValueError, match=message):
-                ask(policy)
+    for ask in (controllers.access, lambda factory: controllers.make(factory, TwoLinkArmEnv())):
+        with pytest.raises(ValueError, match=message):
+            ask(misspelt_factory)
     with pytest.raises(ValueError, match=message):
         controllers.register("other", plain_factory, "a policy", access="truth")
 
@@ -104,14 +93,8 @@ def test_a_name_may_end_in_gains(tmp_path, monkeypatch):
     Path("mine").mkdir()
     Path("mine/computed-torque.json").write_text('{"frequency": 3}')
     interface = TwoLinkArmEnv().interface
-    made = {
-        "computed-torque@frequency=7": 7.0,
-        "computed-torque@mine": 3.0,
-        "computed-torque@mine/computed-torque.json": 3.0,
-        "computed-torque@tuned@frequency=7": 7.0,
-        "computed-torque@frequency=7@mine": 3.0,
-    }
-    for name, frequency in made.items():
+    for gains, frequency in (("mine/computed-torque.json", 3.0), ("tuned@frequency=7", 7.0), ("frequency=7@mine", 3.0)):
+        name = f"computed-torque@{gains}"
         assert controllers.make(name, interface).frequency == (frequency, frequency)
         assert controllers.make(name, interface, frequency=5.0).frequency == (5.0, 5.0)
     with pytest.raises(ValueError, match="unknown argument of computed-torque 'frequncy'"):
@@ -130,9 +113,8 @@ def test_gains_of_a_class(tmp_path, monkeypatch):
     assert controllers.make("pd-gravity@direct", env).frequency == (4.0, 4.0)
     assert controllers.make("pd-gravity@tuned", TwoLinkArmEnv("direct-nominal")).frequency == (4.0, 4.0)
     for name in ("pd-gravity@servo", "pd-gravity+springs@servo"):
-        for use in (lambda text: controllers.make(text, env), resolve):
-            with pytest.raises(ValueError, match=r"no tuned gains for the class .*fbl-gym tune pd-gravity.* --class"):
-                use(name)
+        with pytest.raises(ValueError, match=r"no tuned gains for the class .*fbl-gym tune pd-gravity.* --class"):
+            resolve(name)
     with pytest.raises(ValueError, match="no tuned gains for the class servo"):
         controllers.make("pd-gravity@tuned", TwoLinkArmEnv("servo-nominal"))
 
@@ -153,3 +135,56 @@ def test_results_follow_the_gains_of_every_class(tmp_path, monkeypatch):
     assert {name for name in first if first[name] != second[name]} == {"data"}
     same = [Cell("pd-gravity@tuned", task, (0,)).key == key for task, key in zip(TASKS, cells, strict=True)]
     assert same == [True, False]  # a cell follows those of its own class
+
+
+LAWS = [name for name in controllers.names() if controllers.kind(name) == "classical"]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_unit_of_a_gain_is_in_the_docstring(name):
+    law = controllers.factory(name)
+    text = "".join(inspect.getdoc(base) or "" for base in law.__mro__)
+    for gain, declaration in declarations(law).items():
+        assert declaration.unit == "" or f"[{declaration.unit}]" in text, gain
+
+
+@pytest.mark.parametrize("name", [name for robot in CLASSES for name in controllers.tuned(robot)])
+def test_tuned_gains_are_in_the_tuning_range(name):
+    ranges = tuning_ranges(controllers.factory(name))
+    assert ranges
+    for gain, value in controllers.registry.tuned_gains(name).items():
+        low, high = ranges[gain]
+        assert (low <= np.array(value)).all()
+        assert (np.array(value) <= high).all()
+
+
+def test_a_plain_default_in_a_subclass_keeps_the_declaration():
+    @dataclass(frozen=True)
+    class Faster(PdGravity):
+        frequency: float = 20.0
+
+    assert tuning_ranges(Faster) == tuning_ranges(PdGravity)
+    assert Faster(TwoLinkArmEnv().interface).frequency == (20.0, 20.0)
+
+
+def test_a_declaration_in_a_subclass_replaces_that_of_its_parent():
+    @dataclass(frozen=True)
+    class Undamped(PdGravity):
+        damping: float = number(0.5, low=0, high=1)
+
+    assert list(tuning_ranges(Undamped)) == ["frequency"]
+    with pytest.raises(ValueError, match="damping must be a finite number not below 0 and not above 1"):
+        Undamped(TwoLinkArmEnv().interface, damping=2.0)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_gain_out_of_bounds_is_named(name):
+    env, law = TwoLinkArmEnv(), controllers.factory(name)
+    for gain in (gain for gain in fields(law) if gain.owner is law):
+        right = "whole number" if gain.is_whole else "finite number"
+        for word, bound in gain.bounds if gain.is_number else ():
+            for value in [round(bound) - 1, *([round(bound)] if word == "greater than" else []), math.nan, "1"]:
+                with pytest.raises(
+                    ValueError, match=rf"{gain.name} must be a {right} {word} {bound:g}.*, got {value!r}"
+                ):
+                    controllers.make(name, env, **{gain.name: value})

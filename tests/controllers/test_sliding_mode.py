@@ -8,8 +8,7 @@ import controllers
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.model.arm import inertia_matrix
-from tests.controllers.closed_loop import tracking
-from tests.controllers.linear import response
+from tests.controllers.closed_loop import EXACT, response, tracking
 
 POSE = (-np.pi / 2, 0.4)
 
@@ -55,9 +54,7 @@ STILL = {"kind": "minimum-jerk", "points": (POSE,)}
 def test_the_law_is_linear_within_its_layer():
     """Exact model, 1 kHz: e' = s - slope e, s' = -k1 s / layer^1/2 - z, z' = k2 s / layer, from e = 0.02."""
     slope, bound, layer, e = 10.0, 50.0, 0.5, 0.02
-    env = TwoLinkArmEnv(
-        reference=STILL, initial_error=(-e, 0.0), control_dt=1e-3, physics_dt=1e-3, actuator=None, action="torque"
-    )
+    env = TwoLinkArmEnv(**EXACT | {"reference": STILL}, initial_error=(-e, 0.0))
     policy = controllers.make("sliding-mode", env, slope=slope, bound=bound, layer=layer)
     errors, _ = tracking(policy, env, 1000)
     k1, k2 = 1.5 * np.sqrt(bound / layer), 1.1 * bound / layer
@@ -85,9 +82,7 @@ def test_the_boundary_layer_reduces_chatter():
 def test_terminal_sliding_mode_follows_its_equation():
     """Exact model, 1 kHz, from rest: e'' = -w / p |e'|^(2-p) sign(e') - bound sat(w^2 s / bound), by scipy's solver."""
     w, power, bound, e0 = 8.0, 1.4, 5.0, 0.2
-    env = TwoLinkArmEnv(
-        reference=STILL, initial_error=(-e0, 0.0), control_dt=1e-3, physics_dt=1e-3, actuator=None, action="torque"
-    )
+    env = TwoLinkArmEnv(**EXACT | {"reference": STILL}, initial_error=(-e0, 0.0))
     law = controllers.make("terminal-sliding-mode", env, frequency=w, power=power, bound=bound)
     errors, _ = tracking(law, env, 1500)
 

@@ -1,12 +1,19 @@
-"""The adapter between environment and agent."""
+"""The adapter between environment and agent, with context and without."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 
 import controllers
-from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
-from benchmarks.rl.agent import Agent
+from benchmarks.analysis.board import assemble
+from benchmarks.policies.spec import resolve
+from benchmarks.rl.adapter import CONTEXT, AdapterSettings, AgentAdapter
+from benchmarks.rl.agent import Agent, write
+from benchmarks.rl.policy import SHIPPED
 from benchmarks.rl.vec_env import VectorAdapter
+from benchmarks.run.cell import run_cell
+from benchmarks.run.suite import Cell
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
@@ -14,20 +21,32 @@ from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
 MOTION = ("position", "velocity")
 
 
+def start(scenario, *settings, **more):
+    """Return an observation, and the torque of an agent's adapter there for an action."""
+    env = TwoLinkArmEnv(scenario)
+    observation = env.reset(seed=0)[0][None].copy()
+    adapter = AgentAdapter(AdapterSettings(*settings, **more), env.interface)
+    return (
+        env,
+        observation,
+        lambda *action: adapter.torque(np.array([action]), observation, adapter.initial(observation))[0],
+    )
+
+
 @pytest.mark.parametrize(
-    ("action", "history", "context"),
+    ("action", "history", "context", "period"),
     [
-        ("torque", 0, False),
-        ("residual", 3, False),
-        ("residual", 0, True),
-        ("residual", 3, True),
-        ("blend", 1, False),
+        ("torque", 0, False, 1), ("residual", 3, False, 1), ("residual", 0, True, 1), ("residual", 3, True, 1),
+        ("blend", 1, False, 1), ("residual", 2, False, 5), ("torque", 0, True, 5),
     ],
-)
-def test_an_agent_acts_as_in_training(action, history, context):
-    """Closed loops on the plain environment and on the training environment are equal over several episodes."""
+)  # fmt: skip
+def test_an_agent_acts_as_in_training(action, history, context, period):
+    """Closed loops on the plain environment and on the training environment are equal over several episodes.
+
+    The agent decides once in a period of some samples, and its law at each.
+    """
     second = "pid-flm" if action == "blend" else ""
-    settings = AdapterSettings(action=action, second=second, history=history, context=context)
+    settings = AdapterSettings(action, second=second, history=history, context=context, period=0.01 * period)
     options = {**PAYLOAD_OPTIONS, "autoreset_mode": "SameStep"}
     plain = TwoLinkArmVectorEnv(3, **options)
     training = VectorAdapter(TwoLinkArmVectorEnv(3, **options), settings)
@@ -35,12 +54,18 @@ def test_an_agent_acts_as_in_training(action, history, context):
     plain_observation, training_observation = plain.reset(seed=3)[0], training.reset(seed=3)[0]
     state, starts = None, np.ones(3, dtype=bool)
     episodes = 0
-    for _ in range(70):
-        actions, state = agent.predict(plain_observation, state, starts)
-        plain_observation, *outcome, _ = plain.step(actions)
-        training_observation, *training_outcome, infos = training.step(agent.actor(training_observation))
-        np.testing.assert_array_equal(outcome, training_outcome)
-        starts = outcome[1] | outcome[2]
+    for _ in range(70 // period):
+        rewards, decided = [], []
+        training_observation, mean, *training_ends, infos = training.step(agent.actor(training_observation))
+        for _ in range(period):
+            actions, state = agent.predict(plain_observation, state, starts)
+            plain_observation, reward, *ends, _ = plain.step(actions)
+            rewards.append(reward)
+            decided.append(state.action)
+            starts = np.logical_or(*ends)
+        np.testing.assert_array_equal(ends, training_ends)
+        np.testing.assert_allclose(np.mean(rewards, axis=0), mean, atol=1e-12)
+        np.testing.assert_array_equal(decided, decided[:1] * period)
         for lane in np.flatnonzero(starts):
             assert infos["final_obs"][lane].shape == (agent.adapter.size,)
             episodes += 1
@@ -65,33 +90,15 @@ def test_history_holds_the_errors_and_actions_of_the_last_steps():
     assert np.any(infos["final_obs"][0][12:] != 0)
 
 
-@pytest.mark.parametrize("kind", ["normalized", "torque", "acceleration"])
-def test_every_kind_of_action_gives_the_same_torque(kind):
-    settings = AdapterSettings(action="residual")
-    env = TwoLinkArmEnv("mixed-error-2", action=kind)
-    observation, _ = env.reset(seed=0)
-    agent = Agent(env.interface, settings, random_actor(settings, env.interface))
-    action, _ = agent.predict(observation)
-    torque, _ = agent.torque(observation[None], agent.initial(observation[None]))
-    position, velocity = observation[:2], observation[2:4]
-    np.testing.assert_allclose(
-        env.interface.torque_from_action(action, position, velocity), env.interface.saturate(torque[0]), rtol=1e-9
-    )
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
         ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
-        ({"base": "computed-torque+eco"}, "did you mean 'eso'"),
         ({"action": "blend"}, "second must be a law for a blend alone, and another than base, got ''"),
         ({"action": "blend", "base": "lqg", "second": "lqg"}, "another than base, got 'lqg'"),
-        ({"second": "lqg"}, "second must be a law for a blend alone"),
-        ({"action": "blend", "second": "lgq"}, "unknown second 'lgq'; did you mean 'lqg'"),
         ({"memory": -1.0}, "memory must be a finite number not below 0, got -1.0"),
         ({"history": -1}, "history must be a whole number not below 0, got -1"),
-        ({"context": "no"}, "context must be True or False, got 'no'"),
         ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),
     ],
 )
@@ -106,38 +113,25 @@ def test_another_autoreset_mode_is_refused():
 
 
 def test_a_torque_is_a_share_of_the_drives_limits():
-    env = TwoLinkArmEnv("servo-nominal")
-    observation = env.reset(seed=0)[0][None]
-    adapter = AgentAdapter(AdapterSettings(sensors=("position", "velocity")), env.interface)
-    torque, _ = adapter.torque(np.array([[1.0, -0.5]]), observation, adapter.initial(observation))
-    np.testing.assert_allclose(torque[0], env.interface.torque_limit * np.array([1.0, -0.5]))
+    env, _, torque = start("servo-nominal", sensors=MOTION)
+    np.testing.assert_allclose(torque(1.0, -0.5)[0], env.interface.torque_limit * np.array([1.0, -0.5]))
     with pytest.raises(ValueError, match="not applicable: the agent's actions are shares of torque limits"):
         Agent(TwoLinkArmEnv(action="torque", actuator={"torque_limit": None}).interface, AdapterSettings(), None)
 
 
 def test_a_residual_is_an_acceleration_of_the_nominal_arm():
-    env = TwoLinkArmEnv("mixed-error-2")
-    observation = env.reset(seed=0)[0][None]
-    adapter = AgentAdapter(AdapterSettings("residual", residual=3.0), env.interface)
-    torques = [
-        adapter.torque(np.array([action]), observation, adapter.initial(observation))[0]
-        for action in ([0, 0], [1, -0.5])
-    ]
-    change = [
-        forward_dynamics(env.interface.nominal, observation[:, :2], np.zeros((1, 2)), torque) for torque in torques
-    ]
-    np.testing.assert_allclose(change[1] - change[0], [[3.0, -1.5]])
+    env, observation, torque = start("mixed-error-2", "residual", residual=3.0)
+    motion = observation[:, :2], np.zeros((1, 2))
+    none, some = (forward_dynamics(env.interface.nominal, *motion, torque(*each)) for each in ((0, 0), (1, -0.5)))
+    np.testing.assert_allclose(some - none, [[3.0, -1.5]])
 
 
 def test_a_blend_is_between_its_laws():
-    env = TwoLinkArmEnv("servo-practice-payload-1")
-    observation = env.reset(seed=0)[0][None]
-    adapter = AgentAdapter(AdapterSettings("blend", base="pid-flm", second="lqg"), env.interface)
+    env, observation, torque = start("servo-practice-payload-1", "blend", base="pid-flm", second="lqg")
     laws = [controllers.make(name, env.interface) for name in ("pid-flm", "lqg")]
     first, second = (law.torque(observation, law.initial(observation))[0] for law in laws)
     for action, expected in ((1.0, first), (-1.0, second), (0.5, 0.75 * first + 0.25 * second)):
-        torque, _ = adapter.torque(np.full((1, 2), action), observation, adapter.initial(observation))
-        np.testing.assert_allclose(torque, expected)
+        np.testing.assert_allclose(torque(action, action), expected)
 
 
 def test_memory_is_the_running_mean_of_the_squares_of_errors_and_of_their_change():
@@ -168,33 +162,10 @@ def test_an_agent_observes_the_drive_and_its_own_sensors_only():
         np.testing.assert_allclose(observed[0, -7:], [0.4, 0.4, 0.2, 0.6, 1.0, 0.0, 0.0])
 
 
-def test_an_agent_decides_once_in_a_period_and_its_law_at_each_step():
-    """In training as in use."""
-    scenario = scenarios.get("servo-practice-delay-3").replace(duration=1.0)
-    settings = AdapterSettings("residual", base="pd-gravity", history=2, period=0.05, sensors=MOTION)
-    alone, trained = (TwoLinkArmVectorEnv(3, scenario, autoreset_mode="SameStep") for _ in range(2))
-    agent = Agent(alone.interface, settings, random_actor(settings, alone.interface))
-    env = VectorAdapter(trained, settings)
-    observation, state = alone.reset(seed=7)[0], None
-    seen, _ = env.reset(seed=7)
-    for _ in range(19):
-        seen, mean, *_ = env.step(agent.actor(seen))
-        rewards, decided = [], []
-        for _ in range(5):
-            action, state = agent.predict(observation, state)
-            observation, reward, *_ = alone.step(action)
-            rewards.append(reward)
-            decided.append(state.action)
-        np.testing.assert_array_equal(decided, decided[:1] * 5)
-        np.testing.assert_allclose(np.mean(rewards, axis=0), mean, atol=1e-12)
-        np.testing.assert_array_equal(alone.truth.position, trained.truth.position)
-
-
 def test_an_episode_that_ends_within_a_period_ends_once():
     scenario = scenarios.get("servo-practice-nominal").replace(duration=0.07)
-    env = VectorAdapter(
-        TwoLinkArmVectorEnv(2, scenario, autoreset_mode="SameStep"), AdapterSettings(period=0.05, sensors=MOTION)
-    )
+    arms = TwoLinkArmVectorEnv(2, scenario, autoreset_mode="SameStep")
+    env = VectorAdapter(arms, AdapterSettings(period=0.05, sensors=MOTION))
     env.reset(seed=1)
     ends = [env.step(np.zeros((2, 2))) for _ in range(2)]
     assert [truncated.tolist() for *_, truncated, _ in ends] == [[False] * 2, [True] * 2]
@@ -202,13 +173,10 @@ def test_an_episode_that_ends_within_a_period_ends_once():
 
 
 def test_a_residual_fades_at_the_torque_limits():
-    env = TwoLinkArmEnv("servo-nominal")
-    observation = env.reset(seed=0)[0][None].copy()
+    env, observation, torque = start("servo-nominal", "residual", base="pd-gravity", sensors=MOTION)
     observation[:, env.interface.layout["reference_position"]] += 3.0
-    adapter = AgentAdapter(AdapterSettings("residual", base="pd-gravity", sensors=MOTION), env.interface)
-    law, _ = adapter.torque(np.zeros((1, 2)), observation, adapter.initial(observation))
-    assert (np.abs(law) >= env.interface.torque_limit).all()
-    np.testing.assert_array_equal(adapter.torque(np.ones((1, 2)), observation, adapter.initial(observation))[0], law)
+    assert (np.abs(torque(0.0, 0.0)) >= env.interface.torque_limit).all()
+    np.testing.assert_array_equal(torque(1.0, 1.0), torque(0.0, 0.0))
 
 
 def test_an_agent_is_not_applicable_without_its_sensors():
@@ -218,3 +186,65 @@ def test_an_agent_is_not_applicable_without_its_sensors():
         ValueError, match=r"not applicable: .* position, velocity, acceleration, got position, velocity"
     ):
         Agent(TwoLinkArmEnv("servo-nominal").interface, settings, actor)
+
+
+def expected_context(env):
+    """Return the context by its definition."""
+    truth, nominal = env.unwrapped.truth, env.unwrapped.interface.nominal
+    ratios = np.hstack([truth.masses / [nominal.m1, nominal.m2], truth.lengths / [nominal.L1, nominal.L2]])
+    return np.column_stack([np.log(ratios), truth.payload / nominal.m2])
+
+
+def test_the_context_follows_the_observation_of_other_agents():
+    """It is the truth now; in an episode's last observation, that of the finished episode."""
+    arms = (TwoLinkArmVectorEnv(3, **PAYLOAD_OPTIONS, autoreset_mode="SameStep") for _ in range(2))
+    plain, env = (VectorAdapter(next(arms), AdapterSettings(history=2, context=context)) for context in (False, True))
+    size = plain.single_observation_space.shape[0]
+    assert env.single_observation_space.shape == (size + len(CONTEXT),)
+    rng, payloads = np.random.default_rng(0), set()
+    plain_observation, observation = plain.reset(seed=4)[0], env.reset(seed=4)[0]
+    for _ in range(45):
+        context = expected_context(env)
+        np.testing.assert_array_equal(observation[:, :size], plain_observation)
+        np.testing.assert_allclose(observation[:, size:], context, rtol=0, atol=1e-15)
+        payloads.add(float(observation[0, -1]))
+        actions = rng.uniform(-1, 1, (3, 2))
+        plain_observation, *_, plain_infos = plain.step(actions)
+        observation, *_, infos = env.step(actions)
+        for lane in np.flatnonzero(infos.get("_final_obs", [])):
+            np.testing.assert_array_equal(infos["final_obs"][lane][:size], plain_infos["final_obs"][lane])
+            np.testing.assert_allclose(infos["final_obs"][lane][size:], context[lane], rtol=0, atol=1e-15)
+            assert np.any(np.abs(context - expected_context(env)) > 0.01)
+    assert payloads == {0.0, 10.0 / 15.0}
+
+
+@pytest.mark.parametrize(("context", "access"), [(False, "nominal"), (True, "privileged")])
+def test_only_an_agent_with_context_is_privileged_and_gets_the_environment(context, access, tmp_path):
+    env = TwoLinkArmVectorEnv(3, "everything-2")
+    settings = AdapterSettings(context=context)
+    write(tmp_path, random_actor(settings, env.interface), {"interface": dataclasses.asdict(settings)})
+    assert resolve(str(tmp_path)).access == access
+    agent = resolve(str(tmp_path)).make(env)
+    assert agent.env is (env if context else None)
+
+
+def test_an_agent_with_context_needs_the_environment(tmp_path):
+    env = TwoLinkArmVectorEnv(3, "everything-2")
+    settings = AdapterSettings(context=True)
+    actor = random_actor(settings, env.interface)
+    write(tmp_path, actor, {"interface": dataclasses.asdict(settings)})
+    with pytest.raises(ValueError, match="so it needs the environment, got its interface"):
+        resolve(str(tmp_path)).make(env.interface)
+    observations, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"made for an environment of 3 lanes, .* got 1 observations"):
+        resolve(str(tmp_path)).make(env).predict(observations[:1])
+
+
+AGENTS = ("ppo-context@0", str(SHIPPED / "ppo-context" / "0"))
+
+
+def test_the_board_does_not_rank_an_agent_with_context():
+    cells = [Cell(policy, "everything-2", (0, 1)) for policy in ("cascade-flm", "oracle-flm", *AGENTS)]
+    board = assemble([run_cell(cell) for cell in cells])
+    assert [board.policies[i] for i in board.ranked] == ["cascade-flm"]
+    assert board.order[0] == 0

@@ -1,14 +1,20 @@
-"""Training runs of a few hundred steps."""
+"""Training runs of a few hundred steps, and the command `fbl-gym train`."""
 
 import copy
 import csv
+import json
 import pickle
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from benchmarks import cli
 from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.agent import describe, read, saved_agent
 from benchmarks.rl.progress import Progress
@@ -16,7 +22,6 @@ from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
 from benchmarks.rl.training_settings import LEAST_LANES, TrainingSettings, shipped_hyperparameters
 from benchmarks.rl.validation import VALIDATION, tracking_error, validate
-from benchmarks.seeds import SPLITS
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
@@ -51,30 +56,18 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
 
 
 def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
-    each = tuple(
-        scenarios.get(name).replace(duration=0.2) for name in ("servo-practice-nominal", "servo-practice-delay-3")
-    )
+    names = ["servo-practice-nominal", "servo-practice-delay-3"]
+    each = tuple(scenarios.get(name).replace(duration=0.2) for name in names)
     adapter = AdapterSettings("residual", history=2, drive=True, sensors=("position", "velocity"))
     train(settings(scenarios=each, adapter=adapter), tmp_path, evaluations=2)
-    assert describe(tmp_path)["scenarios"] == ["servo-practice-nominal", "servo-practice-delay-3"]
+    assert describe(tmp_path)["scenarios"] == names
     error = validate(lambda env: saved_agent(env, str(tmp_path)), each)
     assert error == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
 
 
-def test_an_algorithm_has_hyperparameters_of_its_own_for_blends():
-    blend = TrainingSettings("ppo", AdapterSettings("blend", second="pid-flm"))
-    assert blend.hyperparameters == shipped_hyperparameters("ppo", "blend") != shipped_hyperparameters("ppo")
-
-
-def test_a_scenario_of_the_board_is_refused():
-    with pytest.raises(ValueError, match=r"scenario must be one to train on.*servo-lag-2"):
-        settings(scenarios=(scenarios.get("servo-lag-2"),))
-
-
 def test_several_scenarios_have_enough_lanes_each():
     each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
-    assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES
-    assert TrainingSettings("ppo").lanes == 64
+    assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES != TrainingSettings("ppo").lanes
 
 
 def test_a_run_repeats_and_its_seed_matters(tmp_path):
@@ -152,11 +145,6 @@ def test_a_finished_run_is_extended(algorithm, tmp_path, capsys):
 
 def test_a_folder_with_other_settings_is_refused(tmp_path):
     train(settings(), tmp_path, evaluations=1)
-    (tmp_path / "run.json").write_text("{")
-    with pytest.raises(ValueError, match="folder must be new or hold a run of the same settings"):
-        train(settings(), tmp_path)
-    (tmp_path / "run.json").unlink()
-    train(settings(), tmp_path)
     with pytest.raises(ValueError, match="folder must be new or hold a run of the same settings"):
         train(settings(seed=1), tmp_path)
 
@@ -164,14 +152,6 @@ def test_a_folder_with_other_settings_is_refused(tmp_path):
 def test_a_run_of_some_processor_time_ends(tmp_path):
     train(settings(minutes=0.01), tmp_path, evaluations=2)
     assert describe(tmp_path)["wall_s"] < 60
-
-
-def test_the_splits_of_seeds_do_not_overlap():
-    assert set(VALIDATION) < set(SPLITS["validation"])
-    splits = list(SPLITS.values())
-    for i, one in enumerate(splits):
-        for other in splits[i + 1 :]:
-            assert one.stop <= other.start or other.stop <= one.start
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -189,6 +169,7 @@ def test_shipped_hyperparameters_state_their_tuning(algorithm):
         ({"seed": 99999999}, "seed must be 0 to 2146482, since each has 1000 training seeds, got 99999999"),
         ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
         ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
+        ({"scenarios": (scenarios.get("servo-lag-2"),)}, r"scenario must be one to train on.*servo-lag-2"),
     ],
 )
 def test_wrong_settings_are_refused(changes, message):
@@ -200,3 +181,81 @@ def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
     assert settings().steps == PPO["steps"]
     assert settings(minutes=1.0).steps is None
     assert TrainingSettings("ppo").steps == shipped_hyperparameters("ppo")["steps"]
+    blend = TrainingSettings("ppo", AdapterSettings("blend", second="pid-flm"))
+    assert blend.hyperparameters == shipped_hyperparameters("ppo", "blend") != shipped_hyperparameters("ppo")
+
+
+DOCS = Path(__file__).parents[3] / "docs"
+PAGES = "\n".join(
+    (DOCS / page).read_text() for page in ("how-to/train.md", "how-to/offline-learning.md", "results/agents.md")
+)
+
+
+@pytest.fixture
+def short(folder):
+    """A folder with hyperparameters of a short run."""
+    arguments = {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}
+    (folder / "short.json").write_text(json.dumps({"ppo": {"lanes": 4, "steps": 80, "arguments": arguments}}))
+    return folder
+
+
+SHORT = "train ppo --hyperparameters short.json --steps 80"
+
+
+def test_options_reach_the_agent(short, fbl_gym):
+    printed = fbl_gym(f"{SHORT} --interface residual --history 1 --context --scenario mixed-error-1")
+    assert "agent: runs/ppo-residual-0" in printed.out
+    assert "left" in printed.err
+    description = describe(short / "runs" / "ppo-residual-0")
+    assert description["interface"]["history"] == 1
+    assert description["interface"]["context"] is True
+    assert description["scenario"]["name"] == "mixed-error-1"
+
+
+@pytest.mark.slow
+def test_the_pages_on_learning_run(folder):
+    """Their training and recording commands with fewer steps, then its Python as printed, in one process."""
+    (command,) = [line for line in PAGES.splitlines() if line == "fbl-gym train ppo"]
+    assert cli.main([*command.split()[1:], "--steps", "16384"]) == 0
+    for line in PAGES.splitlines():
+        if line.startswith("fbl-gym record") and find_spec("minari"):
+            assert cli.main([*line.split()[1:], "--episodes", "2"]) == 0
+    blocks = re.findall(r"```python\n(.*?)```", PAGES, flags=re.S)
+    absent = [package for package in ("d3rlpy", "minari") if find_spec(package) is None]
+    code = "\n".join(block for block in blocks if not any(f"import {package}" in block for package in absent))
+    code = code.replace("learn(150_000)", "learn(2_048)").replace("range(20_000)", "range(20)")
+    code = code.replace("(1, 3)", "()").replace("n_steps=10_000", "n_steps=20, n_steps_per_epoch=10")
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    assert (folder / "trace.png").exists()
+    for archive in ("model.zip", *([] if "minari" in absent else ["cloned.zip"])):
+        assert cli.main(["evaluate", archive, "--trust", "--scenario", "everything-2", "--seeds", "1"]) == 0
+    assert json.loads((folder / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
+        ("--hyperparameters lanes.json", "hyperparameters.lanes must be at most 1000"),
+        ("--hyperparameters words.json", "hyperparameters.arguments must be those of PPO: TypeError"),
+        ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
+    ],
+)
+def test_a_mistake_of_the_command_is_answered_with_what_is_right(options, message, short, fbl_gym):
+    files = {
+        "lanes": {"ppo": {"lanes": 1001, "steps": 80, "arguments": {"learning_rate": 1e-3}}},
+        "words": {"ppo": {"lanes": 4, "steps": 80, "arguments": {"learning_rate": 1e-3, "n_step": 3}}},
+    }  # fmt: skip
+    for name, content in files.items():
+        (short / f"{name}.json").write_text(json.dumps(content))
+    (short / "none.json").touch()
+    assert message in fbl_gym(f"train ppo --hyperparameters short.json {options}", 2).err
+
+
+@pytest.mark.parametrize(("name", "content"), [("run.json", b""), ("run.json", b"[]"), ("checkpoint.pt", b"PK")])
+def test_a_damaged_run_is_refused(name, content, short, fbl_gym):
+    fbl_gym(f"{SHORT} --out run")
+    (short / "run" / name).write_bytes(content)
+    said = fbl_gym(f"{SHORT} --out run", 2).err
+    assert "fbl-gym: folder must be new" in said or "cannot be resumed" in said

@@ -1,4 +1,4 @@
-"""Films of traces: in real time, side by side, and of the same arm that the environment draws."""
+"""Figures that a journal takes, and films in real time, side by side, of the arm that the environment draws."""
 
 import dataclasses
 import itertools
@@ -6,13 +6,72 @@ import itertools
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from PIL import Image
 
 import controllers
+from benchmarks.report import plot
+from benchmarks.report.plot import Line, Panel, plot_comparison, plot_lines, plot_trace
 from benchmarks.report.video import film, picture, write_video
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmEnv, scenarios
 from fbl_gym.view.render import View
+
+X = np.linspace(0.0, 1.0, 5)
+
+
+@pytest.fixture(scope="module")
+def trace():
+    return rollout("pd-gravity", scenarios.get("noise-2").replace(duration=0.6), range(3))
+
+
+@pytest.fixture
+def panels(monkeypatch):
+    """The panels that are drawn, instead of a figure."""
+    drawn = []
+    monkeypatch.setattr(plot, "plot_lines", lambda _title, panels, *_, **__: drawn.extend(panels))
+    return drawn
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_the_ending_gives_the_format(columns, tmp_path):
+    panels = [Panel("", "time [s]", "error [%]", (Line(X, X, "a", low=X - 1, high=X + 1), Line(X, X, "_")))]
+    for ending in ("png", "pdf", "svg"):
+        plot_lines("not drawn", panels, tmp_path / f"figure.{ending}", columns)
+    pdf, svg = (tmp_path / "figure.pdf").read_bytes(), (tmp_path / "figure.svg").read_text()
+    assert b"/FontFile2" in pdf  # TrueType, embedded
+    assert b"/Type3" not in pdf
+    assert ">error [%]</text>" in svg
+    assert ">not drawn</text>" not in svg
+    with Image.open(tmp_path / "figure.png") as picture:
+        assert picture.width == round(300 * plot.WIDTHS[columns])
+        assert picture.info["Title"] == "not drawn"
+
+
+def test_lines_differ_in_grey_print():
+    styles = {(plot.MARKERS[i % len(plot.MARKERS)], plot.DASHES[i % len(plot.DASHES)]) for i in range(28)}
+    assert len(styles) == 28
+
+
+def test_several_seeds_give_medians_and_bands(trace, panels, tmp_path):
+    plot_trace(trace, "t", tmp_path / "trace.png")
+    angle, error, torque = panels  # no disturbance acts
+    np.testing.assert_array_equal(angle.lines[0].y, trace.position[:, 0, 0])  # each seed has its reference
+    np.testing.assert_allclose(torque.lines[1].y, np.median(trace.torque[..., 1], axis=1))
+    assert np.all(error.lines[0].low <= error.lines[0].high)
+    panels.clear()
+    first = {name: getattr(trace, name)[:, :1] for name in ("position", "reference", "torque", "alive", "disturbance")}
+    plot_trace(dataclasses.replace(trace, seeds=(0,), **first), "t", tmp_path / "trace.png")
+    assert panels[1].lines[0].low is None
+
+
+def test_a_diverged_run_counts_in_a_comparison(trace, panels, tmp_path):
+    dead = dataclasses.replace(trace, alive=np.zeros_like(trace.alive))
+    plot_comparison({"a": trace, "dead": dead}, "t", tmp_path / "errors.png")
+    np.testing.assert_allclose(panels[0].lines[1].y, 1e3 * np.pi)
+    assert len(panels[0].lines[0].x) == 50
+    assert panels[0].lines[0].y.max() < 1e3
+
 
 SHORT = scenarios.get("everything-1").replace(duration=0.4)
 

@@ -1,17 +1,20 @@
-"""Parts of a law in names: of registered laws and of a user's file, before the gains."""
+"""A law's text may have parts, and may end in gains: numbers, a file, or a folder with a file for each law."""
 
+import dataclasses
 import json
 
 import pytest
 
 import controllers
+from benchmarks.policies import external
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import rollout
+from benchmarks.run.suite import Cell
 from controllers.composition import compose
 from controllers.policy import TorqueLaw
 from controllers.registry import tuned_gains
-from fbl_gym import TwoLinkArmEnv, scenarios
+from fbl_gym import SECTION_2_2, TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.records import tuning_ranges
 
 LAW = """
@@ -37,10 +40,9 @@ TASK = scenarios.get("everything-2").replace(duration=0.5)
 
 
 @pytest.fixture
-def law(tmp_path, monkeypatch):
+def law(folder):
     """Write a law into a file of the current folder, and return the file's name."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "parted.py").write_text(LAW.format(gain="observer"))
+    (folder / "parted.py").write_text(LAW.format(gain="observer"))
     return "parted.py"
 
 
@@ -61,7 +63,6 @@ def test_a_plus_in_a_path_is_no_part():
 @pytest.mark.parametrize(
     ("end", "error"),
     [
-        ("+barier", "unknown part 'barier'; did you mean 'barrier'"),
         (":function+barrier", "parts go with a subclass of TorqueLaw, got 'function'"),
         ("@frequency=3+barrier", r"parts of a law come before its gains: parted.py\+barrier@frequency=3"),
         ("@my_gains+barrier", r"parts of a law come before its gains: parted.py\+barrier@my_gains"),
@@ -79,9 +80,8 @@ def test_gains_of_the_law_are_also_those_of_the_law_with_parts(law, tmp_path):
     assert policy.kalman_bandwidth == compose(TorqueLaw, "kalman").kalman_bandwidth
     (tmp_path / "parted.py.json").write_text(json.dumps({"policy": law, "gains": {"frequency": 3.0}}))
     assert resolve(f"{law}+kalman@{tmp_path}").parsed.given_gains == {"frequency": 3.0}
-    (tmp_path / "parted.py+kalman.json").write_text(
-        json.dumps({"policy": f"{law}+kalman", "gains": {"frequency": 4.0}})
-    )
+    gains = {"policy": f"{law}+kalman", "gains": {"frequency": 4.0}}
+    (tmp_path / "parted.py+kalman.json").write_text(json.dumps(gains))
     assert resolve(f"{law}+kalman@{tmp_path}").parsed.given_gains == {"frequency": 4.0}
     with pytest.raises(ValueError, match=r"has the gains of parted.py\+kalman, not of parted.py"):
         resolve(f"{law}@parted.py+kalman.json")
@@ -96,3 +96,67 @@ def test_a_gain_with_a_name_of_the_composed_law_is_refused(law, tmp_path, gain):
     (tmp_path / law).write_text(LAW.format(gain=gain))
     with pytest.raises(ValueError, match=f"has a {gain} of its own, so a gain of Law needs another name"):
         resolve(f"{law}+kalman")
+
+
+@pytest.fixture(autouse=True)
+def files(folder):
+    (folder / "law.py").write_text("from controllers.simple import PdGravity\n\nmake_policy = PdGravity\n")
+    (folder / "my_arm").mkdir()
+    (folder / "my_arm/pd-gravity.json").write_text(json.dumps({"gains": {"frequency": 8.0}}))
+    (folder / "gains.json").write_text('{"frequency": [8, 9]}')
+
+
+@pytest.mark.parametrize(
+    ("text", "frequency", "damping"),
+    [
+        ("pd-gravity@my_arm", (8.0, 8.0), 0.4),
+        ("pd-gravity@my_arm/pd-gravity.json@damping=0.7", (8.0, 8.0), 0.7),
+        ("law.py@gains.json", (8.0, 9.0), 0.4),
+        ("law.py:PdGravity@frequency=8,9", (8.0, 9.0), 0.4),
+    ],
+)
+def test_gains_of_a_text_reach_the_law(text, frequency, damping):
+    spec = resolve(text)
+    law = spec.make(TwoLinkArmEnv())
+    assert law.frequency == frequency
+    assert law.damping == (damping, damping)
+    assert spec.tuning == "given gains"
+    assert Cell(spec, "nominal", (0,)).key != Cell(spec.parsed.code.text, "nominal", (0,)).key
+
+
+def test_tuned_gains_are_changed_one_by_one():
+    tuned, changed = (resolve(text).configuration for text in ("pid-flm@tuned", "pid-flm@tuned@kp=7"))
+    assert changed == {**tuned, "kp": [7.0, 7.0]}
+
+
+def test_gains_hide_no_code_that_needs_trust():
+    with pytest.raises(external.Untrusted, match=r"law\.py@gains\.json, whose code would be run"):
+        external.expect_trust(PolicyName.parse("law.py@gains.json"), "a suite")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("pid-flm@lost/gains", "gains of pid-flm: there is no file lost/gains/pid-flm.json"),
+        ("law.py@lost.json", "gains of law.py: there is no file lost.json"),
+        ("law.py@law.json", "law.json must be JSON with numbers"),
+        ("pid-flm@kp=x", "must be such as kp=25, or kp=25,30 for the two joints, got 'kp=x'"),
+        ("ppo-memory@kp=3", "unknown argument of ppo-memory 'kp'"),
+    ],
+)
+def test_wrong_gains_are_refused(text, message, folder):
+    (folder / "law.json").write_text('{"gains": {"kp": "x"}}')
+    with pytest.raises(ValueError, match=message):
+        resolve(text)
+
+
+def test_gains_of_another_arm_are_named(folder, fbl_gym):
+    arm = dataclasses.asdict(TABLE_1)
+    (folder / "told.json").write_text(json.dumps({"gains": {"frequency": 8.0}, "arms": [arm]}))
+    name = PolicyName.parse("pd-gravity@told.json")
+    assert name.gains_of_other_arms(TABLE_1) == []
+    assert name.gains_of_other_arms(SECTION_2_2) == [folder / "told.json"]
+    assert PolicyName.parse("pd-gravity@gains.json").gains_of_other_arms(SECTION_2_2) == []
+    for scenario, names in (("nominal", False), ("servo-nominal", True)):
+        shown = fbl_gym(f"evaluate pd-gravity@told.json --scenario {scenario} --seeds 1").out
+        assert ("told.json has the gains of another arm" in shown) == names

@@ -1,0 +1,287 @@
+"""Stable-baselines3: its archives are policies, its tools and vectors take the environment, actors are exported."""
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+import controllers
+import fbl_gym
+from benchmarks.policies import external
+from benchmarks.policies.name import PolicyName
+from benchmarks.policies.spec import resolve
+from benchmarks.rl.adapter import AdapterSettings
+from benchmarks.rl.export import export
+from benchmarks.rl.sb3 import ALGORITHMS, find_class, load_zip
+from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmVectorEnv
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_an_archive_is_loaded_only_with_trust(tmp_path):
+    env = TwoLinkArmEnv()
+    _, path = save_model(tmp_path, env)
+    with pytest.raises(ValueError, match="runs the code in it"):
+        load_zip(path, env.interface)
+    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+        load_zip(path, TwoLinkArmEnv(preview=1).interface, trust=True)
+
+
+def same_action(policy, model, observation):
+    """The policy and the model give the same action, to the bit."""
+    actions = [each.predict(observation, deterministic=True)[0] for each in (policy, model)]
+    np.testing.assert_array_equal(*actions)
+
+
+SETTINGS = {
+    "PPO": {}, "SAC": {"buffer_size": 10}, "TQC": {"module": "sb3_contrib", "buffer_size": 10},
+    "ARS": {"module": "sb3_contrib"}, "RecurrentPPO": {"module": "sb3_contrib", "policy": "MlpLstmPolicy"},
+}  # fmt: skip
+"""Of algorithms: their module, their network, and what makes them small."""
+
+
+def save_model(folder, env, algorithm="PPO"):
+    """Save a model that has not learned."""
+    settings = {"module": "stable_baselines3", "policy": "MlpPolicy"} | SETTINGS[algorithm]
+    module = pytest.importorskip(settings.pop("module"))
+    model = getattr(module, algorithm)(settings.pop("policy"), env, device="cpu", seed=0, **settings)
+    model.save(folder / "model.zip")
+    return model, folder / "model.zip"
+
+
+def rescaled():
+    return gymnasium.wrappers.RescaleObservation(TwoLinkArmEnv(), np.float64(-1), np.float64(1))
+
+
+@pytest.mark.parametrize(
+    ("env", "message"),
+    [
+        (rescaled, "observation_space .* -25.1327 to 25.1327, .* got -1 to 1: train it with .*TwoLinkArmTracking-v0"),
+        (lambda: TwoLinkArmEnv(action="torque"), 'got -2000 to 2000, -800 to 800: train it with action="normalized"'),
+        (lambda: TwoLinkArmTrackingEnv(action="torque"), "got -2000 to 2000, -800 to 800: train it with action="),
+        (lambda: TwoLinkArmEnv(action="acceleration"), 'got -100 to 100: train it with action="normalized"'),
+    ],
+)
+def test_an_archive_of_other_observations_or_actions_is_refused(env, message, tmp_path):
+    """Although their shapes are those of the environment."""
+    _, path = save_model(tmp_path, env())
+    with pytest.raises(ValueError, match=message):
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+
+
+@pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
+def test_a_zip_of_single_precision_or_monitored_by_sb3_acts_as_it_was_save_model(tmp_path):
+    plain = gymnasium.make("fbl_gym/TwoLinkArm-v0")
+    observation, _ = plain.reset(seed=0)
+    for env in (Monitor(plain), gymnasium.wrappers.DtypeObservation(plain, np.float32)):
+        model, path = save_model(tmp_path, env)
+        same_action(load_zip(path, plain.unwrapped.interface, trust=True), model, observation)
+
+
+@pytest.mark.parametrize("algorithm", SETTINGS)
+def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, tmp_path):
+    env = TwoLinkArmEnv()
+    model, path = save_model(tmp_path, env, algorithm)
+    external.trust(PolicyName.parse(str(path)))
+    observation, _ = env.reset(seed=0)
+    same_action(resolve(str(path)).make(env), model, observation)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "options"),
+    [("PPO", {}), ("PPO", {"past_actions": 0}), ("RecurrentPPO", {"scenario": "servo-delay-2"})],
+)
+def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(algorithm, options, tmp_path):
+    tracking = TwoLinkArmTrackingEnv(**options)
+    model, path = save_model(tmp_path, tracking, algorithm)
+    lanes = TwoLinkArmVectorEnv(2, options.get("scenario"), autoreset_mode="SameStep")
+    archive = load_zip(path, lanes.interface, trust=True)
+    a, b = tracking.reset(seed=1)[0], lanes.reset(seed=0)[0]
+    mine = theirs = starts = None
+    for _ in range(20):
+        action, mine = model.predict(a, mine, None if starts is None else starts[1:], deterministic=True)
+        actions, theirs = archive.predict(b, theirs, starts, deterministic=True)
+        np.testing.assert_allclose(actions[1], action, atol=2e-3)  # the first action is from measured positions
+        a, b = tracking.step(action)[0], lanes.step(actions)[0]
+        starts = np.zeros(2, dtype=bool)
+    restarted = archive.predict(b, theirs, np.array([True, False]), deterministic=True)[1][0]
+    np.testing.assert_array_equal(restarted[1, :2], archive.predict(b, theirs, deterministic=True)[1][0][1, :2])
+
+
+def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
+    _, path = save_model(tmp_path, TwoLinkArmTrackingEnv())
+    external.trust(PolicyName.parse(str(path)))
+    for scenario in ("everything-2", "servo-everything-2"):
+        env = TwoLinkArmEnv(scenario)
+        action, _ = resolve(str(path)).make(env).predict(env.reset(seed=0)[0])
+        assert env.action_space.contains(action)
+    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+        load_zip(path, TwoLinkArmEnv(sensors=("position",)).interface, trust=True)
+
+
+def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sbx", None)  # as if it were not installed
+    path = tmp_path / "model.zip"
+    for data, message in (
+        ({"policy_class": {"__module__": "mine.policies"}}, "must hold a model .* got a network of mine.policies"),
+        ({"policy_class": {"__module__": "sbx.sac.policies"}}, "needs sbx, which is not .*: pip install sbx-rl"),
+        ({"policy_class": {"__module__": "sb3_contrib.none.policies"}}, "needs none of sb3_contrib, which has no such"),
+        ({}, "must be an archive that stable-baselines3's save wrote"),
+    ):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data", json.dumps(data))
+        with pytest.raises(ValueError, match=message):
+            load_zip(path, TwoLinkArmEnv().interface, trust=True)
+    path.write_bytes(b"PK")
+    with pytest.raises(ValueError, match="must be an archive that stable-baselines3's save wrote"):
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+
+
+@pytest.mark.parametrize("name", ["ppo-torque", "oracle-flm"])
+def test_sb3_evaluates_a_policy(name):
+    env = Monitor(gymnasium.make("fbl_gym/TwoLinkArm-v0", scenario="everything-2", duration=1.0))
+    reward, _ = evaluate_policy(controllers.make(name, env), env, n_eval_episodes=2)
+    assert 80.0 < reward <= 100.0
+
+
+@pytest.mark.slow
+def test_rl_zoo3_trains_with_the_shipped_file_and_its_archive_is_a_policy(tmp_path):
+    pytest.importorskip("rl_zoo3")
+    command = "-m rl_zoo3.train --algo ppo --env fbl_gym/TwoLinkArmTracking-v0 --gym-packages fbl_gym --conf-file"
+    options = [str(ROOT / "benchmarks" / "rl" / "rl_zoo3.yml"), *["--eval-freq", "-1", "-n", "2048", "--device", "cpu"]]
+    done = subprocess.run([sys.executable, *command.split(), *options], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (archive,) = tmp_path.rglob("*.zip")
+    env = TwoLinkArmEnv("servo-nominal")
+    action, _ = load_zip(archive, env.interface, trust=True).predict(env.reset(seed=0)[0])
+    assert env.action_space.contains(action)
+
+
+OFF_POLICY = {"learning_starts": 10, "buffer_size": 100}
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_the_exported_actor_acts_like_sb3s(algorithm):
+    """Equal to single precision, in which SB3 computes; after some learning, so that biases and normalization matter."""
+    if ALGORITHMS[algorithm].startswith("sb3_contrib"):
+        pytest.importorskip("sb3_contrib")
+    arms = TwoLinkArmVectorEnv(2, "everything-2", autoreset_mode="SameStep")
+    options = {"n_steps": 16, "batch_size": 16} if algorithm == "ppo" else OFF_POLICY.copy()
+    options |= {"seed": 0, "device": "cpu", "learning_rate": 0.01, "policy_kwargs": {"net_arch": [16, 16]}}
+    model = find_class(algorithm)("MlpPolicy", ArmVecEnv(VectorAdapter(arms, AdapterSettings())), **options)
+    model.learn(64)
+    observations = np.random.default_rng(0).uniform(-2, 2, (200, 12)).astype(np.float32)
+    actions = model.predict(observations, deterministic=True)[0]
+    assert actions.std() > 0.01
+    np.testing.assert_allclose(export(model)(observations.astype(float)), actions, rtol=0, atol=2e-6)
+
+
+LANES = 3
+# Some lanes diverge, others are truncated, at different steps.
+OPTIONS = {
+    "scenario": "everything-3", "duration": 0.4, "limits": {"velocity": 4.0}, "constraints": {"velocity": 2.0},
+}  # fmt: skip
+
+
+def batched():
+    return ArmVecEnv(fbl_gym.TwoLinkArmTrackingVectorEnv(LANES, autoreset_mode="SameStep", **OPTIONS))
+
+
+def singles():
+    make = lambda: gymnasium.make("fbl_gym/TwoLinkArmTracking-v0", **OPTIONS)
+    return DummyVecEnv([make] * LANES)
+
+
+def test_every_step_equals_that_of_single_environments():
+    ours, theirs = batched(), singles()
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    rng, ends, costs = np.random.default_rng(0), {True: 0, False: 0}, set()
+    for seed in (5, None, 9):
+        if seed is not None:
+            assert ours.seed(seed) == theirs.seed(seed)
+        np.testing.assert_array_equal(ours.reset(), theirs.reset())
+        assert ours.reset_infos == theirs.reset_infos
+        for _ in range(100):
+            actions = rng.uniform(-0.5, 0.5, (LANES, 2)).astype(np.float32)
+            one, two = ours.step(actions), theirs.step(actions)
+            for a, b in zip(one[:3], two[:3], strict=True):
+                np.testing.assert_array_equal(a, b)
+                assert a.dtype == b.dtype
+            for info, single_info in zip(one[3], two[3], strict=True):
+                assert info.keys() == single_info.keys()
+                assert info["cost"] == single_info["cost"]
+                costs.add(info["cost"])
+                assert info["TimeLimit.truncated"] is bool(single_info["TimeLimit.truncated"])
+                if "terminal_observation" in single_info:
+                    np.testing.assert_array_equal(info["terminal_observation"], single_info["terminal_observation"])
+                    ends[info["TimeLimit.truncated"]] += 1
+    assert min(ends.values()) > 0
+    assert costs == {0.0, 1.0}
+
+
+def test_attributes_and_methods_follow_sb3():
+    env = batched()
+    assert env.get_attr("render_mode") == [None] * LANES
+    assert env.get_attr("interface", indices=1) == [env.envs[0].unwrapped.interface]
+    assert env.env_is_wrapped(gymnasium.wrappers.TimeLimit) == [False] * LANES
+    assert not env.has_attr("no_such_thing")
+    for change in (lambda: env.set_attr("scenario", None), lambda: env.env_method("reset")):
+        with pytest.raises(AttributeError, match="lanes share one environment"):
+            change()
+
+
+def test_environments_side_by_side_are_one():
+    def batch(scenario):
+        duration = 0.05 if scenario == "nominal" else 0.1
+        return fbl_gym.TwoLinkArmTrackingVectorEnv(2, scenario, autoreset_mode="SameStep", duration=duration)
+
+    names = ("nominal", "everything-2")
+    together, parts = ArmVecEnv(*map(batch, names)), [ArmVecEnv(batch(name)) for name in names]
+    for seed, env in ((1, together), (1, parts[0]), (3, parts[1])):
+        env.seed(seed)
+    np.testing.assert_array_equal(together.reset(), np.concatenate([part.reset() for part in parts]))
+    rng, ends = np.random.default_rng(0), np.zeros(4)
+    for _ in range(12):
+        actions = rng.uniform(-1, 1, (4, 2)).astype(np.float32)
+        *signals, infos = together.step(actions)
+        one, two = parts[0].step(actions[:2]), parts[1].step(actions[2:])
+        for signal, *halves in zip(signals, one, two, strict=False):
+            np.testing.assert_array_equal(signal, np.concatenate(halves))
+        for info, half in zip(infos, one[3] + two[3], strict=True):
+            np.testing.assert_equal(info, half)
+        ends += signals[2]
+    assert ends.tolist() == [2, 2, 1, 1]
+
+
+def test_seeds_and_options_hold_for_one_reset():
+    env = batched()
+    env.seed(4)
+    first, second = env.reset(), env.reset()
+    assert np.any(first != second)
+    env.set_options({"mass": 3})
+    with pytest.raises(ValueError, match="unknown reset option 'mass'"):
+        env.reset()
+
+
+def test_another_autoreset_mode_is_refused():
+    with pytest.raises(ValueError, match="autoreset_mode"):
+        ArmVecEnv(fbl_gym.TwoLinkArmVectorEnv(2))
+
+
+def test_render_shows_all_lanes():
+    pytest.importorskip("pygame")
+    env = ArmVecEnv(fbl_gym.TwoLinkArmVectorEnv(2, autoreset_mode="SameStep", render_mode="rgb_array", render_size=160))
+    env.seed(0)
+    env.reset()
+    assert env.render("rgb_array").shape == (320, 160, 3)
+    assert env.metadata["render_fps"] == 100
