@@ -69,12 +69,11 @@ def add_option(
     parser.add_argument(name, type=kind, default=default, metavar=metavar, help=f"{meaning} ({default})")
 
 
-def add_policy(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "policy", metavar="POLICY",
-        help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
-        "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json",
-    )  # fmt: skip
+POLICY = (
+    "a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
+    "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json"
+)
+"""The help of the argument POLICY."""
 
 
 def add_policies(parser: argparse.ArgumentParser) -> None:
@@ -88,9 +87,7 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
 
 def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
     parser.add_argument("--plot", type=picture, metavar="FILE", help=f"draw {subject}: .png, .svg or .pdf")
-    parser.add_argument(
-        "--columns", type=int, choices=(1, 2), default=2, help="width of the figure in columns of a journal (2)"
-    )
+    parser.add_argument("--columns", type=int, choices=(1, 2), default=2, help="its width in columns of a journal (2)")
 
 
 def add_tex(parser: argparse.ArgumentParser) -> None:
@@ -103,10 +100,8 @@ def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
         add_option(parser, "--seeds", episodes, seeds, "N", "test seeds 0 to N-1")
     cores = os.cpu_count() or 1
     parser.add_argument("--workers", type=count, default=cores, metavar="N", help="processes (one per core)")
-    parser.add_argument(
-        "--cluster", default="", metavar="ADDRESS",
-        help="run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)",
-    )  # fmt: skip
+    scheduler = "run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)"
+    parser.add_argument("--cluster", default="", metavar="ADDRESS", help=scheduler)
     add_trust(parser)
     add_store(parser)
 
@@ -116,9 +111,7 @@ def add_store(parser: argparse.ArgumentParser) -> None:
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--trust", action="store_true", help="run the code in an archive, and that of policies which a file names"
-    )
+    parser.add_argument("--trust", action="store_true", help="run the code of an archive, and of policies in a file")
 
 
 # What commands share.

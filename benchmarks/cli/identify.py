@@ -26,28 +26,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files of one arm, which may end in .gz")
     meaning = "a similar arm with the true lengths: a name or a TOML file"
     add_option(parser, "--start", str, "servo-nominal", "SCENARIO", meaning)
-    parser.add_argument(
-        "--toml", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml"
-    )
-    parser.add_argument(
-        "--signals", nargs="+", default=(), metavar="SIGNAL=COLUMNS",
-        help="the columns of time, position, torque (commanded) and velocity, such as time=t torque=u1,u2",
-    )  # fmt: skip
-    parser.add_argument(
-        "--zero", nargs=2, type=float, default=(0.0, 0.0), metavar=("Q1", "Q2"),
-        help="angles of this package where the logs' positions are zero, in rad; -1.5708 0 if they count from hanging (0 0)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--validate", nargs="+", type=Path, default=(), metavar="LOG", help="logs on which to simulate the arm, open loop"
-    )  # fmt: skip
+    add = parser.add_argument
+    add("--toml", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml")
+    columns = "the columns of time, position, torque (commanded) and velocity, such as time=t torque=u1,u2"
+    add("--signals", nargs="+", default=(), metavar="SIGNAL=COLUMNS", help=columns)
+    zero = "angles of this package where the logs' positions are zero, in rad; -1.5708 0 if they count from hanging"
+    add("--zero", nargs=2, type=float, default=(0.0, 0.0), metavar=("Q1", "Q2"), help=zero)
+    add("--validate", nargs="+", type=Path, default=(), metavar="LOG", help="logs on which to simulate it, open loop")
     add_plot(parser, "the first log of --validate: measured, simulated, residual")
-    parser.add_argument(
-        "--plan", type=csv_path, metavar="FILE", help="plan a motion that excites the arm: .csv, and .toml beside it"
-    )
-    parser.add_argument(
-        "--amplitude", nargs=2, type=float, default=(1.0, 1.0), metavar=("A1", "A2"),
-        help="largest distance of the planned motion from hanging, in rad (1 1)",
-    )  # fmt: skip
+    add("--plan", type=csv_path, metavar="FILE", help="plan a motion that excites the arm: .csv, and .toml beside it")
+    distance = "largest distance of the planned motion from hanging, in rad (1 1)"
+    add("--amplitude", nargs=2, type=float, default=(1.0, 1.0), metavar=("A1", "A2"), help=distance)
     add_option(parser, "--speed", float, 5.0, "V", "its largest velocity, in rad/s")
 
 

@@ -19,10 +19,7 @@ from fbl_gym.scenarios.classes import CLASSES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "what", nargs="?", choices=tuple(LISTS),
-        help="the list to print (all)",
-    )  # fmt: skip
+    parser.add_argument("what", nargs="?", choices=tuple(LISTS), help="the list to print (all)")
 
 
 def _policies() -> dict[str, str]:

@@ -16,14 +16,10 @@ from fbl_gym.scenarios import Scenario, as_scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "scenario", nargs="?", default="servo-nominal", metavar="SCENARIO",
-        help="a scenario with your arm: a name or a TOML file (servo-nominal)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--policies", nargs="+", metavar="POLICY",
-        help="to choose from (the laws, with tuned gains where there are some, and the agents)",
-    )  # fmt: skip
+    arm = "a scenario with your arm: a name or a TOML file (servo-nominal)"
+    parser.add_argument("scenario", nargs="?", default="servo-nominal", metavar="SCENARIO", help=arm)
+    candidates = "to choose from (the laws, with tuned gains where there are some, and the agents)"
+    parser.add_argument("--policies", nargs="+", metavar="POLICY", help=candidates)
     meaning = "time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none"
     add_option(parser, "--minutes", float, 5.0, "M", meaning)
     add_run(parser, seeds=16)

@@ -20,11 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_trust(parser)
     add_store(parser)
     add_option(parser, "--out", Path, Path("results/report"), "DIR", "folder of the report")
-    parser.add_argument(
-        "--readme", type=Path, metavar="FILE",
-        help="put the first rows of each board between the markers `<!-- leaderboard -->` of this file, "
-        "all rows into docs/results/board.md beside it, and their scores into docs/pictures/scores.svg",
-    )  # fmt: skip
+    readme = "put the first rows of each board between the markers `<!-- leaderboard -->` of this file, all rows into "
+    readme += "docs/results/board.md beside it, and their scores into docs/pictures/scores.svg"
+    parser.add_argument("--readme", type=Path, metavar="FILE", help=readme)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -43,11 +43,9 @@ def over(text: str) -> Over:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_policies(parser)
-    parser.add_argument(
-        "--over", type=over, action="append", required=True, metavar="OPTION=VALUES",
-        help="an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
-        "given more than once, all combinations of values",
-    )  # fmt: skip
+    values = "an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
+    values += "given more than once, all combinations of values"
+    parser.add_argument("--over", type=over, action="append", required=True, metavar="OPTION=VALUES", help=values)
     common.add_scenario(parser)
     runs = "write all metrics of all runs: .csv"
     common.add_option(parser, "--csv", common.csv_path, Path("results/sweep.csv"), "FILE", runs)
