@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, resample
 from benchmarks.run.suite import training
+from benchmarks.text import reason_of
 from fbl_gym.model.arm import Array
 
 
@@ -57,7 +58,7 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
             run = {name: np.array([float(row[name]) for row in rows]) for name in ("steps", "cpu_s", "validation_mrad")}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             raise ValueError(
-                f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({type(problem).__name__}: {problem})"
+                f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason_of(problem)})"
             ) from None
         runs = groups.setdefault(settings, {})
         if seed in runs:

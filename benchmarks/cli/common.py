@@ -135,9 +135,7 @@ def results_by_id(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[
 def refuse_judged(scenario: Scenario) -> None:
     """Refuse a scenario that tuning and training may not use."""
     if reason := scenarios.held_out_reason(scenario):
-        raise ValueError(
-            f"{scenario.name} is for judging alone: {reason}; change that, or use a scenario of the tier practice"
-        )
+        raise ValueError(f"{scenario.name} is for judging alone: {reason}; change that, or use the tier practice")
 
 
 def trust(arguments: argparse.Namespace, *more: str) -> None:

@@ -9,9 +9,8 @@ from collections.abc import Callable, Mapping
 from gymnasium.error import DependencyNotInstalled
 
 import controllers
-from benchmarks.policies.isolation import reason_of
 from benchmarks.run.suite import SUITES
-from benchmarks.text import visible
+from benchmarks.text import reason_of, visible
 from controllers.composition import PARTS, gain_name
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.options.descriptions import Description, describe

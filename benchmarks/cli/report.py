@@ -29,9 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the report; return 1 if results are missing."""
     suites, store, out = suites_of(arguments), Store(arguments.store), arguments.out
     if not results_of([cell for suite in suites for cell in suite.cells], store):
-        raise ValueError(
-            f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments"
-        )
+        raise ValueError(f"{store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments")
     boards = boards_of(suites, store)
     terminal.leaderboards(terminal.Screen(), boards)
     for suite in suites:

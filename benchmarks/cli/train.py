@@ -11,7 +11,7 @@ from benchmarks.cli.common import add_option, command_line
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.training_settings import TrainingSettings
-from benchmarks.text import say
+from benchmarks.text import reason_of, say
 from fbl_gym import scenarios
 from fbl_gym.options import SENSORS
 
@@ -71,6 +71,4 @@ def _hyperparameters(path: Path, algorithm: str) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))[algorithm]
     except (ValueError, KeyError, TypeError, RecursionError) as problem:
-        raise ValueError(
-            f"{path} must be JSON with an entry {algorithm!r}: {type(problem).__name__}: {problem}"
-        ) from None
+        raise ValueError(f"{path} must be JSON with an entry {algorithm!r}: {reason_of(problem)}") from None

@@ -32,6 +32,7 @@ from typing import IO, Any, TypeVar
 
 import numpy as np
 
+from benchmarks.text import reason_of, text_of
 from fbl_gym.checks import check_number
 from fbl_gym.records import set_fields
 
@@ -207,23 +208,6 @@ def serve(request_file: int, answer_file: int) -> None:
     answer.write(reply)
     answer.flush()
     os._exit(0)  # whatever threads the policy has started
-
-
-LONGEST = 2000
-"""Characters of an error that are kept."""
-
-
-def text_of(problem: BaseException) -> str:
-    """Return the text of an error. An external policy's may raise one itself."""
-    try:
-        return str(problem)[:LONGEST]
-    except BaseException:
-        return "(its text raises an error)"
-
-
-def reason_of(problem: BaseException) -> str:
-    """Return the kind and the text of an error."""
-    return f"{type(problem).__name__}: {text_of(problem)}"
 
 
 def run_parallel(

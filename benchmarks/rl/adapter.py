@@ -181,10 +181,7 @@ class AgentAdapter:
             return np.empty((lanes, 0))
         parameters = true_parameters(env.unwrapped.truth, self.interface)
         if len(parameters) != lanes:
-            raise ValueError(
-                f"the agent was made for an environment of {len(parameters)} lanes, since it observes their true "
-                f"parameters, got {lanes} observations"
-            )
+            raise ValueError(f"an agent with context was made for {len(parameters)} lanes, got {lanes} observations")
         return parameters
 
     def observe(self, observation: Array, state: State, context: Array) -> Array:

@@ -79,10 +79,7 @@ def check_hyperparameters(given: Any) -> None:
         if not isinstance(given, Mapping) or name not in given:
             raise ValueError(f"hyperparameters must have lanes, steps and arguments, got {given!r}")
     if check_whole("hyperparameters.lanes", given["lanes"], low=1) > SEEDS_PER_RUN:
-        raise ValueError(
-            f"hyperparameters.lanes must be at most {SEEDS_PER_RUN}, since more would train on the episodes of the next "
-            f"seed, got {given['lanes']}"
-        )
+        raise ValueError(f"hyperparameters.lanes must be at most {SEEDS_PER_RUN}, got {given['lanes']}")
     check_whole("hyperparameters.steps", given["steps"], low=1)
     arguments = given["arguments"]
     if not isinstance(arguments, Mapping) or "learning_rate" not in arguments:

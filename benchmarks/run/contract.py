@@ -11,6 +11,7 @@ from benchmarks.policies import external
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import action_of, make_env, rollout
+from benchmarks.text import reason_of
 from controllers.policy import leaves
 from fbl_gym import Scenario
 from fbl_gym.model.arm import Array
@@ -44,7 +45,7 @@ def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -
         except Broken as broken:
             yield Check(promise, False, str(broken))
         except (Exception, SystemExit) as problem:  # an external policy may raise anything
-            yield Check(promise, False, f"{type(problem).__name__}: {problem}{_position(spec, problem)}")
+            yield Check(promise, False, reason_of(problem) + _position(spec, problem))
 
 
 def broken(policy: PolicySpec, scenario: Scenario) -> str:

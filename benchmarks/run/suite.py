@@ -17,6 +17,7 @@ from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_isolated
 from benchmarks.rl.policy import best_seed, shipped
 from benchmarks.seeds import SPLITS
+from benchmarks.text import reason_of
 from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_choice, check_whole, unknown
@@ -139,8 +140,7 @@ def training(folder: Path) -> tuple[str, int]:
         settings = json.loads((folder / "run.json").read_text(encoding="utf-8"))
         seed = settings.pop("seed")
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
-        reason = f"{type(problem).__name__}: {problem}"
-        raise ValueError(f"{folder / 'run.json'} must be as fbl-gym train writes it ({reason})") from None
+        raise ValueError(f"{folder / 'run.json'} must be as fbl-gym train writes it ({reason_of(problem)})") from None
     return json.dumps(settings, sort_keys=True), seed
 
 

@@ -71,9 +71,7 @@ class Task:
     def __post_init__(self) -> None:
         set_fields(self, policy=resolve(self.policy))
         if not self.ranges:
-            raise ValueError(
-                f"{self.policy.name} has nothing to tune: none of its gains is declared with a range `tune`"
-            )
+            raise ValueError(f"{self.policy.name} has nothing to tune: no gain is declared with a range `tune`")
 
     @property
     def ranges(self) -> Mapping[str, tuple[float, float]]:
@@ -133,9 +131,7 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
     """Return numbers of tuning seeds: for the trials, and fresh ones to judge on."""
     tuning = SPLITS["tuning"]
     if trial + fresh > len(tuning):
-        raise ValueError(
-            f"there are {len(tuning)} tuning seeds, for trials and judging together, got {trial} and {fresh}"
-        )
+        raise ValueError(f"there are {len(tuning)} tuning seeds, for trials and judging, got {trial} and {fresh}")
     return tuning[:trial], tuning[-fresh:]
 
 
@@ -198,9 +194,7 @@ def open_study(task: Task, storage: str) -> optuna.Study:
         name, sampler = f"{task.policy.name} {task.digest}", optuna.samplers.TPESampler()
         return optuna.create_study(study_name=name, storage=storage, load_if_exists=True, sampler=sampler)
     except (sqlalchemy.exc.SQLAlchemyError, ImportError, OSError) as problem:
-        raise ValueError(
-            f"storage must be the URL of a database, such as {STORAGE}, got {storage!r}: {problem}"
-        ) from None
+        raise ValueError(f"storage must be a URL such as {STORAGE}, got {storage!r}: {problem}") from None
 
 
 def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:

@@ -141,7 +141,7 @@ def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
     for data, message in (
         (
             {"policy_class": {"__module__": "mine.policies"}},
-            "must hold a model of stable-baselines3, .* got a network of mine.policies",
+            "must be of stable-baselines3, .* got a network of mine.policies",
         ),
         ({"policy_class": {"__module__": "sbx.sac.policies"}}, "needs sbx, which is not .*: pip install sbx-rl"),
         ({"policy_class": {"__module__": "sb3_contrib.none.policies"}}, "needs none of sb3_contrib, which has no such"),

@@ -131,7 +131,7 @@ def test_a_resumed_folder_runs_no_code(tmp_path):
     train(settings("td3"), tmp_path / "run", evaluations=1)
     for name in {path.name for path in (tmp_path / "run").glob("*.p*")} | {"buffer.pkl", "checkpoint.pt"}:
         (tmp_path / "run" / name).write_bytes(pickle.dumps(Marker(tmp_path / "marker")))
-    with pytest.raises(ValueError, match="holds a run that cannot be resumed"):
+    with pytest.raises(ValueError, match="cannot be resumed"):
         train(settings("td3", steps=400), tmp_path / "run", evaluations=1)
     assert not (tmp_path / "marker").exists()
 
@@ -153,11 +153,11 @@ def test_a_finished_run_is_extended(algorithm, tmp_path, capsys):
 def test_a_folder_with_other_settings_is_refused(tmp_path):
     train(settings(), tmp_path, evaluations=1)
     (tmp_path / "run.json").write_text("{")
-    with pytest.raises(ValueError, match="folder must be new or hold a run of the same settings"):
+    with pytest.raises(ValueError, match="only steps and minutes of a run may change"):
         train(settings(), tmp_path)
     (tmp_path / "run.json").unlink()
     train(settings(), tmp_path)
-    with pytest.raises(ValueError, match="folder must be new or hold a run of the same settings"):
+    with pytest.raises(ValueError, match="only steps and minutes of a run may change"):
         train(settings(seed=1), tmp_path)
 
 

@@ -70,7 +70,7 @@ def test_the_pages_on_learning_run(tmp_path, monkeypatch):
         ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
         ("--hyperparameters lanes.json", "hyperparameters.lanes must be at most 1000"),
         ("--hyperparameters rate.json", "hyperparameters.arguments must have a learning_rate, got {}"),
-        ("--hyperparameters words.json", "hyperparameters.arguments must be those of PPO: TypeError"),
+        ("--hyperparameters words.json", "hyperparameters.arguments must fit PPO: TypeError"),
         ("--hyperparameters list.json", "list.json must be JSON with an entry 'ppo': TypeError"),
         ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
     ],
@@ -101,4 +101,4 @@ def test_a_damaged_run_is_refused(name, content, folder, capsys):
     (folder / "run" / name).write_bytes(content)
     capsys.readouterr()
     assert train("--steps", "80", "--out", "run") == 2
-    assert "fbl-gym: folder must be new" in (said := capsys.readouterr().err) or "cannot be resumed" in said
+    assert "fbl-gym: only steps and minutes" in (said := capsys.readouterr().err) or "cannot be resumed" in said
