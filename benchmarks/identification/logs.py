@@ -137,7 +137,9 @@ def read(
         if fastest == 0.0:
             raise ValueError(f"{path}: {name} does not change: its encoder is unplugged, or the column is another one")
         if fastest > MAX_SPEED:
-            raise ValueError(f"{path}: {name} must not jump, but does at {fastest:.3g} rad/s; unwrap turns, in rad")
+            raise ValueError(
+                f"{path}: {name} must not jump, but does at {fastest:.3g} rad/s: unplugged, or turns not unwrapped"
+            )
     dt = max(STEP, round(sample, 4))
     times = np.arange(time[0], time[-1], dt)
     impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(signals["torque"][:-1] * steps[:, None], axis=0)])

@@ -53,9 +53,7 @@ class Agent(TorqueLaw):
         """Refuse an interface without the agent's sensors, and context without an environment."""
         sensors, present = self.settings.sensors, [name for name in SENSORS if name in self.interface.layout]
         if not set(sensors) <= set(present):
-            raise ValueError(
-                f"not applicable: the agent needs sensors of {', '.join(sensors)}, got {', '.join(present)}"
-            )
+            raise ValueError(f"not applicable: trained on sensors of {', '.join(sensors)}, got {', '.join(present)}")
         if self.settings.context and self.env is None:
             raise ValueError("an agent with context observes the truth, so it needs the environment, got its interface")
         _ = self.adapter
