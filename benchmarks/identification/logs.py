@@ -138,7 +138,7 @@ def read(
             raise ValueError(f"{path}: {name} does not change: its encoder is unplugged, or the column is another one")
         if fastest > MAX_SPEED:
             raise ValueError(
-                f"{path}: {name} must not jump, but does at {fastest:.3g} rad/s: unplugged, or turns not unwrapped"
+                f"{path}: {name} must not jump, got {fastest:.3g} rad/s: unplugged, or turns not unwrapped"
             )
     dt = max(STEP, round(sample, 4))
     times = np.arange(time[0], time[-1], dt)
