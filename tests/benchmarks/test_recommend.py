@@ -8,7 +8,7 @@ from optuna.distributions import FloatDistribution
 
 from benchmarks import cli
 from benchmarks.analysis import recommend
-from benchmarks.analysis.recommend import Likeness, around, is_safe, push
+from benchmarks.analysis.recommend import around, is_safe, push
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import run_cell
 from benchmarks.tuning import brief, search
@@ -22,24 +22,6 @@ BASE = scenarios.get("servo-nominal").replace(name="short", duration=0.6)
 
 def run(cells):
     return {cell.id: run_cell(cell) for cell in cells}
-
-
-@pytest.mark.parametrize(
-    ("name", "classes"),
-    [
-        ("servo-nominal", ("servo",)), ("servo-elastic-2", ("servo",)), ("direct-nominal", ("direct",)),
-        ("direct-dfki-a0", ("direct",)), ("geared-nominal", ("geared",)), ("geared-friction-3", ("geared",)),
-        ("nominal", ("servo",)),
-    ],
-)  # fmt: skip
-def test_the_class_of_a_robot(name, classes):
-    assert Likeness.of(scenarios.get(name)).classes == classes
-
-
-def test_a_rigid_arm_of_a_middle_rate_is_between_two_classes():
-    likeness = Likeness.of(Scenario(control_dt=0.004))
-    assert likeness.classes == ("direct", "servo")
-    assert likeness.text == "class: between direct and servo (250 Hz, rigid joints)"
 
 
 @pytest.mark.parametrize("name", ["nominal", "servo-nominal", "geared-nominal", "servo-everything-2", "paper-6a"])
@@ -158,7 +140,7 @@ def test_the_check_on_drawn_arms(monkeypatch, tmp_path, capsys):
     draw = drawn_arms.draw
     assert draw(3) == draw(3)
     assert [draw(i).name.split("-")[2] for i in range(3)] == ["servo", "direct", "geared"]
-    assert all(Likeness.of(draw(i)).classes[0] == draw(i).name.split("-")[2] for i in range(12))
+    assert all(draw(i).robot_class == draw(i).name.split("-")[2] for i in range(12))
     monkeypatch.setattr(drawn_arms, "draw", lambda i: draw(i).replace(duration=0.3))
     monkeypatch.setattr(drawn_arms, "TRIALS", 2)
     monkeypatch.chdir(tmp_path)
