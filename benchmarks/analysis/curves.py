@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,9 +52,8 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     for folder in folders:
         try:
             settings, seed = training(folder)
-            with (folder / "curve.csv").open() as file:
-                rows = list(csv.DictReader(file))
-            run = {name: np.array([float(row[name]) for row in rows]) for name in ("steps", "cpu_s", "validation_mrad")}
+            table = np.atleast_1d(np.genfromtxt(folder / "curve.csv", delimiter=",", names=True))
+            run = {name: table[name] for name in ("steps", "cpu_s", "validation_mrad")}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             raise ValueError(
                 f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason_of(problem)})"

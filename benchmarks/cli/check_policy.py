@@ -18,7 +18,7 @@ def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
     count = 0
     policy = resolve_isolated(arguments.policy)
-    for promise, kept, detail in policy.call(_check, policy):
+    for promise, kept, detail, _ in policy.call(_check, policy):
         say(f"{'ok    ' if kept else 'BROKEN'}  {promise}: {detail}")
         count += not kept
     print(f"breaks {count} promises" if count else "keeps every promise of a policy")

@@ -164,6 +164,13 @@ def _notes(board: Board) -> list[str]:
     return [", ".join(filter(None, pair)) for pair in zip(seeds, failed, strict=True)]
 
 
+def main_columns(board: Board) -> list[Column]:
+    """Return the columns that every table has, the policy's name first."""
+    return sorted(
+        (column for column in columns(board) if column.tables == ALL), key=lambda column: column.key != "policy"
+    )
+
+
 def columns(board: Board) -> list[Column]:
     """Return the columns of a board, from left to right."""
     first, *others = board.tiers

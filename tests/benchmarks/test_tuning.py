@@ -68,9 +68,7 @@ def test_judging_is_on_tuning_seeds_that_no_trial_saw():
     assert len(fresh) == 128
     assert not set(tried) & set(fresh)
     assert {*tried, *fresh} <= set(SPLITS["tuning"])
-    with pytest.raises(
-        ValueError, match="there are 10000 tuning seeds, for trials and judging, got 16 and 9985"
-    ):
+    with pytest.raises(ValueError, match="there are 10000 tuning seeds, for trials and judging, got 16 and 9985"):
         seeds(16, 9985)
 
 
