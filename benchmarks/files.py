@@ -2,8 +2,6 @@
 
 import contextlib
 import os
-import shutil
-import tempfile
 import time
 import uuid
 from collections.abc import Iterator
@@ -16,11 +14,11 @@ ABANDONED = 86_400.0
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove the files and folders of this module that killed processes left in a folder."""
+    """Remove the files of this module that killed processes left in a folder."""
     for path in folder.glob(f"{_PREFIX}*"):
         with contextlib.suppress(FileNotFoundError):  # another process was faster, or finished its file
             if time.time() - path.stat().st_mtime > ABANDONED:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+                path.unlink()
 
 
 @contextlib.contextmanager
@@ -35,15 +33,6 @@ def replacing(path: Path) -> Iterator[Path]:
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def working_folder(folder: Path) -> Iterator[Path]:
-    """Yield a new folder in a folder; the block moves what it shall keep."""
-    folder.mkdir(parents=True, exist_ok=True)
-    remove_unfinished(folder)
-    with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder.resolve()) as name:
-        yield Path(name)
 
 
 def write_text(path: Path, text: str) -> None:

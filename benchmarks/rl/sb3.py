@@ -136,16 +136,14 @@ def _class_of(path: str | Path) -> Any:
 def _check_space(model: Any, interface: Interface, name: str, advice: str) -> None:
     """Refuse a model with other observations or actions; their precision may differ."""
     given, expected = getattr(model, name), getattr(interface, name)
-    if given.shape != expected.shape:
-        problem = f"shape {expected.shape}, got {given.shape}"
-    elif not all(np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")):
-        problem = f"bounds, {_bounds(expected)}, got {_bounds(given)}"
-    else:
-        return
-    raise ValueError(f"the model's {name} must have the environment's {problem}: train it with {advice}")
+    same = given.shape == expected.shape
+    if not same or not all(
+        np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")
+    ):
+        raise ValueError(f"the model's {name} must be {_words(expected)}, got {_words(given)}: train it with {advice}")
 
 
-def _bounds(space: Any) -> str:
-    """Return the different bounds of a box as text, such as "-2000 to 2000, -800 to 800"."""
+def _words(space: Any) -> str:
+    """Return the shape and the different bounds of a box as text, such as "(2,) of -1 to 1"."""
     ends = [f"{low:.6g} to {high:.6g}" for low, high in zip(space.low.ravel(), space.high.ravel(), strict=True)]
-    return ", ".join(dict.fromkeys(ends))
+    return f"{space.shape} of {', '.join(dict.fromkeys(ends))}"

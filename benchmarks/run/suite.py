@@ -115,10 +115,8 @@ class Suite:
     def __post_init__(self) -> None:
         set_fields(
             self, policies=tuple(dict.fromkeys(self.policies)), scenarios=distinguish(self.scenarios),
-            seeds=check_whole("seeds", self.seeds, low=1),
+            seeds=check_whole("seeds", self.seeds, low=1, high=len(SPLITS["test"])),
         )  # fmt: skip
-        if self.seeds > len(SPLITS["test"]):
-            raise ValueError(f"seeds must be at most {len(SPLITS['test'])}, the test seeds there are, got {self.seeds}")
 
     @cached_property
     def cells(self) -> list[Cell]:

@@ -116,7 +116,7 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     few = ["--seeds", "2", "--workers", "1", "--store", str(tmp_path / "store")]
     assert cli.main(["recommend", "my_arm.toml", *few, "--policies", "pd-gravity", "--minutes", "0.01"]) == 0
     printed = capsys.readouterr().out
-    assert "class: servo (100 Hz, rigid joints, dry friction of 10 % of" in printed
+    assert "class of robots: servo" in printed
     assert "pd-gravity@" in printed
     assert "torque constant" in printed
     arguments = ["recommend", "my_arm.toml", *few, "--minutes", "0"]

@@ -45,7 +45,7 @@ def test_suites(tmp_path):
         load(str(file))
     with pytest.raises(ValueError, match="unknown suite 'idel'; did you mean 'ideal'"):
         load("idel")
-    with pytest.raises(ValueError, match="seeds must be at most"):
+    with pytest.raises(ValueError, match="seeds must be a whole number"):
         load("ideal").build(seeds=20_000)
 
 

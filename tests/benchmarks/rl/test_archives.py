@@ -29,7 +29,7 @@ def test_an_archive_is_loaded_only_with_trust(tmp_path):
     np.testing.assert_array_equal(
         policy.predict(observation, deterministic=True)[0], model.predict(observation, deterministic=True)[0]
     )
-    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+    with pytest.raises(ValueError, match="observation_space must be"):
         load_zip(tmp_path / "model.zip", TwoLinkArmEnv(preview=1).interface, trust=True)
 
 
@@ -131,7 +131,7 @@ def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
         env = TwoLinkArmEnv(scenario)
         action, _ = resolve(str(path)).make(env).predict(env.reset(seed=0)[0])
         assert env.action_space.contains(action)
-    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+    with pytest.raises(ValueError, match="observation_space must be"):
         load_zip(path, TwoLinkArmEnv(sensors=("position",)).interface, trust=True)
 
 
