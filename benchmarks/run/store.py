@@ -27,7 +27,7 @@ from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
 
-FORMAT = 4
+FORMAT = 5
 """Layout of a result's file.
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.
