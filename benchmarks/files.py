@@ -2,30 +2,16 @@
 
 import contextlib
 import os
-import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-
-_PREFIX = ".unfinished-"
-
-ABANDONED = 86_400.0
-"""Age of an unfinished file whose process is taken for killed [s]."""
-
-
-def remove_unfinished(folder: Path) -> None:
-    """Remove the files of this module that killed processes left in a folder."""
-    for path in folder.glob(f"{_PREFIX}*"):
-        with contextlib.suppress(FileNotFoundError):  # another process was faster, or finished its file
-            if time.time() - path.stat().st_mtime > ABANDONED:
-                path.unlink()
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a place to write a file to. The file is renamed to its path if the block succeeds."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{_PREFIX}{uuid.uuid4().hex}{path.suffix[:20]}")
+    beside = path.with_name(f".unfinished-{uuid.uuid4().hex}{path.suffix[:20]}")
     try:
         yield beside
         with beside.open("rb+") as file:

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.files import remove_unfinished
 from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
 from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Result, Store
@@ -36,7 +35,6 @@ def run(
         limits: of the time and memory of a cell; None: those of external policies.
         cluster: address of a Dask scheduler, whose workers run the cells; empty: this machine.
     """
-    remove_unfinished(store.folder)
     absent = []
     for cell in cells:
         if (stored := store.find(cell)) is None:
