@@ -36,7 +36,6 @@ MOST_DIVERGED = 0.1
 """Largest share of runs that diverge for which a law can be a ceiling."""
 
 BOOTSTRAP_SEED = 0
-"""Seed of the bootstrap."""
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,6 @@ POLICY = (
     "a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
     "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json"
 )
-"""The help of the argument POLICY."""
 
 
 def add_policies(parser: argparse.ArgumentParser) -> None:

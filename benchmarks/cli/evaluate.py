@@ -22,7 +22,6 @@ from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array
 
 Rows = list[dict[str, float]]
-"""The metrics of each seed."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,12 +17,9 @@ from benchmarks.run.suite import Suite, with_option
 from benchmarks.text import say
 from fbl_gym import scenarios
 
-Over = tuple[str, str, list[float]]
-"""The path of an option, the scale of its axis, and its values."""
 
-
-def over(text: str) -> Over:
-    """Return an option and its values; an argument's type."""
+def over(text: str) -> tuple[str, str, list[float]]:
+    """Return an option's path, the scale of its axis and its values; an argument's type."""
     path, _, values = text.partition("=")
     try:
         if ":" in values:

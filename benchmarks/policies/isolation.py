@@ -190,7 +190,6 @@ def serve(request_file: int, answer_file: int) -> None:
     os.dup2(2, 1)
     random.seed()
     np.random.seed()  # noqa: NPY002  a policy may use it, and all calls of the server share its state
-    folder = os.getcwd()
     try:
         folder, variables, path, limits = pickle.load(request)
         os.environ.update(variables)
@@ -202,8 +201,6 @@ def serve(request_file: int, answer_file: int) -> None:
         reply = pickle.dumps((None, False, function(*arguments)))
     except BaseException as problem:
         text = text_of(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
-        if os.getcwd() != folder:
-            text += f"; the policy went to another folder, {os.getcwd()}, where relative paths mean other files"
         reply = pickle.dumps((text, isinstance(problem, ValueError), None))
     answer.write(reply)
     answer.flush()

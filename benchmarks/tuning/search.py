@@ -45,7 +45,6 @@ CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
 
 STORAGE = "sqlite:///results/tuning.db?timeout=60"
-"""Default database of the studies."""
 
 
 def scenarios_of(robot: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
