@@ -146,8 +146,7 @@ class Board:
 
         An error below the encoder's resolution counts as the resolution.
         """
-        errors: Array = counted_error(self.runs)
-        return errors
+        return counted_error(self.runs)
 
     @cached_property
     def ranked(self) -> list[int]:

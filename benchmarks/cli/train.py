@@ -14,6 +14,7 @@ from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.text import reason_of, say
 from fbl_gym import scenarios
 from fbl_gym.options import SENSORS
+from fbl_gym.records import declarations
 
 HARDEST = (3,)
 """Severities of a tier that is trained on, beside its nominal scenario."""
@@ -50,8 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
         for name in arguments.scenario
         for task in (scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,))
     )
-    names = ("base", "second", "history", "memory", "drive", "period", "context", "sensors", "scales")
-    given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    fields = declarations(AdapterSettings).keys() & vars(arguments).keys()
+    given = {name: value for name in fields if (value := getattr(arguments, name)) is not None}
     adapter = AdapterSettings(arguments.interface, **given)
     path, length = arguments.hyperparameters, (arguments.steps, arguments.minutes)
     hyperparameters = _hyperparameters(path, arguments.algorithm) if path else {}

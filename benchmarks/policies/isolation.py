@@ -94,8 +94,7 @@ def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallL
             raise Failed(f"its answer cannot be read ({reason_of(problem)})") from None
     if error is not None:
         raise (ValueError if is_value_error else Failed)(str(error))
-    value: Answer = result
-    return value
+    return result
 
 
 class _Answer(pickle.Unpickler):

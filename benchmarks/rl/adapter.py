@@ -172,8 +172,7 @@ class AgentAdapter:
 
     def decides(self, state: State) -> Array:
         """Return True for the lanes [n] in which the agent decides now."""
-        decides: Array = state.age % self.hold == 0
-        return decides
+        return state.age % self.hold == 0
 
     def context(self, env: Any, lanes: int) -> Array:
         """Return the true parameters of an environment now [n x 5]; without context [n x 0]."""
