@@ -125,20 +125,15 @@ class Board:
         """Number of members of each policy [p]."""
         return np.array([len(members) for members in self.rows.values()])
 
-    @cached_property
-    def _starts(self) -> NDArray[np.int64]:
-        """Index of each policy's first member [p]."""
-        return np.cumsum(self.sizes) - self.sizes
-
     def split(self, values: Array) -> list[Array]:
         """Return some values of the members [m x ...] as a list of those of each policy."""
-        return np.split(values, self._starts[1:])
+        return np.split(values, np.cumsum(self.sizes)[:-1])
 
     def average(self, draws: Array) -> Array:
         """Return the mean of draws [b x m x ...] over each policy's members, [b x p x ...]."""
         weights = self.weights[: len(draws)]
         weights = weights.reshape(*weights.shape, *[1] * (draws.ndim - 2))
-        return np.add.reduceat(weights * draws, self._starts, axis=1)
+        return np.add.reduceat(weights * draws, np.cumsum(self.sizes) - self.sizes, axis=1)
 
     @cached_property
     def errors(self) -> Array:

@@ -164,11 +164,9 @@ def _notes(board: Board) -> list[str]:
     return [", ".join(filter(None, pair)) for pair in zip(seeds, failed, strict=True)]
 
 
-def main_columns(board: Board) -> list[Column]:
-    """Return the columns that every table has, the policy's name first."""
-    return sorted(
-        (column for column in columns(board) if column.tables == ALL), key=lambda column: column.key != "policy"
-    )
+def columns_of(board: Board, *tables: str) -> list[Column]:
+    """Return the columns of some tables, by `Column.tables`, the policy's name first."""
+    return sorted((each for each in columns(board) if each.tables in tables), key=lambda each: each.key != "policy")
 
 
 def columns(board: Board) -> list[Column]:

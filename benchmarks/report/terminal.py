@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import main_columns, over_all
+from benchmarks.report.columns import ALL, columns_of, over_all
 from benchmarks.run.metrics import METRICS, counted_errors
 from benchmarks.text import visible
 
@@ -69,7 +69,7 @@ def leaderboards(console: Console, boards: Mapping[str, Board]) -> None:
 
 def leaderboard(console: Console, board: Board) -> None:
     """Print one row per policy, the best first, with the main columns, and the board's remarks."""
-    selected = main_columns(board)
+    selected = columns_of(board, ALL)
     leaders = [column.leader(board.ranked) for column in selected]
     rows = []
     for i in board.order:

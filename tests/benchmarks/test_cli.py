@@ -13,7 +13,7 @@ from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.cli import names
 from benchmarks.report import markdown, terminal
-from benchmarks.report.columns import main_columns, number
+from benchmarks.report.columns import columns_of, number
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import load
 
@@ -156,11 +156,11 @@ def test_the_board_in_a_file_has_the_numbers_of_the_markdown_table(board):
         assert f" {number(error)} (" in next(line for line in table.splitlines() if f"`{policy}`" in line)
 
 
-def test_the_board_on_a_terminal_has_its_main_columns(board):
+def test_the_board_on_a_terminal_has_its_columns_of(board, ALL):
     shown = printed(board, width=100, force_terminal=True, color_system=None)
     assert "…" not in shown
     (row,) = [line.split() for line in shown.splitlines() if line.lstrip().startswith("slotine-li@tuned")]
-    assert len(row) == len(main_columns(board))
+    assert len(row) == len(columns_of(board, ALL))
 
 
 def test_a_list_has_a_line_each(capsys):
