@@ -37,7 +37,8 @@ def episodes(text: str) -> int:
     return number
 
 
-def _file(text: str, endings: Sequence[str]) -> Path:
+def file_path(text: str, endings: Sequence[str]) -> Path:
+    """Return the path of a file that can be written."""
     path = Path(text)
     if path.suffix not in endings:
         raise argparse.ArgumentTypeError(f"must end in {' or '.join(endings)}, got {text!r}")
@@ -45,13 +46,6 @@ def _file(text: str, endings: Sequence[str]) -> Path:
     if not (folder.is_dir() and os.access(folder, os.W_OK)):
         raise argparse.ArgumentTypeError(f"must be a file that can be written, got {text!r}: none can be in {folder}")
     return path
-
-
-picture = partial(_file, endings=(".png", ".svg", ".pdf"))
-tex_path = partial(_file, endings=(".tex",))
-csv_path = partial(_file, endings=(".csv",))
-toml_path = partial(_file, endings=(".toml",))
-film = partial(_file, endings=(".mp4", ".gif"))
 
 
 def command_line() -> str:
@@ -84,13 +78,19 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--scenario", str, "nominal", "S", meaning)
 
 
+def add_file(parser: argparse.ArgumentParser, name: str, meaning: str, *endings: str) -> None:
+    """Add an option that writes a file, whose help ends in the possible endings."""
+    check = partial(file_path, endings=endings)
+    parser.add_argument(name, type=check, metavar="FILE", help=f"{meaning}: {' or '.join(endings)}")
+
+
 def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
-    parser.add_argument("--plot", type=picture, metavar="FILE", help=f"draw {subject}: .png, .svg or .pdf")
+    add_file(parser, "--plot", f"draw {subject}", ".png", ".svg", ".pdf")
     parser.add_argument("--columns", type=int, choices=(1, 2), default=2, help="its width in columns of a journal (2)")
 
 
 def add_tex(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--tex", type=tex_path, metavar="FILE", help="write the table for LaTeX (booktabs): .tex")
+    add_file(parser, "--tex", "write the table for LaTeX (booktabs)", ".tex")
 
 
 def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:

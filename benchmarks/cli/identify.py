@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.cli.common import add_option, add_plot, command_line, csv_path, toml_path
+from benchmarks.cli.common import add_file, add_option, add_plot, command_line
 from benchmarks.files import replacing, write_text
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors
@@ -27,14 +27,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     meaning = "a similar arm with the true lengths: a name or a TOML file"
     add_option(parser, "--start", str, "servo-nominal", "SCENARIO", meaning)
     add = parser.add_argument
-    add("--toml", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml")
+    add_file(parser, "--toml", "write the scenario of the identified arm", ".toml")
     columns = "the columns of time, position, torque (commanded) and velocity, such as time=t torque=u1,u2"
     add("--signals", nargs="+", default=(), metavar="SIGNAL=COLUMNS", help=columns)
     zero = "angles of this package where the logs' positions are zero, in rad; -1.5708 0 if they count from hanging"
     add("--zero", nargs=2, type=float, default=(0.0, 0.0), metavar=("Q1", "Q2"), help=zero)
     add("--validate", nargs="+", type=Path, default=(), metavar="LOG", help="logs on which to simulate it, open loop")
     add_plot(parser, "the first log of --validate: measured, simulated, residual")
-    add("--plan", type=csv_path, metavar="FILE", help="plan a motion that excites the arm: .csv, and .toml beside it")
+    add_file(parser, "--plan", "plan a motion that excites the arm, with its scenario beside it", ".csv")
     distance = "largest distance of the planned motion from hanging, in rad (1 1)"
     add("--amplitude", nargs=2, type=float, default=(1.0, 1.0), metavar=("A1", "A2"), help=distance)
     add_option(parser, "--speed", float, 5.0, "V", "its largest velocity, in rad/s")
@@ -57,11 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     if runs:
         with Progress(console=Screen(stderr=True)) as progress:
             task = progress.add_task("reading", total=len(TERMS) + 3)
-
-            def tick(text: str) -> None:
-                progress.update(task, advance=1, description=text)
-
-            fit = identify(runs, start, tick)
+            fit = identify(runs, start, lambda text: progress.update(task, advance=1, description=text))
         parameters = fit.parameters
         _print(fit, screen)
         if arguments.toml is not None:

@@ -44,11 +44,10 @@ def _tune(base: Scenario, seconds: float, workers: int, policies: Sequence[str])
     """Tune the laws of some policies, and show the progress."""
     with Progress(*Progress.get_default_columns(), console=Screen(stderr=True)) as progress:
         bar = progress.add_task("tuning", total=1.0)
-
-        def report(share: float, news: str) -> None:
-            progress.update(bar, completed=share, description=f"tuning, {news}")
-
-        return tune_briefly(base, policies, seconds, report, workers=workers, command=command_line())
+        return tune_briefly(
+            base, policies, seconds, workers=workers, command=command_line(),
+            report=lambda share, news: progress.update(bar, completed=share, description=f"tuning, {news}"),
+        )  # fmt: skip
 
 
 def _print(result: Recommendation) -> None:

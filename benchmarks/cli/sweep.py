@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     values += "given more than once, all combinations of values"
     parser.add_argument("--over", type=over, action="append", required=True, metavar="OPTION=VALUES", help=values)
     common.add_scenario(parser)
-    runs = "write all metrics of all runs: .csv"
-    common.add_option(parser, "--csv", common.csv_path, Path("results/sweep.csv"), "FILE", runs)
+    common.add_file(parser, "--csv", "write all metrics of all runs, by default to results/sweep.csv", ".csv")
+    parser.set_defaults(csv=Path("results/sweep.csv"))
     common.add_plot(parser, "the errors (a .png beside --csv)")
     common.add_tex(parser)
     common.add_run(parser, seeds=32)

@@ -41,12 +41,9 @@ def _find(store: Store, row: str) -> list[Result]:
     if Path(row).is_file():
         return [store.load(Path(row))]
     results = list(store.results())
-    if not results:
-        raise ValueError(f"there are no results in {store.folder}")
-    same = [result for result in results if result.cell.id == row]
-    if not same:
-        raise unknown("row", row, sorted({result.cell.id for result in results}))
-    return same
+    if same := [result for result in results if result.cell.id == row]:
+        return same
+    raise unknown(f"row of {store.folder}", row, {result.cell.id for result in results})
 
 
 def compare(published: Result, now: Result) -> str:
