@@ -1,6 +1,7 @@
 """Recommendations: conditions around a scenario, the choice, and what overturns it."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,9 +88,10 @@ def test_an_arm_that_stays_is_not_safe():
     assert not is_safe([none] + [one] * 7)  # 7 of 128 runs
 
 
-def test_brief_tuning_improves_a_law_and_goes_on(tmp_path):
-    storage, folder, news = f"sqlite:///{tmp_path / 'tuning.db'}", tmp_path / "gains", []
-    arguments = {"workers": 1, "command": "", "storage": storage, "folder": folder}
+def test_brief_tuning_improves_a_law_and_goes_on(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    storage, folder, news = search.STORAGE, Path("results/gains"), []
+    arguments = {"workers": 1, "command": ""}
     policies = ["ppo-servo", "pd-gravity", "zero", "pd-gravity@damping=1"]
     names = brief.tune_briefly(BASE, policies, 3.0, lambda *part: news.append(part), **arguments)
     assert news[-1][0] == 1.0
