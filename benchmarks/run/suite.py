@@ -172,20 +172,18 @@ def members(policies: Iterable[PolicySpec | str], limits: CallLimits | None = No
 
 
 def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
-    """Return the scenarios, each once, and distinct names for those that share one."""
-    known = set(scenarios.names())
-    contents: dict[str, dict[str, Scenario]] = {}
+    """Return the scenarios, each once, and distinct names for those that share one.
+
+    A name is kept by the scenario that the package has under it, or else by the first one.
+    """
+    owners: dict[str, str] = {}
+    distinct: dict[tuple[str, str], Scenario] = {}
     for task in tasks:
-        contents.setdefault(task.name, {})[data_digest(plain_options(task, "name", "description"))] = task
-    distinct = []
-    for name, same in contents.items():
-        if name in known:
-            catalogue = data_digest(plain_options(scenarios.get(name), "name", "description"))
-        else:
-            catalogue = next(iter(same)) if len(same) == 1 else ""
-        for content, task in same.items():
-            distinct.append(task if content == catalogue else task.replace(name=f"{name}~{content[:6]}"))
-    return tuple(distinct)
+        usual = scenarios.get(task.name) if task.name in scenarios.names() else task
+        content, first = (data_digest(plain_options(each, "name", "description")) for each in (task, usual))
+        own = owners.setdefault(task.name, first) == content
+        distinct[task.name, content] = task if own else task.replace(name=f"{task.name}~{content[:6]}")
+    return tuple(distinct.values())
 
 
 def with_option(scenario: Scenario, option: str, value: float) -> Scenario:

@@ -68,8 +68,8 @@ def test_the_pages_on_learning_run(tmp_path, monkeypatch):
     ("options", "message"),
     [
         ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
-        ("--hyperparameters lanes.json", "hyperparameters.lanes must be at most 1000"),
-        ("--hyperparameters rate.json", "hyperparameters.arguments must have a learning_rate, got {}"),
+        ("--hyperparameters lanes.json", "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
+        ("--hyperparameters rate.json", "hyperparameters must have lanes, steps and arguments with a learning_rate"),
         ("--hyperparameters words.json", "hyperparameters.arguments must fit PPO: TypeError"),
         ("--hyperparameters list.json", "list.json must be JSON with an entry 'ppo': TypeError"),
         ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
