@@ -9,12 +9,13 @@ import numpy as np
 from rich.progress import Progress
 
 from benchmarks.cli.common import add_file, add_option, add_plot, command_line
-from benchmarks.files import replacing, write_text
+from benchmarks.files import write_text
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors
 from benchmarks.identification.model import parameters_of, windows
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
+from benchmarks.run.traces import write_columns
 from fbl_gym import scenarios
 from fbl_gym.model.arm import Array
 
@@ -139,12 +140,10 @@ def _plan(arguments: argparse.Namespace, start: scenarios.Scenario, screen: Scre
     """Write an exciting motion as CSV and as a scenario."""
     hanging = (-np.pi / 2, 0.0) if start.arm.gravity > 0 else (0.0, 0.0)
     motion, condition = excitation.plan(start, hanging, arguments.amplitude, arguments.speed, dt=start.control_dt)
-    names = ("position", "velocity", "acceleration", "torque")
-    units = ("rad", "rad_s", "rad_s2", "Nm")
-    header = ["time_s", *(f"{name}_{j}_{unit}" for name, unit in zip(names, units, strict=True) for j in (1, 2))]
-    rows = np.column_stack([motion["time"], *(motion[name] for name in names)])
-    with replacing(arguments.plan) as beside:
-        np.savetxt(beside, rows, "%.8g", delimiter=",", header=",".join(header), comments="")
+    columns = {"time_s": motion["time"]}
+    for name, unit in (("position", "rad"), ("velocity", "rad_s"), ("acceleration", "rad_s2"), ("torque", "Nm")):
+        columns |= {f"{name}_{j + 1}_{unit}": motion[name][:, j] for j in (0, 1)}
+    write_columns(arguments.plan, columns)
     path, every = arguments.plan.with_suffix(".toml"), max(1, round(0.02 / start.control_dt))
     points = ", ".join(f"[{q1:.5f}, {q2:.5f}]" for q1, q2 in motion["position"][::every])
     write_text(

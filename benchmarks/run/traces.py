@@ -1,5 +1,6 @@
 """Traces, written for other programs as CSV."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -41,13 +42,12 @@ def table(trace: Trace) -> dict[str, Array]:
 
 
 def export(trace: Trace, path: Path) -> None:
-    """Write the `table` of a trace to a CSV file; a number that there is not is "nan".
+    """Write the `table` of a trace to a CSV file."""
+    write_columns(path, table(trace))
 
-    Args:
-        trace: to be written.
-        path: of the file.
-    """
-    columns = table(trace)
+
+def write_columns(path: Path, columns: Mapping[str, Array]) -> None:
+    """Write columns [n], by name, to a CSV file; a number that there is not is "nan"."""
     rows = np.column_stack(list(columns.values()))
     with replacing(path) as beside:
         np.savetxt(beside, rows, "%.10g", delimiter=",", header=",".join(columns), comments="")
