@@ -35,12 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
             reasons.append(f"no margins of {policy}: {problem}")
             continue
         rows.append((
-            policy,
-            f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}",
-            f"{min(margins.phase):.0f} deg",
-            f"{1e3 * margins.delay:.1f} ms",
-            f"{max(margins.sensitivity):.2f}",
-            f"{max(margins.complementary):.2f}",
+            policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
+            f"{1e3 * margins.delay:.1f} ms", f"{max(margins.sensitivity):.2f}", f"{max(margins.complementary):.2f}",
         ))  # fmt: skip
     screen = Screen()
     header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")

@@ -56,14 +56,11 @@ def _print(result: Recommendation) -> None:
         screen.print(f"No policy is safe on {result.scenario}. The best of those that are not:", style="bold")
     rows = [
         (
-            choice.policy,
-            f"{choice.median_pct:.3g} %",
-            f"{choice.worst_pct:.3g} %",
-            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.1f} %)",
-            f"{choice.effort:.2f}",
+            choice.policy, f"{choice.median_pct:.3g} %", f"{choice.worst_pct:.3g} %",
+            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.1f} %)", f"{choice.effort:.2f}",
         )
         for choice in result.choices
-    ]
+    ]  # fmt: skip
     header = ("policy", "error", "worst 5 %", "diverged (bound)", "effort")
     screen.print(table(f"{result.scenario}, {len(result.conditions)} conditions", header, rows))
     columns = [

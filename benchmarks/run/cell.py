@@ -38,15 +38,9 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
 
 
 def run_trials(
-    policy: PolicySpec,
-    scenario: Scenario,
-    seeds: Sequence[int],
-    trials: int = 1,
-    limits: CallLimits | None = None,
-    *,
-    check: bool = False,
-    detailed: bool = False,
-) -> list[Trace]:
+    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int = 1, limits: CallLimits | None = None, *,
+    check: bool = False, detailed: bool = False,
+) -> list[Trace]:  # fmt: skip
     """Return the traces of `rollout_trials`; code of an external policy runs in a fresh process.
 
     Args:

@@ -15,14 +15,9 @@ from benchmarks.run.suite import Cell
 
 
 def run(
-    cells: Sequence[Cell],
-    store: Store,
-    *,
-    workers: int = 1,
-    command: str = "",
-    limits: CallLimits | None = None,
+    cells: Sequence[Cell], store: Store, *, workers: int = 1, command: str = "", limits: CallLimits | None = None,
     cluster: str = "",
-) -> Iterator[tuple[str, Result]]:
+) -> Iterator[tuple[str, Result]]:  # fmt: skip
     """Run the cells that the store lacks, in any order, and yield each result with its origin.
 
     The origin is "computed", "found" (it was in the store), or "failed".

@@ -257,15 +257,10 @@ class SuiteSpec:
         return expand([*members, *tasks])
 
     def build(
-        self,
-        policies: Sequence[PolicySpec | str] = (),
-        tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
-        seeds: int | None = None,
-        *,
-        short: bool = False,
-        more: Sequence[PolicySpec | str] = (),
+        self, policies: Sequence[PolicySpec | str] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
+        seeds: int | None = None, *, short: bool = False, more: Sequence[PolicySpec | str] = (),
         limits: CallLimits | None = None,
-    ) -> Suite:
+    ) -> Suite:  # fmt: skip
         """Return the suite of a board: with the `members` of its policies.
 
         Args:

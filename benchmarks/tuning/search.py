@@ -135,13 +135,9 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
 
 
 def tune(
-    task: Task,
-    storage: str,
-    starts: Iterable[Mapping[str, float]] = (),
-    trials: int = sys.maxsize,
-    seconds: float | None = None,
-    catch: tuple[type[Exception], ...] = (),
-) -> optuna.Study:
+    task: Task, storage: str, starts: Iterable[Mapping[str, float]] = (), trials: int = sys.maxsize,
+    seconds: float | None = None, catch: tuple[type[Exception], ...] = (),
+) -> optuna.Study:  # fmt: skip
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
     The first trial is that of the default gains. Other code, scenarios or seeds begin another
