@@ -6,7 +6,7 @@ import pytest
 import controllers
 from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
 from benchmarks.rl.agent import Agent
-from benchmarks.rl.vec_env import VectorAdapter
+from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
@@ -102,7 +102,7 @@ def test_wrong_settings_are_refused(settings, message):
 
 def test_another_autoreset_mode_is_refused():
     with pytest.raises(ValueError, match="SameStep"):
-        VectorAdapter(TwoLinkArmVectorEnv(2), AdapterSettings())
+        ArmVecEnv(VectorAdapter(TwoLinkArmVectorEnv(2), AdapterSettings()))
 
 
 def test_a_torque_is_a_share_of_the_drives_limits():
