@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.analysis.recommend import candidates, recommend
+from benchmarks.analysis.recommend import Likeness, candidates, recommend
 from benchmarks.analysis.sealed import draw_arm
 from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.isolation import Failed, run_parallel
@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         begin = partial(
             tune_briefly, base, seconds=60.0 * arguments.minutes, report=lambda *_: None, workers=workers, command=""
         )
-        policies = arguments.policies or candidates(base.robot_class)
+        policies = arguments.policies or candidates(Likeness.of(base).classes)
         result = recommend(base, policies, arguments.seeds, run, begin if arguments.minutes else None)
         tasks = [dataclasses.replace(task, scenarios=task.scenarios[:1]) for task in tasks_of(base, arguments.laws)]
         for task in tasks:

@@ -26,7 +26,7 @@ from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
 from fbl_gym.options import SensorError
 from fbl_gym.records import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario
-from fbl_gym.scenarios.classes import CLASSES, conditions
+from fbl_gym.scenarios.classes import CLASSES, LEAST, conditions, stretched_inertia
 
 Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
 """Runs cells and returns their results by id. A failed one has an error."""
@@ -49,10 +49,65 @@ RULE = (
     "motionless baseline"
 )
 
+SPRINGY = 25.0
+"""Joints of which one alone vibrates at a lower rate [Hz] count as elastic."""
+
+MUCH_FRICTION = 0.14
+"""Dry friction above this share of the arm's weight is that of the class `geared`."""
+
+BETWEEN = 0.5
+"""An arm is between two classes if the distances of both differ by no more than that."""
+
 KINDS = (
     "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "saturation"
 )  # fmt: skip
 """What a condition pushes; "everything" pushes all but the saturation, half as far."""
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """The classes of robots that a robot is most like.
+
+    The distance of a class is half the number of doublings between both rates, and 1 each for
+    another side of the encoders and another amount of friction.
+
+    Attributes:
+        classes: the nearest class, and the next one if the arm is between both.
+        text: the class in one line, and the reasons.
+    """
+
+    classes: tuple[str, ...]
+    text: str
+
+    @classmethod
+    def of(cls, base: Scenario) -> "Likeness":
+        """Return the likeness of a scenario's arm."""
+        inertia = stretched_inertia(base.arm)
+        weight = np.maximum(np.abs(gravity_torque(base.arm, (0.0, 0.0))), LEAST * inertia)
+        fast, friction, joint = ("servo", "direct"), base.friction, base.joint
+        sides: tuple[str, ...] = fast
+        reasons = [f"{1 / base.control_dt:.0f} Hz"]
+        if joint is None:
+            reasons.append("rigid joints")
+        else:
+            stiffness = np.array([ends(k)[0] for k in joint.stiffness])  # type: ignore[union-attr]
+            rate = float(np.sqrt(stiffness / inertia).min() / (2 * np.pi))
+            sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
+            reasons.append(f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s")
+        levels: tuple[str, ...] = tuple(CLASSES)
+        if friction is not None:
+            both = [np.array([np.mean(ends(x)) for x in level]) for level in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
+            share = float(np.mean(sum(both) / weight))
+            levels = ("geared",) if share > MUCH_FRICTION else fast
+            reasons.append(f"dry friction of {100 * share:.0f} % of the weight")
+        distances = {
+            robot: abs(np.log2(base.control_dt / kind.times[0])) / 2 + (robot not in sides) + (robot not in levels)
+            for robot, kind in CLASSES.items()
+        }
+        first, second = sorted(distances, key=distances.__getitem__)[:2]
+        if distances[second] - distances[first] <= BETWEEN:
+            return cls((first, second), f"class: between {first} and {second} ({', '.join(reasons)})")
+        return cls((first,), f"class: {first} ({', '.join(reasons)})")
 
 
 def around(base: Scenario) -> dict[str, Scenario]:
@@ -61,7 +116,7 @@ def around(base: Scenario) -> dict[str, Scenario]:
     What a scenario does not have, such as noise, comes in the size of its class of robots. Rigid
     joints stay rigid: no stiffness can be guessed.
     """
-    scenarios, robot = {"as described": base}, base.robot_class
+    scenarios, robot = {"as described": base}, Likeness.of(base).classes[0]
     for kind in KINDS:
         if (changed := push(base, kind, 2.0, robot)) != base:
             scenarios[kind] = changed.replace(name=f"{base.name}+{kind.replace(' ', '-')}")
@@ -157,14 +212,14 @@ def _payload(scenario: Scenario) -> float:
     return ends(getattr(payload, "mass", payload or 0.0))[1]
 
 
-def candidates(robot: str) -> list[str]:
+def candidates(robots: Sequence[str]) -> list[str]:
     """Return the policies that are tried by default: all of those that do not know the truth.
 
-    Laws also have the gains for a class of robots. `nmpc` is left out, since its decisions
+    Laws also have the gains for some classes of robots. `nmpc` is left out, since its decisions
     take longest, and `computed-torque-ilc`, since it learns over trials.
     """
     without = ("nmpc", "zero", "computed-torque-ilc")
-    known = (*controllers.names(), *controllers.tuned(robot))
+    known = (*controllers.names(), *(name for robot in robots for name in controllers.tuned(robot)))
     return [name for name in known if (spec := resolve_isolated(name)).ranked and spec.parsed.source not in without]
 
 

@@ -7,7 +7,7 @@ from functools import partial
 from rich.progress import Progress
 
 from benchmarks.analysis import recommend
-from benchmarks.analysis.recommend import RULE, Recommendation
+from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
 from benchmarks.cli.common import add_option, add_run, command_line, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
 from benchmarks.tuning.brief import tune_briefly
@@ -32,8 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
     seconds = 60.0 * check_number("--minutes", arguments.minutes, low=0, high=1e6)
     trust(arguments)
     base, run_cells = as_scenario(arguments.scenario), partial(results_by_id, arguments=arguments)
-    policies = arguments.policies or recommend.candidates(base.robot_class)
-    Screen().say(f"class of robots: {base.robot_class}")
+    likeness = Likeness.of(base)
+    policies = arguments.policies or recommend.candidates(likeness.classes)
+    Screen().say(likeness.text)
     tune = partial(_tune, base, seconds, arguments.workers) if seconds else None
     result = recommend.recommend(base, policies, arguments.seeds, run_cells, tune)
     _print(result)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.analysis.recommend import around
+from benchmarks.analysis.recommend import Likeness, around
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve, resolve_isolated
 from benchmarks.run.store import provenance
@@ -33,7 +33,7 @@ def practice(base: Scenario) -> Scenario:
     """Return the scenario; if it is for judging alone, with another motion, events and engine."""
     if not held_out_reason(base):
         return base
-    move_time = CLASSES[base.robot_class].move_time
+    move_time = CLASSES[Likeness.of(base).classes[0]].move_time
     motion = FourierReference(amplitude=(1.5, 2.0), frequency=0.24 / move_time, harmonics=4)
     return base.replace(reference=motion, duration=min(base.duration, 4.8), events=(), plant=None)
 
