@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import ALL, columns_of, over_all
+from benchmarks.report.columns import ALL, Column, columns_of, over_all
 from benchmarks.run.metrics import METRICS, counted_errors
 from benchmarks.text import visible
 
@@ -68,8 +68,22 @@ def leaderboards(console: Console, boards: Mapping[str, Board]) -> None:
 
 
 def leaderboard(console: Console, board: Board) -> None:
-    """Print one row per policy, the best first, with the main columns, and the board's remarks."""
-    selected = columns_of(board, ALL)
+    """Print one row per policy, the best first, and the board's remarks.
+
+    No text is cut: the table has the first of the main columns that fit, and the others are named.
+    """
+    shown, hidden = columns_of(board, ALL), ""
+    unlimited = console.options.update(width=10_000)
+    while len(shown) > 1 and console.measure(_board(board, shown), options=unlimited).maximum > console.width:
+        hidden = f", {shown.pop().title}{hidden}"
+    console.print(_board(board, shown))
+    console.print(escape(MEANING + (f" A wider terminal also shows{hidden[1:]}." if hidden else "")))
+    for remark in board.remarks:
+        console.print(escape(remark), style="red" if remark in board.gaps else "yellow")
+
+
+def _board(board: Board, selected: Sequence[Column]) -> Table:
+    """Return a table with some columns of a board."""
     leaders = [column.leader(board.ranked) for column in selected]
     rows = []
     for i in board.order:
@@ -82,10 +96,7 @@ def leaderboard(console: Console, board: Board) -> None:
         rows.append(cells)
     counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
     title = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
-    console.print(table(f"{title} each; board {board.version}", [column.title for column in selected], rows))
-    console.print(escape(MEANING))
-    for remark in board.remarks:
-        console.print(escape(remark), style="red" if remark in board.gaps else "yellow")
+    return table(f"{title} each; board {board.version}", [column.title for column in selected], rows)
 
 
 def evaluation(rows: list[dict[str, float]], decision_us: float) -> Lines:

@@ -147,13 +147,14 @@ def members(policies: Iterable[PolicySpec | str], limits: CallLimits | None = No
 
     The members of a shipped agent are its training seeds, first that with the smallest validation
     error. Folders of `fbl-gym train` whose settings differ in the seed alone are members of one
-    row, with the name of the first folder; a second folder of the same settings and seed is a row
-    of its own. Any other policy is its only member. NAME and NAME@0 are
+    row, with the name of the first folder without the seed at its end; a second folder of the same
+    settings and seed is a row of its own. Any other policy is its only member. NAME and NAME@0 are
     two rows, both of which have the member NAME@0. `limits` are those of loading a policy.
     """
     rows: dict[str, tuple[PolicySpec, ...]] = {}
     runs: dict[str, dict[int, PolicySpec]] = {}
-    for spec in dict.fromkeys(resolve_isolated(policy, limits) for policy in policies):
+    given = dict.fromkeys(resolve_isolated(policy, limits) for policy in policies)
+    for spec in given:
         if spec.name in shipped():
             best = best_seed(spec.name)
             seeds = (best, *(seed for seed in shipped()[spec.name] if seed != best))
@@ -166,7 +167,11 @@ def members(policies: Iterable[PolicySpec | str], limits: CallLimits | None = No
                 continue
         for row in spec.rows or (spec.name,):
             rows[row] = (*rows.get(row, ()), spec)
-    rows |= {next(iter(run.values())).name: tuple(run.values()) for run in runs.values()}
+    for run in runs.values():
+        seed, spec = next(iter(run.items()))
+        name = spec.name.removesuffix(f"-{seed}") if len(run) > 1 else spec.name
+        taken = name in rows or any(name == other.name for other in given)
+        rows[spec.name if taken else name] = tuple(run.values())
     specs = dict.fromkeys(spec for row in rows.values() for spec in row)
     return tuple(dataclasses.replace(spec, rows=tuple(row for row in rows if spec in rows[row])) for spec in specs)
 

@@ -134,7 +134,7 @@ def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(folder, fbl_gym):
         first, *_, last = fbl_gym(f"tune {policy} {few}").out.splitlines()  # between them, whether a gain is at an edge
         assert first.startswith(f"{policy}: frequency=")
         assert last.endswith(f"use them as {policy}@results/gains")
-        assert resolve(f"{policy}@results/gains").configuration["frequency"] == float(first.split("=")[1])
+        assert resolve(f"{policy}@results/gains").gains["frequency"] == float(first.split("=")[1])
         assert f"`fbl-gym tune {policy} --class CLASS` finds some" in fbl_gym(f"evaluate {policy}@tuned", 2).err
     assert len(studies(folder)) == 2
     # Changed code is another law, of which nothing was tried.
@@ -183,7 +183,7 @@ def test_gains_of_another_law_with_the_same_file_name_are_refused(folder):
         resolve("b/law.py@gains")
     assert json.loads(path.read_text())["policy"] == "./a/law.py"
     for text in ("a/law.py@gains", f"{folder}/a/law.py@gains", f"a/law.py@{path}"):
-        assert resolve(text).configuration["frequency"] == 20.0
+        assert resolve(text).gains["frequency"] == 20.0
 
 
 def test_a_gain_at_the_edge_of_its_range_is_named():
