@@ -138,6 +138,10 @@ def _draw(axes: Axes, panel: Panel) -> None:
         axes.axhline(height, color="0.4", linestyle="--", linewidth=0.8)
         axes.annotate(label, (1.0, height), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     axes.set(title=panel.title, ylabel=panel.y, xscale=panel.scales[0], yscale=panel.scales[1])
+    if panel.scales[0] == "log":
+        from matplotlib.ticker import LogFormatter
+
+        axes.xaxis.set_minor_formatter(LogFormatter())  # 20, not 2 x 10^1, which is too wide
     if panel.bounds is not None:
         axes.set_ylim(panel.bounds)
 

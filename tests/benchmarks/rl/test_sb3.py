@@ -138,7 +138,7 @@ def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "sbx", None)  # as if it were not installed
     path = tmp_path / "model.zip"
     for data, message in (
-        ({"policy_class": {"__module__": "mine.policies"}}, "must hold a model .* got a network of mine.policies"),
+        ({"policy_class": {"__module__": "mine.policies"}}, "must be of .* got a network of mine.policies"),
         ({"policy_class": {"__module__": "sbx.sac.policies"}}, "needs sbx, which is not .*: pip install sbx-rl"),
         ({"policy_class": {"__module__": "sb3_contrib.none.policies"}}, "needs none of sb3_contrib, which has no such"),
         ({}, "must be an archive that stable-baselines3's save wrote"),
