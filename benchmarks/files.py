@@ -2,32 +2,16 @@
 
 import contextlib
 import os
-import shutil
-import tempfile
-import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-
-_PREFIX = ".unfinished-"
-
-ABANDONED = 86_400.0
-"""Age of an unfinished file whose process is taken for killed [s]."""
-
-
-def remove_unfinished(folder: Path) -> None:
-    """Remove the files and folders of this module that killed processes left in a folder."""
-    for path in folder.glob(f"{_PREFIX}*"):
-        with contextlib.suppress(FileNotFoundError):  # another process was faster, or finished its file
-            if time.time() - path.stat().st_mtime > ABANDONED:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a place to write a file to. The file is renamed to its path if the block succeeds."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{_PREFIX}{uuid.uuid4().hex}{path.suffix[:20]}")
+    beside = path.with_name(f".unfinished-{uuid.uuid4().hex}{path.suffix[:20]}")
     try:
         yield beside
         with beside.open("rb+") as file:
@@ -35,15 +19,6 @@ def replacing(path: Path) -> Iterator[Path]:
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def working_folder(folder: Path) -> Iterator[Path]:
-    """Yield a new folder in a folder; the block moves what it shall keep."""
-    folder.mkdir(parents=True, exist_ok=True)
-    remove_unfinished(folder)
-    with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder.resolve()) as name:
-        yield Path(name)
 
 
 def write_text(path: Path, text: str) -> None:

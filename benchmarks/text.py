@@ -1,4 +1,4 @@
-"""Text for terminals: characters that would control a terminal are written as escapes."""
+"""Text for terminals, without characters that would control a terminal; texts of errors."""
 
 from typing import TextIO
 
@@ -14,3 +14,20 @@ def visible(text: str) -> str:
 def say(text: str, file: TextIO | None = None) -> None:
     """Print a text, all visible, to the standard output or a file."""
     print(visible(text), file=file, flush=True)
+
+
+LONGEST = 2000
+"""Characters of an error that are kept."""
+
+
+def text_of(problem: BaseException) -> str:
+    """Return the text of an error. An external policy's may raise one itself."""
+    try:
+        return str(problem)[:LONGEST]
+    except BaseException:
+        return "(its text raises an error)"
+
+
+def reason_of(problem: BaseException) -> str:
+    """Return the kind and the text of an error."""
+    return f"{type(problem).__name__}: {text_of(problem)}"

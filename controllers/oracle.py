@@ -29,8 +29,7 @@ class _Oracle(Law):
     @property
     def interface(self) -> Interface:  # type: ignore[override]
         """The environment's interface."""
-        interface: Interface = self.env.interface
-        return interface
+        return self.env.interface
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque command [n x 2] N m, and the next state."""

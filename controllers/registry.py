@@ -135,8 +135,7 @@ def _entry(text: str) -> _Entry:
 
 def _load(entry: _Entry) -> Callable[..., Any]:
     given = entry.factory
-    build: Callable[..., Any] = metadata.EntryPoint("", given, "").load() if isinstance(given, str) else given
-    return build
+    return metadata.EntryPoint("", given, "").load() if isinstance(given, str) else given
 
 
 def is_composed(name: str) -> bool:
@@ -207,8 +206,7 @@ def tuned_gains(name: str, robot: str = "") -> dict[str, Any]:
     files = parsed.files
     robot = parsed.tuned if parsed.tuned in CLASSES else robot or next(iter(files), "")
     if robot in files:
-        gains: dict[str, Any] = json.loads(files[robot].read_text())["gains"]
-        return gains
+        return json.loads(files[robot].read_text())["gains"]
     law = parsed.law_and_parts
     if not (law in names() or is_composed(law)):
         raise unknown("policy", law, names())

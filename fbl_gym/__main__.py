@@ -13,8 +13,7 @@ from fbl_gym.neighbours import ROOT
 def main() -> int:
     """Run a command and return the exit status."""
     sys.path.insert(0, str(ROOT))  # workers get the same path
-    status: int = importlib.import_module("benchmarks.cli").main()
-    return status
+    return importlib.import_module("benchmarks.cli").main()
 
 
 if __name__ == "__main__":

@@ -236,7 +236,9 @@ def ends(value: Any) -> Range:
 
 
 def scaled(value: Any, scale: float) -> Any:
-    """Return a number or distribution times a positive scale."""
+    """Return a number, a distribution, or a pair of them, times a positive scale."""
+    if isinstance(value, tuple):
+        return tuple(scaled(each, scale) for each in value)
     if not isinstance(value, Distribution):
         return value * scale
     values = {name: each and tuple(x * scale for x in each) for name, each in vars(value).items()}

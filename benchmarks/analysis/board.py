@@ -36,7 +36,6 @@ MOST_DIVERGED = 0.1
 """Largest share of runs that diverge for which a law can be a ceiling."""
 
 BOOTSTRAP_SEED = 0
-"""Seed of the bootstrap."""
 
 
 @dataclass(frozen=True)
@@ -126,20 +125,15 @@ class Board:
         """Number of members of each policy [p]."""
         return np.array([len(members) for members in self.rows.values()])
 
-    @cached_property
-    def _starts(self) -> NDArray[np.int64]:
-        """Index of each policy's first member [p]."""
-        return np.cumsum(self.sizes) - self.sizes
-
     def split(self, values: Array) -> list[Array]:
         """Return some values of the members [m x ...] as a list of those of each policy."""
-        return np.split(values, self._starts[1:])
+        return np.split(values, np.cumsum(self.sizes)[:-1])
 
     def average(self, draws: Array) -> Array:
         """Return the mean of draws [b x m x ...] over each policy's members, [b x p x ...]."""
         weights = self.weights[: len(draws)]
         weights = weights.reshape(*weights.shape, *[1] * (draws.ndim - 2))
-        return np.add.reduceat(weights * draws, self._starts, axis=1)
+        return np.add.reduceat(weights * draws, np.cumsum(self.sizes) - self.sizes, axis=1)
 
     @cached_property
     def errors(self) -> Array:
@@ -147,8 +141,7 @@ class Board:
 
         An error below the encoder's resolution counts as the resolution.
         """
-        errors: Array = counted_error(self.runs)
-        return errors
+        return counted_error(self.runs)
 
     @cached_property
     def ranked(self) -> list[int]:

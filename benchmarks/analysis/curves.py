@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, resample
 from benchmarks.run.suite import training
+from benchmarks.text import reason_of
 from fbl_gym.model.arm import Array
 
 
@@ -52,12 +52,11 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     for folder in folders:
         try:
             settings, seed = training(folder)
-            with (folder / "curve.csv").open() as file:
-                rows = list(csv.DictReader(file))
-            run = {name: np.array([float(row[name]) for row in rows]) for name in ("steps", "cpu_s", "validation_mrad")}
+            table = np.atleast_1d(np.genfromtxt(folder / "curve.csv", delimiter=",", names=True))
+            run = {name: table[name] for name in ("steps", "cpu_s", "validation_mrad")}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             raise ValueError(
-                f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({type(problem).__name__}: {problem})"
+                f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason_of(problem)})"
             ) from None
         runs = groups.setdefault(settings, {})
         if seed in runs:

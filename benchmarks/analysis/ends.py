@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.analysis.recommend import scaled_pair
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
@@ -24,6 +23,7 @@ from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import inertia_matrix
 from fbl_gym.records import ends as ends_of
+from fbl_gym.records import scaled
 from fbl_gym.scenarios.classes import CLASSES
 
 LOST, TIMES = 0.01, 2.0
@@ -50,7 +50,7 @@ def axes(robot: str) -> dict[str, dict[float, Scenario]]:
         return nominal.replace(actuator=dataclasses.replace(drive, delay=late))
 
     def rubbed(times: float) -> Scenario:
-        levels = {name: scaled_pair(getattr(friction, name), times) for name in ("viscous", "coulomb", "stiction")}
+        levels = {name: scaled(getattr(friction, name), times) for name in ("viscous", "coulomb", "stiction")}
         return nominal.replace(friction=dataclasses.replace(friction, **levels))
 
     def loaded(share: float) -> Scenario:

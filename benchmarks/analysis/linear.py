@@ -8,7 +8,7 @@ circle.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -220,12 +220,7 @@ def _edge(stable: Callable[[float], bool], inside: float, grid: Array) -> float:
 
 
 def linearize(
-    policy: PolicySpec | str,
-    scenario: Scenario | str | None = None,
-    at: Pair = POINT,
-    *,
-    seed: int = 0,
-    gains: Mapping[str, Any] | None = None,
+    policy: PolicySpec | str, scenario: Scenario | str | None = None, at: Pair = POINT, *, seed: int = 0
 ) -> LinearLoop:
     """Linearise the loop of a policy about rest at the constant reference `at` [rad].
 
@@ -246,7 +241,7 @@ def linearize(
     if not spec.ranked:
         raise NotLinear("the policy reads the true state")
     env = make_env(spec, scenario, 1)
-    actor = spec.make(env, **(gains or {}))
+    actor = spec.make(env)
     observation, _ = env.reset(seed=[seed])
     state: Any = None
     for k in range(instants[-1] + 1):

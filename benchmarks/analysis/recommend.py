@@ -163,12 +163,12 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             noise = getattr(base.noise, "position", None) or SensorError()
             usual = conditions(base.arm, robot, "noise", 2)["noise"]
             given = ends(noise.sigma)[1] > 0
-            sigma = scaled_pair(noise.sigma, factor) if given else usual["position"] * more
+            sigma = scaled(noise.sigma, factor) if given else usual["position"] * more
             changes = {"noise": _replaced(base.noise, position=_replaced(noise, sigma=sigma))}
         case "elastic":
             if base.joint is None:
                 return base
-            changes = {"joint": _replaced(base.joint, stiffness=scaled_pair(base.joint.stiffness, 1 / factor))}
+            changes = {"joint": _replaced(base.joint, stiffness=scaled(base.joint.stiffness, 1 / factor))}
         case "torque constant":
             low, high = ends(actuator.gain)
             changes = {"actuator": _replaced(actuator, gain=_uniform(low - 0.2 * more, high + 0.2 * more))}
@@ -198,17 +198,12 @@ def _replaced(record: Any, **changes: Any) -> Any:
 def _larger(record: Any, usual: dict[str, Any], names: Sequence[str], factor: float) -> Any:
     """Return a record with some fields times a factor; without one, the usual times factor - 1."""
     if record is None:
-        return usual | {name: scaled_pair(usual[name], factor - 1.0) for name in names}
-    return dataclasses.replace(record, **{name: scaled_pair(getattr(record, name), factor) for name in names})
+        return usual | {name: scaled(usual[name], factor - 1.0) for name in names}
+    return dataclasses.replace(record, **{name: scaled(getattr(record, name), factor) for name in names})
 
 
 def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
     return Distribution(uniform=(low * scale, high * scale))
-
-
-def scaled_pair(value: Any, factor: float) -> Any:
-    """Return a number or a distribution, or one for each joint, times a factor."""
-    return tuple(scaled(x, factor) for x in value) if isinstance(value, tuple) else scaled(value, factor)
 
 
 def _payload(scenario: Scenario) -> float:

@@ -25,13 +25,11 @@ from fbl_gym.checks import check_whole
 from fbl_gym.model.arm import Array
 
 LEVEL = 0.95
-"""Confidence of every interval."""
 
 TAIL = (1 - LEVEL) / 2
 """Share of the draws on each side of an interval."""
 
 RESAMPLES = 2000
-"""Default number of bootstrap resamples."""
 
 BOUNDS = -100.0, 100.0
 """Least and largest score. A row above its ceiling gains nothing by it; the board names it."""

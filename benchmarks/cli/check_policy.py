@@ -3,14 +3,14 @@
 import argparse
 from typing import Any
 
-from benchmarks.cli.common import add_policy, add_trust, trust
+from benchmarks.cli.common import POLICY, add_trust, trust
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.run.contract import check
 from benchmarks.text import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_policy(parser)
+    parser.add_argument("policy", metavar="POLICY", help=POLICY)
     add_trust(parser)
 
 
@@ -18,7 +18,7 @@ def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
     count = 0
     policy = resolve_isolated(arguments.policy)
-    for promise, kept, detail in policy.call(_check, policy):
+    for promise, kept, detail, _ in policy.call(_check, policy):
         say(f"{'ok    ' if kept else 'BROKEN'}  {promise}: {detail}")
         count += not kept
     print(f"breaks {count} promises" if count else "keeps every promise of a policy")

@@ -37,7 +37,8 @@ def episodes(text: str) -> int:
     return number
 
 
-def _file(text: str, endings: Sequence[str]) -> Path:
+def file_path(text: str, endings: Sequence[str]) -> Path:
+    """Return the path of a file that can be written."""
     path = Path(text)
     if path.suffix not in endings:
         raise argparse.ArgumentTypeError(f"must end in {' or '.join(endings)}, got {text!r}")
@@ -45,13 +46,6 @@ def _file(text: str, endings: Sequence[str]) -> Path:
     if not (folder.is_dir() and os.access(folder, os.W_OK)):
         raise argparse.ArgumentTypeError(f"must be a file that can be written, got {text!r}: none can be in {folder}")
     return path
-
-
-picture = partial(_file, endings=(".png", ".svg", ".pdf"))
-tex_path = partial(_file, endings=(".tex",))
-csv_path = partial(_file, endings=(".csv",))
-toml_path = partial(_file, endings=(".toml",))
-film = partial(_file, endings=(".mp4", ".gif"))
 
 
 def command_line() -> str:
@@ -69,12 +63,10 @@ def add_option(
     parser.add_argument(name, type=kind, default=default, metavar=metavar, help=f"{meaning} ({default})")
 
 
-def add_policy(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "policy", metavar="POLICY",
-        help="a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
-        "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json",
-    )  # fmt: skip
+POLICY = (
+    "a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
+    "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json"
+)
 
 
 def add_policies(parser: argparse.ArgumentParser) -> None:
@@ -86,15 +78,19 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--scenario", str, "nominal", "S", meaning)
 
 
+def add_file(parser: argparse.ArgumentParser, name: str, meaning: str, *endings: str) -> None:
+    """Add an option that writes a file, whose help ends in the possible endings."""
+    check = partial(file_path, endings=endings)
+    parser.add_argument(name, type=check, metavar="FILE", help=f"{meaning}: {' or '.join(endings)}")
+
+
 def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
-    parser.add_argument("--plot", type=picture, metavar="FILE", help=f"draw {subject}: .png, .svg or .pdf")
-    parser.add_argument(
-        "--columns", type=int, choices=(1, 2), default=2, help="width of the figure in columns of a journal (2)"
-    )
+    add_file(parser, "--plot", f"draw {subject}", ".png", ".svg", ".pdf")
+    parser.add_argument("--columns", type=int, choices=(1, 2), default=2, help="its width in columns of a journal (2)")
 
 
 def add_tex(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--tex", type=tex_path, metavar="FILE", help="write the table for LaTeX (booktabs): .tex")
+    add_file(parser, "--tex", "write the table for LaTeX (booktabs)", ".tex")
 
 
 def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
@@ -103,10 +99,8 @@ def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
         add_option(parser, "--seeds", episodes, seeds, "N", "test seeds 0 to N-1")
     cores = os.cpu_count() or 1
     parser.add_argument("--workers", type=count, default=cores, metavar="N", help="processes (one per core)")
-    parser.add_argument(
-        "--cluster", default="", metavar="ADDRESS",
-        help="run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)",
-    )  # fmt: skip
+    scheduler = "run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)"
+    parser.add_argument("--cluster", default="", metavar="ADDRESS", help=scheduler)
     add_trust(parser)
     add_store(parser)
 
@@ -116,9 +110,7 @@ def add_store(parser: argparse.ArgumentParser) -> None:
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--trust", action="store_true", help="run the code in an archive, and that of policies which a file names"
-    )
+    parser.add_argument("--trust", action="store_true", help="run the code of an archive, and of policies in a file")
 
 
 # What commands share.
@@ -142,9 +134,7 @@ def results_by_id(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[
 def refuse_judged(scenario: Scenario) -> None:
     """Refuse a scenario that tuning and training may not use."""
     if reason := scenarios.held_out_reason(scenario):
-        raise ValueError(
-            f"{scenario.name} is for judging alone: {reason}; change that, or use a scenario of the tier practice"
-        )
+        raise ValueError(f"{scenario.name} is for judging alone: {reason}; change that, or use the tier practice")
 
 
 def trust(arguments: argparse.Namespace, *more: str) -> None:

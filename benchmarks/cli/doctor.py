@@ -11,6 +11,7 @@ from benchmarks.cli.parser import EXTRAS
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
+from fbl_gym.kernel import api
 from fbl_gym.neighbours import ROOT
 
 
@@ -25,18 +26,11 @@ def run(arguments: argparse.Namespace) -> int:
     for extra, modules in EXTRAS.items():
         lacking = [module for module in modules if find_spec(module) is None]
         print(f"extra {extra:<8} {'installed' if not lacking else 'lacks ' + ', '.join(lacking)}")
-    print(f"compiled code is kept in {_cache()}")
+    print(f"compiled code is kept in {api.STEPS[0]._cache.cache_path or 'memory alone: no folder can be written'}")
     print(f"fbl_gym, controllers and benchmarks are imported from {ROOT}")
     if arguments.compile:
         _compile()
     return _self_check()
-
-
-def _cache() -> str:
-    """Return the folder of Numba's compiled code."""
-    from fbl_gym.kernel import api
-
-    return str(api.STEPS[0]._cache.cache_path or "memory alone: no folder can be written")
 
 
 def _compile() -> None:

@@ -22,7 +22,6 @@ from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array
 
 Rows = list[dict[str, float]]
-"""The metrics of each seed."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,14 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_option(parser, "--seeds", common.episodes, 16, "N", "test seeds 0 to N-1, an arm each")
     common.add_option(parser, "--trials", common.count, 1, "K", "repeat each arm's motion in K episodes in a row")
     common.add_plot(parser, "the signals of one policy, the errors of several, or the errors over the trials")
-    parser.add_argument(
-        "--video", type=common.film, metavar="FILE", help="film the first seed, side by side: .mp4 or .gif (extra: render)"
-    )  # fmt: skip
-    parser.add_argument("--csv", type=common.csv_path, metavar="FILE", help="write all metrics of all runs: .csv")
-    parser.add_argument(
-        "--trace", type=common.csv_path, metavar="FILE",
-        help="write all signals of all seeds of one policy, also readings and its state: .csv",
-    )  # fmt: skip
+    common.add_file(parser, "--video", "film the first seed, side by side (extra: render)", ".mp4", ".gif")
+    common.add_file(parser, "--csv", "write all metrics of all runs", ".csv")
+    signals = "write all signals of all seeds of one policy, also readings and its state"
+    common.add_file(parser, "--trace", signals, ".csv")
     common.add_tex(parser)
     common.add_trust(parser)
 

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.cli.common import add_option, add_plot, command_line, csv_path, toml_path
-from benchmarks.files import replacing, write_text
+from benchmarks.cli.common import add_file, add_option, add_plot, command_line
+from benchmarks.files import write_text
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors
 from benchmarks.identification.model import parameters_of, windows
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
+from benchmarks.run.traces import write_columns
 from fbl_gym import scenarios
 from fbl_gym.model.arm import Array
 
@@ -26,28 +27,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files of one arm, which may end in .gz")
     meaning = "a similar arm with the true lengths: a name or a TOML file"
     add_option(parser, "--start", str, "servo-nominal", "SCENARIO", meaning)
-    parser.add_argument(
-        "--toml", type=toml_path, metavar="FILE", help="write the scenario of the identified arm: .toml"
-    )
-    parser.add_argument(
-        "--signals", nargs="+", default=(), metavar="SIGNAL=COLUMNS",
-        help="the columns of time, position, torque (commanded) and velocity, such as time=t torque=u1,u2",
-    )  # fmt: skip
-    parser.add_argument(
-        "--zero", nargs=2, type=float, default=(0.0, 0.0), metavar=("Q1", "Q2"),
-        help="angles of this package where the logs' positions are zero, in rad; -1.5708 0 if they count from hanging (0 0)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--validate", nargs="+", type=Path, default=(), metavar="LOG", help="logs on which to simulate the arm, open loop"
-    )  # fmt: skip
+    add = parser.add_argument
+    add_file(parser, "--toml", "write the scenario of the identified arm", ".toml")
+    columns = "the columns of time, position, torque (commanded) and velocity, such as time=t torque=u1,u2"
+    add("--signals", nargs="+", default=(), metavar="SIGNAL=COLUMNS", help=columns)
+    zero = "angles of this package where the logs' positions are zero, in rad; -1.5708 0 if they count from hanging"
+    add("--zero", nargs=2, type=float, default=(0.0, 0.0), metavar=("Q1", "Q2"), help=zero)
+    add("--validate", nargs="+", type=Path, default=(), metavar="LOG", help="logs on which to simulate it, open loop")
     add_plot(parser, "the first log of --validate: measured, simulated, residual")
-    parser.add_argument(
-        "--plan", type=csv_path, metavar="FILE", help="plan a motion that excites the arm: .csv, and .toml beside it"
-    )
-    parser.add_argument(
-        "--amplitude", nargs=2, type=float, default=(1.0, 1.0), metavar=("A1", "A2"),
-        help="largest distance of the planned motion from hanging, in rad (1 1)",
-    )  # fmt: skip
+    add_file(parser, "--plan", "plan a motion that excites the arm, with its scenario beside it", ".csv")
+    distance = "largest distance of the planned motion from hanging, in rad (1 1)"
+    add("--amplitude", nargs=2, type=float, default=(1.0, 1.0), metavar=("A1", "A2"), help=distance)
     add_option(parser, "--speed", float, 5.0, "V", "its largest velocity, in rad/s")
 
 
@@ -68,11 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     if runs:
         with Progress(console=Screen(stderr=True)) as progress:
             task = progress.add_task("reading", total=len(TERMS) + 3)
-
-            def tick(text: str) -> None:
-                progress.update(task, advance=1, description=text)
-
-            fit = identify(runs, start, tick)
+            fit = identify(runs, start, lambda text: progress.update(task, advance=1, description=text))
         parameters = fit.parameters
         _print(fit, screen)
         if arguments.toml is not None:
@@ -154,12 +140,10 @@ def _plan(arguments: argparse.Namespace, start: scenarios.Scenario, screen: Scre
     """Write an exciting motion as CSV and as a scenario."""
     hanging = (-np.pi / 2, 0.0) if start.arm.gravity > 0 else (0.0, 0.0)
     motion, condition = excitation.plan(start, hanging, arguments.amplitude, arguments.speed, dt=start.control_dt)
-    names = ("position", "velocity", "acceleration", "torque")
-    units = ("rad", "rad_s", "rad_s2", "Nm")
-    header = ["time_s", *(f"{name}_{j}_{unit}" for name, unit in zip(names, units, strict=True) for j in (1, 2))]
-    rows = np.column_stack([motion["time"], *(motion[name] for name in names)])
-    with replacing(arguments.plan) as beside:
-        np.savetxt(beside, rows, "%.8g", delimiter=",", header=",".join(header), comments="")
+    columns = {"time_s": motion["time"]}
+    for name, unit in (("position", "rad"), ("velocity", "rad_s"), ("acceleration", "rad_s2"), ("torque", "Nm")):
+        columns |= {f"{name}_{j + 1}_{unit}": motion[name][:, j] for j in (0, 1)}
+    write_columns(arguments.plan, columns)
     path, every = arguments.plan.with_suffix(".toml"), max(1, round(0.02 / start.control_dt))
     points = ", ".join(f"[{q1:.5f}, {q2:.5f}]" for q1, q2 in motion["position"][::every])
     write_text(

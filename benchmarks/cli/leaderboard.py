@@ -20,27 +20,18 @@ from fbl_gym.scenarios.classes import CLASSES
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that choose cells, and the limits of a cell."""
-    parser.add_argument(
-        "--suite", nargs="+", metavar="S",
-        help=f"{', '.join(SUITES)}, or TOML files, each a board (all classes of robots, or that of --scenarios)",
-    )  # fmt: skip
-    parser.add_argument("--short", action="store_true", help=f"a few scenarios of each class, with {SHORT_SEEDS} seeds")
-    parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
-    parser.add_argument(
-        "--policy", action="append", default=[], metavar="P",
-        help="one more policy: module:factory, file.py, ./folder, or model.zip",
-    )  # fmt: skip
-    parser.add_argument(
-        "--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)"
-    )
-    parser.add_argument("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
-    parser.add_argument(
-        "--cell-timeout", type=float, default=CallLimits.seconds, metavar="S",
-        help=f"longest time of a cell, and of loading a policy [s] ({CallLimits.seconds:g}, for external policies alone)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--cell-memory", type=float, metavar="GB", help="most memory of a cell's process, on Linux (as much as there is)"
-    )  # fmt: skip
+    add = parser.add_argument
+    boards = f"{', '.join(SUITES)}, or TOML files, each a board (all classes of robots, or that of --scenarios)"
+    add("--suite", nargs="+", metavar="S", help=boards)
+    add("--short", action="store_true", help=f"a few scenarios of each class, with {SHORT_SEEDS} seeds")
+    add("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
+    more = "one more policy: module:factory, file.py, ./folder, or model.zip"
+    add("--policy", action="append", default=[], metavar="P", help=more)
+    add("--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)")
+    add("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
+    longest = f"longest time of a cell or of loading a policy [s] ({CallLimits.seconds:g}, for external policies alone)"
+    add("--cell-timeout", type=float, default=CallLimits.seconds, metavar="S", help=longest)
+    add("--cell-memory", type=float, metavar="GB", help="most memory of a cell, on Linux (as much as there is)")
 
 
 def suites_of(arguments: argparse.Namespace) -> list[Suite]:

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.analysis.linear import Margins, linearize
+from benchmarks.analysis.linear import POINT, Margins, linearize
 from benchmarks.cli.common import add_option, add_policies, add_scenario
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.report.terminal import Screen, table
@@ -16,9 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_policies(parser)
     add_scenario(parser)
     add_option(parser, "--seed", int, 0, "N", "of the real arm, where it is drawn")
-    parser.add_argument(
-        "--at", nargs=2, type=float, default=(-1.0, 0.5), metavar=("Q1", "Q2"), help="where the arm rests, in rad (-1 0.5)"
-    )  # fmt: skip
+    rest = "where the arm rests, in rad (-1 0.5)"
+    parser.add_argument("--at", nargs=2, type=float, default=POINT, metavar=("Q1", "Q2"), help=rest)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -36,12 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
             reasons.append(f"no margins of {policy}: {problem}")
             continue
         rows.append((
-            policy,
-            f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}",
-            f"{min(margins.phase):.0f} deg",
-            f"{1e3 * margins.delay:.1f} ms",
-            f"{max(margins.sensitivity):.2f}",
-            f"{max(margins.complementary):.2f}",
+            policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
+            f"{1e3 * margins.delay:.1f} ms", f"{max(margins.sensitivity):.2f}", f"{max(margins.complementary):.2f}",
         ))  # fmt: skip
     screen = Screen()
     header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")

@@ -9,9 +9,8 @@ from collections.abc import Callable, Mapping
 from gymnasium.error import DependencyNotInstalled
 
 import controllers
-from benchmarks.policies.isolation import reason_of
 from benchmarks.run.suite import SUITES
-from benchmarks.text import visible
+from benchmarks.text import reason_of, visible
 from controllers.composition import PARTS, gain_name
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.options.descriptions import Description, describe
@@ -19,10 +18,7 @@ from fbl_gym.scenarios.classes import CLASSES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "what", nargs="?", choices=tuple(LISTS),
-        help="the list to print (all)",
-    )  # fmt: skip
+    parser.add_argument("what", nargs="?", choices=tuple(LISTS), help="the list to print (all)")
 
 
 def _policies() -> dict[str, str]:

@@ -63,15 +63,10 @@ COMMANDS: dict[str, Command] = {
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("filterpy", "matplotlib", "rich", "threadpoolctl"),
-    "analysis": ("optuna", "plotly"),
-    "rl": ("sb3_contrib", "stable_baselines3", "torch"),
-    "render": ("imageio_ffmpeg", "pygame"),
-    "cluster": ("distributed",),
-    "mpc": ("casadi",),
-    "mujoco": ("mujoco",),
-    "data": ("h5py", "minari"),
-}
+    "bench": ("filterpy", "matplotlib", "rich", "threadpoolctl"), "analysis": ("optuna", "plotly"),
+    "rl": ("sb3_contrib", "stable_baselines3", "torch"), "render": ("imageio_ffmpeg", "pygame"),
+    "cluster": ("distributed",), "mpc": ("casadi",), "mujoco": ("mujoco",), "data": ("h5py", "minari"),
+}  # fmt: skip
 """The modules that each extra installs."""
 
 
@@ -167,7 +162,3 @@ def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Name
     )
     module.add_arguments(parser)
     return parser, module.run
-
-
-if __name__ == "__main__":
-    sys.exit(main())

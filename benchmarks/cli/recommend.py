@@ -16,14 +16,10 @@ from fbl_gym.scenarios import Scenario, as_scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "scenario", nargs="?", default="servo-nominal", metavar="SCENARIO",
-        help="a scenario with your arm: a name or a TOML file (servo-nominal)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--policies", nargs="+", metavar="POLICY",
-        help="to choose from (the laws, with tuned gains where there are some, and the agents)",
-    )  # fmt: skip
+    arm = "a scenario with your arm: a name or a TOML file (servo-nominal)"
+    parser.add_argument("scenario", nargs="?", default="servo-nominal", metavar="SCENARIO", help=arm)
+    candidates = "to choose from (the laws, with tuned gains where there are some, and the agents)"
+    parser.add_argument("--policies", nargs="+", metavar="POLICY", help=candidates)
     meaning = "time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none"
     add_option(parser, "--minutes", float, 5.0, "M", meaning)
     add_run(parser, seeds=16)
@@ -49,11 +45,10 @@ def _tune(base: Scenario, seconds: float, workers: int, policies: Sequence[str])
     """Tune the laws of some policies, and show the progress."""
     with Progress(*Progress.get_default_columns(), console=Screen(stderr=True)) as progress:
         bar = progress.add_task("tuning", total=1.0)
-
-        def report(share: float, news: str) -> None:
-            progress.update(bar, completed=share, description=f"tuning, {news}")
-
-        return tune_briefly(base, policies, seconds, report, workers=workers, command=command_line())
+        return tune_briefly(
+            base, policies, seconds, workers=workers, command=command_line(),
+            report=lambda share, news: progress.update(bar, completed=share, description=f"tuning, {news}"),
+        )  # fmt: skip
 
 
 def _print(result: Recommendation) -> None:
@@ -62,14 +57,11 @@ def _print(result: Recommendation) -> None:
         screen.print(f"No policy is safe on {result.scenario}. The best of those that are not:", style="bold")
     rows = [
         (
-            choice.policy,
-            f"{choice.median_pct:.3g} %",
-            f"{choice.worst_pct:.3g} %",
-            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.1f} %)",
-            f"{choice.effort:.2f}",
+            choice.policy, f"{choice.median_pct:.3g} %", f"{choice.worst_pct:.3g} %",
+            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.1f} %)", f"{choice.effort:.2f}",
         )
         for choice in result.choices
-    ]
+    ]  # fmt: skip
     header = ("policy", "error", "worst 5 %", "diverged (bound)", "effort")
     screen.print(table(f"{result.scenario}, {len(result.conditions)} conditions", header, rows))
     columns = [

@@ -20,20 +20,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_trust(parser)
     add_store(parser)
     add_option(parser, "--out", Path, Path("results/report"), "DIR", "folder of the report")
-    parser.add_argument(
-        "--readme", type=Path, metavar="FILE",
-        help="put the first rows of each board between the markers `<!-- leaderboard -->` of this file, "
-        "all rows into docs/results/board.md beside it, and their scores into docs/pictures/scores.svg",
-    )  # fmt: skip
+    readme = "put the first rows of each board between the markers `<!-- leaderboard -->` of this file, all rows into "
+    readme += "docs/results/board.md beside it, and their scores into docs/pictures/scores.svg"
+    parser.add_argument("--readme", type=Path, metavar="FILE", help=readme)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report; return 1 if results are missing."""
     suites, store, out = suites_of(arguments), Store(arguments.store), arguments.out
     if not results_of([cell for suite in suites for cell in suite.cells], store):
-        raise ValueError(
-            f"the folder {store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments"
-        )
+        raise ValueError(f"{store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments")
     boards = boards_of(suites, store)
     terminal.leaderboards(terminal.Screen(), boards)
     for suite in suites:

@@ -13,11 +13,8 @@ from benchmarks.text import say
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--out", Path, Path("results/paper"), "DIR", "folder of the results")
-    parser.add_argument(
-        "--only", nargs="+", default=(), metavar="CLAIM",
-        help="measure these claims only; other claims in DIR stay. `fbl-gym list claims` lists the names; figure-4b means "
-        "all of figure-4b-...",
-    )  # fmt: skip
+    only = "measure these of `fbl-gym list claims`; other claims in DIR stay. figure-4b means all of figure-4b-..."
+    parser.add_argument("--only", nargs="+", default=(), metavar="CLAIM", help=only)
     parser.add_argument("--short", action="store_true", help="measure the first two cases of each claim")
 
 

@@ -26,22 +26,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the options of a scenario, or the differences of two, and what follows from them."""
     tasks = [scenarios.get(name) for name in (arguments.scenario, arguments.other) if name]
-    given = [{name: (text, unit) for name, text, unit in options(task)} for task in tasks]
-    both = {name: unit for each in given for name, (_, unit) in each.items()}
-    rows = [[name, *(each.get(name, ("off",))[0] for each in given), unit] for name, unit in both.items()]
-    if arguments.other:
-        rows = [row for row in rows if row[1] != row[2]]
     console, header = Console(), [task.name for task in tasks]
-    console.print(table("", ["option", *header, "unit"], rows, justify="left"))
     derived = [follows(task) for task in tasks]
-    names = dict.fromkeys(name for facts in derived for name in facts)
-    rows = [[name, *(facts.get(name, "") for facts in derived)] for name in names]
-    console.print(table("", ["what follows", *header], rows, justify="left"))
+    for title, columns in (("option", [dict(options(task)) for task in tasks]), ("what follows", derived)):
+        names = dict.fromkeys(name for column in columns for name in column)
+        rows = [[name, *(column.get(name, "–") for column in columns)] for name in names]
+        differing = [row for row in rows if title == "what follows" or len({*row[1:]}) > 1]
+        console.print(table("", [title, *header], differing if arguments.other else rows, justify="left"))
     return 0
 
 
-def options(record: Any, path: str = "") -> Iterator[tuple[str, str, str]]:
-    """Yield the path, the value in words and the unit of each option that is on."""
+def options(record: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the path with the unit, and the value in words, of each option that is on."""
     for name, declaration in declarations(type(record)).items():  # type: ignore[arg-type]
         value = getattr(record, name)
         if name in ("name", "description", "kind") or value is None:
@@ -52,7 +48,7 @@ def options(record: Any, path: str = "") -> Iterator[tuple[str, str, str]]:
             for i, event in enumerate(value):
                 yield from options(event, f"events[{i}]: {event.kind}, ")
         else:
-            yield path + name, _words(value), declaration.unit
+            yield path + name + (f" [{declaration.unit}]" if declaration.unit else ""), _words(value)
 
 
 def _words(value: Any) -> str:

@@ -17,12 +17,9 @@ from benchmarks.run.suite import Suite, with_option
 from benchmarks.text import say
 from fbl_gym import scenarios
 
-Over = tuple[str, str, list[float]]
-"""The path of an option, the scale of its axis, and its values."""
 
-
-def over(text: str) -> Over:
-    """Return an option and its values; an argument's type."""
+def over(text: str) -> tuple[str, str, list[float]]:
+    """Return an option's path, the scale of its axis and its values; an argument's type."""
     path, _, values = text.partition("=")
     try:
         if ":" in values:
@@ -43,14 +40,12 @@ def over(text: str) -> Over:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_policies(parser)
-    parser.add_argument(
-        "--over", type=over, action="append", required=True, metavar="OPTION=VALUES",
-        help="an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
-        "given more than once, all combinations of values",
-    )  # fmt: skip
+    values = "an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
+    values += "given more than once, all combinations of values"
+    parser.add_argument("--over", type=over, action="append", required=True, metavar="OPTION=VALUES", help=values)
     common.add_scenario(parser)
-    runs = "write all metrics of all runs: .csv"
-    common.add_option(parser, "--csv", common.csv_path, Path("results/sweep.csv"), "FILE", runs)
+    common.add_file(parser, "--csv", "write all metrics of all runs, by default to results/sweep.csv", ".csv")
+    parser.set_defaults(csv=Path("results/sweep.csv"))
     common.add_plot(parser, "the errors (a .png beside --csv)")
     common.add_tex(parser)
     common.add_run(parser, seeds=32)

@@ -11,9 +11,10 @@ from benchmarks.cli.common import add_option, command_line
 from benchmarks.rl.adapter import ACTIONS, AdapterSettings
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.training_settings import TrainingSettings
-from benchmarks.text import say
+from benchmarks.text import reason_of, say
 from fbl_gym import scenarios
 from fbl_gym.options import SENSORS
+from fbl_gym.records import declarations
 
 HARDEST = (3,)
 """Severities of a tier that is trained on, beside its nominal scenario."""
@@ -21,42 +22,26 @@ HARDEST = (3,)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("algorithm", choices=tuple(ALGORITHMS), help="algorithm of stable-baselines3 or sb3-contrib")
-    parser.add_argument("--interface", choices=ACTIONS, default="torque", help="meaning of the agent's action (torque)")
+    add = parser.add_argument
+    add("algorithm", choices=tuple(ALGORITHMS), help="algorithm of stable-baselines3 or sb3-contrib")
+    add("--interface", choices=ACTIONS, default="torque", help="meaning of the agent's action (torque)")
     add_option(parser, "--history", int, 0, "N", "number of earlier steps that the agent observes")
-    parser.add_argument("--base", metavar="LAW", help="law under a residual or blend (computed-torque at 15 rad/s)")
-    parser.add_argument("--second", metavar="LAW", help="other law of a blend, which needs one")
-    parser.add_argument(
-        "--drive", action="store_true", help="let the agent observe the drive's stated delay and lag, and the class of robots"
-    )  # fmt: skip
-    parser.add_argument(
-        "--period", type=float, default=0.0, metavar="S", help="time between two decisions of the agent [s] (each step)"
-    )
-    parser.add_argument(
-        "--sensors", nargs="+", choices=SENSORS, default=SENSORS, help="sensors that the agent observes (all)"
-    )
-    parser.add_argument(
-        "--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)"
-    )
-    parser.add_argument(
-        "--memory", type=float, default=0.0, metavar="S",
-        help="time constant of running mean squares that the agent observes [s] (none)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--context", action="store_true", help="let the agent observe the true parameters (privileged access)"
-    )
-    parser.add_argument(
-        "--scenario", nargs="+", default=["everything-2"], metavar="S",
-        help="to train and validate on: scenarios, .toml files, or tiers such as servo-practice (everything-2)",
-    )  # fmt: skip
+    add("--base", metavar="LAW", help="law under a residual or blend (computed-torque at 15 rad/s)")
+    add("--second", metavar="LAW", help="other law of a blend, which needs one")
+    add("--drive", action="store_true", help="observe the drive's stated delay and lag, and the class of robots")
+    add("--period", type=float, default=0.0, metavar="S", help="time between two decisions [s] (each step)")
+    add("--sensors", nargs="+", choices=SENSORS, default=SENSORS, help="sensors that the agent observes (all)")
+    add("--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)")
+    add("--memory", type=float, default=0.0, metavar="S", help="observe mean squares over this time [s] (none)")
+    add("--context", action="store_true", help="let the agent observe the true parameters (privileged access)")
+    tasks = "to train and validate on: scenarios, .toml files, or tiers such as servo-practice (everything-2)"
+    add("--scenario", nargs="+", default=["everything-2"], metavar="S", help=tasks)
     add_option(parser, "--seed", int, 0, "K", "training seed")
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--steps", type=int, metavar="N", help="steps of all arms together (from the hyperparameters)")
     length.add_argument("--minutes", type=float, metavar="M", help="processor time instead of steps")
-    parser.add_argument(
-        "--hyperparameters", type=Path, metavar="FILE", help="JSON file, instead of the shipped hyperparameters"
-    )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (runs/ALGORITHM-INTERFACE-SEED)")
+    add("--hyperparameters", type=Path, metavar="FILE", help="JSON file, instead of the shipped hyperparameters")
+    add("--out", type=Path, metavar="DIR", help="folder of the run (runs/ALGORITHM-INTERFACE-SEED)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -66,8 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
         for name in arguments.scenario
         for task in (scenarios.in_tier(name, HARDEST) if name in scenarios.TIERS else (name,))
     )
-    names = ("base", "second", "history", "memory", "drive", "period", "context", "sensors", "scales")
-    given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    fields = declarations(AdapterSettings).keys() & vars(arguments).keys()
+    given = {name: value for name in fields if (value := getattr(arguments, name)) is not None}
     adapter = AdapterSettings(arguments.interface, **given)
     path, length = arguments.hyperparameters, (arguments.steps, arguments.minutes)
     hyperparameters = _hyperparameters(path, arguments.algorithm) if path else {}
@@ -87,6 +72,4 @@ def _hyperparameters(path: Path, algorithm: str) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))[algorithm]
     except (ValueError, KeyError, TypeError, RecursionError) as problem:
-        raise ValueError(
-            f"{path} must be JSON with an entry {algorithm!r}: {type(problem).__name__}: {problem}"
-        ) from None
+        raise ValueError(f"{path} must be JSON with an entry {algorithm!r}: {reason_of(problem)}") from None

@@ -12,10 +12,8 @@ from fbl_gym import scenarios
 
 
 def add_world(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--world", nargs="+", choices=scenarios.WORLDS, metavar="W",
-        help=f"compare the orders on the package's arm and in MuJoCo's worlds {', '.join(scenarios.WORLDS)}",
-    )  # fmt: skip
+    orders = f"compare the orders on the package's arm and in MuJoCo's worlds {', '.join(scenarios.WORLDS)}"
+    parser.add_argument("--world", nargs="+", choices=scenarios.WORLDS, metavar="W", help=orders)
 
 
 def compare(suite: Suite, arguments: argparse.Namespace) -> int:

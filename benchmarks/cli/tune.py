@@ -26,25 +26,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--seeds", count, 16, "N", "tuning seeds of each scenario")
     add_option(parser, "--candidates", count, 10, "N", "number of best trials to judge once more")
     add_option(parser, "--fresh-seeds", count, 128, "N", "tuning seeds to judge on, of each scenario")
-    parser.add_argument(
-        "--scenarios", nargs="+", action="extend", metavar="S",
-        help="scenarios of trials and judging: names, families, .toml files (the class's practice)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--class", dest="robot", choices=tuple(CLASSES), default="servo", help="tune on the practice of a class (servo)"
-    )
+    tasks = "scenarios of trials and judging: names, families, .toml files (the class's practice)"
+    parser.add_argument("--scenarios", nargs="+", action="extend", metavar="S", help=tasks)
+    practice = "tune on the practice of a class (servo)"
+    parser.add_argument("--class", dest="robot", choices=tuple(CLASSES), default="servo", help=practice)
     shared = "database of the studies, as for Optuna, which processes and machines may share"
     add_option(parser, "--storage", str, search.STORAGE, "URL", shared)
     add_option(parser, "--workers", count, 1, "N", "processes, a policy each")
     target = parser.add_mutually_exclusive_group()
-    target.add_argument(
-        "--out", type=Path, default=Path("results/gains"), metavar="DIR",
-        help="folder for the gains, which POLICY@DIR then names (results/gains)",
-    )  # fmt: skip
-    target.add_argument(
-        "--ship", action="store_true",
-        help="write the gains of built-in policies into controllers/tuned/CLASS, for POLICY@tuned and POLICY@CLASS",
-    )  # fmt: skip
+    out = "folder for the gains, which POLICY@DIR then names (results/gains)"
+    target.add_argument("--out", type=Path, default=Path("results/gains"), metavar="DIR", help=out)
+    ship = "write the gains of built-in policies into controllers/tuned/CLASS, for POLICY@tuned and POLICY@CLASS"
+    target.add_argument("--ship", action="store_true", help=ship)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -41,12 +41,9 @@ def _find(store: Store, row: str) -> list[Result]:
     if Path(row).is_file():
         return [store.load(Path(row))]
     results = list(store.results())
-    if not results:
-        raise ValueError(f"there are no results in {store.folder}")
-    same = [result for result in results if result.cell.id == row]
-    if not same:
-        raise unknown("row", row, sorted({result.cell.id for result in results}))
-    return same
+    if same := [result for result in results if result.cell.id == row]:
+        return same
+    raise unknown(f"row of {store.folder}", row, {result.cell.id for result in results})
 
 
 def compare(published: Result, now: Result) -> str:
@@ -60,7 +57,7 @@ def compare(published: Result, now: Result) -> str:
     worst = np.nan_to_num(gap, nan=np.inf).max(axis=0)  # infinite where the metric applies to one of the two only
     text = f"DIFFERS: {[*METRICS][int(worst.argmax())]} by up to {worst.max():.3g}"
     if published.cell.key != now.cell.key:
-        text += "; the code or the configuration of the policy changed since"
+        text += "; the code or the gains of the policy changed since"
     old, new = published.provenance.get("packages", {}), provenance("", published.cell.packages)["packages"]
     changed = [f"{package} {old.get(package)} -> {new[package]}" for package in new if old.get(package) != new[package]]
     return "; ".join([text, *([", ".join(changed)] if changed else [])])

@@ -101,7 +101,7 @@ def _numbers(path: Path, mapping: Mapping[str, tuple[str, ...]]) -> dict[str, Ar
     bad = ~np.isfinite(np.hstack(list(signals.values()))).all(axis=1)
     if bad.any():
         raise ValueError(
-            f"{path} must have finite numbers, but {bad.sum()} rows lack one, the first is row {bad.argmax() + 2}"
+            f"{path} must have finite numbers, but {bad.sum()} rows lack one, first row {bad.argmax() + 2}"
         )
     return signals
 
@@ -125,14 +125,11 @@ def read(
         raise ValueError(f"{path} must have 200 samples or more, got {len(time)}")
     steps = np.diff(time)
     if (steps <= 0).any():
-        raise ValueError(
-            f"{path}: time must increase, but does not after {time[:-1][steps <= 0][0]:g} s; a file has one run of one robot"
-        )
+        raise ValueError(f"{path}: time must increase, but does not after {time[:-1][steps <= 0][0]:g} s")
     sample, most = float(np.median(steps)), float(steps.max())
     if most > MAX_GAP * sample:
         raise ValueError(
-            f"{path} has a gap of {most:.3g} s after {time[steps.argmax()]:g} s, with samples each {sample:.3g} s: "
-            "cut the file there into two logs"
+            f"{path} has a gap of {most:.3g} s after {time[steps.argmax()]:g} s: cut it there into two logs"
         )
     position = signals["position"]
     speed = np.abs(np.diff(position, axis=0)) / steps[:, None]
@@ -141,8 +138,7 @@ def read(
             raise ValueError(f"{path}: {name} does not change: its encoder is unplugged, or the column is another one")
         if fastest > MAX_SPEED:
             raise ValueError(
-                f"{path}: {name} must not jump, but does at {fastest:.3g} rad/s: its encoder was unplugged, turns are not "
-                "unwrapped, or its unit is not rad"
+                f"{path}: {name} must not jump, got {fastest:.3g} rad/s: unplugged, or turns not unwrapped"
             )
     dt = max(STEP, round(sample, 4))
     times = np.arange(time[0], time[-1], dt)

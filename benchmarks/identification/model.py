@@ -149,7 +149,7 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps:
     dt = logs[0].dt
     if any(log.dt != dt for log in logs):
         raise ValueError(
-            f"logs must have one rate, got {', '.join(f'{1 / log.sample:.4g} Hz ({log.name})' for log in logs)}"
+            f"logs must have one rate, got {', '.join(f'{log.name} {1 / log.sample:.4g} Hz' for log in logs)}"
         )
     keep = np.unique(np.round(np.linspace(0, length / dt, POINTS + 1)[1:]).astype(int))
     command = np.concatenate([part for log in logs for part in (np.repeat(log.torque[:1], PAD, axis=0), log.torque)])

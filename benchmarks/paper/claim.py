@@ -1,6 +1,5 @@
-"""The record of a claim, its cases, and helpers to measure them."""
+"""The record of a claim, its cases, the rule of its verdicts, and numbers as text."""
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
@@ -9,9 +8,6 @@ import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, proportion
 from benchmarks.report.plot import Line
-from benchmarks.run.metrics import departure, measure
-from benchmarks.run.rollout import Trace, Watch, rollout
-from fbl_gym import SECTION_2_2, TABLE_1, Noise, Scenario
 from fbl_gym.model.arm import Array
 
 REPRODUCED, NOT_REPRODUCED = "reproduced", "not reproduced"
@@ -27,20 +23,11 @@ LEAST = 0.9
 """A claim holds in a case if the 95 % interval of the share of seeds that meet it lies above this.
 A diverged run does not meet it."""
 
-SEEDS = 40
-"""Episodes of a random scenario. All of them must meet a claim: 39 are not enough."""
-
 Values: TypeAlias = Mapping[str, Any]
 """The values of a case, by name, as texts such as "2 rad/s"; `number` reads them."""
 
-ARMS = {"§2.2": SECTION_2_2, "Table 1": TABLE_1}
-"""The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
-
-ESTIMATES: dict[str, Any] = {"exact": 1.0, "half": 0.5, "1.5 times": 1.5, "double": 2.0, "mixed": (0.5, 2.0, 2.0, 0.5)}
-"""Estimates over the real values, of all parameters or of m1, m2, L1, L2."""
-
-VARIANCES = {"variance 0.1": 0.1, "1 dB": 10**-0.1, "σ 0.01": 1e-4}
-"""Variance of a sample on each sensor. For a signal of unit power, 1 dB is a variance of 0.794."""
+Rows: TypeAlias = dict[str, Array]
+"""The metrics of each seed, by name."""
 
 
 class Outcome(NamedTuple):
@@ -136,42 +123,6 @@ def claim(
 def number(text: str) -> float:
     """Return the number at the beginning of a value, such as "5 ms"."""
     return float(text.split()[0])
-
-
-def at_rate(scenario: Scenario, rate: str, **options: Any) -> Scenario:
-    """Return the scenario at a rate such as "1 kHz", with some options."""
-    dt = 1e-3 / number(rate)
-    return scenario.replace(control_dt=dt, physics_dt=dt, **options)
-
-
-def noise(reading: str, rate: str) -> Noise | None:
-    """Return the noise on every sensor: a variance of a sample, or "density 0.1"; "none"."""
-    sigma = np.sqrt(100.0 * number(rate) if reading == "density 0.1" else VARIANCES.get(reading, 0.0))
-    return Noise(position=sigma, velocity=sigma, acceleration=sigma) if sigma else None
-
-
-def with_estimates(scenario: Scenario, arm: str, estimates: str) -> Scenario:
-    """Return the scenario with a real arm, and with some estimates as its nominal parameters."""
-    names, factors = ("m1", "m2", "L1", "L2"), np.broadcast_to(ESTIMATES[estimates], 4)
-    nominal = {name: float(factor) * getattr(ARMS[arm], name) for name, factor in zip(names, factors, strict=True)}
-    ratio = tuple(float(1.0 / factor) for factor in factors)
-    return scenario.replace(arm=dataclasses.replace(ARMS[arm], **nominal), parameter_error={"ratio": ratio})
-
-
-Rows: TypeAlias = dict[str, Array]
-"""The metrics of each seed, by name."""
-
-
-def run(
-    policy: str, scenario: Scenario, seeds: int = 1, watch: Mapping[str, Watch] | None = None, **gains: Any
-) -> tuple[Trace, Rows]:
-    """Return the trace of the first seeds, and each metric of every seed [n].
-
-    Errors in % are shares of the reference's largest departure from the start, such as a step.
-    """
-    trace = rollout(policy, scenario, range(seeds), gains, watch)
-    rows = measure(trace, departure(trace))
-    return trace, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def percents(*values: Array | float) -> str:

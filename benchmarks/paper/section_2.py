@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import Outcome, Rows, Values, at_rate, claim, percents, run, with_estimates
+from benchmarks.paper.claim import Outcome, Rows, Values, claim, percents
+from benchmarks.paper.measuring import at_rate, run, with_estimates
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import Array, coriolis_matrix, forward_dynamics, gravity_torque, inertia_matrix, inverse_dynamics
 

@@ -5,21 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import (
-    SEEDS,
-    Outcome,
-    Rows,
-    Values,
-    at_rate,
-    claim,
-    diverged,
-    noise,
-    number,
-    percents,
-    run,
-    with_estimates,
-)
-from benchmarks.paper.radius import RADIUS_PANEL, track_within
+from benchmarks.paper.claim import Outcome, Rows, Values, claim, diverged, number, percents
+from benchmarks.paper.measuring import SEEDS, at_rate, noise, run, track_within, with_estimates
 from benchmarks.paper.section_2 import HANGING
 from benchmarks.report.plot import Line
 from benchmarks.run.rollout import Trace
@@ -203,7 +190,7 @@ def kalman_filter(v: Values) -> Outcome:
 RADIUS: dict[str, Any] = {
     "chosen": {"arm": "§2.2", "direction": "both", "bound": "5 %", "Kp": "10", "rate": "1 kHz"},
     "scenario": "nominal without a torque limit, 4 s of way-points",
-    "panel": RADIUS_PANEL,
+    "panel": {"x": "radius", "y": "seeds that track [%]", "bounds": (0.0, 102.0), "marks": ((90.0, "90 %"),)},
 }
 WITHOUT = {"radius": ("1",), "law": ("cascade",), "noise": ("none",), "loads": ("none",)}
 WITH = {

@@ -5,21 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper.claim import (
-    ARMS,
-    SEEDS,
-    Outcome,
-    Rows,
-    Values,
-    at_rate,
-    claim,
-    diverged,
-    noise,
-    number,
-    percents,
-    run,
-)
-from benchmarks.paper.radius import track_within
+from benchmarks.paper.claim import Outcome, Rows, Values, claim, diverged, number, percents
+from benchmarks.paper.measuring import ARMS, SEEDS, at_rate, noise, run, track_within
 from benchmarks.paper.section_2 import HANGING
 from benchmarks.paper.section_3 import BOUNDS, RADIUS, READINGS, TABLE_1, TRACKS, WITH, WITHOUT
 from benchmarks.report.plot import COLORS, Line

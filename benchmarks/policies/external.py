@@ -101,7 +101,7 @@ def _load_module(source: str) -> ModuleType:
         if not f"{source}.".startswith(f"{problem.name}."):
             raise
         raise NotFound(
-            f"policy must name a module that exists, but there is no module {source}, installed or in {Path.cwd()}"
+            f"policy must name a module, but there is no module {source}, installed or in {Path.cwd()}"
         ) from None
 
 

@@ -32,6 +32,7 @@ from typing import IO, Any, TypeVar
 
 import numpy as np
 
+from benchmarks.text import reason_of, text_of
 from fbl_gym.checks import check_number
 from fbl_gym.records import set_fields
 
@@ -93,8 +94,7 @@ def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallL
             raise Failed(f"its answer cannot be read ({reason_of(problem)})") from None
     if error is not None:
         raise (ValueError if is_value_error else Failed)(str(error))
-    value: Answer = result
-    return value
+    return result
 
 
 class _Answer(pickle.Unpickler):
@@ -189,7 +189,6 @@ def serve(request_file: int, answer_file: int) -> None:
     os.dup2(2, 1)
     random.seed()
     np.random.seed()  # noqa: NPY002  a policy may use it, and all calls of the server share its state
-    folder = os.getcwd()
     try:
         folder, variables, path, limits = pickle.load(request)
         os.environ.update(variables)
@@ -201,29 +200,10 @@ def serve(request_file: int, answer_file: int) -> None:
         reply = pickle.dumps((None, False, function(*arguments)))
     except BaseException as problem:
         text = text_of(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
-        if os.getcwd() != folder:
-            text += f"; the policy went to another folder, {os.getcwd()}, where relative paths mean other files"
         reply = pickle.dumps((text, isinstance(problem, ValueError), None))
     answer.write(reply)
     answer.flush()
     os._exit(0)  # whatever threads the policy has started
-
-
-LONGEST = 2000
-"""Characters of an error that are kept."""
-
-
-def text_of(problem: BaseException) -> str:
-    """Return the text of an error. An external policy's may raise one itself."""
-    try:
-        return str(problem)[:LONGEST]
-    except BaseException:
-        return "(its text raises an error)"
-
-
-def reason_of(problem: BaseException) -> str:
-    """Return the kind and the text of an error."""
-    return f"{type(problem).__name__}: {text_of(problem)}"
 
 
 def run_parallel(

@@ -2,9 +2,9 @@
 
 The text that names a policy is parsed once, into a `PolicyName` (`name.py`). A file is resolved in
 a process of its own (`isolation.py`). `external.load` imports it, and the policy is made once for
-an example. `digest.py` hashes its code with all imports, `configuration.py` returns its gains. A
-policy declares in class attributes what else it depends on: the laws that it uses by name in
-`uses`, and the files that it reads in `data_files`. `PolicySpec.make` makes the policy for an
+an example. `digest.py` hashes its code with all imports. A policy declares in class attributes what
+else it depends on: the laws that it uses by name in `uses`, and the files that it reads in
+`data_files`. `PolicySpec.make` makes the policy for an
 environment, unless any of these has changed.
 """
 
@@ -17,9 +17,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import controllers
 from benchmarks.policies import external
-from benchmarks.policies.configuration import Inexact, configuration
 from benchmarks.policies.digest import closure, code_digest, data_digest, file_of
 from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
 from benchmarks.policies.name import PolicyName
@@ -64,7 +65,7 @@ class PolicySpec:
         uses: hash of each law that it uses, by the law's name.
         data: hash of each of its data files, by the name relative to its code.
         packages: those of extras that it computes with.
-        configuration: its gains as exact plain data.
+        gains: those that its name gives, as plain data.
         problem: error of its declaration, for which no result can be stored; empty: none.
         trusted: True if it is an archive that may be loaded, see `external.trust`.
         rows: names of the rows of a board that it is a member of; empty: its own name.
@@ -82,7 +83,7 @@ class PolicySpec:
     uses: Mapping[str, str] = field(default_factory=dict, hash=False)
     data: Mapping[str, str] = field(default_factory=dict, hash=False)
     packages: tuple[str, ...] = ()
-    configuration: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    gains: Mapping[str, Any] = field(default_factory=dict, hash=False)
     problem: str = ""
     trusted: bool = False
     rows: tuple[str, ...] = field(default=(), compare=False)
@@ -107,7 +108,7 @@ class PolicySpec:
             "code": self.digest,
             "uses": dict(self.uses),
             "data": dict(self.data),
-            "configuration": dict(self.configuration),
+            "gains": dict(self.gains),
         }
 
     def make(self, env: Any, **gains: Any) -> Any:
@@ -276,11 +277,11 @@ def _coded(name: PolicyName) -> PolicySpec:
             raise BadDeclaration(f"{name.text} must be Python code in files, since its key follows them")
         spec = _declared(spec, factory, next(iter(modules.values())).parent)
         policy = _make(name, _example(spec), gains)
-        spec = dataclasses.replace(spec, uses={**spec.uses, **_uses(name, policy)})
-        spec = dataclasses.replace(spec, configuration=configuration(policy))
+        plain = {gain: np.asarray(value).tolist() for gain, value in gains.items()}
+        spec = dataclasses.replace(spec, uses={**spec.uses, **_uses(name, policy)}, gains=plain)
     except external.NotFound:
         raise
-    except (BadDeclaration, Inexact) as problem:
+    except BadDeclaration as problem:
         spec = dataclasses.replace(spec, problem=str(problem))
     except (Exception, SystemExit):
         if gains:

@@ -164,12 +164,16 @@ def _notes(board: Board) -> list[str]:
     return [", ".join(filter(None, pair)) for pair in zip(seeds, failed, strict=True)]
 
 
+def columns_of(board: Board, *tables: str) -> list[Column]:
+    """Return the columns of some tables, by `Column.tables`, the policy's name first."""
+    return sorted((each for each in columns(board) if each.tables in tables), key=lambda each: each.key != "policy")
+
+
 def columns(board: Board) -> list[Column]:
-    """Return the columns of a board, from left to right."""
+    """Return the columns of a board, from left to right, without those of no value."""
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
-    violation = _violations(board)
-    return [
+    every = [
         _ranked(board, "rank", "rank", "Rank by the score, or by the error where there is no score.", board.rank),
         Column(
             "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
@@ -193,17 +197,13 @@ def columns(board: Board) -> list[Column]:
             "diverged", "diverged %", f"Share of runs that diverged {here}, with the upper end of its posterior's interval. "
             "These runs count in every error.", board.diverged, 100.0, best=-1, form=percent, tables=ALL, ends="upper",
         ),
-        *(
-            [Column(
-                "violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
-                violation, best=-1, form=percent, tables=ALL,
-            )] if any(share is not None for share in violation) else []
+        Column(
+            "violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
+            _violations(board), best=-1, form=percent, tables=ALL,
         ),
-        *(
-            [] if board.effort is None else [Column(
-                "effort", "effort", "Torque variation relative to that of the ceiling, median of the scenarios.",
-                board.effort.tolist(), tables=ALL,
-            )]
+        Column(
+            "effort", "effort", "Torque variation relative to that of the ceiling, median of the scenarios.",
+            [] if board.effort is None else board.effort.tolist(), tables=ALL,
         ),
         Column(
             "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
@@ -234,3 +234,4 @@ def columns(board: Board) -> list[Column]:
         ),
         Column("tuning", "gains", "Origin of the gains.", [spec.tuning for spec in board.specs], tables=NONE),
     ]  # fmt: skip
+    return [column for column in every if any(value is not None for value in column.values)]

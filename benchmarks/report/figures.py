@@ -1,11 +1,8 @@
 """The page's figure, as plain data in Plotly's format."""
 
-from typing import Any, TypeAlias
+from typing import Any
 
 from benchmarks.analysis.board import MOST_DIVERGED, Board
-
-Figure: TypeAlias = dict[str, Any]
-"""A description, and Plotly's `data` and `layout`."""
 
 COLORS = ("#2a86c8", "#dd6a20", "#1c9a74", "#c468a0", "#6d7ff0", "#b98710", "#8a8a8a")
 """Colours that colour-blind readers tell apart, on light and on dark paper."""
@@ -18,8 +15,10 @@ LOG = {"type": "log", "tickvals": _TICKS, "ticktext": [f"{x:,.6g}" for x in _TIC
 """A logarithmic axis with whole numbers at 1, 2 and 5 of each decade."""
 
 
-def pareto(board: Board) -> Figure | None:
+def pareto(board: Board) -> dict[str, Any] | None:
     """Return error against effort of the ranked policies, and the front of the best of them.
+
+    It has a description, and Plotly's `data` and `layout`.
 
     None: there are no efforts. The name of a Plotly trace is its policy, so that the page can hide
     the policies that its filters hide.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from benchmarks.analysis.board import Board
 from benchmarks.files import write_text
-from benchmarks.report.columns import ALL, columns
+from benchmarks.report.columns import ALL, columns_of
 
 _SPECIAL = str.maketrans({
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$",
@@ -40,6 +40,6 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]
 
 def write_board(path: Path, board: Board, command: str) -> None:
     """Write the main columns of the board to a file, the best policy first."""
-    selected = [column for column in columns(board) if column.tables == ALL]
+    selected = columns_of(board, ALL)
     rows = [[column.cell(i) or "not ranked" for column in selected] for i in board.order]
     write_table(path, [column.title for column in selected], rows, command)

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import ALL, ALL_BUT_LATEX, Column, columns, leaders, over_all
+from benchmarks.report.columns import ALL, ALL_BUT_LATEX, Column, columns_of, leaders, over_all
 from benchmarks.run.suite import PAPER
 from fbl_gym.scenarios.classes import CLASSES
 
@@ -35,8 +35,7 @@ def plain(text: str) -> str:
 
 def leaderboard(board: Board) -> str:
     """Return the board as a table, the best policy first, and its remarks."""
-    shown = (column for column in columns(board) if column.tables in (ALL, ALL_BUT_LATEX))
-    selected = sorted(shown, key=lambda column: column.key != "policy")  # the first column stays in sight
+    selected = columns_of(board, ALL, ALL_BUT_LATEX)
     rows = [[_cell(column, i) for column in selected] for i in board.order]
     remarks = "".join(f"\n{plain(remark)}\n" for remark in board.remarks)
     return table([plain(column.title) for column in selected], rows) + remarks

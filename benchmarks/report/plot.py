@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,22 +34,8 @@ DASHES = ("-", "--", "-.", ":")
 WIDTHS = {1: 3.5, 2: 7.16}
 """Width of a figure over one or two columns of the IEEE's journals [in]."""
 
-STYLE: dict[Any, Any] = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "legend.frameon": False,
-    "lines.linewidth": 1.0,
-    "lines.markersize": 3.5,
-    "axes.linewidth": 0.6,
-    "axes.xmargin": 0.0,
-    "axes.grid": True,
-    "grid.linewidth": 0.4,
-    "grid.alpha": 0.4,
-    "savefig.dpi": 300,
-    "pdf.fonttype": 42,  # TrueType: publishers accept it, and text stays text
-    "svg.fonttype": "none",
-}
-"""Matplotlib's settings for every figure."""
+STYLE = Path(__file__).with_name("figures.mplstyle")
+"""Matplotlib's settings for every figure, as a style sheet."""
 
 QUANTILES = (0.1, 0.5, 0.9)
 """A band's lower edge, its line and its upper edge, as quantiles of the seeds."""
@@ -102,7 +88,7 @@ def _figure(title: str, path: Path, size: tuple[float, float]) -> Iterator[Figur
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(STYLE), replacing(path) as beside:
+    with rc_context(fname=STYLE), replacing(path) as beside:
         figure = Figure(figsize=size, layout="constrained")
         yield figure
         figure.savefig(beside, metadata={"Title": title})
@@ -152,6 +138,10 @@ def _draw(axes: Axes, panel: Panel) -> None:
         axes.axhline(height, color="0.4", linestyle="--", linewidth=0.8)
         axes.annotate(label, (1.0, height), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     axes.set(title=panel.title, ylabel=panel.y, xscale=panel.scales[0], yscale=panel.scales[1])
+    if panel.scales[0] == "log":
+        from matplotlib.ticker import LogFormatter
+
+        axes.xaxis.set_minor_formatter(LogFormatter())  # 20, not 2 x 10^1, which is too wide
     if panel.bounds is not None:
         axes.set_ylim(panel.bounds)
 

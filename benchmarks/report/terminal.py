@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import NONE, Column, columns, over_all
+from benchmarks.report.columns import ALL, Column, columns_of, over_all
 from benchmarks.run.metrics import METRICS, counted_errors
 from benchmarks.text import visible
 
@@ -26,7 +26,7 @@ MEANING = (
     "score: 0 for the motionless baseline, 100 for the best law that knows the truth; below 0 is worse than no motion. "
     "error: geometric mean of the mean absolute tracking error in % of the reference's amplitude. diverged: share of runs, "
     "with its upper bound. effort: torque variation relative to that law's. rank: 95 % interval. "
-    "In brackets: privileged access, not ranked."
+    "In brackets: privileged access, not ranked. `fbl-gym report` writes all columns."
 )
 
 
@@ -68,53 +68,35 @@ def leaderboards(console: Console, boards: Mapping[str, Board]) -> None:
 
 
 def leaderboard(console: Console, board: Board) -> None:
-    """Print one row per policy, the best first.
+    """Print one row per policy, the best first, and the board's remarks.
 
-    No text is cut. A file gets lines of any length. A terminal gets the first columns that fit, and
-    the names of the others.
+    No text is cut: the table has the first of the main columns that fit, and the others are named.
     """
-    text_width = console.width
-    rank, policy, *others = (column for column in columns(board) if column.tables != NONE)
-    shown = [rank, *others]
-    if not console.is_terminal:
-        console.width = max(console.width, _width(console, _board(board, policy, shown)))
-    while len(shown) > 1 and _width(console, _board(board, policy, shown)) > console.width:
-        shown.pop()
-    counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
-    title = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items()) + " each"
-    table = _board(board, policy, shown)
-    table.title = f"{title}; board {board.version}"
-    console.print(table)
-    hidden = [column.title for column in others if column not in shown]
-    more = f" Further columns, in a wider terminal, a file or `fbl-gym report`: {', '.join(hidden)}." if hidden else ""
-    console.print(escape(MEANING + more), width=min(text_width, console.width))
+    shown, hidden = columns_of(board, ALL), ""
+    unlimited = console.options.update(width=10_000)
+    while len(shown) > 1 and console.measure(_board(board, shown), options=unlimited).maximum > console.width:
+        hidden = f", {shown.pop().title}{hidden}"
+    console.print(_board(board, shown))
+    console.print(escape(MEANING + (f" A wider terminal also shows{hidden[1:]}." if hidden else "")))
     for remark in board.remarks:
-        style = "red" if remark in board.gaps else "yellow"
-        console.print(f"[{style}]{escape(remark)}[/{style}]", width=min(text_width, console.width))
+        console.print(escape(remark), style="red" if remark in board.gaps else "yellow")
 
 
-def _width(console: Console, table: Table) -> int:
-    """Return the width at which no text of a table is cut."""
-    return console.measure(table, options=console.options.update(width=10_000)).maximum
-
-
-def _board(board: Board, policy: Column, selected: Sequence[Column]) -> Table:
-    """Return a table with the policies and some columns."""
-    table = Table(title_style="bold", box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
-    table.add_column("policy", no_wrap=True)
-    for column in selected:
-        head = escape(column.title.replace("-", "-\n").replace(" ", "\n").replace("/", "/\n"))
-        table.add_column(head, justify="left" if column.is_choice else "right", no_wrap=True)
+def _board(board: Board, selected: Sequence[Column]) -> Table:
+    """Return a table with some columns of a board."""
     leaders = [column.leader(board.ranked) for column in selected]
+    rows = []
     for i in board.order:
-        privileged = not board.specs[i].ranked
-        cells = [escape(f"({policy.cell(i)})" if privileged else policy.cell(i))]
-        for column, leader in zip(selected, leaders, strict=True):
-            best = not privileged and leader is not None and column.values[i] == leader
-            text = escape(column.cell(i, brief=True))
-            cells.append(f"[green]{text}[/green]" if best else text)
-        table.add_row(*cells, style="dim" if privileged else "")
-    return table
+        cells = [Text(column.cell(i, brief=True)) for column in selected]
+        if board.specs[i].ranked:
+            for cell, column, leader in zip(cells, selected, leaders, strict=True):
+                cell.style = "green" if leader is not None and column.values[i] == leader else ""
+        else:
+            cells[0] = Text(f"({cells[0]})")
+        rows.append(cells)
+    counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
+    title = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
+    return table(f"{title} each; board {board.version}", [column.title for column in selected], rows)
 
 
 def evaluation(rows: list[dict[str, float]], decision_us: float) -> Lines:

@@ -172,8 +172,7 @@ class AgentAdapter:
 
     def decides(self, state: State) -> Array:
         """Return True for the lanes [n] in which the agent decides now."""
-        decides: Array = state.age % self.hold == 0
-        return decides
+        return state.age % self.hold == 0
 
     def context(self, env: Any, lanes: int) -> Array:
         """Return the true parameters of an environment now [n x 5]; without context [n x 0]."""
@@ -181,10 +180,7 @@ class AgentAdapter:
             return np.empty((lanes, 0))
         parameters = true_parameters(env.unwrapped.truth, self.interface)
         if len(parameters) != lanes:
-            raise ValueError(
-                f"the agent was made for an environment of {len(parameters)} lanes, since it observes their true "
-                f"parameters, got {lanes} observations"
-            )
+            raise ValueError(f"an agent with context was made for {len(parameters)} lanes, got {lanes} observations")
         return parameters
 
     def observe(self, observation: Array, state: State, context: Array) -> Array:

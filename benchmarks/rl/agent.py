@@ -51,12 +51,9 @@ class Agent(TorqueLaw):
 
     def validate(self) -> None:
         """Refuse an interface without the agent's sensors, and context without an environment."""
-        present = [name for name in SENSORS if name in self.interface.layout]
-        if not set(self.settings.sensors) <= set(present):
-            raise ValueError(
-                f"not applicable: the agent was trained on sensors of {', '.join(self.settings.sensors)}, "
-                f"got {', '.join(present)}"
-            )
+        sensors, present = self.settings.sensors, [name for name in SENSORS if name in self.interface.layout]
+        if not set(sensors) <= set(present):
+            raise ValueError(f"not applicable: trained on sensors of {', '.join(sensors)}, got {', '.join(present)}")
         if self.settings.context and self.env is None:
             raise ValueError("an agent with context observes the truth, so it needs the environment, got its interface")
         _ = self.adapter

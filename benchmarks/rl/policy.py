@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.rl.agent import Agent, describe, saved_agent, settings_of
+from benchmarks.rl.agent import Agent, describe, files, saved_agent, settings_of
 from fbl_gym.checks import unknown
 
 SHIPPED = Path(__file__).parent / "agents"
@@ -42,7 +42,8 @@ def _factory(name: str, summary: str) -> Callable[..., Agent]:
         return shipped_agent(name, env, seed)
 
     settings = settings_of(SHIPPED / name / "0")
-    vars(factory).update(kind="learned", access=settings.access, needs=settings.sensors)
+    weights = [str(path) for seed in sorted((SHIPPED / name).iterdir()) for path in files(seed)]
+    vars(factory).update(kind="learned", access=settings.access, needs=settings.sensors, data_files=weights)
     factory.__doc__ = summary
     return factory
 

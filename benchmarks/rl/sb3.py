@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.text import reason_of
 from controllers.policy import Policy
 from fbl_gym.checks import check_choice
 from fbl_gym.envs.error_scales import ErrorScales
@@ -49,9 +50,7 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     source.
     """
     if not trust:
-        raise ValueError(
-            f"loading {str(path)!r} runs the code in it: give trust=True if you trust its source, got {trust!r}"
-        )
+        raise ValueError(f"loading {str(path)!r} runs the code in it: give trust=True if you trust it, got {trust!r}")
     algorithm = _class_of(path)
     try:
         model = algorithm.load(path, device="cpu")
@@ -59,7 +58,7 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
         raise ValueError(f"{path} needs the module {problem.name}, which is not installed") from problem
     except Exception as problem:  # of SB3, torch, zipfile, pickle or the archive's code
         raise ValueError(
-            f"{path} must be an archive that stable-baselines3's save wrote ({type(problem).__name__}: {problem})"
+            f"{path} must be an archive that stable-baselines3's save wrote ({reason_of(problem)})"
         ) from None
     if (past_actions := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, past_actions)
@@ -130,25 +129,21 @@ def _class_of(path: str | Path) -> Any:
     elif "clip_range" in data and package != _CONTRIB:  # perhaps with a network from outside SB3
         package, folder = "sbx" if package == "sbx" else _SB3, "ppo"
     if package not in (_SB3, _CONTRIB, "sbx"):
-        raise ValueError(
-            f"{path} must hold a model of stable-baselines3, sb3-contrib or sbx, got a network of {module}"
-        )
+        raise ValueError(f"{path} must be of stable-baselines3, sb3-contrib or sbx, got a network of {module}")
     return _import(str(path), package, {"common": "a2c", "recurrent": "recurrentppo"}.get(folder, folder))
 
 
 def _check_space(model: Any, interface: Interface, name: str, advice: str) -> None:
     """Refuse a model with other observations or actions; their precision may differ."""
     given, expected = getattr(model, name), getattr(interface, name)
-    if given.shape != expected.shape:
-        problem = f"shape {expected.shape}, got {given.shape}"
-    elif not all(np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")):
-        problem = f"bounds, {_bounds(expected)}, got {_bounds(given)}"
-    else:
-        return
-    raise ValueError(f"the model's {name} must have the environment's {problem}: train it with {advice}")
+    same = given.shape == expected.shape
+    if not same or not all(
+        np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")
+    ):
+        raise ValueError(f"the model's {name} must be {_words(expected)}, got {_words(given)}: train it with {advice}")
 
 
-def _bounds(space: Any) -> str:
-    """Return the different bounds of a box as text, such as "-2000 to 2000, -800 to 800"."""
+def _words(space: Any) -> str:
+    """Return the shape and the different bounds of a box as text, such as "(2,) of -1 to 1"."""
     ends = [f"{low:.6g} to {high:.6g}" for low, high in zip(space.low.ravel(), space.high.ravel(), strict=True)]
-    return ", ".join(dict.fromkeys(ends))
+    return f"{space.shape} of {', '.join(dict.fromkeys(ends))}"

@@ -22,6 +22,7 @@ from benchmarks.rl.progress import CHECKPOINT, Progress
 from benchmarks.rl.sb3 import find_class
 from benchmarks.rl.training_settings import TrainingSettings, training_seeds
 from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
+from benchmarks.text import reason_of
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 
 
@@ -39,10 +40,7 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
     """
     text, run_file = json.dumps(asdict(settings), indent=1) + "\n", folder / "run.json"
     if run_file.exists() and _without_length(run_file.read_text(encoding="utf-8")) != _without_length(text):
-        raise ValueError(
-            f"folder must be new or hold a run of the same settings, got {str(folder)!r}, whose run.json has others; "
-            "only steps and minutes may change"
-        )
+        raise ValueError(f"only steps and minutes of a run may change; run.json of {str(folder)!r} has other settings")
     write_text(run_file, text)
 
     # Lane i draws its episodes from the stream of seed first + i.
@@ -59,15 +57,13 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
     try:
         model = algorithm("MlpPolicy", env, seed=first, device="cpu", tensorboard_log=logs, **arguments)
     except Exception as problem:  # SB3 checks some arguments, torch some, and neither others
-        raise ValueError(
-            f"hyperparameters.arguments must be those of {algorithm.__name__}: {type(problem).__name__}: {problem}"
-        ) from None
+        raise ValueError(f"hyperparameters.arguments must fit {algorithm.__name__}: {reason_of(problem)}") from None
     if (folder / CHECKPOINT).exists():
         try:
             progress.resume(model)
         except Exception as problem:  # of torch, pickle, zipfile or SB3
             raise ValueError(
-                f"{folder} holds a run that cannot be resumed ({type(problem).__name__}: {problem}); give another --out"
+                f"the run in {folder} cannot be resumed ({reason_of(problem)}); give another --out"
             ) from None
         for _ in range(model.num_timesteps // (env.num_envs * settings.scenarios[0].steps)):
             env.reset()  # skip the episodes that the run has trained on

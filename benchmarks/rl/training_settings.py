@@ -75,18 +75,11 @@ def training_seeds(seed: int) -> range:
 
 def check_hyperparameters(given: Any) -> None:
     """Raise an error unless a training run can use these hyperparameters."""
-    for name in ("lanes", "steps", "arguments"):
-        if not isinstance(given, Mapping) or name not in given:
-            raise ValueError(f"hyperparameters must have lanes, steps and arguments, got {given!r}")
-    if check_whole("hyperparameters.lanes", given["lanes"], low=1) > SEEDS_PER_RUN:
-        raise ValueError(
-            f"hyperparameters.lanes must be at most {SEEDS_PER_RUN}, since more would train on the episodes of the next "
-            f"seed, got {given['lanes']}"
-        )
-    check_whole("hyperparameters.steps", given["steps"], low=1)
-    arguments = given["arguments"]
+    arguments = given.get("arguments") if isinstance(given, Mapping) and {"lanes", "steps"} <= given.keys() else None
     if not isinstance(arguments, Mapping) or "learning_rate" not in arguments:
-        raise ValueError(f"hyperparameters.arguments must have a learning_rate, got {arguments!r}")
+        raise ValueError(f"hyperparameters must have lanes, steps and arguments with a learning_rate, got {given!r}")
+    check_whole("hyperparameters.lanes", given["lanes"], low=1, high=SEEDS_PER_RUN)  # more are those of the next seed
+    check_whole("hyperparameters.steps", given["steps"], low=1)
     check_number("hyperparameters.arguments.learning_rate", arguments["learning_rate"], above=0)
 
 

@@ -14,7 +14,6 @@ from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import Array
 
 VALIDATION = SPLITS["validation"][:16]
-"""The seeds of the episodes."""
 
 
 def validate(make: Callable[[TwoLinkArmVectorEnv], Policy], scenarios: Sequence[Scenario]) -> float:

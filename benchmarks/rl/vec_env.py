@@ -18,13 +18,6 @@ from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array
 
 
-def check_same_step(env: VectorEnv) -> None:
-    """Refuse an environment whose last step of an episode does not start the next one."""
-    mode = env.metadata["autoreset_mode"]
-    if mode != AutoresetMode.SAME_STEP:
-        raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
-
-
 class VectorAdapter(VectorWrapper):
     """A wrapper with an agent's observations and actions, for an environment in SAME_STEP mode.
 
@@ -34,7 +27,6 @@ class VectorAdapter(VectorWrapper):
 
     def __init__(self, env: VectorEnv, settings: AdapterSettings) -> None:
         super().__init__(env)
-        check_same_step(env)
         self._interface: Interface = env.unwrapped.interface  # type: ignore[attr-defined]
         self._adapter = AgentAdapter(settings, self._interface)
         self.single_observation_space = spaces.Box(-10.0, 10.0, (self._adapter.size,), dtype=np.float64)
@@ -98,8 +90,9 @@ class ArmVecEnv(VecEnv):
     """
 
     def __init__(self, *envs: VectorEnv) -> None:
-        for env in envs:
-            check_same_step(env)
+        for mode in (env.metadata["autoreset_mode"] for env in envs):
+            if mode != AutoresetMode.SAME_STEP:
+                raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
         self.envs = envs
         ends = np.cumsum([env.num_envs for env in envs])
         self._cuts = ends[:-1]

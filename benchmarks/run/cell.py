@@ -5,13 +5,14 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks.policies.isolation import CallLimits, Failed, reason_of
+from benchmarks.policies.isolation import CallLimits, Failed
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.contract import broken
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, rollout_trials
 from benchmarks.run.store import Result, provenance
 from benchmarks.run.suite import Cell
+from benchmarks.text import reason_of
 from fbl_gym import Scenario
 
 
@@ -37,15 +38,9 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
 
 
 def run_trials(
-    policy: PolicySpec,
-    scenario: Scenario,
-    seeds: Sequence[int],
-    trials: int = 1,
-    limits: CallLimits | None = None,
-    *,
-    check: bool = False,
-    detailed: bool = False,
-) -> list[Trace]:
+    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int = 1, limits: CallLimits | None = None, *,
+    check: bool = False, detailed: bool = False,
+) -> list[Trace]:  # fmt: skip
     """Return the traces of `rollout_trials`; code of an external policy runs in a fresh process.
 
     Args:

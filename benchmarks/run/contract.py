@@ -1,5 +1,6 @@
 """The promises of a policy, checked on any policy: `fbl-gym check-policy`."""
 
+import itertools
 import os
 import traceback
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ from benchmarks.policies import external
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import action_of, make_env, rollout
+from benchmarks.text import reason_of
 from controllers.policy import leaves
 from fbl_gym import Scenario
 from fbl_gym.model.arm import Array
@@ -24,11 +26,12 @@ network in single precision rounds differently for matrices of different sizes."
 
 
 class Check(NamedTuple):
-    """The check of one promise: whether the policy keeps it, and the observation behind that."""
+    """The check of one promise: whether it is kept, the observation, and True for an error."""
 
     promise: str
     kept: bool
     detail: str
+    failed: bool = False
 
 
 class Broken(AssertionError):
@@ -44,19 +47,15 @@ def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -
         except Broken as broken:
             yield Check(promise, False, str(broken))
         except (Exception, SystemExit) as problem:  # an external policy may raise anything
-            yield Check(promise, False, f"{type(problem).__name__}: {problem}{_position(spec, problem)}")
+            yield Check(promise, False, reason_of(problem) + _position(spec, problem), failed=True)
 
 
 def broken(policy: PolicySpec, scenario: Scenario) -> str:
     """Return the first promise that a policy breaks, and how; empty: none before an error."""
-    for promise, test in [*_PROMISES.items()][:-1]:  # the cell runs whole episodes itself
-        try:
-            test(policy, scenario)
-        except Broken as problem:
-            return f"breaks a promise ({promise}): {problem}"
-        except (Exception, SystemExit):  # the run raises it again
-            return ""
-    return ""
+    checks = itertools.islice(check(policy, scenario), len(_PROMISES) - 1)  # the cell runs whole episodes itself
+    first = next((one for one in checks if not one.kept), None)
+    # The run raises an error again.
+    return "" if first is None or first.failed else f"breaks a promise ({first.promise}): {first.detail}"
 
 
 def _position(policy: PolicySpec, problem: BaseException) -> str:
@@ -71,9 +70,8 @@ def _expect(kept: Any, otherwise: str) -> None:
         raise Broken(otherwise)
 
 
-def _act(policy: Any, observation: Array, state: Any, start: Any = None) -> tuple[Array, Any]:
-    action, after = policy.predict(observation, state=state, episode_start=start, deterministic=True)
-    return action, after
+def _act(policy: Any, observation: Array, state: Any, start: Any = None) -> Any:
+    return policy.predict(observation, state=state, episode_start=start, deterministic=True)
 
 
 def _loop(policy: Any, env: Any, steps: int = STEPS, seed: int = 0) -> list[tuple[Array, Array, Any]]:
@@ -171,8 +169,9 @@ def _blind(policy: PolicySpec, scenario: Scenario) -> str:
     state = None
     for observation, action, _ in _loop(actors[0], env):
         other, state = _act(actors[1], observation, state)
-        same = np.array_equal(action, other)
-        _expect(same, "two arms with one nominal model and the same readings got different actions")
+        _expect(
+            np.array_equal(action, other), "two arms with one nominal model and the same readings got other actions"
+        )
     return "the same readings gave the same actions"
 
 

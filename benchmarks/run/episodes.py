@@ -1,5 +1,6 @@
 """Recorded episodes of a policy: a data set of Minari for offline learning."""
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,6 @@ import numpy as np
 from minari.data_collector.episode_buffer import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
-from benchmarks.files import working_folder
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.rollout import action_of, make_env
 from fbl_gym import __version__
@@ -88,8 +88,9 @@ def write(episodes: Sequence[dict[str, Any]], folder: Path, scenario: Scenario, 
         **about: metadata of Minari, such as `algorithm_name` and `description`.
     """
     env = gym.make(ENVIRONMENTS[observed], scenario=scenario.to_dict(), action=action_of(scenario))
-    with working_folder(folder.parent) as beside:
-        data = beside / folder.name / "data"
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder.parent.resolve()) as beside:
+        data = Path(beside) / folder.name / "data"
         data.mkdir(parents=True)
         storage = MinariStorage.new(data, env.observation_space, env.action_space, env.spec)
         versions = {"minari_version": minari.__version__, "requirements": [f"fbl-gym=={__version__}"]}

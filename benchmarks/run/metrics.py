@@ -73,8 +73,7 @@ def amplitude(trace: Trace) -> Array:
 
     All errors in % are shares of it. It is 1 for a joint that shall stand still.
     """
-    size = np.ptp(trace.reference, axis=0) / 2
-    return np.where(size > 1e-9, size, 1.0)
+    return _or_one(np.ptp(trace.reference, axis=0) / 2)
 
 
 def departure(trace: Trace) -> Array:
@@ -82,7 +81,10 @@ def departure(trace: Trace) -> Array:
 
     It is 1 for a joint that shall stand still. The paper's errors are shares of it.
     """
-    size = np.abs(trace.reference - trace.position[0]).max(axis=0)
+    return _or_one(np.abs(trace.reference - trace.position[0]).max(axis=0))
+
+
+def _or_one(size: Array) -> Array:
     return np.where(size > 1e-9, size, 1.0)
 
 
@@ -200,11 +202,11 @@ def _steady(trace: Trace, error: Array) -> Array:
 def _steps(trace: Trace) -> tuple[Array, Array]:
     """Return the largest overshoot [n] in % of its step and mean settling time [n] s, or NaN."""
     reference = trace.scenario.reference
-    n = len(trace.seeds)
+    none = np.full(len(trace.seeds), np.nan)
     if not isinstance(reference, Steps | FilteredSteps):
-        return np.full(n, np.nan), np.full(n, np.nan)
+        return none, none
     period = round(reference.period / trace.scenario.control_dt)
-    overshoot, settling = np.full(n, np.nan), []
+    overshoot, settling = none, []
     begin = trace.position[0]
     for first in range(0, len(trace.time) - period, period):
         window = slice(first, first + period)
@@ -222,7 +224,7 @@ def _steps(trace: Trace) -> tuple[Array, Array]:
         begin = target
     worst = np.minimum(100 * overshoot, 1e3)
     if not settling:
-        return worst, np.full(n, np.nan)
+        return worst, none
     stacked = np.stack(settling)
     counts = np.isfinite(stacked).sum(axis=(0, 2))
     return worst, np.where(counts > 0, np.nansum(stacked, axis=(0, 2)) / np.maximum(counts, 1), np.nan)
@@ -230,9 +232,5 @@ def _steps(trace: Trace) -> tuple[Array, Array]:
 
 def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
     """Return the mean of each metric over all seeds; NaN where it applies to none."""
-    return {name: _mean([row[name] for row in rows]) for name in rows[0]}
-
-
-def _mean(values: list[float]) -> float:
-    known = [x for x in values if not np.isnan(x)]
-    return float(np.mean(known)) if known else float("nan")
+    known = {name: [row[name] for row in rows if not np.isnan(row[name])] for name in rows[0]}
+    return {name: float(np.mean(values)) if values else float("nan") for name, values in known.items()}

@@ -88,12 +88,9 @@ def action_of(scenario: Scenario) -> str:
 
 
 def rollout(
-    policy: PolicySpec | str,
-    scenario: Scenario,
-    seeds: Sequence[int],
-    gains: Mapping[str, Any] | None = None,
+    policy: PolicySpec | str, scenario: Scenario, seeds: Sequence[int], gains: Mapping[str, Any] | None = None,
     watch: Mapping[str, Watch] | None = None,
-) -> Trace:
+) -> Trace:  # fmt: skip
     """Run one episode for each seed, a lane each, and return the trace.
 
     `gains` are arguments of the policy. `watch` has more signals to record after each step.
@@ -102,14 +99,9 @@ def rollout(
 
 
 def rollout_trials(
-    policy: PolicySpec | str,
-    scenario: Scenario,
-    seeds: Sequence[int],
-    trials: int,
-    gains: Mapping[str, Any] | None = None,
-    watch: Mapping[str, Watch] | None = None,
-    detailed: bool = False,
-) -> list[Trace]:
+    policy: PolicySpec | str, scenario: Scenario, seeds: Sequence[int], trials: int,
+    gains: Mapping[str, Any] | None = None, watch: Mapping[str, Watch] | None = None, detailed: bool = False,
+) -> list[Trace]:  # fmt: skip
     """Run an arm and a motion for each seed several times in a row, and return each trial's trace.
 
     The policy's state goes on from trial to trial, with `episode_start` at the first step of each,

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.files import remove_unfinished
 from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
 from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Result, Store
@@ -16,14 +15,9 @@ from benchmarks.run.suite import Cell
 
 
 def run(
-    cells: Sequence[Cell],
-    store: Store,
-    *,
-    workers: int = 1,
-    command: str = "",
-    limits: CallLimits | None = None,
+    cells: Sequence[Cell], store: Store, *, workers: int = 1, command: str = "", limits: CallLimits | None = None,
     cluster: str = "",
-) -> Iterator[tuple[str, Result]]:
+) -> Iterator[tuple[str, Result]]:  # fmt: skip
     """Run the cells that the store lacks, in any order, and yield each result with its origin.
 
     The origin is "computed", "found" (it was in the store), or "failed".
@@ -36,7 +30,6 @@ def run(
         limits: of the time and memory of a cell; None: those of external policies.
         cluster: address of a Dask scheduler, whose workers run the cells; empty: this machine.
     """
-    remove_unfinished(store.folder)
     absent = []
     for cell in cells:
         if (stored := store.find(cell)) is None:

@@ -27,7 +27,7 @@ from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
 
-FORMAT = 4
+FORMAT = 5
 """Layout of a result's file.
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.
@@ -106,15 +106,11 @@ class Store:
 
     def find(self, cell: Cell) -> Result | None:
         """Return the result of a cell, or None; a damaged one has a warning."""
-        path = self.path(cell)
-        return self._read(path, cell) if path.exists() else None
+        return self._read(self.path(cell), cell)
 
     def find_failure(self, cell: Cell) -> Result | None:
         """Return the result of a cell that failed when it last ran, or None."""
-        try:
-            return self.load(self.path(cell).with_suffix(".error"), cell)
-        except (OSError, Damaged):
-            return None
+        return self._read(self.path(cell).with_suffix(".error"), cell)
 
     def results(self) -> Iterator[Result]:
         """Yield every result, in the order of the files' names; a damaged one has a warning."""
@@ -127,13 +123,13 @@ class Store:
         return sorted(path for path in self.folder.glob("*--*.json") if not path.name.startswith("."))
 
     def _read(self, path: Path, cell: Cell | None = None) -> Result | None:
-        """Return the result in a file; None if it is of another format, or damaged."""
+        """Return the result in a file; None if it is absent, of another format, or damaged."""
         try:
             result = self.load(path, cell)
-            if (right := self.path(result.cell)).name != path.name:
+            if (right := self.path(result.cell)).stem != path.stem:
                 raise Damaged(f"{path} is damaged (it holds the result {right.name})")
             return result
-        except OtherFormat:
+        except (FileNotFoundError, OtherFormat):
             return None
         except Damaged as problem:
             warnings.warn(visible(f"{problem}; `fbl-gym leaderboard` computes its cell again"), stacklevel=3)

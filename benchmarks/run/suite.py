@@ -17,6 +17,7 @@ from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_isolated
 from benchmarks.rl.policy import best_seed, shipped
 from benchmarks.seeds import SPLITS
+from benchmarks.text import reason_of
 from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_choice, check_whole, unknown
@@ -114,10 +115,8 @@ class Suite:
     def __post_init__(self) -> None:
         set_fields(
             self, policies=tuple(dict.fromkeys(self.policies)), scenarios=distinguish(self.scenarios),
-            seeds=check_whole("seeds", self.seeds, low=1),
+            seeds=check_whole("seeds", self.seeds, low=1, high=len(SPLITS["test"])),
         )  # fmt: skip
-        if self.seeds > len(SPLITS["test"]):
-            raise ValueError(f"seeds must be at most {len(SPLITS['test'])}, the test seeds there are, got {self.seeds}")
 
     @cached_property
     def cells(self) -> list[Cell]:
@@ -139,8 +138,7 @@ def training(folder: Path) -> tuple[str, int]:
         settings = json.loads((folder / "run.json").read_text(encoding="utf-8"))
         seed = settings.pop("seed")
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
-        reason = f"{type(problem).__name__}: {problem}"
-        raise ValueError(f"{folder / 'run.json'} must be as fbl-gym train writes it ({reason})") from None
+        raise ValueError(f"{folder / 'run.json'} must be as fbl-gym train writes it ({reason_of(problem)})") from None
     return json.dumps(settings, sort_keys=True), seed
 
 
@@ -179,20 +177,18 @@ def members(policies: Iterable[PolicySpec | str], limits: CallLimits | None = No
 
 
 def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
-    """Return the scenarios, each once, and distinct names for those that share one."""
-    known = set(scenarios.names())
-    contents: dict[str, dict[str, Scenario]] = {}
+    """Return the scenarios, each once, and distinct names for those that share one.
+
+    A name is kept by the scenario that the package has under it, or else by the first one.
+    """
+    owners: dict[str, str] = {}
+    distinct: dict[tuple[str, str], Scenario] = {}
     for task in tasks:
-        contents.setdefault(task.name, {})[data_digest(plain_options(task, "name", "description"))] = task
-    distinct = []
-    for name, same in contents.items():
-        if name in known:
-            catalogue = data_digest(plain_options(scenarios.get(name), "name", "description"))
-        else:
-            catalogue = next(iter(same)) if len(same) == 1 else ""
-        for content, task in same.items():
-            distinct.append(task if content == catalogue else task.replace(name=f"{name}~{content[:6]}"))
-    return tuple(distinct)
+        usual = scenarios.get(task.name) if task.name in scenarios.names() else task
+        content, first = (data_digest(plain_options(each, "name", "description")) for each in (task, usual))
+        own = owners.setdefault(task.name, first) == content
+        distinct[task.name, content] = task if own else task.replace(name=f"{task.name}~{content[:6]}")
+    return tuple(distinct.values())
 
 
 def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
@@ -266,15 +262,10 @@ class SuiteSpec:
         return expand([*members, *tasks])
 
     def build(
-        self,
-        policies: Sequence[PolicySpec | str] = (),
-        tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
-        seeds: int | None = None,
-        *,
-        short: bool = False,
-        more: Sequence[PolicySpec | str] = (),
+        self, policies: Sequence[PolicySpec | str] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
+        seeds: int | None = None, *, short: bool = False, more: Sequence[PolicySpec | str] = (),
         limits: CallLimits | None = None,
-    ) -> Suite:
+    ) -> Suite:  # fmt: skip
         """Return the suite of a board: with the `members` of its policies.
 
         Args:
@@ -323,7 +314,6 @@ SUITES: dict[str, SuiteSpec] = {
         ),
     )
 }  # fmt: skip
-"""The suites that have names."""
 
 
 def load(name: str) -> SuiteSpec:

@@ -1,5 +1,6 @@
 """Traces, written for other programs as CSV."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,19 +10,10 @@ from benchmarks.run.rollout import Trace
 from fbl_gym.model.arm import Array
 
 UNITS = {
-    "position": "rad",
-    "velocity": "rad_s",
-    "reference": "rad",
-    "command": "Nm",
-    "torque": "Nm",
-    "disturbance": "Nm",
-    "payload": "kg",
-    "measured_position": "rad",
-    "measured_velocity": "rad_s",
-    "measured_acceleration": "rad_s2",
-    "motor_position": "rad",
-    "motor_velocity": "rad_s",
-}
+    "position": "rad", "velocity": "rad_s", "reference": "rad", "command": "Nm", "torque": "Nm", "disturbance": "Nm",
+    "payload": "kg", "measured_position": "rad", "measured_velocity": "rad_s", "measured_acceleration": "rad_s2",
+    "motor_position": "rad", "motor_velocity": "rad_s",
+}  # fmt: skip
 """The unit of each signal in a file, at the end of its name. A policy's state has none."""
 
 
@@ -50,13 +42,12 @@ def table(trace: Trace) -> dict[str, Array]:
 
 
 def export(trace: Trace, path: Path) -> None:
-    """Write the `table` of a trace to a CSV file; a number that there is not is "nan".
+    """Write the `table` of a trace to a CSV file."""
+    write_columns(path, table(trace))
 
-    Args:
-        trace: to be written.
-        path: of the file.
-    """
-    columns = table(trace)
+
+def write_columns(path: Path, columns: Mapping[str, Array]) -> None:
+    """Write columns [n], by name, to a CSV file; a number that there is not is "nan"."""
     rows = np.column_stack(list(columns.values()))
     with replacing(path) as beside:
         np.savetxt(beside, rows, "%.10g", delimiter=",", header=",".join(columns), comments="")

@@ -26,7 +26,6 @@ _BUSY: dict[str, Any] = {
     "noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 1e-1},
     "disturbance": {"kind": "piecewise-constant", "amplitude": 10.0},
 }
-"""Options of the contestants named "busy"."""
 
 _ARM = "fbl_gym:fbl_gym/TwoLinkArm-v0"
 _ACROBOT, _ACROBOTS = "Acrobot-v1", "SyncVectorEnv(Acrobot-v1), 256"

@@ -56,19 +56,11 @@ def tasks_of(base: Scenario, policies: Sequence[str]) -> list[Task]:
 
 
 def tune_briefly(
-    base: Scenario,
-    policies: Sequence[str],
-    seconds: float,
-    report: Callable[[float, str], None],
-    *,
-    workers: int,
-    command: str,
-    storage: str = STORAGE,
-    folder: Path = Path("results/gains"),
-) -> list[str]:
+    base: Scenario, policies: Sequence[str], seconds: float, report: Callable[[float, str], None], workers: int, command: str
+) -> list[str]:  # fmt: skip
     """Tune the first laws with gains for a scenario, and name those with other gains.
 
-    New gains of a law are written as FOLDER/SCENARIO/LAW.json.
+    New gains of a law are written as results/gains/SCENARIO/LAW.json; the trials are in `STORAGE`.
 
     Args:
         base: the scenario.
@@ -77,24 +69,22 @@ def tune_briefly(
         report: called with the share that is done, and a law with its objective.
         workers: number of processes.
         command: the command that was typed, for the record.
-        storage: database of the trials, as for `tune`.
-        folder: for the gains.
     """
     every, end = tasks_of(base, policies)[: ROUNDS[0]], time.monotonic() + seconds
     tasks, done, units = every, 0, sum(min(number, len(every)) for number in ROUNDS)
     for task in tasks:
-        open_study(task, storage)  # here, since no two processes may create a database at once
+        open_study(task, STORAGE)  # here, since no two processes may create a database at once
     for k, number in enumerate(ROUNDS if tasks else ()):
         tasks, values = tasks[:number], {}
         turns = math.ceil(len(tasks) / workers) * (len(ROUNDS) - k)
-        work = partial(_trials, storage, max(end - time.monotonic(), 0.0) / turns)
+        work = partial(_trials, max(end - time.monotonic(), 0.0) / turns)
         for task, value in run_parallel(work, tasks, min(workers, len(tasks))):
             name = task.policy.name
             values[name], done = math.inf if isinstance(value, Failed) else value, done + 1
             report(done / units, f"{name}: {values[name]:.2f}")
         tasks = sorted(tasks, key=lambda task: values[task.policy.name])
-    folder /= re.sub(r"[^\w.+-]+", "_", base.name or "arm")
-    return [name for task in every if (name := write_best(task, storage, folder, command)) not in policies]
+    folder = Path("results/gains", re.sub(r"[^\w.+-]+", "_", base.name or "arm"))
+    return [name for task in every if (name := write_best(task, STORAGE, folder, command)) not in policies]
 
 
 def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
@@ -114,8 +104,8 @@ def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
     return f"{law}@{write_gains(data, folder).parent}"
 
 
-def _trials(storage: str, seconds: float, task: Task) -> float:
+def _trials(seconds: float, task: Task) -> float:
     """Go on with a law's trials for some time, one at least; return the best objective."""
     refused = (ValueError, ArithmeticError)  # a trial of gains that the law refuses
-    study = tune(task, storage, task.shipped(*CLASSES).values(), seconds=max(seconds, 1e-3), catch=refused)
+    study = tune(task, STORAGE, task.shipped(*CLASSES).values(), seconds=max(seconds, 1e-3), catch=refused)
     return min((trial.value or 0.0 for trial in finished(study)), default=math.inf)

@@ -45,7 +45,6 @@ CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
 
 STORAGE = "sqlite:///results/tuning.db?timeout=60"
-"""Default database of the studies."""
 
 
 def scenarios_of(robot: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -71,9 +70,7 @@ class Task:
     def __post_init__(self) -> None:
         set_fields(self, policy=resolve(self.policy))
         if not self.ranges:
-            raise ValueError(
-                f"{self.policy.name} has nothing to tune: none of its gains is declared with a range `tune`"
-            )
+            raise ValueError(f"{self.policy.name} has nothing to tune: no gain is declared with a range `tune`")
 
     @property
     def ranges(self) -> Mapping[str, tuple[float, float]]:
@@ -133,20 +130,14 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
     """Return numbers of tuning seeds: for the trials, and fresh ones to judge on."""
     tuning = SPLITS["tuning"]
     if trial + fresh > len(tuning):
-        raise ValueError(
-            f"there are {len(tuning)} tuning seeds, for trials and judging together, got {trial} and {fresh}"
-        )
+        raise ValueError(f"there are {len(tuning)} tuning seeds, for trials and judging, got {trial} and {fresh}")
     return tuning[:trial], tuning[-fresh:]
 
 
 def tune(
-    task: Task,
-    storage: str,
-    starts: Iterable[Mapping[str, float]] = (),
-    trials: int = sys.maxsize,
-    seconds: float | None = None,
-    catch: tuple[type[Exception], ...] = (),
-) -> optuna.Study:
+    task: Task, storage: str, starts: Iterable[Mapping[str, float]] = (), trials: int = sys.maxsize,
+    seconds: float | None = None, catch: tuple[type[Exception], ...] = (),
+) -> optuna.Study:  # fmt: skip
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
     The first trial is that of the default gains. Other code, scenarios or seeds begin another
@@ -198,9 +189,7 @@ def open_study(task: Task, storage: str) -> optuna.Study:
         name, sampler = f"{task.policy.name} {task.digest}", optuna.samplers.TPESampler()
         return optuna.create_study(study_name=name, storage=storage, load_if_exists=True, sampler=sampler)
     except (sqlalchemy.exc.SQLAlchemyError, ImportError, OSError) as problem:
-        raise ValueError(
-            f"storage must be the URL of a database, such as {STORAGE}, got {storage!r}: {problem}"
-        ) from None
+        raise ValueError(f"storage must be a URL such as {STORAGE}, got {storage!r}: {problem}") from None
 
 
 def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:

@@ -76,6 +76,6 @@ def draw(page):
 
 if __name__ == "__main__":
     grey = dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color", "axes.edgecolor"), "0.5")
-    with rc_context({**STYLE, **grey, "svg.hashsalt": "traces"}):
+    with rc_context({**grey, "svg.hashsalt": "traces"}, STYLE):
         for page in sys.argv[1:] or PAGES:
             draw(page)

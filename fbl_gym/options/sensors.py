@@ -47,7 +47,7 @@ class SensorError(Record):
         if self.snr_db is not None:
             return (10.0 ** (-self.snr_db / 20.0),) * 2
         if self.density != (0.0, 0.0):
-            return tuple(scaled(density, 1 / math.sqrt(2 * control_dt)) for density in self.density)  # type: ignore[union-attr]
+            return scaled(self.density, 1 / math.sqrt(2 * control_dt))
         return self.sigma
 
     def pack(self, packer: Any, name: str) -> None:

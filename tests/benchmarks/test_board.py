@@ -458,7 +458,7 @@ def test_suites(tmp_path):
     file.write_text("policies = [\n")
     with pytest.raises(ValueError, match="is no TOML"):
         load(str(file))
-    with pytest.raises(ValueError, match="seeds must be at most"):
+    with pytest.raises(ValueError, match="seeds must be a whole number"):
         load("ideal").build(seeds=20_000)
 
 

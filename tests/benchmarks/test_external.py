@@ -60,7 +60,7 @@ BAD = {
     "exits": ("import sys\nsys.exit(0)\n", WORKS, "SystemExit: 0"),
     "leaves": ("import os\n", "os._exit(0)", "its process died, with exit status 0"),
     "lacks": ("", "{}['lost']", "KeyError: 'lost'"),
-    "goes": ("import os\nos.chdir('/')\n", WORKS, "the policy went to another folder, /, where"),
+    "goes": ("import os\nos.chdir('/')\n", WORKS, "No such file or directory"),
 }
 FAILS = {
     "text": (

@@ -98,7 +98,7 @@ def test_columns_have_names_units_and_a_zero(rows, tmp_path):
     [
         (lambda r: np.delete(r, slice(1000, 1100), axis=0), r"gap of 0\.2"),
         (lambda r: r * [1, 1, 0, 1, 1], "position_2_rad does not change.*unplugged"),
-        (lambda r: np.concatenate([r, r]), "one robot"),
+        (lambda r: np.concatenate([r, r]), "time must increase"),
         (lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r), "finite.*row 9"),
         (lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]), "position_1_rad must not jump.*unwrapped"),
         (

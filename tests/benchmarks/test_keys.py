@@ -6,11 +6,9 @@ import subprocess
 import sys
 from importlib import metadata
 
-import numpy as np
 import pytest
 
 from benchmarks.policies import digest
-from benchmarks.policies.configuration import Inexact, exact
 from benchmarks.policies.digest import file_of, source_digest
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import PolicySpec, resolve
@@ -100,42 +98,6 @@ def test_the_key_follows_the_package_of_an_external_policy(tmp_path, monkeypatch
     tree(tmp_path, {"external_laws/gains": "changed = True\n"})
     assert [old == new for old, new in zip(before, keys(), strict=True)] == [False, False, True]
     assert [resolve(name).external for name in policies] == [True, True, False]
-
-
-def test_values_are_exact_or_refused():
-    assert exact(np.zeros(3), "x") != exact(np.zeros(3, np.float32), "x") != exact(np.zeros((3, 1)), "x")
-    assert exact(0.1 + 0.2, "x") != exact(0.3, "x")
-    middle = np.arange(2000) == 1000  # NumPy prints the ends of a long array alone
-    assert exact(np.zeros(2000), "x") != exact(1.0 * middle, "x")
-    assert exact({"b": (1, None), "a": [True]}, "x") == {"a": [True], "b": [1, None]}
-    for value in (object(), np.array([object()]), lambda: 0, {1: 2}, {"a": {1, 2}}):
-        with pytest.raises(Inexact, match=r"Law\.gain.* must be a number, text, a NumPy array"):
-            exact(value, "Law.gain")
-
-
-OBJECT = """
-from dataclasses import dataclass, field
-from controllers.simple import Zero
-
-
-class Net:
-    pass
-
-
-@dataclass(frozen=True)
-class Law(Zero):
-    net: Net = field(default_factory=Net)
-
-
-make_policy = Law
-"""
-
-
-def test_an_object_in_a_field_is_a_failed_cell_that_names_the_field(tmp_path):
-    (tmp_path / "law.py").write_text(OBJECT)
-    cell = Cell(str(tmp_path / "law.py"), "nominal", (0,))
-    assert run_cell(cell).error.startswith("ValueError: Law.net must be a number, text, a NumPy array")
-    assert run_cell(cell).error.endswith("got Net: build it from such fields in a cached_property")
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ AT_REST = {"kind": "array", "position": [POINT] * 2, "velocity": [(0.0, 0.0)] * 
 def test_margins_of_pid_on_double_integrators_are_those_of_python_control():
     """Without gravity and with an exact model, each joint is a held double integrator."""
     dt, kp, ki, kd = 0.01, 100.0, 200.0, 20.0
-    loop = linearize("pid-flm", Scenario(arm={"gravity": 0.0}), gains={"kp": kp, "ki": ki, "kd": kd})
+    loop = linearize(f"pid-flm@kp={kp}@ki={ki}@kd={kd}", Scenario(arm={"gravity": 0.0}))
 
     def loop_transfer(z):
         return (kp + ki * dt / (z - 1)) * dt**2 / 2 * (z + 1) / (z - 1) ** 2 + kd * dt / (z - 1)
@@ -129,10 +129,9 @@ def test_the_real_arm_and_the_drive_s_lag_are_those_of_the_environment():
 
 def test_a_drive_of_half_the_gain_allows_twice_the_gain():
     """The whole loop scales with the drive's gain, as it does in the environment."""
-    gains = {"kp": 100.0, "ki": 200.0, "kd": 20.0}
     options = {"arm": {"gravity": 0.0}}
     tasks = (Scenario(actuator=actuator, **options) for actuator in (None, {"gain": 0.5}))
-    full, half = (linearize("pid-flm", task, gains=gains).margins() for task in tasks)
+    full, half = (linearize("pid-flm@kp=100@ki=200@kd=20", task).margins() for task in tasks)
     for joint in (0, 1):
         assert half.gain_upper[joint] == pytest.approx(2.0 * full.gain_upper[joint], rel=1e-3)
         assert half.gain_lower[joint] == pytest.approx(2.0 * full.gain_lower[joint], rel=1e-3)

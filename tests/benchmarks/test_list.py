@@ -17,11 +17,11 @@ def test_each_option_is_shown_with_its_unit():
         actuator={"delay_samples": {"choice": [0, 2]}},
         events=[{"kind": "knock", "time": 1.0, "impulse": (3, 1)}],
     )
-    shown = {name: (text, unit) for name, text, unit in options(task)}
-    assert shown["friction.viscous"] == ("1; 0.5", "N m s/rad")
-    assert shown["friction.coulomb"] == ("1 to 2, uniform", "N m")
-    assert shown["actuator.delay_samples"] == ("one of 0, 2", "")
-    assert shown["events[0]: knock, impulse"] == ("3; 1", "N m s")
+    shown = dict(options(task))
+    assert shown["friction.viscous [N m s/rad]"] == "1; 0.5"
+    assert shown["friction.coulomb [N m]"] == "1 to 2, uniform"
+    assert shown["actuator.delay_samples"] == "one of 0, 2"
+    assert shown["events[0]: knock, impulse [N m s]"] == "3; 1"
     assert not any(name.startswith(("joint", "noise")) for name in shown)
 
 

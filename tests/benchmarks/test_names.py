@@ -125,8 +125,8 @@ def test_gains_of_a_text_reach_the_law(text, frequency, damping):
 
 
 def test_tuned_gains_are_changed_one_by_one():
-    tuned, changed = (resolve(text).configuration for text in ("pid-flm@tuned", "pid-flm@tuned@kp=7"))
-    assert changed == {**tuned, "kp": [7.0, 7.0]}
+    tuned, changed = (resolve(text).make(TwoLinkArmEnv()) for text in ("pid-flm@tuned", "pid-flm@tuned@kp=7"))
+    assert (changed.kp, changed.ki, changed.kd) == ((7.0, 7.0), tuned.ki, tuned.kd)
 
 
 def test_gains_hide_no_code_that_needs_trust():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cli import reproduce
-from benchmarks.paper import claim, claims, radius, section_3
+from benchmarks.paper import claims, measuring, section_3
 from benchmarks.paper.claim import CONTROL, OPEN, REPRODUCED, STATED, Outcome, judge
 from benchmarks.paper.claims import CLAIMS, SHORT, measure_claim
 from benchmarks.run.rollout import rollout
@@ -63,7 +63,7 @@ def test_cases_differ_and_change_values_of_the_claim(name):
 @pytest.mark.parametrize(("direction", "low", "high"), [("larger", 1, 4), ("smaller", 0.25, 1), ("both", 0.25, 4)])
 def test_a_radius_has_directions(direction, low, high):
     """Radius 3: the real parameters lie within [1, 4], [1/4, 1] and [1/4, 4] times the nominal ones, and fill them."""
-    env = TwoLinkArmVectorEnv(500, radius.with_radius(scenarios.get("nominal"), 3.0, direction), action="torque")
+    env = TwoLinkArmVectorEnv(500, measuring.with_radius(scenarios.get("nominal"), 3.0, direction), action="torque")
     env.reset(seed=0)
     ratios = np.hstack([env.truth.masses / [20.0, 15.0], env.truth.lengths / [0.7, 0.5]])
     assert low - 1e-9 < ratios.min() < low * 1.05
@@ -91,8 +91,8 @@ def test_two_seeds_meet_a_claim_as_all_do(name, i, monkeypatch):
     def short(policy, task, seeds, *more):
         return rollout(policy, task.replace(duration=SECONDS.get(name, task.duration)), seeds[:2], *more)
 
-    monkeypatch.setattr(claim, "rollout", short)
-    for cache in (section_3._cached_rows, radius._errors):
+    monkeypatch.setattr(measuring, "rollout", short)
+    for cache in (section_3._cached_rows, measuring._errors):
         cache.cache_clear()
     measured = CLAIMS[name].measure(CLAIMS[name].cases()[i][2])
     _, _, text, count, holds = COMMITTED[name]["cases"][i]

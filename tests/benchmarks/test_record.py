@@ -1,9 +1,5 @@
 """`fbl-gym record`: the data set says all that happened, and the environment repeats it."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -37,19 +33,6 @@ def test_the_environment_repeats_a_recorded_episode(tmp_path, monkeypatch, fbl_g
     assert np.flatnonzero(episode.truncations).tolist() == [999]
     assert set(episode.infos["payload"]) == {0.0, 10.0}
     assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_the_next_run_removes_what_a_killed_one_left(tmp_path, fbl_gym):
-    code = (
-        "import os, sys; from minari.dataset.minari_storage import MinariStorage; from benchmarks import cli; "
-        "MinariStorage.update_metadata = lambda *_: os.kill(os.getpid(), 9); cli.main(sys.argv[1:])"
-    )
-    line = [*COMMAND, str(tmp_path / "noisy-v0")]
-    assert subprocess.run([sys.executable, "-c", code, *line], check=False).returncode == -9
-    (left,) = tmp_path.iterdir()
-    os.utime(left, (0, 0))  # as if that was days ago
-    fbl_gym(line)
-    assert [path.name for path in tmp_path.iterdir()] == ["noisy-v0"]
 
 
 @pytest.mark.parametrize(("observed", "size"), [("tracking", 12), ("raw", 12)])

@@ -161,7 +161,7 @@ def test_a_full_disk_is_an_error_and_leaves_the_rest(tmp_path, monkeypatch):
 
 
 COMMAND = [
-    sys.executable, "-m", "benchmarks.cli.parser", "leaderboard", "--policies", "zero", "pd-gravity", "pid-flm", "cascade-flm",
+    sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", "pd-gravity", "pid-flm", "cascade-flm",
     "--seeds", "8", "--workers", "1", "--scenarios", "nominal", "mass-error", "length-error", "noise-1",
 ]  # fmt: skip
 

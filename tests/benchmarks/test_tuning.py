@@ -5,6 +5,7 @@ import json
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import optuna
@@ -134,7 +135,7 @@ def test_a_law_of_ones_own_is_tuned_and_its_gains_are_tried(folder, fbl_gym):
         first, *_, last = fbl_gym(f"tune {policy} {few}").out.splitlines()  # between them, whether a gain is at an edge
         assert first.startswith(f"{policy}: frequency=")
         assert last.endswith(f"use them as {policy}@results/gains")
-        assert resolve(f"{policy}@results/gains").configuration["frequency"] == float(first.split("=")[1])
+        assert resolve(f"{policy}@results/gains").gains["frequency"] == float(first.split("=")[1])
         assert f"`fbl-gym tune {policy} --class CLASS` finds some" in fbl_gym(f"evaluate {policy}@tuned", 2).err
     assert len(studies(folder)) == 2
     # Changed code is another law, of which nothing was tried.
@@ -183,7 +184,7 @@ def test_gains_of_another_law_with_the_same_file_name_are_refused(folder):
         resolve("b/law.py@gains")
     assert json.loads(path.read_text())["policy"] == "./a/law.py"
     for text in ("a/law.py@gains", f"{folder}/a/law.py@gains", f"a/law.py@{path}"):
-        assert resolve(text).configuration["frequency"] == 20.0
+        assert resolve(text).gains["frequency"] == 20.0
 
 
 def test_a_gain_at_the_edge_of_its_range_is_named():
@@ -283,9 +284,10 @@ def test_an_arm_that_stays_is_not_safe():
     assert not is_safe([none] + [one] * 7)  # 7 of 128 runs
 
 
-def test_brief_tuning_improves_a_law_and_goes_on(tmp_path):
-    storage, folder, news = f"sqlite:///{tmp_path / 'tuning.db'}", tmp_path / "gains", []
-    arguments = {"workers": 1, "command": "", "storage": storage, "folder": folder}
+@pytest.mark.usefixtures("folder")
+def test_brief_tuning_improves_a_law_and_goes_on():
+    storage, gains, news = search.STORAGE, Path("results/gains"), []
+    arguments = {"workers": 1, "command": ""}
     policies = ["ppo-servo", "pd-gravity", "zero", "pd-gravity@damping=1"]
     names = brief.tune_briefly(BASE, policies, 3.0, lambda *part: news.append(part), **arguments)
     assert news[-1][0] == 1.0
@@ -295,12 +297,12 @@ def test_brief_tuning_improves_a_law_and_goes_on(tmp_path):
     trials = search.finished(search.open_study(task, storage))
     best = min(trials, key=lambda trial: trial.value)
     assert best.value < trials[0].value
-    assert names in ([f"pd-gravity@{folder / 'short'}"], ["pd-gravity@servo"])
+    assert names in ([f"pd-gravity@{gains / 'short'}"], ["pd-gravity@servo"])
     study = search.open_study(dataclasses.replace(task, seeds=range(1)), storage)
     study.enqueue_trial(dict.fromkeys(task.ranges, 10.0))
     study.tell(study.ask(dict.fromkeys(task.ranges, FloatDistribution(1.0, 1e3))), -9.0)
-    new = brief.write_best(dataclasses.replace(task, seeds=range(1)), storage, folder, "")
-    assert new == f"pd-gravity@{folder}"
+    new = brief.write_best(dataclasses.replace(task, seeds=range(1)), storage, gains, "")
+    assert new == f"pd-gravity@{gains}"
     assert resolve(new).parsed.given_gains == dict.fromkeys(task.ranges, 10.0)
     brief.tune_briefly(BASE, policies, 0.0, lambda *_: None, **arguments)
     assert len(search.finished(search.open_study(task, storage))) > len(trials)

@@ -157,7 +157,6 @@ def test_a_composition_has_the_gains_of_law_and_parts():
     spec = resolve("pid-flm+eso+predictor")
     assert (spec.access, spec.needs, spec.tuning, spec.problem) == ("nominal", ("position",), "default gains", "")
     assert spec.summary.endswith("; with eso and predictor")
-    assert spec.configuration["eso_bandwidth"] == [80.0, 80.0]
     assert {"kp", "eso_bandwidth", "predictor_lead"} <= set(tuning_ranges(spec.factory()))
     law = spec.make(TwoLinkArmEnv(actuator={"lag": 0.01}), kp=30.0, eso_bandwidth=70.0, predictor_lead=1.0)
     assert (law._inside.kp, law._made["observer"].bandwidth) == ((30.0, 30.0), (70.0, 70.0))

@@ -65,6 +65,6 @@ def test_a_file_a_sweep_and_show_have_it(tmp_path):
     (tmp_path / "told.toml").write_text('base = "servo-delay-2"\n[datasheet]\ndelay = 0.001\n')
     task = scenarios.get(str(tmp_path / "told.toml"))
     assert task.actuator == scenarios.get("servo-delay-2").actuator
-    assert ("datasheet.delay", "0.001", "s") in list(options(task))
+    assert ("datasheet.delay [s]", "0.001") in list(options(task))
     assert with_option(task, "datasheet.delay", 0.002).datasheet.delay == 0.002
     assert with_option(Scenario(), "datasheet.lag", 0.002).datasheet.lag == 0.002

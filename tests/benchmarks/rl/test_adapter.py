@@ -11,7 +11,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.rl.adapter import CONTEXT, AdapterSettings, AgentAdapter
 from benchmarks.rl.agent import Agent, write
 from benchmarks.rl.policy import SHIPPED
-from benchmarks.rl.vec_env import VectorAdapter
+from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
@@ -109,7 +109,7 @@ def test_wrong_settings_are_refused(settings, message):
 
 def test_another_autoreset_mode_is_refused():
     with pytest.raises(ValueError, match="SameStep"):
-        VectorAdapter(TwoLinkArmVectorEnv(2), AdapterSettings())
+        ArmVecEnv(VectorAdapter(TwoLinkArmVectorEnv(2), AdapterSettings()))
 
 
 def test_a_torque_is_a_share_of_the_drives_limits():
@@ -236,7 +236,7 @@ def test_an_agent_with_context_needs_the_environment(tmp_path):
     with pytest.raises(ValueError, match="so it needs the environment, got its interface"):
         resolve(str(tmp_path)).make(env.interface)
     observations, _ = env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"made for an environment of 3 lanes, .* got 1 observations"):
+    with pytest.raises(ValueError, match=r"made for 3 lanes, got 1 observations"):
         resolve(str(tmp_path)).make(env).predict(observations[:1])
 
 

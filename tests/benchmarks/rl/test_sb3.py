@@ -32,7 +32,7 @@ def test_an_archive_is_loaded_only_with_trust(tmp_path):
     _, path = save_model(tmp_path, env)
     with pytest.raises(ValueError, match="runs the code in it"):
         load_zip(path, env.interface)
-    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+    with pytest.raises(ValueError, match="observation_space must be"):
         load_zip(path, TwoLinkArmEnv(preview=1).interface, trust=True)
 
 
@@ -65,10 +65,16 @@ def rescaled():
 @pytest.mark.parametrize(
     ("env", "message"),
     [
-        (rescaled, "observation_space .* -25.1327 to 25.1327, .* got -1 to 1: train it with .*TwoLinkArmTracking-v0"),
-        (lambda: TwoLinkArmEnv(action="torque"), 'got -2000 to 2000, -800 to 800: train it with action="normalized"'),
-        (lambda: TwoLinkArmTrackingEnv(action="torque"), "got -2000 to 2000, -800 to 800: train it with action="),
-        (lambda: TwoLinkArmEnv(action="acceleration"), 'got -100 to 100: train it with action="normalized"'),
+        (
+            rescaled,
+            "observation_space .* -25.1327 to 25.1327, .* got .* of -1 to 1: train it with .*TwoLinkArmTracking-v0",
+        ),
+        (
+            lambda: TwoLinkArmEnv(action="torque"),
+            'got .* of -2000 to 2000, -800 to 800: train it with action="normalized"',
+        ),
+        (lambda: TwoLinkArmTrackingEnv(action="torque"), "got .* of -2000 to 2000, -800 to 800: train it with action="),
+        (lambda: TwoLinkArmEnv(action="acceleration"), 'got .* of -100 to 100: train it with action="normalized"'),
     ],
 )
 def test_an_archive_of_other_observations_or_actions_is_refused(env, message, tmp_path):
@@ -124,7 +130,7 @@ def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
         env = TwoLinkArmEnv(scenario)
         action, _ = resolve(str(path)).make(env).predict(env.reset(seed=0)[0])
         assert env.action_space.contains(action)
-    with pytest.raises(ValueError, match="observation_space must have the environment's shape"):
+    with pytest.raises(ValueError, match="observation_space must be"):
         load_zip(path, TwoLinkArmEnv(sensors=("position",)).interface, trust=True)
 
 
@@ -132,7 +138,7 @@ def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "sbx", None)  # as if it were not installed
     path = tmp_path / "model.zip"
     for data, message in (
-        ({"policy_class": {"__module__": "mine.policies"}}, "must hold a model .* got a network of mine.policies"),
+        ({"policy_class": {"__module__": "mine.policies"}}, "must be of .* got a network of mine.policies"),
         ({"policy_class": {"__module__": "sbx.sac.policies"}}, "needs sbx, which is not .*: pip install sbx-rl"),
         ({"policy_class": {"__module__": "sb3_contrib.none.policies"}}, "needs none of sb3_contrib, which has no such"),
         ({}, "must be an archive that stable-baselines3's save wrote"),

@@ -124,7 +124,7 @@ def test_a_resumed_folder_runs_no_code(tmp_path):
     train(settings("td3"), tmp_path / "run", evaluations=1)
     for name in {path.name for path in (tmp_path / "run").glob("*.p*")} | {"buffer.pkl", "checkpoint.pt"}:
         (tmp_path / "run" / name).write_bytes(pickle.dumps(Marker(tmp_path / "marker")))
-    with pytest.raises(ValueError, match="holds a run that cannot be resumed"):
+    with pytest.raises(ValueError, match="cannot be resumed"):
         train(settings("td3", steps=400), tmp_path / "run", evaluations=1)
     assert not (tmp_path / "marker").exists()
 
@@ -145,7 +145,7 @@ def test_a_finished_run_is_extended(algorithm, tmp_path, capsys):
 
 def test_a_folder_with_other_settings_is_refused(tmp_path):
     train(settings(), tmp_path, evaluations=1)
-    with pytest.raises(ValueError, match="folder must be new or hold a run of the same settings"):
+    with pytest.raises(ValueError, match="only steps and minutes of a run may change"):
         train(settings(seed=1), tmp_path)
 
 
@@ -237,8 +237,8 @@ def test_the_pages_on_learning_run(folder):
     ("options", "message"),
     [
         ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
-        ("--hyperparameters lanes.json", "hyperparameters.lanes must be at most 1000"),
-        ("--hyperparameters words.json", "hyperparameters.arguments must be those of PPO: TypeError"),
+        ("--hyperparameters lanes.json", "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
+        ("--hyperparameters words.json", "hyperparameters.arguments must fit PPO: TypeError"),
         ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
     ],
 )
@@ -258,4 +258,4 @@ def test_a_damaged_run_is_refused(name, content, short, fbl_gym):
     fbl_gym(f"{SHORT} --out run")
     (short / "run" / name).write_bytes(content)
     said = fbl_gym(f"{SHORT} --out run", 2).err
-    assert "fbl-gym: folder must be new" in said or "cannot be resumed" in said
+    assert "fbl-gym: only steps and minutes" in said or "cannot be resumed" in said

@@ -1,0 +1,109 @@
+"""Measurements on the paper's arms: scenarios, metrics, and the uncertainty radius of its laws."""
+
+import dataclasses
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from benchmarks.paper.claim import Outcome, Rows, Values, number, share
+from benchmarks.report.plot import Line
+from benchmarks.run.metrics import departure, measure
+from benchmarks.run.rollout import Trace, Watch, rollout
+from fbl_gym import SECTION_2_2, TABLE_1, Noise, Scenario, scenarios
+from fbl_gym.model.arm import Array
+
+SEEDS = 40
+"""Episodes of a random scenario. All of them must meet a claim: 39 are not enough."""
+
+ARMS = {"§2.2": SECTION_2_2, "Table 1": TABLE_1}
+"""The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
+
+ESTIMATES: dict[str, Any] = {"exact": 1.0, "half": 0.5, "1.5 times": 1.5, "double": 2.0, "mixed": (0.5, 2.0, 2.0, 0.5)}
+"""Estimates over the real values, of all parameters or of m1, m2, L1, L2."""
+
+VARIANCES = {"variance 0.1": 0.1, "1 dB": 10**-0.1, "σ 0.01": 1e-4}
+"""Variance of a sample on each sensor. For a signal of unit power, 1 dB is a variance of 0.794."""
+
+
+def at_rate(scenario: Scenario, rate: str, **options: Any) -> Scenario:
+    """Return the scenario at a rate such as "1 kHz", with some options."""
+    dt = 1e-3 / number(rate)
+    return scenario.replace(control_dt=dt, physics_dt=dt, **options)
+
+
+def noise(reading: str, rate: str) -> Noise | None:
+    """Return the noise on every sensor: a variance of a sample, or "density 0.1"; "none"."""
+    sigma = np.sqrt(100.0 * number(rate) if reading == "density 0.1" else VARIANCES.get(reading, 0.0))
+    return Noise(position=sigma, velocity=sigma, acceleration=sigma) if sigma else None
+
+
+def with_estimates(scenario: Scenario, arm: str, estimates: str) -> Scenario:
+    """Return the scenario with a real arm, and with some estimates as its nominal parameters."""
+    names, factors = ("m1", "m2", "L1", "L2"), np.broadcast_to(ESTIMATES[estimates], 4)
+    nominal = {name: float(factor) * getattr(ARMS[arm], name) for name, factor in zip(names, factors, strict=True)}
+    ratio = tuple(float(1.0 / factor) for factor in factors)
+    return scenario.replace(arm=dataclasses.replace(ARMS[arm], **nominal), parameter_error={"ratio": ratio})
+
+
+def run(
+    policy: str, scenario: Scenario, seeds: int = 1, watch: Mapping[str, Watch] | None = None, **gains: Any
+) -> tuple[Trace, Rows]:
+    """Return the trace of the first seeds, and each metric of every seed [n].
+
+    Errors in % are shares of the reference's largest departure from the start, such as a step.
+    """
+    trace = rollout(policy, scenario, range(seeds), gains, watch)
+    rows = measure(trace, departure(trace))
+    return trace, {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+# The uncertainty radius: the share of seeds that track, against it.
+
+_LAWS = {"cascade": "cascade-flm", "cascade and filter": "robust-flm", "PID": "pid-flm", "adaptive": "adaptive-flm"}
+_LOADS = {"none": None, "50 and 20 N m": {"kind": "piecewise-constant", "amplitude": (50.0, 20.0), "period": 0.5}}
+
+
+def with_radius(scenario: Scenario, r: float, direction: str) -> Scenario:
+    """Return the scenario with real parameters within a radius, each by its own factor.
+
+    "larger" draws real / nominal from [1, 1 + r], "smaller" from [1 / (1 + r), 1], "both" from [1 /
+    (1 + r), 1 + r]; all log-uniformly.
+    """
+    if direction == "both":
+        return scenario.replace(parameter_error={"radius": r})
+    middle = np.sqrt(1.0 + r)
+    ratio = middle if direction == "larger" else 1.0 / middle
+    return scenario.replace(parameter_error={"ratio": ratio, "radius": middle - 1.0})
+
+
+@lru_cache
+def _errors(law: str, arm: str, direction: str, disturbed: str, reading: str, rate: str, kp: str) -> dict[float, Array]:
+    """Return the mean tracking error of each seed [%] at each radius.
+
+    A seed's factors are the same powers of 1 + r at every radius. An adaptive law has the first
+    second of the motion only.
+    """
+    scenario = at_rate(
+        scenarios.get("nominal"), rate, arm=ARMS[arm], actuator=None, duration=1.0 if law == "adaptive" else 4.0,
+        disturbance=_LOADS[disturbed], noise=noise(reading, rate),
+    )  # fmt: skip
+    gains: dict[str, Any] = {} if law == "PID" else {"kp": number(kp)}
+    return {
+        r: run(_LAWS[law], with_radius(scenario, r, direction), 2 * SEEDS, **gains)[1]["error_pct"]
+        for r in ((1.0, 3.0, 9.0) if law == "adaptive" else (0.1, 0.5, 1.0, 2.0))
+    }
+
+
+def track_within(v: Values) -> Outcome:
+    """Return whether each seed tracks at the claimed radius, with the shares at all radii."""
+    errors = _errors(*(v[name] for name in ("law", "arm", "direction", "loads", "noise", "rate", "Kp")))
+    meets = {r: error <= number(v["bound"]) for r, error in errors.items()}
+    shares = share(np.array([*meets.values()]))
+    text = ", ".join(f"{100 * part:.3g} % at {r:g}" for r, part in zip(meets, shares.value, strict=True))
+    label = f"{v['law']}, {v['arm']}, {v['direction']}, Kp {v['Kp']}, noise {v['noise']}"
+    line = Line(np.array([*meets]), 100 * shares.value, label, low=100 * shares.low, high=100 * shares.high)
+    claimed = number(v["radius"])
+    drawn = v["bound"] == "5 %" and claimed >= 1.0
+    return Outcome(meets[claimed], f"seeds within the bound: {text}", [line] if drawn else [])
