@@ -45,9 +45,10 @@ def _import(user: str, package: str, algorithm: str) -> Any:
 def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
     """Return an archive of SB3's `save` as a policy.
 
-    The model must be trained on the observations and actions of `fbl_gym/TwoLinkArmTracking-v0` or
-    `fbl_gym/TwoLinkArm-v0`. Loading it runs the pickled code in it: `trust` says that you trust its
-    source.
+    The model must be trained on the observations and actions of `fbl_gym/TwoLinkArm-v0` or
+    `fbl_gym/TwoLinkArmTracking-v0`, the latter also in stacks of Gymnasium's
+    `FrameStackObservation` or SB3's `VecFrameStack`. Loading it runs the pickled code in it:
+    `trust` says that you trust its source.
     """
     if not trust:
         raise ValueError(f"loading {str(path)!r} runs the code in it: give trust=True if you trust it, got {trust!r}")
@@ -62,7 +63,9 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
         ) from None
     if (past_actions := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, past_actions)
-    observations = "the observations of fbl_gym/TwoLinkArmTracking-v0 or fbl_gym/TwoLinkArm-v0, without other wrappers"
+    observations = (
+        "the observations of fbl_gym/TwoLinkArmTracking-v0 or fbl_gym/TwoLinkArm-v0, without wrappers but a frame stack"
+    )
     _check_space(model, interface, "observation_space", observations)
     _check_space(model, interface, "action_space", f'action="{interface.action}"')
     return model
@@ -72,26 +75,33 @@ class TrackingModel:
     """A model of `fbl_gym/TwoLinkArmTracking-v0` as a policy of `fbl_gym/TwoLinkArm-v0`.
 
     It works with every arm, drive and sensor that has a position, since it remembers its previous
-    actions by itself. Its state is these actions [n x 2 k], and the model's own state.
+    actions and its stack of frames by itself. Its state is these actions [n x 2 k], these frames
+    [n x frames x size], and the model's own state.
     """
 
     def __init__(self, model: Any, interface: Interface, past_actions: int) -> None:
         self._model, self._interface, self._past_actions = model, interface, past_actions
         self._errors = ErrorScales(interface, MOTION)
+        self._shape = model.observation_space.shape
+        self._padding = np.float32(len(self._shape) == 2)  # VecFrameStack, of one axis, starts from zeros
 
     def predict(
         self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[Array, Any]:
         """Return the action and the next state, as `controllers.policy.Policy.predict`."""
         batch = np.atleast_2d(np.asarray(observation, dtype=float))
-        past, inner = (self._first_actions(batch), None) if state is None else state
-        if state is not None and episode_start is not None:
-            starts = np.broadcast_to(np.asarray(episode_start, dtype=bool), len(batch))
+        past, frames, inner = (self._first_actions(batch), None, None) if state is None else state
+        starts = np.ones(len(batch), dtype=bool)
+        if state is not None:
+            starts[:] = False if episode_start is None else episode_start
             past = np.where(starts[:, None], self._first_actions(batch), past)
-        errors = np.concatenate([self._errors(batch), past], axis=-1).astype(np.float32)
-        action, inner = self._model.predict(errors, inner, episode_start, deterministic)
+        errors = np.concatenate([self._errors(batch), past], axis=-1).astype(np.float32)[:, None]
+        first = np.repeat(self._padding * errors, np.prod(self._shape) // errors.shape[-1], axis=1)
+        frames = first if frames is None else np.where(starts[:, None, None], first, frames)
+        frames = np.concatenate([frames[:, 1:], errors], axis=1)
+        action, inner = self._model.predict(frames.reshape(-1, *self._shape), inner, episode_start, deterministic)
         past = np.concatenate([action, past], axis=-1)[:, : past.shape[1]]
-        return (action if np.ndim(observation) == 2 else action[0]), (past, inner)
+        return (action if np.ndim(observation) == 2 else action[0]), (past, frames, inner)
 
     def _first_actions(self, observation: Array) -> Array:
         """Return the action that holds the nominal arm still, as often as it is observed."""
@@ -103,11 +113,14 @@ class TrackingModel:
 
 def _tracked(model: Any, interface: Interface) -> int | None:
     """Return the number of previous actions in a model's error coordinates; None: it has others."""
-    bound = np.ravel(getattr(model.observation_space, "high", ()))
+    high = np.asarray(getattr(model.observation_space, "high", ()))
     errors = ErrorScales(interface, MOTION).space.high
-    past_actions, odd = divmod(len(bound) - len(errors), 2)
-    expected = np.append(errors, np.ones(max(2 * past_actions, 0)))
-    if odd or interface.action != "normalized" or not np.array_equal(bound, expected):
+    frames = max(1, int(np.sum(high != 1.0)) // len(errors))
+    past_actions = max(0, high.size // frames - len(errors)) // 2
+    frame = np.append(errors, np.ones(2 * past_actions))
+    # VecFrameStack repeats each bound, though it joins whole frames.
+    stacks = (np.tile(frame, (frames, 1)), np.repeat(frame, frames))
+    if interface.action != "normalized" or not any(np.array_equal(high, stack) for stack in stacks):
         return None
     _check_space(model, interface, "action_space", 'action="normalized"')
     return past_actions

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import controllers
 import fbl_gym
@@ -121,6 +121,28 @@ def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(
         starts = np.zeros(2, dtype=bool)
     restarted = archive.predict(b, theirs, np.array([True, False]), deterministic=True)[1][0]
     np.testing.assert_array_equal(restarted[1, :2], archive.predict(b, theirs, deterministic=True)[1][0][1, :2])
+
+
+@pytest.mark.parametrize("padding", ["first observation", "zeros"])
+def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, tmp_path):
+    """In a later episode, too."""
+    env = TwoLinkArmTrackingEnv("servo-delay-2", duration=0.1)
+    if padding == "zeros":
+        stacked = VecFrameStack(DummyVecEnv([lambda: env]), 3)
+    else:
+        stacked = DummyVecEnv([lambda: gymnasium.wrappers.FrameStackObservation(env, 3)])
+    model, path = save_model(tmp_path, stacked)
+    lanes = TwoLinkArmVectorEnv(1, "servo-delay-2", duration=0.1, autoreset_mode="SameStep")
+    archive = load_zip(path, lanes.interface, trust=True)
+    stacked.seed(1)
+    a, b = stacked.reset(), lanes.reset(seed=1)[0]
+    state, starts = None, np.array([True])
+    for _ in range(24):
+        action = model.predict(a, deterministic=True)[0]
+        mine, state = archive.predict(b, state, starts, deterministic=True)
+        np.testing.assert_allclose(mine, action, atol=2e-3)  # the first action is from measured positions
+        a, _, starts, _ = stacked.step(action)
+        b, *_ = lanes.step(action)
 
 
 def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
