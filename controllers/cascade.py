@@ -41,11 +41,12 @@ class CascadeFlm(TorqueLaw):
     disturbance: Pair | float = pair(0.0, unit="N m")
 
     def validate(self) -> None:
-        """Refuse a known friction that varies."""
+        """Refuse a known friction that varies, or that follows the torque."""
         super().validate()
-        numbers = [number for pair in vars(self.friction).values() for number in pair] if self.friction else []
-        if any(isinstance(number, Distribution) for number in numbers):
-            raise ValueError(f"friction must have fixed numbers, got {self.friction}")
+        known = self.friction or Friction()
+        varies = any(isinstance(number, Distribution) for value in vars(known).values() for number in value)
+        if varies or known.load != (0.0, 0.0):
+            raise ValueError(f"friction must have fixed numbers and no load, as in equation (22), got {known}")
 
     def initial(self, observation: Array) -> State:
         """Return the state: the integral of the velocity error [n x 2], zero."""

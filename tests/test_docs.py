@@ -20,6 +20,7 @@ import controllers
 import fbl_gym
 from benchmarks import cli
 from benchmarks.run.suite import load
+from controllers import catalogue
 
 ROOT = Path(__file__).parents[1]
 PAGES = {
@@ -50,6 +51,7 @@ def named_files():
 
 SHORTER = {
     "learn(150_000)": "learn(64)",
+    "learn(300_000": "learn(64",
     'device="cpu")': 'device="cpu", n_steps=64)',
     "range(400)": "range(4)",
     "range(32)": "range(4)",
@@ -242,6 +244,14 @@ RECORDS = [
     for name in fbl_gym.__all__
     if isinstance(thing := getattr(fbl_gym, name), type) and dataclasses.is_dataclass(thing)
 ]
+
+
+def test_every_law_is_named_on_a_page():
+    pages = " ".join(path.read_text() for path in (ROOT / "docs/reference/controllers").glob("*.md"))
+    words = set(re.findall(r"[\w-]+", pages))
+    assert {name for name, *_ in catalogue.LAWS} - words <= {"zero"}
+
+
 LAWS = [controllers.factory(name) for name in controllers.names() if controllers.kind(name) == "classical"]
 
 

@@ -50,7 +50,8 @@ class Board:
         rows: members of each policy [p], by the policy's name, with a result for every scenario.
         scenarios: [s] names.
         seeds: [n].
-        runs: each metric, [m x s x n]. Where a policy failed, they are the motionless baseline's.
+        runs: each metric, [m x s x n]. Where a policy failed, they are the motionless baseline's,
+            which are NaN but for error, torque variation and divergence.
         decision_us: time of a decision of each policy, the median over scenarios [p].
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.

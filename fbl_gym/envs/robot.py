@@ -8,14 +8,12 @@ from fbl_gym.envs.env_common import configure
 from fbl_gym.kernel import api, memory
 from fbl_gym.kernel.batch import ArmBatch
 from fbl_gym.model.arm import Array
-from fbl_gym.options import Reward
+from fbl_gym.options import ArrayReference, Reward
 from fbl_gym.scenarios import Scenario
 
 _LANE = np.zeros(1, dtype=np.int64)
 _SIGNALS = ("position", "velocity", "acceleration")
-_ABSENT = (
-    "parameter_error", "noise", "encoder", "friction", "disturbance", "joint", "datasheet", "constraints", "plant",
-)  # fmt: skip
+_KEPT = ("actuator", "sensors", "limits", "control_dt", "physics_dt", "duration", "arm")
 
 
 class Robot(ArmBatch):
@@ -41,9 +39,9 @@ class Robot(ArmBatch):
         computed = encoder is not None and encoder.difference is not None
         self.needs = tuple(name for name in scenario.sensors if not (name == "velocity" and computed))
         # The arm starts at an error from a reference of zeros, which is its first position.
-        changes = dict.fromkeys(_ABSENT) | {"encoder": encoder, "events": (), "initial_error": 0.0}
-        rest = {"kind": "array", "position": [[0.0, 0.0]] * 2}
-        program = configure(scenario, {**changes, "initial_velocity": 0.0, "reference": rest}, **task)[1]
+        kept = {name: getattr(scenario, name) for name in _KEPT}
+        calm = Scenario("robot", encoder=encoder, reference=ArrayReference(((0.0, 0.0),) * 2), **kept)
+        program = configure(calm, {}, **task)[1]
         program.settings["external_physics"] = True
         super().__init__(program, 1)
         first, layout = self._parts["blocks"].start, self.interface.layout

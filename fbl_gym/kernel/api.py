@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbl_gym.kernel.elastic import advance_elastic, start_motors
+from fbl_gym.kernel.elastic import advance_elastic, elastic_acceleration_and_friction, start_motors
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.events import apply_events, carry_payload
 from fbl_gym.kernel.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
@@ -22,7 +22,7 @@ from fbl_gym.kernel.motion import update_reference
 from fbl_gym.kernel.physics import acceleration_and_friction, advance
 from fbl_gym.kernel.readings import observe, sense
 from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, start_disturbance
-from fbl_gym.kernel.views import array_at, pair, record_at
+from fbl_gym.kernel.views import array_at, record_at
 
 _ZERO, _ONE = np.int64(0), np.uint64(1)
 
@@ -214,10 +214,11 @@ def inspect(memory, out):
     for i in range(len(out)):
         block, _, _, _ = _views(memory, settings, i // LANES)
         lane, instant = i % LANES, out[i]
-        law = settings.friction_law
-        a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
         if settings.elastic:
-            (a1, a2), (friction1, friction2) = pair(block.acceleration, lane), pair(block.motor_friction, lane)
+            a1, a2, friction1, friction2 = elastic_acceleration_and_friction(block, settings, lane)
+        else:
+            law = settings.friction_law
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
         instant.time = float(np.int64(block.step[lane])) * settings.control_dt
         instant.acceleration[0], instant.acceleration[1] = a1, a2
         instant.friction_torque[0], instant.friction_torque[1] = friction1, friction2

@@ -1,7 +1,7 @@
 """The motion of an arm with elastic joints over one physics step; see `options/joints.py`."""
 
 from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit
-from fbl_gym.kernel.friction import dry_friction, shrink, sign
+from fbl_gym.kernel.friction import shrink, sign
 from fbl_gym.kernel.physics import (
     FREE,
     dry_bounds,
@@ -132,26 +132,20 @@ def advance_elastic(block, settings, width):
         _advance(block, settings, lane, h)
 
 
-@kernel_njit
-def measure_elastic_joints(block, settings, width):
-    """Compute the links' acceleration and the motors' friction torque at this instant."""
-    for lane in range(width):
-        (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
-        x = _both(block.position, block.motor_position, lane)
-        v = _both(block.velocity, block.motor_velocity, lane)
-        constants = lumped_of(block, lane), _joint(block, settings, lane), friction_of(block, lane), FREE
-        a1, a2, _, _ = _stage(x, v, (-push1, -push2, tau1, tau2), constants)
-        put(block.acceleration, lane, (a1, a2))
-    for i in range(2):
-        for lane in range(width):
-            stiffness, damping, gap = block.stiffness[i, lane], block.damping[i, lane], 0.5 * block.backlash[i, lane]
-            w = block.motor_velocity[i, lane]
-            stretch = block.motor_position[i, lane] - block.position[i, lane]
-            spring = _spring(stiffness, damping, gap, stretch, w - block.velocity[i, lane])
-            coulomb = block.coulomb[i, lane] + block.load_friction[i, lane] * abs(block.torque[i, lane])
-            bound = dry_friction(w, coulomb, block.stiction[i, lane], block.v_s[i, lane])
-            hold = clip(block.torque[i, lane] - spring, bound)
-            block.motor_friction[i, lane] = block.viscous[i, lane] * w + (bound * sign(w) if w != 0.0 else hold)
+@inline_njit
+def elastic_acceleration_and_friction(block, settings, lane):
+    """Return the links' acceleration now, and the friction torque of the motors, two of each."""
+    x = _both(block.position, block.motor_position, lane)
+    v = _both(block.velocity, block.motor_velocity, lane)
+    (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
+    joint, friction, (_, _, w1, w2) = _joint(block, settings, lane), friction_of(block, lane), v
+    constants = lumped_of(block, lane), joint, friction, FREE
+    a1, a2, b1, b2 = _stage(x, v, (-push1, -push2, tau1, tau2), constants)
+    bound1, bound2 = dry_bounds((w1, w2), friction)
+    # A turning motor has its friction; one at rest has the torque that holds it, up to breakaway.
+    dry1 = bound1 * sign(w1) if w1 != 0.0 else clip(joint[6] * b1, bound1)
+    dry2 = bound2 * sign(w2) if w2 != 0.0 else clip(joint[7] * b2, bound2)
+    return a1, a2, friction[0][0] * w1 + dry1, friction[0][1] * w2 + dry2
 
 
 @kernel_njit
@@ -162,4 +156,3 @@ def start_motors(block, lane):
         stretch = tau / block.stiffness[i, lane] + 0.5 * block.backlash[i, lane] * sign(tau)
         block.motor_position[i, lane] = block.position[i, lane] + stretch
         block.motor_velocity[i, lane] = block.velocity[i, lane]
-        block.motor_friction[i, lane] = 0.0

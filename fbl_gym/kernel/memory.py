@@ -239,7 +239,6 @@ BLOCK = np.dtype(
         # Elastic joints
         ("motor_position", np.float64, _PAIR),  # [rad]
         ("motor_velocity", np.float64, _PAIR),  # [rad/s]
-        ("motor_friction", np.float64, _PAIR),  # [N m]
         ("load", np.float64, _TIMES),  # torque on the links [N m]
         # Sensors and reference
         ("measured", np.float64, (3, 2, LANES)),  # position [rad], velocity [rad/s], acceleration [rad/s^2]

@@ -195,27 +195,12 @@ def advance(block, settings, width, real):
 
 
 @inline_njit
-def _load_now(block, settings, lane):
-    """Return the inertia matrix of a lane at this instant, and the load on its joints."""
-    q, v = pair(block.position, lane), pair(block.velocity, lane)
-    (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
-    return load_on_joints(lumped_of(block, lane), rotor_of(block, settings, lane), q, v, (tau1 - push1, tau2 - push2))
-
-
-@inline_njit
-def smooth_acceleration(block, settings, lane):
-    """Return a lane's acceleration at this instant without dry friction, [2]."""
-    m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
-    load1 -= block.viscous[0, lane] * block.velocity[0, lane]
-    load2 -= block.viscous[1, lane] * block.velocity[1, lane]
-    return solve_terms(m11, m12, m22, load1, load2)
-
-
-@inline_njit
 def acceleration_and_friction(block, settings, lane, law):
     """Return a lane's acceleration at this instant and its friction torque, both joints of each."""
-    v1, v2 = pair(block.velocity, lane)
-    m11, m12, m22, load1, load2 = _load_now(block, settings, lane)
+    q, (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
+    (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
+    lumped, rotor, torque = lumped_of(block, lane), rotor_of(block, settings, lane), (tau1 - push1, tau2 - push2)
+    m11, m12, m22, load1, load2 = load_on_joints(lumped, rotor, q, (v1, v2), torque)
     friction, (bound1, bound2) = friction_of(block, lane), (0.0, 0.0)
     if law != NO_FRICTION:
         bound1, bound2 = dry_bounds((v1, v2), friction)

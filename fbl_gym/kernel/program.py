@@ -15,7 +15,7 @@ from fbl_gym.kernel import memory
 from fbl_gym.kernel.memory import FIRST_VARIED, LANES, SETTINGS, VARIED
 from fbl_gym.kernel.streams import stream_key
 from fbl_gym.model.arm import Array
-from fbl_gym.options import EVENTS, SENSORS, Constraints, Reward
+from fbl_gym.options import EVENTS, SENSORS, Constraints, Friction, ParameterError, Reward
 from fbl_gym.records import Distribution, scaled
 from fbl_gym.scenarios import Scenario
 
@@ -74,19 +74,16 @@ def make_program(
     settings["real_rotor"] = scenario.rotor
     settings["external_physics"] = scenario.plant is not None
     settings["senses_acceleration"] = "acceleration" in scenario.sensors
-    # Numbers that are not zero without their option.
     for name in ("payload_pick_up", "payload_drop"):
         packer.vary(name, np.inf, "")
-    for name in ("v_s", "centre_ratio", "inertia_ratio", "rotor_ratio"):
-        packer.vary(name, (1.0, 1.0), "")
     friction, disturbance, reference = scenario.friction, scenario.disturbance, scenario.reference
     if friction is not None and friction.is_dry:
         settings["friction_law"] = memory.FRICTION_LAWS[friction.law]
     if disturbance is not None:
         settings["disturbance_kind"] = memory.DISTURBANCES[disturbance.kind]
     options = (
-        scenario.parameter_error, scenario.encoder, scenario.noise, friction, scenario.joint, scenario.actuator,
-        disturbance, scenario.limits, scenario.constraints or Constraints(),
+        scenario.parameter_error or ParameterError(), scenario.encoder, scenario.noise, friction or Friction(),
+        scenario.joint, scenario.actuator, disturbance, scenario.limits, scenario.constraints or Constraints(),
     )  # fmt: skip
     for option in options:
         if option is not None:

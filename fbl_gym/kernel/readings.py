@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from fbl_gym.kernel.elastic import measure_elastic_joints
+from fbl_gym.kernel.elastic import elastic_acceleration_and_friction
 from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit, merged_njit
 from fbl_gym.kernel.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.motion import reference
-from fbl_gym.kernel.physics import acceleration_and_friction, smooth_acceleration
+from fbl_gym.kernel.physics import acceleration_and_friction
 from fbl_gym.kernel.streams import normals, stream_key, uniforms
 from fbl_gym.kernel.views import pair, put
 
@@ -20,7 +20,7 @@ _ZERO = np.uint64(0)
 def sense(block, rows, settings, width, real, rare, elastic):
     """Take the readings of a block, which depend on its state alone; see `api.STEPS`."""
     if elastic:
-        measure_elastic_joints(block, settings, width)
+        _accelerate_links(block, settings, width)
     elif real:
         _accelerate_by_law(block, settings, width)
     else:
@@ -41,7 +41,17 @@ def _accelerate_smoothly(block, settings, width):
     """Compute the acceleration without dry friction, if a sensor reads it."""
     if settings.senses_acceleration:
         for lane in range(width):
-            put(block.acceleration, lane, smooth_acceleration(block, settings, lane))
+            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
+            put(block.acceleration, lane, (a1, a2))
+
+
+@kernel_njit
+def _accelerate_links(block, settings, width):
+    """Compute the links' acceleration beyond elastic joints, if a sensor reads it."""
+    if settings.senses_acceleration:
+        for lane in range(width):
+            a1, a2, _, _ = elastic_acceleration_and_friction(block, settings, lane)
+            put(block.acceleration, lane, (a1, a2))
 
 
 @kernel_njit

@@ -40,10 +40,9 @@ class Friction(Record):
 
     def check(self, scenario: Any) -> None:
         """Refuse viscous friction too large for the physics step, and a law of rigid joints."""
-        if scenario.joint is not None:
-            if self.law == "literal":
-                raise ValueError("friction.law must be 'exact' with elastic joints, got 'literal'")
-        elif scenario.plant is None:
+        if self.law == "literal" and (scenario.joint is not None or scenario.plant is not None):
+            raise ValueError("friction.law must be 'exact' with elastic joints and in MuJoCo, got 'literal'")
+        if scenario.joint is None and scenario.plant is None:
             scenario.check_rate("this friction", _fastest_decay(scenario), MAX_DECAY)
 
     @property

@@ -6,8 +6,10 @@ import functools
 import io
 import itertools
 import json
+import re
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -177,6 +179,9 @@ def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
     assert titles[2:4] == ["score", "servo-surprise score"]
     assert "nominal" in titles
     assert "servo-surprise noise" not in titles
+    page = Path(__file__).parents[2].joinpath("docs/reference/columns.md").read_text()
+    documented = {name for row in re.findall(r"^\| (.+?) \|", page, flags=re.M) for name in row.split(", ")}
+    assert {*titles} - documented == {"servo-surprise score", "nominal"}
 
 
 def test_a_board_shows_violations_where_scenarios_have_constraints():

@@ -30,5 +30,7 @@ def test_feed_forward_tracks_a_moving_reference():
 
 def test_a_known_friction_that_varies_is_refused():
     env = TwoLinkArmEnv()
-    with pytest.raises(ValueError, match="friction must have fixed numbers, got Friction"):
+    with pytest.raises(ValueError, match=r"friction must have fixed numbers and no load, .* got Friction"):
         controllers.make("cascade-flm", env, friction={"coulomb": {"uniform": [1.0, 2.0]}})
+    with pytest.raises(ValueError, match=r"no load, as in equation \(22\), got .*load=\(0.2"):
+        controllers.make("cascade-flm", env, friction={"load": 0.2})

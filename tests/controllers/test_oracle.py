@@ -12,6 +12,10 @@ from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics, with_rotors
 from fbl_gym.scenarios import classes
 from tests.controllers.closed_loop import tracking
+from tests.fbl_gym.declared import VARYING
+
+FRICTION = {f.name: 0.1 if f.name == "load" else 3.0 for f in VARYING if f.path.startswith("friction.")}
+"""Each number of the friction, so that a new one must reach the oracles."""
 
 SPRING = {"stiffness": (8000.0, 2000.0), "damping": 5.0, "rotor_inertia": (3.0, 1.0), "encoder": "link"}
 
@@ -21,7 +25,7 @@ def test_the_true_arm_is_predicted(joint):
     """Through delay, lag, friction, payload and wrong parameters, to the time of the next command."""
     env = TwoLinkArmVectorEnv(
         4, "everything-2", noise=None, disturbance={"kind": "pulses", "amplitude": 10.0, "period": 100.0, "width": 100.0},
-        joint=joint, actuator={"delay_samples": 2, "lag": 0.01, "gain": 0.8}, friction={"viscous": 3.0, "coulomb": 3.0},
+        joint=joint, actuator={"delay_samples": 2, "lag": 0.01, "gain": 0.8}, friction=FRICTION,
         physics_dt=0.0005,
     )  # fmt: skip
     policy = controllers.make("pd-gravity", env, frequency=4.0)

@@ -66,6 +66,7 @@ def with_position_noise(**fields):
         ({"joint": 1000.0}, r"need rotors: give joint.rotor_inertia or arm.rotor"),
         ({"joint": {**JOINT, "stiffness": {"choice": [500.0, 1e8]}}}, "too long for these joints"),
         ({"joint": JOINT, "friction": {"law": "literal"}}, r"friction\.law must be 'exact' with elastic joints"),
+        ({"plant": "mujoco", "friction": {"law": "literal"}}, r"friction\.law must be 'exact' .* in MuJoCo"),
         # Times that are no multiples of their step
         ({"control_dt": 0.01, "physics_dt": 0.003}, "multiple of physics_dt=0.003 s, got control_dt=0.01 s"),
         ({"physics_dt": 0.02}, "control_dt must be a multiple of physics_dt=0.02 s, got control_dt=0.01 s"),
