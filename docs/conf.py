@@ -65,7 +65,6 @@ PUBLIC = {
     "benchmarks.analysis.board": "",
     "benchmarks.policies.spec": "",
     "benchmarks.policies.external": "",
-    "benchmarks.policies.configuration": "",
     "benchmarks.policies.digest": "",
     "benchmarks.run.contract": "",
     "benchmarks.analysis.transfer": "",

@@ -25,7 +25,7 @@ from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 from fbl_gym.options import ArrayReference, Encoder, Friction, Payload
-from fbl_gym.records import ends
+from fbl_gym.records import ends, scaled
 from fbl_gym.scenarios import Scenario, as_scenario
 
 POINT: Pair = (-1.0, 0.5)
@@ -231,7 +231,8 @@ def linearize(
         NotLinear: the arm diverges or does not come to rest, or the law is not linear even for
             small deviations.
     """
-    scenario = _calm(as_scenario(scenario))
+    scenario = as_scenario(scenario)
+    limit, scenario = scenario.actuator.torque_limit, _calm(scenario)
     point, zero = check_pair("at", at), (0.0, 0.0)
     reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
     instants = [round(time / scenario.control_dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
@@ -247,6 +248,8 @@ def linearize(
     for k in range(instants[-1] + 1):
         truth = env.truth if k in instants else None
         if truth and np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max():
+            if limit is not None and np.any(np.abs(truth.applied_torque) > truth.gain * np.array(limit)):
+                raise NotLinear("the drives cannot hold the arm there")
             return _loop(scenario, env.interface, truth, actor, observation[0], state)
         action, state = actor.predict(observation, state=state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
@@ -267,7 +270,9 @@ def _calm(scenario: Scenario) -> Scenario:
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
     calm = dict.fromkeys(("noise", "disturbance", "constraints"))
-    drive = dataclasses.replace(drive, ripple=0.0)
+    # Small motions stay within the limits, but the steps of a difference quotient may not.
+    limit = None if drive.torque_limit is None else scaled(drive.torque_limit, 10.0)
+    drive = dataclasses.replace(drive, ripple=0.0, torque_limit=limit)
     return scenario.replace(parameter_error=error, friction=friction, encoder=encoder, actuator=drive, **calm)
 
 

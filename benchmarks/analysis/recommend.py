@@ -22,7 +22,7 @@ from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell, Suite
 from benchmarks.seeds import SPLITS
-from fbl_gym.model.arm import Array, gravity_torque, inverse_dynamics
+from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics
 from fbl_gym.options import SensorError
 from fbl_gym.records import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario
@@ -83,7 +83,6 @@ class Likeness:
     def of(cls, base: Scenario) -> "Likeness":
         """Return the likeness of a scenario's arm."""
         inertia = stretched_inertia(base.arm)
-        weight = np.maximum(np.abs(gravity_torque(base.arm, (0.0, 0.0))), LEAST * inertia)
         fast, friction, joint = ("servo", "direct"), base.friction, base.joint
         sides: tuple[str, ...] = fast
         reasons = [f"{1 / base.control_dt:.0f} Hz"]
@@ -97,7 +96,7 @@ class Likeness:
         levels: tuple[str, ...] = tuple(CLASSES)
         if friction is not None:
             both = [np.array([np.mean(ends(x)) for x in level]) for level in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
-            share = float(np.mean(sum(both) / weight))
+            share = float(np.mean(sum(both) / _weight(base.arm)))
             levels = ("geared",) if share > MUCH_FRICTION else fast
             reasons.append(f"dry friction of {100 * share:.0f} % of the weight")
         distances = {
@@ -180,14 +179,19 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
 def _scarce_torque(base: Scenario, episodes: int = 8) -> tuple[float, float]:
     """Return torque limits that the nominal motion exceeds in about a tenth of the samples [N m].
 
-    They exceed the arm's weight by a tenth, and no limit is above the given one.
+    They exceed the arm's weight by a tenth, and no limit is above the given one. As everywhere in
+    the classes, an arm in a horizontal plane has the torque of an acceleration as its weight.
     """
     motion = reference_motion(base, SPLITS["test"][:episodes])[:, :-1]
     torques = np.abs(inverse_dynamics(base.arm, *motion))
-    weight = 1.1 * np.abs(gravity_torque(base.arm, (0.0, 0.0)))
-    limit = np.maximum(np.quantile(torques, 0.9, axis=(0, 1)), weight)
+    limit = np.maximum(np.quantile(torques, 0.9, axis=(0, 1)), 1.1 * _weight(base.arm))
     given = base.actuator.torque_limit
     return tuple(limit if given is None else np.minimum(limit, given))
+
+
+def _weight(arm: ArmParameters) -> Array:
+    """Return the largest torques of gravity, or of an acceleration of `LEAST`, [2] N m."""
+    return np.maximum(np.abs(gravity_torque(arm, (0.0, 0.0))), LEAST * stretched_inertia(arm))
 
 
 def _replaced(record: Any, **changes: Any) -> Any:

@@ -11,6 +11,7 @@ from benchmarks.cli import common
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.report import terminal
+from benchmarks.report.columns import number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
@@ -104,14 +105,14 @@ def _comparison(runs: Mapping[str, Rows], scenario: Scenario) -> terminal.Lines:
     first = next(iter(runs))
     counts = resample(len(runs[first]), 0)
     names = ["violation_pct"] if scenario.constraints is not None else []
-    header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *names, f"errs less than {first}")
+    header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *names, "errs less than the first")
     lines = []
     for policy, rows in runs.items():
         better, mean = interval(wins(errors[policy], errors[first], counts)), summarize(rows)
         error, worst = geometric_mean(errors[policy], counts)[0], max(errors[policy][0])
         values = (error, worst, 100 * mean["diverged"], *(mean[name] for name in ("variation", *names)))
-        share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}-{100 * better.high:.0f})"
-        lines.append((policy, *map("{:.3g}".format, values), share if policy != first else ""))
+        share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}–{100 * better.high:.0f})"
+        lines.append((policy, *map(number, values), share if policy != first else ""))
     return header, lines
 
 

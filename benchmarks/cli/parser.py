@@ -8,9 +8,10 @@ import os
 import re
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from benchmarks.text import say, visible
 from fbl_gym import __version__
@@ -76,6 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a name may have any character
+    plain, warnings.formatwarning = warnings.formatwarning, _warning  # type: ignore[assignment]
     try:
         if not given or given[0].startswith("-"):
             _overview().parse_args(given or ["--help"])
@@ -94,6 +96,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         with contextlib.suppress(OSError):  # the terminal may be closed
             print("fbl-gym: stopped" + (f"; {kept}, and the same command goes on" if kept else ""), file=sys.stderr)
         return 128 + signal.SIGINT
+    finally:
+        warnings.formatwarning = plain
+
+
+def _warning(message: Warning | str, category: type[Warning], *place: Any) -> str:
+    """Return a warning as text; without the place in the code, if it is on the user's arm."""
+    where = "fbl-gym" if category is UserWarning else f"{place[0]}:{place[1]}: {category.__name__}"
+    return f"{where}: {message}\n"
 
 
 def _reason(problem: Exception) -> str:

@@ -1,6 +1,7 @@
 """`fbl-gym recommend`."""
 
 import argparse
+import importlib
 from collections.abc import Sequence
 from functools import partial
 
@@ -10,7 +11,6 @@ from benchmarks.analysis import recommend
 from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
 from benchmarks.cli.common import add_option, add_run, command_line, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
-from benchmarks.tuning.brief import tune_briefly
 from fbl_gym.checks import check_number
 from fbl_gym.scenarios import Scenario, as_scenario
 
@@ -31,9 +31,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--seeds must be at least 2 for an interval, got {arguments.seeds}")
     seconds = 60.0 * check_number("--minutes", arguments.minutes, low=0, high=1e6)
     trust(arguments)
+    if seconds:
+        importlib.import_module("optuna")  # of the extra `analysis`: now, not after minutes of work
     base, run_cells = as_scenario(arguments.scenario), partial(results_by_id, arguments=arguments)
     likeness = Likeness.of(base)
-    policies = arguments.policies or recommend.candidates(likeness.classes)
+    policies = arguments.policies or recommend.candidates(tuple(dict.fromkeys((*likeness.classes, base.robot_class))))
     Screen().say(likeness.text)
     tune = partial(_tune, base, seconds, arguments.workers) if seconds else None
     result = recommend.recommend(base, policies, arguments.seeds, run_cells, tune)
@@ -43,6 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _tune(base: Scenario, seconds: float, workers: int, policies: Sequence[str]) -> list[str]:
     """Tune the laws of some policies, and show the progress."""
+    from benchmarks.tuning.brief import tune_briefly  # needs Optuna
+
     with Progress(*Progress.get_default_columns(), console=Screen(stderr=True)) as progress:
         bar = progress.add_task("tuning", total=1.0)
         return tune_briefly(

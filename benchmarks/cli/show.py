@@ -2,17 +2,23 @@
 
 import argparse
 import dataclasses
+import sys
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
+from benchmarks.analysis.recommend import Likeness
 from benchmarks.report.terminal import table
 from benchmarks.run.rollout import reference_motion
+from benchmarks.text import say
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.records import Distribution, declarations, ends, middle
+
+SLOWEST = 0.5
+"""Slower vibrations of a link [Hz] are taken for a mistake of units."""
 
 SEEDS = range(32)
 """The seeds whose references the torque of the motion is taken from."""
@@ -33,7 +39,28 @@ def run(arguments: argparse.Namespace) -> int:
         rows = [[name, *(column.get(name, "–") for column in columns)] for name in names]
         differing = [row for row in rows if title == "what follows" or len({*row[1:]}) > 1]
         console.print(table("", [title, *header], differing if arguments.other else rows, justify="left"))
+    for task in tasks:
+        for doubt in doubts(task):
+            say(f"{task.name}: {doubt}", sys.stderr)
     return 0
+
+
+def doubts(scenario: Scenario) -> Iterator[str]:
+    """Yield sentences on what the arm cannot do, or what looks like a mistake of units."""
+    limit = scenario.actuator.torque_limit
+    if limit is not None:
+        share = np.abs(_needed(scenario, *reference_motion(scenario, SEEDS))).max(axis=(0, 1)) / limit
+        if share.max() > 1.0:
+            yield f"its motion needs {_both(100 * share, '%')} of actuator.torque_limit, which is in N m"
+    if scenario.joint is not None and (rate := modes(scenario)[0]) < SLOWEST:
+        yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad"
+
+
+def modes(scenario: Scenario) -> Array:
+    """Return the rates at which the stretched links vibrate while the motors are held, [2] Hz."""
+    stiffness = np.array([middle(k) for k in scenario.joint.stiffness])  # type: ignore[union-attr]
+    rates = np.linalg.eigvals(np.linalg.solve(inertia_matrix(scenario.arm.lumped, (0.0, 0.0)), np.diag(stiffness)))
+    return np.sort(np.sqrt(rates.real)) / (2 * np.pi)
 
 
 def options(record: Any, path: str = "") -> Iterator[tuple[str, str]]:
@@ -58,6 +85,8 @@ def _words(value: Any) -> str:
         numbers = [f"{x:.4g}" for x in value.values]
         if kind == "choice":
             return "one of " + ", ".join(numbers)
+        if numbers[0] == numbers[1]:
+            return numbers[0]
         return f"{numbers[0]} to {numbers[1]}, {kind.replace('_', '-')}"
     if isinstance(value, tuple):
         if len(value) == 2 and value[0] == value[1]:
@@ -82,16 +111,15 @@ def follows(scenario: Scenario) -> dict[str, str]:
     dead = samples * scenario.control_dt + middle(drive.delay) + 0.5 * ends(drive.jitter)[1] + middle(drive.lag)
     delays = dict.fromkeys(f"{1e3 * delay:.3g}" for delay in drive.datasheet(scenario)["delay"])
     facts = {
-        "class of robots": scenario.robot_class,
+        "class of robots, of @tuned": scenario.robot_class,
+        "most like": Likeness.of(scenario).text.removeprefix("class: "),
         "weight (largest torque of gravity)": _both(weight, "N m"),
         "inertia of the stretched links": _both(np.array([stretched[0, 0], p2]), "kg m^2"),
         "delay of a command: delay, delay_samples, jitter": f"{' to '.join(delays)} ms",
         "dead time": f"{1e3 * dead:.3g} ms",
     }
     if joint is not None:
-        stiffness = np.array([middle(k) for k in joint.stiffness])  # type: ignore[union-attr]
-        modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(stretched, np.diag(stiffness))).real) / (2 * np.pi)
-        facts["modes of the stretched links, motors held"] = _both(np.sort(modes), "Hz")
+        facts["modes of the stretched links, motors held"] = _both(modes(scenario), "Hz")
     if drive.torque_limit is not None:
         limit = np.array(drive.torque_limit)
         q, v, a = reference_motion(scenario, SEEDS)

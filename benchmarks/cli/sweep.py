@@ -9,9 +9,11 @@ import numpy as np
 
 from benchmarks.cli import common
 from benchmarks.cli.names import options
+from benchmarks.report.columns import number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import QUANTILES, Panel, band, caption, plot_lines
+from benchmarks.report.terminal import Screen, table
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.suite import Suite, with_option
 from benchmarks.text import say
@@ -68,15 +70,18 @@ def run(arguments: argparse.Namespace) -> int:
     cells = suite.cells
     results = common.results_by_id(cells, arguments)
     curves: dict[str, list[list[float]]] = {}
+    lost: dict[str, list[int]] = {}
     runs = []
     for i, cell in enumerate(cells):
         point, result = points[i // (len(cells) // len(points))], results[cell.id]
         if result.error:
             say(f"fbl-gym: {cell.id} failed: {result.error}", sys.stderr)
         runs.append(((cell.policy.name, *point), cell.seeds, result.rows))
-        others = (f"{name} {value:g}" for name, value in zip(names[1:], point[1:], strict=True))
+        others = (f"{option} {value:g}" for option, value in zip(names[1:], point[1:], strict=True))
         errors = counted_errors(result.rows) or [np.nan] * len(cell.seeds)
-        curves.setdefault(", ".join([cell.policy.name, *others]), []).append(errors)
+        name = ", ".join([cell.policy.name, *others])
+        curves.setdefault(name, []).append(errors)
+        lost.setdefault(name, []).append(sum(row["diverged"] > 0 for row in result.rows))
     write_runs(arguments.csv, ("policy", *names), runs)
     path = arguments.plot or arguments.csv.with_suffix(".png")
     unit = {option.path: option.unit for option in options()}.get(names[0])
@@ -84,14 +89,19 @@ def run(arguments: argparse.Namespace) -> int:
     lines = tuple(band(np.array(values[0]), np.array(errors), name) for name, errors in curves.items())
     panel = Panel("", label, "error [%]", lines, (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
+    header = (f"policy, at {label}", *(np.format_float_positional(value, trim="-") for value in values[0]))
+    rows = []
+    for name, curve in curves.items():
+        bands = zip(*np.quantile(curve, QUANTILES, axis=-1), lost[name], strict=True)
+        texts = (
+            f"{number(median)} ({number(low)}–{number(high)})" + f", {n} lost" * (n > 0)
+            for low, median, high, n in bands
+        )
+        rows.append((name, *texts))
+    meaning = f"median error in % (10 to 90 % of {arguments.seeds} seeds), and the number of diverged runs"
+    Screen().print(table(meaning, header, rows))
     if arguments.tex is not None:
-        header = ("policy", *(f"{names[0]} {value:g}" for value in values[0]))
-        bands = {name: np.quantile(errors, QUANTILES, axis=-1).T for name, errors in curves.items()}
-        rows = [
-            (name, *(f"{median:.3g} ({low:.3g}–{high:.3g})" for low, median, high in ends))
-            for name, ends in bands.items()
-        ]
-        write_table(arguments.tex, header, rows, common.command_line())
-        say(f"table: {arguments.tex}, medians (10 to 90 % of the seeds) of the error [%]")
+        write_table(arguments.tex, header, rows, common.command_line(), meaning)
+        say(f"table: {arguments.tex}")
     say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return 1 if any(result.error for result in results.values()) else 0

@@ -1,7 +1,6 @@
 """The command `fbl-gym tune`."""
 
 import argparse
-import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -75,7 +74,6 @@ def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Tas
     starts = task.shipped(arguments.robot).values()
     study = search.tune(task, arguments.storage, starts, arguments.trials * len(task.ranges))
     best = search.summary(task, study, judging, search.judge(judging, study, arguments.candidates), command)
-    best["arms"] = [dataclasses.asdict(arm) for arm in dict.fromkeys(scenario.arm for scenario in task.scenarios)]
     path = search.write_gains(best, registry.TUNED / arguments.robot if arguments.ship else arguments.out)
     verdict, defaults = best["judged"]["best"], best["judged"]["defaults"]
     numbers = {gain: ",".join(f"{x:g}" for x in np.ravel(value)) for gain, value in best["gains"].items()}

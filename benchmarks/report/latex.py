@@ -20,7 +20,9 @@ def escape(text: str) -> str:
     return re.sub(r"(?<![\w-])-(?=\d)", "\N{MINUS SIGN}", " ".join(text.split())).translate(_SPECIAL)
 
 
-def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]], command: str) -> None:
+def write_table(
+    path: Path, header: Sequence[str], rows: Iterable[Sequence[str]], command: str, meaning: str = ""
+) -> None:
     """Write a table to a file; columns of numbers are aligned to the right.
 
     Args:
@@ -28,13 +30,14 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]
         header: names of the columns.
         rows: texts, one for each column.
         command: which made the table, as a comment.
+        meaning: of a cell, as another comment.
     """
     rows = list(rows)
     numbers = (sum(bool(re.match(r"[-(]?\d", row[i])) for row in rows) for i in range(len(header)))
     columns = "".join("r" if 2 * count > len(rows) else "l" for count in numbers)
     lines = [" & ".join(map(escape, row)) + r" \\" for row in (header, *rows)]
     table = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"]
-    head = f"% {' '.join(command.split())}\n% \\usepackage{{booktabs}}\n"
+    head = f"% {' '.join(command.split())}\n% \\usepackage{{booktabs}}\n" + f"% {meaning}\n" * bool(meaning)
     write_text(path, head + "\n".join([*table, r"\end{tabular}", ""]))
 
 

@@ -100,8 +100,8 @@ def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
         return shipped
     gains = {name: float(f"{value:.4g}") for name, value in best.params.items()}
     effort = task.effort(len(trials), sum(trial.user_attrs.get("cpu_s", 0.0) for trial in trials))
-    data = {"policy": law, "gains": gains, "objective": best.value, "trials": effort, **provenance(command)}
-    return f"{law}@{write_gains(data, folder).parent}"
+    data = {"policy": law, "gains": gains, "objective": best.value, "trials": effort, "arms": task.arms}
+    return f"{law}@{write_gains(data | provenance(command), folder).parent}"
 
 
 def _trials(seconds: float, task: Task) -> float:

@@ -11,6 +11,8 @@ same objective on more scenarios, and on tuning seeds that no trial used. The ga
 best are written to a file.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import hashlib
 import json
@@ -20,12 +22,9 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import optuna
-import sqlalchemy
-from optuna.study import MaxTrialsCallback
 
 from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
@@ -40,6 +39,9 @@ from controllers import registry
 from controllers.gains import expect_law, gains_file
 from fbl_gym import Scenario, scenarios
 from fbl_gym.records import set_fields, tuning_ranges
+
+if TYPE_CHECKING:  # of the extra `analysis`: imported where a study is used
+    import optuna
 
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
@@ -94,6 +96,11 @@ class Task:
             for name, values in gains.items()
             if {*values} == {*self.ranges} and all(map(np.isscalar, values.values()))
         }
+
+    @property
+    def arms(self) -> list[dict[str, Any]]:
+        """The arms of the scenarios as plain data, for a file of gains."""
+        return [dataclasses.asdict(arm) for arm in dict.fromkeys(scenario.arm for scenario in self.scenarios)]
 
     def effort(self, count: int, cpu_s: float) -> dict[str, Any]:
         """Return the effort of some sets of gains as plain data, with scenarios and seeds."""
@@ -152,6 +159,8 @@ def tune(
         seconds: time after which no further trial begins; None: any time.
         catch: errors that only fail a trial.
     """
+    from optuna.study import MaxTrialsCallback
+
     ranges = task.ranges
     study = open_study(task, storage)
 
@@ -181,6 +190,9 @@ def open_study(task: Task, storage: str) -> optuna.Study:
     Raises:
         ValueError: there is no such database, and none can be created.
     """
+    import optuna
+    import sqlalchemy
+
     optuna.logging.set_verbosity(optuna.logging.ERROR)  # a stopped trial is a warning with a traceback
     logging.getLogger("sqlalchemy").setLevel(logging.CRITICAL)  # and a stopped query an error with one
     try:
@@ -194,6 +206,8 @@ def open_study(task: Task, storage: str) -> optuna.Study:
 
 def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
     """Return the trials of a study that ended with a number."""
+    import optuna
+
     return study.get_trials(states=(optuna.trial.TrialState.COMPLETE,))
 
 
@@ -236,6 +250,7 @@ def summary(
             **judging.effort(len(verdicts), sum(verdict["cpu_s"] for verdict in verdicts)),
         },
         "ranges": {name: list(ends) for name, ends in task.ranges.items()},
+        "arms": task.arms,
         **provenance(command),
     }
 

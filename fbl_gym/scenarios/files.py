@@ -18,11 +18,12 @@ import dataclasses
 import re
 import tomllib
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from fbl_gym.checks import unknown
+from fbl_gym.model.arm import ArmParameters
 from fbl_gym.records import build, merged
 from fbl_gym.scenarios import classes
 from fbl_gym.scenarios.scenario import Scenario, as_arm
@@ -34,6 +35,9 @@ FARTHEST = 1.5
 """Centres of mass farther from a link's joint, in its lengths, are taken for a mistake of units.
 
 Counterweights, and arms that logs identify, may lie somewhat outside of their links."""
+
+LONGEST = 10.0
+"""Longer links [m] are taken for a mistake of units."""
 
 _FILE = re.compile(r"(?P<path>.+\.toml)(:(?P<entry>[^:@]+))?(@(?P<world>.+))?$")
 
@@ -98,19 +102,33 @@ def from_table(
         if base and not file:
             parent = named(base)
         if isinstance(arm, Mapping) and arm.keys() & {"mass", "length"}:
+            if mixed := arm.keys() & {"m1", "m2", "L1", "L2"}:
+                raise ValueError(f"arm must have mass and length, or m1, m2, L1 and L2, got also {min(mixed)}")
             fields["arm"] = dataclasses.asdict(as_arm("arm", arm))
-        if base in classes.MEMBERS and "arm" in fields:
-            arm = merged(parent.to_dict()["arm"], fields["arm"])
-            parent = classes.get(str(base), build("scenario", {"arm": arm}, Scenario).arm)
+        if "arm" in fields:
+            given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
+            for doubt in _doubts(given):  # before an error that follows from the mistake
+                warnings.warn(f"{path or 'arm'}: {doubt}", stacklevel=2)
+            parent = classes.get(str(base), given) if base in classes.MEMBERS else parent
         fields.setdefault("description", f"{parent.name} with other options")
-        scenario = build("scenario", merged(parent.to_dict(), fields), Scenario)
+        return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:
         raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
-    for link, share in enumerate(scenario.arm.centre, 1):  # type: ignore[arg-type]
-        if "arm" in fields and abs(share) > FARTHEST:
-            warnings.warn(
-                f"{path or scenario.name}: the centre of mass of link {link} is {share:.3g} link lengths from its joint; "
-                "beside m1 and L1, arm.centre is a share of the length; beside arm.mass, it is in m",
-                stacklevel=2,
+
+
+def _doubts(arm: ArmParameters) -> Iterator[str]:
+    """Yield sentences on numbers of an arm that look like mistakes of units."""
+    lengths, centres, inertias = (arm.L1, arm.L2), arm.centre, arm.inertia
+    for link, (length, centre, inertia) in enumerate(zip(lengths, centres, inertias, strict=True), 1):  # type: ignore[arg-type]
+        if length > LONGEST:
+            yield f"link {link} is {length:g} m long; lengths are in m"
+        if abs(centre) > FARTHEST:
+            yield (
+                f"the centre of mass of link {link} is {centre:.3g} link lengths from its joint; "
+                "beside m1 and L1, arm.centre is a share of the length; beside arm.mass, it is in m"
             )
-    return scenario
+        if inertia > 1.0:
+            yield (
+                f"the inertia of link {link} is {inertia:.3g} times its mass times its length squared; "
+                "beside m1 and L1, arm.inertia is that share; beside arm.mass, it is in kg m^2"
+            )

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.analysis.linear import POINT, NotLinear, linearize
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env
+from fbl_gym.records import scaled
 from fbl_gym.scenarios import Scenario, get
 
 AT_REST = {"kind": "array", "position": [POINT] * 2, "velocity": [(0.0, 0.0)] * 2, "acceleration": [(0.0, 0.0)] * 2}
@@ -71,6 +72,17 @@ def test_the_delay_margin_is_the_delay_at_which_the_environment_becomes_unstable
     delay = linearize(policy).margins().delay
     assert settles(policy, actuator={"delay": math.floor(0.98 * delay / step) * step})
     assert not settles(policy, actuator={"delay": math.ceil(1.02 * delay / step) * step})
+
+
+def test_the_steps_of_a_derivative_may_exceed_the_torque_limit():
+    """But not the torque that holds the arm."""
+    law, loose, delays = "sliding-mode+springs@tuned", get("geared-nominal"), []
+    for share in (1.0, 0.45):
+        drive = dataclasses.replace(loose.actuator, torque_limit=scaled(loose.actuator.torque_limit, share))
+        delays.append(linearize(law, loose.replace(actuator=drive)).margins().delay)
+    assert delays[0] == pytest.approx(delays[1], rel=1e-3)
+    with pytest.raises(NotLinear, match="the drives cannot hold the arm there"):
+        linearize(law, loose.replace(actuator=dataclasses.replace(drive, torque_limit=1.0)))
 
 
 @pytest.mark.parametrize(

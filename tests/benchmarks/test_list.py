@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.cli import names
 from benchmarks.cli.show import follows, options
-from fbl_gym import Scenario, scenarios
+from fbl_gym import Scenario
 
 
 def test_each_option_is_shown_with_its_unit():
@@ -51,7 +51,17 @@ def test_two_scenarios_show_their_differences(fbl_gym):
     assert "friction" not in text.split("what follows")[0]
     assert "modes of the stretched" in fbl_gym(["show", "geared-nominal"]).out
     fbl_gym("show", 2)
-    assert scenarios.get("geared-nominal").joint is not None
+
+
+def test_mistakes_of_units_are_named(tmp_path, fbl_gym):
+    """Masses in grams, and stiffness in kN m/rad."""
+    arm = "[arm]\nmass = [40, 25]\nlength = [0.1, 0.1]\ncentre = [0.05, 0.05]\ninertia = [1e-2, 1e-2]\nrotor = 0.1\n"
+    head = f'base = "servo-nominal"\nactuator.torque_limit = 0.1\n{arm}'
+    (tmp_path / "grams.toml").write_text(head)
+    assert "of actuator.torque_limit, which is in N m" in fbl_gym(["show", str(tmp_path / "grams.toml")]).err
+    soft = "[joint]\nstiffness = 0.5\ndamping = 0.0\n"
+    (tmp_path / "soft.toml").write_text(head + soft)
+    assert "joint.stiffness is in N m/rad" in fbl_gym(["show", str(tmp_path / "soft.toml")]).err
 
 
 DOCS = Path(__file__).parents[2] / "docs"

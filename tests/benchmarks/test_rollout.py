@@ -104,6 +104,9 @@ def test_a_file_has_the_numbers_of_the_table(signals, tmp_path, fbl_gym):
 @pytest.fixture(autouse=True)
 def arm(folder):
     (folder / "arm.toml").write_text('base = "noise-1"\nduration = 0.5')
+    (folder / "diverging.toml").write_text(
+        'base = "noise-1"\nduration = 2.0\nlimits.error = 0.1\nlimits.error_time = 0.1'
+    )
 
 
 def rows(path):
@@ -141,6 +144,9 @@ def test_two_options_give_every_pair_of_values(folder, fbl_gym):
         ("2.0", "0.0"), ("2.0", "0.01"), ("4.0", "0.0"), ("4.0", "0.01"),
     ]  # fmt: skip
     drawn = (folder / "two.svg").read_text()
+    lost = fbl_gym("sweep zero --over arm.m2=2,4000 --scenario diverging.toml --seeds 2 --workers 1 --tex lost.tex").out
+    assert "2 lost" in lost
+    assert "policy, at arm.m2 [kg] & 2 & 4000" in (folder / "lost.tex").read_text()
     assert "pd-gravity, noise.position 0<" in drawn
     assert "pd-gravity, noise.position 0.01<" in drawn
 

@@ -20,6 +20,7 @@ from benchmarks.seeds import SPLITS
 from benchmarks.tuning import brief, search
 from benchmarks.tuning.search import Task, at_edge, judge, scenarios_of, seeds, summary, tune, write_gains
 from fbl_gym import Scenario, scenarios
+from fbl_gym.model.arm import ArmParameters
 from fbl_gym.records import ends
 from fbl_gym.scenarios import as_scenario, held_out_reason
 from tests import drawn_arms
@@ -304,6 +305,8 @@ def test_brief_tuning_improves_a_law_and_goes_on():
     new = brief.write_best(dataclasses.replace(task, seeds=range(1)), storage, gains, "")
     assert new == f"pd-gravity@{gains}"
     assert resolve(new).parsed.given_gains == dict.fromkeys(task.ranges, 10.0)
+    assert resolve(new).parsed.gains_of_other_arms(BASE.arm) == []
+    assert len(resolve(new).parsed.gains_of_other_arms(ArmParameters())) == 1
     brief.tune_briefly(BASE, policies, 0.0, lambda *_: None, **arguments)
     assert len(search.finished(search.open_study(task, storage))) > len(trials)
 

@@ -128,17 +128,24 @@ def test_an_arm_may_be_in_kg_m_and_kg_m2(tmp_path):
     assert second.arm.lumped == pytest.approx(lumped)
     assert scenario.friction != scenarios.get("geared-friction-2").friction  # it follows the arm
     plain = {"base": "geared-friction-2", "arm": {"mass": (3, 1.5), "length": (0.4, 0.3)}}
-    for more, message in (({}, "arm must give centre and inertia"), ({"m1": 1.0}, "unknown field of arm 'm1'")):
+    for more, message in (({}, "arm must give centre and inertia"), ({"m1": 1.0}, "or m1, m2, L1 and L2, got also m1")):
         with pytest.raises(ValueError, match=message):
             as_scenario({**plain, "arm": {**plain["arm"], **more}})
 
 
-@pytest.mark.parametrize(("centre", "warns"), [("[4.5, 0.5]", True), ("[-0.3, 1.1]", False)])
-def test_a_centre_far_beyond_its_link_warns(tmp_path, centre, warns):
-    """A counterweight behind the joint, and a centre just beyond the end, do not."""
-    (tmp_path / "far.toml").write_text(f'base = "nominal"\n[arm]\ncentre = {centre}\n')
+@pytest.mark.parametrize(
+    ("arm", "doubt"),
+    [
+        ("centre = [4.5, 0.5]", "the centre of mass of link 1 is 4.5 link lengths from its joint"),
+        ("centre = [-0.3, 1.1]", ""),  # a counterweight, and a centre just beyond the end
+        ("inertia = [0.1, 2.0]", "the inertia of link 2 is 2 times its mass times its length squared"),
+        ("L1 = 350.0", "link 1 is 350 m long"),
+    ],
+)
+def test_a_number_that_looks_like_a_mistake_of_units_warns(tmp_path, arm, doubt):
+    (tmp_path / "far.toml").write_text(f'base = "nominal"\n[arm]\n{arm}\n')
     with warnings.catch_warnings(record=True, action="always") as caught:
         scenarios.get(str(tmp_path / "far.toml"))
-    texts = [str(warning.message) for warning in caught]
-    assert bool(texts) == warns
-    assert all("far.toml: the centre of mass of link 1 is 4.5 link lengths from its joint" in text for text in texts)
+    assert [str(warning.message)[: len(f"far.toml: {doubt}") + len(str(tmp_path)) + 1] for warning in caught] == (
+        [f"{tmp_path / 'far.toml'}: {doubt}"] if doubt else []
+    )
