@@ -91,7 +91,7 @@ def _figure(title: str, path: Path, size: tuple[float, float]) -> Iterator[Figur
     with rc_context(fname=STYLE), replacing(path) as beside:
         figure = Figure(figsize=size, layout="constrained")
         yield figure
-        figure.savefig(beside, metadata={"Title": title})
+        figure.savefig(beside, metadata={"Title": title} | ({"Date": None} if beside.suffix == ".svg" else {}))
 
 
 def plot_lines(title: str, panels: Sequence[Panel], path: Path, columns: int = 2, across: int | None = None) -> None:

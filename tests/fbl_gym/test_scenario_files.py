@@ -146,6 +146,4 @@ def test_a_number_that_looks_like_a_mistake_of_units_warns(tmp_path, arm, doubt)
     (tmp_path / "far.toml").write_text(f'base = "nominal"\n[arm]\n{arm}\n')
     with warnings.catch_warnings(record=True, action="always") as caught:
         scenarios.get(str(tmp_path / "far.toml"))
-    assert [str(warning.message)[: len(f"far.toml: {doubt}") + len(str(tmp_path)) + 1] for warning in caught] == (
-        [f"{tmp_path / 'far.toml'}: {doubt}"] if doubt else []
-    )
+    assert [f"far.toml: {doubt}" in str(warning.message) for warning in caught] == [True] * bool(doubt)

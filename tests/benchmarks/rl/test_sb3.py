@@ -127,10 +127,8 @@ def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(
 def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, tmp_path):
     """In a later episode, too."""
     env = TwoLinkArmTrackingEnv("servo-delay-2", duration=0.1)
-    if padding == "zeros":
-        stacked = VecFrameStack(DummyVecEnv([lambda: env]), 3)
-    else:
-        stacked = DummyVecEnv([lambda: gymnasium.wrappers.FrameStackObservation(env, 3)])
+    frames = gymnasium.wrappers.FrameStackObservation(env, 3)
+    stacked = VecFrameStack(DummyVecEnv([lambda: env]), 3) if padding == "zeros" else DummyVecEnv([lambda: frames])
     model, path = save_model(tmp_path, stacked)
     lanes = TwoLinkArmVectorEnv(1, "servo-delay-2", duration=0.1, autoreset_mode="SameStep")
     archive = load_zip(path, lanes.interface, trust=True)
