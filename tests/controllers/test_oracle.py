@@ -14,7 +14,7 @@ from fbl_gym.scenarios import classes
 from tests.controllers.closed_loop import tracking
 from tests.fbl_gym.declared import VARYING
 
-FRICTION = {f.name: 0.1 if f.name == "load" else 3.0 for f in VARYING if f.path.startswith("friction.")}
+FRICTION = {f.name: 0.05 if f.name == "load" else 2.0 for f in VARYING if f.path.startswith("friction.")}
 """Each number of the friction, so that a new one must reach the oracles."""
 
 SPRING = {"stiffness": (8000.0, 2000.0), "damping": 5.0, "rotor_inertia": (3.0, 1.0), "encoder": "link"}
