@@ -29,7 +29,8 @@ class CascadeFlm(TorqueLaw):
         velocity_p: P of the inner loop [1/s], per joint. The defaults are the paper's.
         velocity_i: I of the inner loop [1/s^2], per joint. The defaults are the paper's.
         feedforward: share of the velocity reference's derivative, r'' + Kp (r' - v), added to a.
-        friction: F^, the known friction, a `Friction` or a dict of its fields; None: none.
+        friction: F^, the known friction, a `Friction` without `load`, or a dict of its fields;
+            None: none.
         disturbance: tau_d^, a known constant disturbance torque [N m], per joint.
     """
 

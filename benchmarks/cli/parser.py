@@ -101,8 +101,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _warning(message: Warning | str, category: type[Warning], *place: Any) -> str:
-    """Return a warning as text; without the place in the code, if it is on the user's arm."""
-    where = "fbl-gym" if category is UserWarning else f"{place[0]}:{place[1]}: {category.__name__}"
+    """Return a warning as text; without the place in the code, if it is one of fbl-gym's own."""
+    own = category.__module__.startswith("fbl_gym.")
+    where = "fbl-gym" if own else f"{place[0]}:{place[1]}: {category.__name__}"
     return f"{where}: {message}\n"
 
 

@@ -11,6 +11,7 @@ from benchmarks.analysis import recommend
 from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
 from benchmarks.cli.common import add_option, add_run, command_line, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
+from benchmarks.tuning.brief import tune_briefly
 from fbl_gym.checks import check_number
 from fbl_gym.scenarios import Scenario, as_scenario
 
@@ -45,8 +46,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _tune(base: Scenario, seconds: float, workers: int, policies: Sequence[str]) -> list[str]:
     """Tune the laws of some policies, and show the progress."""
-    from benchmarks.tuning.brief import tune_briefly  # needs Optuna
-
     with Progress(*Progress.get_default_columns(), console=Screen(stderr=True)) as progress:
         bar = progress.add_task("tuning", total=1.0)
         return tune_briefly(

@@ -49,9 +49,9 @@ def doubts(scenario: Scenario) -> Iterator[str]:
     """Yield sentences on what the arm cannot do, or what looks like a mistake of units."""
     limit = scenario.actuator.torque_limit
     if limit is not None:
-        share = np.abs(_needed(scenario, *reference_motion(scenario, SEEDS))).max(axis=(0, 1)) / limit
-        if share.max() > 1.0:
-            yield f"its motion needs {_both(100 * share, '%')} of actuator.torque_limit, which is in N m"
+        share = _share(scenario, *reference_motion(scenario, SEEDS))
+        if share.max() > 100.0:
+            yield f"its motion needs {_both(share, '%')} of actuator.torque_limit, which is in N m"
     if scenario.joint is not None and (rate := modes(scenario)[0]) < SLOWEST:
         yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad"
 
@@ -123,15 +123,19 @@ def follows(scenario: Scenario) -> dict[str, str]:
     if drive.torque_limit is not None:
         limit = np.array(drive.torque_limit)
         q, v, a = reference_motion(scenario, SEEDS)
-        share = 100 * np.abs(_needed(scenario, q, v, a)) / limit
         if weight.min() > 0.0:
             facts["torque limit / weight"] = _both(limit / weight, "")
         if scenario.friction is not None:
             dry = np.array([ends(coulomb)[1] for coulomb in scenario.friction.coulomb])  # type: ignore[union-attr]
             facts["largest Coulomb friction"] = _both(100 * dry / limit, "% of the limit")
-        facts["largest torque of the nominal motion"] = _both(share.max(axis=(0, 1)), "% of the limit")
+        facts["largest torque of the nominal motion"] = _both(_share(scenario, q, v, a), "% of the limit")
         facts["its largest velocity"] = _both(np.abs(v).max(axis=(0, 1)), "rad/s")
     return facts
+
+
+def _share(scenario: Scenario, q: Array, v: Array, a: Array) -> Array:
+    """Return the largest torque of a motion in % of the drives' limit, [2]."""
+    return 100 * np.abs(_needed(scenario, q, v, a)).max(axis=(0, 1)) / np.array(scenario.actuator.torque_limit)
 
 
 def _needed(scenario: Scenario, q: Array, v: Array, a: Array) -> Array:

@@ -89,15 +89,13 @@ def run(arguments: argparse.Namespace) -> int:
     lines = tuple(band(np.array(values[0]), np.array(errors), name) for name, errors in curves.items())
     panel = Panel("", label, "error [%]", lines, (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
-    header = (f"policy, at {label}", *(np.format_float_positional(value, trim="-") for value in values[0]))
-    rows = []
+    columns = [[np.format_float_positional(value, trim="-") for value in values[0]]]
     for name, curve in curves.items():
         bands = zip(*np.quantile(curve, QUANTILES, axis=-1), lost[name], strict=True)
-        texts = (
-            f"{number(median)} ({number(low)}–{number(high)})" + f", {n} lost" * (n > 0)
-            for low, median, high, n in bands
+        columns.append(
+            [f"{number(mid)} ({number(low)}–{number(high)})" + f", {n} lost" * (n > 0) for low, mid, high, n in bands]
         )
-        rows.append((name, *texts))
+    header, rows = (label, *curves), list(zip(*columns, strict=True))
     meaning = f"median error in % (10 to 90 % of {arguments.seeds} seeds), and the number of diverged runs"
     Screen().print(table(meaning, header, rows))
     if arguments.tex is not None:

@@ -13,7 +13,7 @@ from benchmarks.policies.spec import PolicySpec, resolve
 from fbl_gym.envs.env import TwoLinkArmEnv
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import Array
-from fbl_gym.options import SENSORS, Limits
+from fbl_gym.options import SENSORS, Actuator, Limits
 from fbl_gym.scenarios import Scenario
 
 
@@ -169,15 +169,21 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
 
     It has position, velocity and acceleration.
     """
-    timing = {name: getattr(scenario, name) for name in ("control_dt", "physics_dt", "duration")}
-    limits = Limits(position=1e9, velocity=1e9, acceleration=1e9)
-    calm = Scenario("calm", reference=scenario.reference, limits=limits, **timing)
-    env = TwoLinkArmVectorEnv(len(seeds), calm, preview=scenario.steps)
-    observations, _ = env.reset(seed=list(seeds))
-    slots = [env.interface.layout[f"reference_{name}"] for name in ("position", "velocity", "acceleration")]
-    now = np.concatenate([observations[:, slot] for slot in slots], axis=1)
-    motion = np.concatenate([now, observations[:, env.interface.layout["preview"]]], axis=1)
-    return motion.reshape(len(seeds), -1, 3, 2).transpose(2, 1, 0, 3)
+    kept = {
+        name: getattr(scenario, name) for name in ("reference", "control_dt", "physics_dt", "duration", "drawn_per")
+    }
+    limits = Limits(position=1e9, velocity=1e9)
+    env = TwoLinkArmVectorEnv(
+        len(seeds), Scenario("calm", limits=limits, actuator=Actuator(torque_limit=None), **kept), action="torque"
+    )
+    env.reset(seed=list(seeds))
+    motion = np.empty((3, scenario.steps + 1, len(seeds), 2))
+    for k in range(scenario.steps + 1):
+        truth = env.truth
+        motion[:, k] = truth.reference, truth.reference_velocity, truth.reference_acceleration
+        if k < scenario.steps:
+            env.step(np.zeros((len(seeds), 2)))
+    return motion
 
 
 def _details(env: TwoLinkArmVectorEnv, observation: Array, state: Any) -> dict[str, Array]:

@@ -39,6 +39,11 @@ Counterweights, and arms that logs identify, may lie somewhat outside of their l
 LONGEST = 10.0
 """Longer links [m] are taken for a mistake of units."""
 
+
+class UnitsWarning(UserWarning):
+    """A number of an arm that looks like a mistake of units."""
+
+
 _FILE = re.compile(r"(?P<path>.+\.toml)(:(?P<entry>[^:@]+))?(@(?P<world>.+))?$")
 
 
@@ -108,7 +113,7 @@ def from_table(
         if "arm" in fields:
             given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
             for doubt in _doubts(given):  # before an error that follows from the mistake
-                warnings.warn(f"{path or 'arm'}: {doubt}", stacklevel=2)
+                warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
             parent = classes.get(str(base), given) if base in classes.MEMBERS else parent
         fields.setdefault("description", f"{parent.name} with other options")
         return build("scenario", merged(parent.to_dict(), fields), Scenario)

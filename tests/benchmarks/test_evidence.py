@@ -1,4 +1,4 @@
-"""What checks the board: coverage, where rows end, the sealed test, orders in two worlds, learning curves."""
+"""Checks of the board: coverage, where rows end, the sealed test, orders in two worlds, learning curves."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""What laws take for a disturbance, what a constant load leaves, and integrators that pause."""
+"""Disturbances that laws estimate, errors that a constant load leaves, and integrators that pause."""
 
 import numpy as np
 import pytest
