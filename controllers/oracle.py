@@ -8,10 +8,10 @@ import numpy as np
 from scipy.linalg import expm
 
 from controllers.policy import Law, State, reference_at
-from controllers.true_arm import TrueArm, diagonal
+from controllers.true_arm import TrueArm
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
-from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
+from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics, with_rotors
 from fbl_gym.records import number, pair
 
 PREVIEW = 0.15
@@ -77,7 +77,7 @@ class OracleFlm(_Oracle):
         truth, v = arm.truth, arm.truth.velocity
         error, rate = truth.reference - truth.position, truth.reference_velocity - v
         a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
-        load = inverse_dynamics(dataclasses.replace(arm, elastic=False).links, truth.position, v, a)
+        load = inverse_dynamics(with_rotors(truth.lumped, truth.rotor), truth.position, v, a)
         dry = arm.dry(v) * np.sign(truth.reference_velocity)
         return load + (truth.viscous * v + dry) + truth.disturbance, state
 
@@ -89,21 +89,22 @@ COSINES = np.linspace(-1.0, 1.0, 5)
 class ElasticState(NamedTuple):
     """State of `OracleElastic`."""
 
-    design: Array  # parameters of each arm that gains were computed for [n x 12]; NaN: none yet
+    design: Array  # parameters of each arm that gains were computed for [n x 14]; NaN: none yet
     gains: Array  # [n x 5 x 2 x size]
 
 
 @dataclass(frozen=True)
 class OracleElastic(_Oracle):
-    """The oracle of elastic joints: an optimal regulator on the full true state.
+    """The oracle of springs in joints and links: an optimal regulator on the full true state.
 
         command = feed-forward + K (x_r - x)
 
-    x is the state of links, motors and drives, predicted with the true arm to the time at which the
-    command begins to act. x_r is its course along the reference, by inverse dynamics of links,
-    springs, motors and lag. K is the gain of the discrete optimal regulator for each lane's true
-    arm, linearised at rest without gravity, with the lag of its drives, and interpolated over the
-    cosine of the second joint's angle. Where joints are rigid, motors and springs are left out.
+    x is the state of links, hinges, motors and drives, predicted with the true arm to the time at
+    which the command begins to act. x_r is its course along the reference, by inverse dynamics of
+    straight links, springs, motors and lag. K is the gain of the discrete optimal regulator for
+    each lane's true arm, linearised at rest without gravity, with the lag of its drives, and
+    interpolated over the cosine of the second joint's angle. Where joints or links are rigid, their
+    motors or hinges are left out.
 
     Source: Anderson and Moore, "Optimal Control", 1990, §2.4; De Luca and Book, "Robots with
     flexible elements", Springer Handbook of Robotics, chapter 11.
@@ -122,18 +123,18 @@ class OracleElastic(_Oracle):
 
     def initial(self, observation: Array) -> State:
         """Return the state before any gains are computed."""
-        n, size = len(observation), 10 if TrueArm.of(self.env).elastic else 6
-        return ElasticState(np.full((n, 12), np.nan), np.zeros((n, len(COSINES), 2, size)))
+        n, size = len(observation), 2 * len(TrueArm.of(self.env).state)
+        return ElasticState(np.full((n, 14), np.nan), np.zeros((n, len(COSINES), 2, size)))
 
     def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, and the gains."""
         truth, gains = arm.truth, state.gains
-        columns = (truth.lumped, truth.stiffness, truth.damping, truth.viscous, truth.lag[:, None])
+        columns = truth.lumped, truth.stiffness, truth.damping, truth.viscous, truth.lag[:, None], truth.bend_rate
         design = np.concatenate(columns, axis=-1)
         changed = np.any(design != state.design, axis=-1)
         if changed.any():
             gains = gains.copy()
-            gains[changed] = self.gains(arm, changed)
+            gains[changed] = self.gains(arm.of_lanes(changed))
         x = arm.predicted()
         index = (np.cos(x[0][:, 1]) + 1.0) / (COSINES[1] - COSINES[0])
         low = np.minimum(index.astype(int), len(COSINES) - 2)
@@ -150,6 +151,13 @@ class OracleElastic(_Oracle):
         r, r_dot, r_ddot = self.ahead(observation, arm, h * np.arange(-2.0, 3.0))
         load = inverse_dynamics(arm.links[:, None], r, r_dot, r_ddot) + truth.disturbance[:, None]
         motion = [r, r_dot]
+        if arm.scenario.link is not None:  # bent by weight and acceleration
+            zero = np.zeros_like(r[:, 0])
+            chains = [arm.chain(r[:, i], r_dot[:, i], zero, zero) for i in range(5)]
+            carried = [load - np.einsum("nij,nj->ni", m[..., :2], r_ddot[:, i]) for i, (m, load) in enumerate(chains)]
+            stiffness, _ = arm.scenario.link.springs(arm.scenario.arm, truth.bend_rate)
+            bend = np.stack(carried, axis=1)[..., 2:] / stiffness[:, None]
+            motion += [bend, _rate(bend, h)]
         if arm.elastic:
             stiffness = truth.stiffness[:, None]
             stretch = load / stiffness
@@ -158,7 +166,7 @@ class OracleElastic(_Oracle):
             motion += [r + stretch, r_dot + _rate(load, h) / stiffness]
             load = load + truth.rotor[:, None] * (r_ddot + _rate(_rate(load, h), h) / stiffness)
         toward = r_dot[:, 2] + 10.0 * (r[:, 2] - x[0])
-        speed = motion[-1]
+        speed = motion[arm.side]
         load = load + truth.viscous[:, None] * speed
         dry = arm.dry(speed[:, 2]) * np.clip(toward / 0.02, -1.0, 1.0)
         slope = _rate(load, h)[:, 2]
@@ -166,40 +174,22 @@ class OracleElastic(_Oracle):
         command = torque + (0.5 * h + truth.lag[:, None]) * slope
         return [*(m[:, 2] for m in motion), torque], command
 
-    def gains(self, arm: TrueArm, lanes: Array) -> Array:
-        """Return K of some lanes at each of `COSINES` [n x 5 x 2 x size]."""
-        truth = arm.truth
-        angle = np.stack([np.zeros_like(COSINES), np.arccos(COSINES)], axis=-1)
-        links = arm.links[lanes][:, None]
-        m = inertia_matrix(np.broadcast_to(links, (*links.shape[:1], len(COSINES), 7)), angle[None])
-        n, k = m.shape[:2]
-        inverse = np.linalg.inv(m)
-        viscous = diagonal(truth.viscous[lanes])[:, None]
-        lag = np.maximum(truth.lag[lanes], 1e-3)[:, None, None, None]
-        size = 10 if arm.elastic else 6
+    def gains(self, arm: TrueArm) -> Array:
+        """Return K of each lane at each of `COSINES` [n x 5 x 2 x size]."""
+        truth, slope = arm.truth, arm.linear(np.arccos(COSINES))
+        (n, k), size = slope.shape[:2], slope.shape[-1]
+        drive = np.concatenate([-np.eye(2), np.eye(2)], axis=1) / np.maximum(truth.lag, 1e-3)[:, None, None, None]
         a = np.zeros((n, k, size + 2, size + 2))
-        eye = np.eye(2)
-        a[..., 0:2, 2:4] = eye
-        motor = inverse
-        if arm.elastic:
-            motor = diagonal(1.0 / truth.rotor[lanes])[:, None]
-            stiffness, damping = (diagonal(x[lanes])[:, None] for x in (truth.stiffness, truth.damping))
-            a[..., 4:6, 6:8] = eye
-            for sign, first in ((-1.0, 0), (1.0, 4)):
-                a[..., 2:4, first : first + 2] = sign * inverse @ stiffness
-                a[..., 2:4, first + 2 : first + 4] = sign * inverse @ damping
-                a[..., 6:8, first : first + 2] = -sign * motor @ stiffness
-                a[..., 6:8, first + 2 : first + 4] = -sign * motor @ damping
-        a[..., size - 4 : size - 2, size - 4 : size - 2] -= motor @ viscous
-        a[..., size - 4 : size - 2, size - 2 : size] = motor
-        a[..., size - 2 : size, size - 2 : size] = -eye / lag
-        a[..., size - 2 : size, size:] = eye / lag
+        a[..., : size - 2, :size] = slope
+        a[..., size - 2 : size, size - 2 :] = drive
         exact = expm(a * arm.dt)
         f, g = exact[..., :size, :size], exact[..., :size, size:]
         q = np.zeros(size)
         q[0:2], q[2:4] = self.bandwidth**4, (2.0 * self.damping * self.bandwidth) ** 2
         # The command's weight is that of the acceleration it gives a joint alone.
-        scale = m[..., [0, 1], [0, 1]] + (truth.rotor[lanes][:, None] if arm.elastic else 0.0)
+        angle = np.stack([np.zeros_like(COSINES), np.arccos(COSINES)], axis=-1)
+        m = inertia_matrix(with_rotors(truth.lumped, truth.rotor)[:, None], angle[None])
+        scale = m[..., [0, 1], [0, 1]]
         return regulator(f, g, np.diag(q), scale)
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from controllers.parts import runge_kutta
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
+from fbl_gym.model.chain import chain_dynamics
+from fbl_gym.scenarios import Scenario
 
 
 def diagonal(x: Array) -> Array:
@@ -20,20 +23,20 @@ def diagonal(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class TrueArm:
-    """A batch of real arms with rigid or elastic joints at an instant.
+    """A batch of real arms, whose joints may be elastic and whose links may bend, at an instant.
 
-    A state is position and velocity of the links, of elastic joints also of the motors, and last
-    the torque of the drives, each [n x 2].
+    A state is position and velocity of the joints, of links that bend also of their hinges, of
+    elastic joints also of the motors, and last the torque of the drives, each [n x 2].
 
     Args:
         truth: with a batch axis.
-        elastic: True if springs lie between motors and links.
-        dt: control interval [s].
+        scenario: the task.
+        gravity: [m/s^2], as in `truth.lumped`.
     """
 
     truth: Truth
-    elastic: bool
-    dt: float
+    scenario: Scenario
+    gravity: float
 
     @classmethod
     def of(cls, env: object) -> TrueArm:
@@ -42,7 +45,26 @@ class TrueArm:
         if truth.position.ndim == 1:
             truth = Truth(**{name: np.asarray(value)[None] for name, value in vars(truth).items()})
         scenario = env.scenario  # type: ignore[attr-defined]
-        return cls(truth, scenario.joint is not None, scenario.control_dt)
+        return cls(truth, scenario, scenario.arm.gravity)
+
+    def of_lanes(self, lanes: Array) -> TrueArm:
+        """Return the arms of some lanes, in an order and as often as they are given."""
+        return replace(self, truth=Truth(**{name: value[lanes] for name, value in vars(self.truth).items()}))
+
+    @property
+    def dt(self) -> float:
+        """Control interval [s]."""
+        return self.scenario.control_dt
+
+    @property
+    def elastic(self) -> bool:
+        """True if springs lie between motors and links."""
+        return self.scenario.joint is not None
+
+    @property
+    def side(self) -> int:
+        """Index in a state, without its torque, of the velocity that friction acts on."""
+        return -1 if self.elastic else 1
 
     @property
     def links(self) -> Array:
@@ -53,8 +75,9 @@ class TrueArm:
     def state(self) -> tuple[Array, ...]:
         """The state now."""
         truth = self.truth
+        bends = (truth.bend, truth.bend_velocity) if self.scenario.link is not None else ()
         motors = (truth.motor_position, truth.motor_velocity) if self.elastic else ()
-        return truth.position, truth.velocity, *motors, truth.applied_torque
+        return truth.position, truth.velocity, *bends, *motors, truth.applied_torque
 
     def dry(self, v: Array) -> Array:
         """Return the bound of the dry friction at a velocity [n x 2] N m."""
@@ -74,7 +97,7 @@ class TrueArm:
 
         The lanes take the same number of steps, in which those with less delay wait at first.
         """
-        parts = 4 if self.elastic else 2
+        parts = 2 if len(self.state) == 3 else 4  # springs are faster
         h, delay = self.dt / parts, self.truth.delay[:, None]
         state = self.state
         for k in range(math.ceil(float(delay.max()) / h - 1e-9), 0, -1):
@@ -92,19 +115,22 @@ class TrueArm:
         half, end = (command + np.exp(-t / lag) * (torque - command) for t in (0.5 * h, h))
         first = np.where(self.truth.lag[:, None] > 0.0, torque, command)
         dry = self._held(x, h, first)
-        moved = runge_kutta(lambda x, u: self._rates(x, u, dry), x, h, (first, half, end))
+        moved = runge_kutta(lambda x, u: self.rates(x, u, dry), x, h, (first, half, end))
         return *moved, np.where(h > 0.0, end, torque)
 
     def _held(self, x: list[Array], h: Array, torque: Array) -> Array:
         """Return the dry friction over a step: it stops a joint if its bound allows."""
-        v, h, none = x[-1], np.maximum(h, 1e-9), np.zeros_like(torque)
+        v, h, none = x[self.side], np.maximum(h, 1e-9), np.zeros_like(torque)
         bound = self.dry(v)
         if not bound.any():
             return none
         # The velocity at the end without friction, and how much friction takes away.
-        free = v + h * self._rates(x, torque, none)[-1]
-        inertia = diagonal(self.truth.rotor) if self.elastic else inertia_matrix(self.links, x[0])
-        per_torque = h[..., None] * np.linalg.inv(inertia)
+        free = v + h * self.rates(x, torque, none)[self.side]
+        if self.elastic:
+            inertia = diagonal(self.truth.rotor)
+        else:
+            inertia = inertia_matrix(self.links, x[0]) if self.scenario.link is None else self.chain(*x[:4])[0]
+        per_torque = h[..., None] * np.linalg.inv(inertia)[..., :2, :2]
         dry = none
         for joint in (0, 1, 0, 1, 0, 1):  # Gauss and Seidel
             left = free[:, joint] - np.einsum("nj,nj->n", per_torque[:, joint], dry)
@@ -112,12 +138,52 @@ class TrueArm:
             dry[:, joint] = np.clip(stop, -bound[:, joint], bound[:, joint])
         return dry
 
-    def _rates(self, x: Sequence[Array], torque: Array, dry: Array) -> tuple[Array, ...]:
-        """Return the time derivative of a state without its torque."""
-        left = torque - self.truth.viscous * x[-1] - dry
+    def chain(self, q: Array, v: Array, b: Array, u: Array) -> tuple[Array, Array]:
+        """Return inertia [n x 4 x 4] and load [n x 4] of joints and hinges of links that bend."""
+        truth, link = self.truth, self.scenario.link
+        segments = truth.segment_inertia.T, truth.segment_moment.T
+        inertia, load = chain_dynamics(segments, truth.lengths.T, self.gravity, q, b, v, u)
+        stiffness, damping = link.springs(self.scenario.arm, truth.bend_rate)  # type: ignore[union-attr]
+        load[..., 2:] -= stiffness * b + damping * u
         if not self.elastic:
-            return x[1], forward_dynamics(self.links, x[0], x[1], left - self.truth.disturbance)
-        q, v, motor, w = x
-        spring = self.spring(motor - q, w - v)
-        a = forward_dynamics(self.links, q, v, spring - self.truth.disturbance)
-        return v, a, w, (left - spring) / self.truth.rotor
+            inertia[..., [0, 1], [0, 1]] += truth.rotor
+        return inertia, load
+
+    def rates(self, x: Sequence[Array], torque: Array, dry: Array | float = 0.0) -> tuple[Array, ...]:
+        """Return the time derivative of a state without its torque."""
+        truth, (q, v, *others) = self.truth, x
+        motors: tuple[Array, ...] = ()
+        load = torque - truth.viscous * x[self.side] - dry
+        if self.elastic:
+            motor, w = others[-2:]
+            spring = self.spring(motor - q, w - v)
+            motors, load = (w, (load - spring) / truth.rotor), spring
+        load = load - truth.disturbance
+        if self.scenario.link is None:
+            return v, forward_dynamics(self.links, q, v, load), *motors
+        b, u = others[:2]
+        inertia, left = self.chain(q, v, b, u)
+        left[..., :2] += load
+        a: Any = np.linalg.solve(inertia, left[..., None])[..., 0]
+        return v, a[..., :2], u, a[..., 2:], *motors
+
+    def linear(self, angles: Array) -> Array:
+        """Return the derivative of the rates by the state, at rest without load.
+
+        Args:
+            angles: of the second joint [k] rad.
+
+        Returns:
+            [n x k x s x (s + 2)]; the last two columns are by the torque of the drives.
+        """
+        n, k, size = len(self.truth.lumped), len(angles), 2 * len(self.state)
+        truth, none = self.of_lanes(np.repeat(np.arange(n), k)).truth, np.zeros((n * k, 2))
+        truth = replace(truth, lumped=truth.lumped * [1, 1, 1, 0, 0], disturbance=none, backlash=none)
+        arm, point = TrueArm(truth, self.scenario, 0.0), np.zeros((n * k, size))
+        point[:, 1] = point[:, size - 5 if self.elastic else 1] = np.tile(angles, n)
+        columns = []
+        for step in 1e-4 * np.eye(size):
+            up, down = (np.split(point + sign * step, size // 2, axis=1) for sign in (1.0, -1.0))
+            rates = (np.hstack(arm.rates(x[:-1], x[-1])) for x in (up, down))
+            columns.append((next(rates) - next(rates)) / 2e-4)
+        return np.stack(columns, axis=-1).reshape(n, k, size - 2, size)

@@ -65,11 +65,15 @@ def axes(robot: str) -> dict[str, dict[float, Scenario]]:
         }  # fmt: skip
         return nominal.replace(joint=joint, physics_dt=1e-4)
 
+    def bending(frequency: float) -> Scenario:
+        return nominal.replace(link={"frequency": frequency, "damping": 0.05}, physics_dt=1e-4)
+
     stiffnesses = (40, 20, 12, 8, 5, 4, 3, 2)
     return {
         "further delay [ms]": {x: delayed(x) for x in _DELAYS[robot]},
         "springs, encoder on the link [Hz]": {x: springy(x, "link") for x in stiffnesses},
         "springs, encoder on the motor [Hz]": {x: springy(x, "motor") for x in stiffnesses},
+        "links that bend [Hz]": {x: bending(x) for x in (80, 40, 30, 20, 15, 10, 7, 5)},
         "friction [times]": {x: rubbed(x) for x in (1, 2, 4, 8, 16, 32)},
         "payload [times the second link]": {x: loaded(x) for x in (0, 0.25, 0.5, 1, 2, 4)},
         "rate [times]": {x: nominal.replace(control_dt=nominal.control_dt / x) for x in (2, 1, 0.5, 0.25)},

@@ -20,10 +20,11 @@ from threadpoolctl import threadpool_limits
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.rollout import make_env
 from controllers.policy import leaves, map_state
+from controllers.true_arm import TrueArm
 from fbl_gym.checks import Pair, check_pair
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
-from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
+from fbl_gym.model.arm import Array
 from fbl_gym.options import ArrayReference, Encoder, Friction, Payload
 from fbl_gym.records import ends, scaled
 from fbl_gym.scenarios import Scenario, as_scenario
@@ -90,7 +91,8 @@ class LinearLoop:
         control_dt: sample time [s].
         delay, lag: of the drive [s].
         motion: derivative of the arm's state's rate by the state, [n x n]. The state is (q, v) of
-            the links; with elastic joints, those of the motors follow.
+            the joints; those of the hinges of links that bend, and of the motors of elastic joints,
+            follow.
         drive: its derivative by the commanded torque, [n x 2]; the drive's gain is part of it.
         measured: index in the state of the position that the encoders read.
         encoder: latency and difference [samples], and the low-pass filter's share of a new value;
@@ -293,7 +295,7 @@ def _loop(
         lag=float(truth.lag[0]),
         motion=motion,
         drive=drive * truth.gain[0],
-        measured=4 if scenario.joint is not None and scenario.joint.encoder == "motor" else 0,
+        measured=len(motion) - 4 if scenario.joint is not None and scenario.joint.encoder == "motor" else 0,
         encoder=(
             encoder.latency,
             encoder.difference or 0,
@@ -310,26 +312,18 @@ def _loop(
 def _motion(scenario: Scenario, truth: Truth) -> tuple[Array, Array]:
     """Return the derivatives of the state's rate by the state and by the drives' torque.
 
-    The equations are those of `options/joints.py`. A tooth that is pressed stays pressed.
+    A tooth that is pressed stays pressed.
     """
-    springs, applied = scenario.joint is not None, truth.applied_torque
-    gap = 0.5 * truth.backlash * np.sign(truth.motor_position - truth.position)
-    if springs and np.any(np.abs(truth.motor_position - truth.position) < np.abs(gap) + 2 * max(STEPS)):
+    arm, gap = TrueArm(truth, scenario, scenario.arm.gravity), 0.5 * truth.backlash
+    if arm.elastic and np.any(np.abs(truth.motor_position - truth.position) < gap + 2 * max(STEPS)):
         raise NotLinear("a joint is within the gap of its backlash, where motor and link do not touch")
-    arm = truth.lumped if springs else with_rotors(truth.lumped, truth.rotor)
 
     def rate(x: Array) -> Array:
-        q, v, torque = x[:, :2], x[:, 2:4], applied - truth.viscous * x[:, -2:]
-        if not springs:
-            return np.hstack([v, forward_dynamics(arm, q, v, torque)])
-        spring = truth.stiffness * (x[:, 4:6] - q - gap) + truth.damping * (x[:, 6:] - v)
-        return np.hstack([v, forward_dynamics(arm, q, v, spring), x[:, 6:], (torque - spring) / truth.rotor])
+        *motion, torque = np.split(x, x.shape[1] // 2, axis=1)
+        return np.hstack(arm.rates(motion, torque))
 
-    point, inverse = [truth.position, truth.velocity], np.linalg.inv(inertia_matrix(arm, truth.position)[0])
-    if springs:
-        point, inverse = [*point, truth.motor_position, truth.motor_velocity], np.diag(1.0 / truth.rotor[0])
-    motion = _derivative(rate, np.concatenate(point, axis=1)[0])
-    return motion, np.vstack([np.zeros((len(motion) - 2, 2)), inverse])
+    slope = _derivative(rate, np.concatenate(arm.state, axis=1)[0])
+    return slope[:, :-2], slope[:, -2:]
 
 
 def _law(

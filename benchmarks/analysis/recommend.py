@@ -59,7 +59,8 @@ BETWEEN = 0.5
 """An arm is between two classes if the distances of both differ by no more than that."""
 
 KINDS = (
-    "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "saturation"
+    "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "bend", "torque constant",
+    "saturation",
 )  # fmt: skip
 """What a condition pushes; "everything" pushes all but the saturation, half as far."""
 
@@ -113,7 +114,7 @@ def around(base: Scenario) -> dict[str, Scenario]:
     """Return the conditions around a scenario, by name; the first one is the scenario itself.
 
     What a scenario does not have, such as noise, comes in the size of its class of robots. Rigid
-    joints stay rigid: no stiffness can be guessed.
+    joints and links stay rigid: no stiffness can be guessed.
     """
     scenarios, robot = {"as described": base}, Likeness.of(base).classes[0]
     for kind in KINDS:
@@ -135,7 +136,7 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
         case "parameters":
             radius = factor * error.radius if error is not None and error.radius > 0 else 0.2 * more
             changes: dict[str, Any] = {"parameter_error": _replaced(error, radius=radius)}
-            if base.joint is not None:  # a lighter link is faster on its spring
+            if base.joint is not None or base.link is not None:  # a lighter link is faster on its spring
                 changes["physics_dt"] = base.physics_dt / 2
         case "payload":
             mass = max(0.5 * more * base.arm.m2, factor * _payload(base))
@@ -168,6 +169,10 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             if base.joint is None:
                 return base
             changes = {"joint": _replaced(base.joint, stiffness=scaled(base.joint.stiffness, 1 / factor))}
+        case "bend":
+            if base.link is None:
+                return base
+            changes = {"link": _replaced(base.link, frequency=scaled(base.link.frequency, factor**-0.5))}
         case "torque constant":
             low, high = ends(actuator.gain)
             changes = {"actuator": _replaced(actuator, gain=_uniform(low - 0.2 * more, high + 0.2 * more))}

@@ -40,6 +40,7 @@ def _compile() -> None:
         {"friction": {"coulomb": 1.0}},
         {"events": [{"kind": "drop", "time": 1.0}]},
         {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
+        {"link": 10.0},
     ):
         TwoLinkArmVectorEnv(1, **options)  # a class of scenarios has a step of its own
     moving = scenarios.get("nominal").replace(duration=3.0)  # until the arms have moved enough to be estimated

@@ -31,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_option(parser, "--seeds", common.episodes, 16, "N", "test seeds 0 to N-1, an arm each")
     common.add_option(parser, "--trials", common.count, 1, "K", "repeat each arm's motion in K episodes in a row")
     common.add_plot(parser, "the signals of one policy, the errors of several, or the errors over the trials")
-    common.add_file(parser, "--video", "film the first seed, side by side (extra: render)", ".mp4", ".gif")
     common.add_file(parser, "--csv", "write all metrics of all runs", ".csv")
     signals = "write all signals of all seeds of one policy, also readings and its state"
     common.add_file(parser, "--trace", signals, ".csv")
@@ -45,8 +44,6 @@ def run(arguments: argparse.Namespace) -> int:
     policies = list(dict.fromkeys(arguments.policies))
     if arguments.trace is not None and (len(policies) > 1 or arguments.trials > 1):
         raise ValueError(f"--trace is for one policy and one trial, got {len(policies)} and {arguments.trials}")
-    if arguments.video is not None:
-        from benchmarks.report.video import write_video  # the extra `render`: its error comes before the work
     scenario = scenarios.get(arguments.scenario)
     traces: dict[str, list[Trace]] = {}
     for policy in policies:
@@ -83,9 +80,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         draw(arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
-    if arguments.video is not None:
-        write_video(last, arguments.video)
-        screen.say(f"video: {arguments.video}")
     if arguments.trace is not None:
         export(last[policies[0]], arguments.trace)
         screen.say(f"trace: {arguments.trace}")

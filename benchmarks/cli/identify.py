@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plan is None and not arguments.logs and not arguments.validate:
         raise ValueError("give the logs of a robot, or --validate, or --plan")
     screen, start = Screen(), scenarios.get(arguments.start)
-    if start.joint is not None or start.plant is not None:
-        raise ValueError(f"--start must have rigid joints and this package's physics, got {arguments.start}")
+    if any(option is not None for option in (start.joint, start.link, start.plant)):
+        raise ValueError(f"--start must have rigid joints and links, and this package's physics, got {arguments.start}")
     if arguments.plan is not None:
         _plan(arguments, start, screen)
     read = partial(logs.read, mapping=logs.columns(arguments.signals), zero=arguments.zero)

@@ -28,7 +28,7 @@ class Command:
 
 
 COMMANDS: dict[str, Command] = {
-    "evaluate": Command("evaluate", "evaluate policies on one scenario: metrics or a comparison, plot, video, trials",
+    "evaluate": Command("evaluate", "evaluate policies on one scenario: metrics or a comparison, plot, trials",
         "pid-flm cascade-flm --scenario payload-2 --plot errors.png"),
     "leaderboard": Command("leaderboard", "run a suite: all policies on all scenario families, with the same seeds",
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4", "finished cells are kept"),

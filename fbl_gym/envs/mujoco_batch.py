@@ -22,7 +22,8 @@ from fbl_gym.kernel import api
 from fbl_gym.kernel.batch import ArmBatch, Truth
 from fbl_gym.kernel.memory import BLOCK, LANES, RESTART
 from fbl_gym.kernel.program import Program
-from fbl_gym.model.arm import ArmParameters, Array
+from fbl_gym.model.arm import Array
+from fbl_gym.model.chain import HINGE
 from fbl_gym.options import MuJoCo
 from fbl_gym.scenarios import Scenario
 
@@ -31,16 +32,15 @@ _POINT_INERTIA = 1e-12
 
 _REAL = (
     "parameters", "centre_ratio", "inertia_ratio", "rotor_ratio", "payload", "payload_offset", "payload_radius",
-    "viscous", "coulomb", "stiction", "load_friction", "stiffness", "damping", "backlash",
+    "viscous", "coulomb", "stiction", "load_friction", "stiffness", "damping", "backlash", "bend_rate",
 )  # fmt: skip
 _MODEL = np.dtype([(name, np.float64, BLOCK[name].shape[:-1]) for name in _REAL])
 """The fields of a block from which a lane's model is made; it is made again when one changes."""
 
-_MOTION = ("position", "velocity", "motor_position", "motor_velocity")
+_MOTION = ("position", "velocity", "motor_position", "motor_velocity", "bend", "bend_velocity")
 """Fields of a block with a lane's state."""
 
-_HINGE = 0.15
-"""Place of the hinge of a link that bends, as a fraction of its length."""
+_VELOCITIES = _MOTION[1::2]
 
 _HARD = "0.999 0.999 0.001"
 """Impedance of a motor's friction loss. With MuJoCo's default, a light motor that sticks creeps."""
@@ -84,11 +84,11 @@ class MuJoCoBatch(ArmBatch):
                 return problem, 0.0, False, False
             torque, load = self._mean("tau"), self._mean("load")
             models = self._models() if self._arms_change else None
-            velocity, motor_velocity = blocks["velocity"][lanes], blocks["motor_velocity"][lanes]
+            velocities = np.stack([blocks[name][lanes] for name in _VELOCITIES], axis=1)
             for lane, arm in self._arms.items():
                 if models is not None and arm.real.tobytes() != models[lane].tobytes():
                     arm = self._arms[lane] = arm.changed(models[lane])
-                arm.advance(velocity[lane], motor_velocity[lane], torque[lane], load[lane], steps)
+                arm.advance(velocities[lane], torque[lane], load[lane], steps)
             motions = [arm.motion for arm in self._arms.values()]
             for name in motions[0]:
                 blocks[name][lanes] = [motion[name] for motion in motions]
@@ -160,19 +160,21 @@ class _Arm:
         # elastic. The last is the link's own, if it bends.
         hinges, elastic = self._model.nv // 2, scenario.joint is not None
         self._joints, self._springs = slice(0, None, hinges), slice(1, None, hinges) if elastic else slice(0)
-        self._bends = slice(hinges - 1, None, hinges) if _plant(scenario).bend is not None else slice(0)
+        self._bends = slice(hinges - 1, None, hinges) if scenario.link is not None else slice(0)
         self._gap, self._loss = 0.5 * real["backlash"], self._model.dof_frictionloss[self._joints].copy()
 
-    def start(self, position: Array, velocity: Array, motor_position: Array, motor_velocity: Array) -> None:
-        """Set the state of the joints, [2] each; links start where their springs carry the load."""
-        data, joints, springs, bends = self._data, self._joints, self._springs, self._bends
-        data.qpos[joints], data.qvel[joints] = position, velocity
+    def start(self, *motion: Array) -> None:
+        """Set the state: angles and velocities as in `_MOTION`, [2] each."""
+        self._set(self._data.qpos, *motion[0::2])
+        self._set(self._data.qvel, *motion[1::2])
+
+    def _set(self, values: Array, links: Array, motors: Array, bends: Array) -> None:
+        """Set MuJoCo's angles or velocities, from those of links and motors, and the bends."""
+        values[self._joints] = links
         if self._scenario.joint is not None:
-            data.qpos[joints], data.qvel[joints] = motor_position, motor_velocity
-            data.qpos[springs], data.qvel[springs] = position - motor_position, velocity - motor_velocity
-        for _ in range(3):
-            mujoco.mj_forward(self._model, data)
-            data.qpos[bends] = -data.qfrc_bias[bends] / self._model.jnt_stiffness[bends]
+            values[self._joints], values[self._springs] = motors, links - motors
+        if self._scenario.link is not None:
+            values[self._bends] = bends
 
     def changed(self, real: np.void) -> _Arm:
         """Return an arm of other parameters in the state of this one."""
@@ -180,13 +182,10 @@ class _Arm:
         arm._data.qpos[:], arm._data.qvel[:] = self._data.qpos, self._data.qvel
         return arm
 
-    def advance(self, velocity: Array, motor_velocity: Array, torque: Array, load: Array, steps: int) -> None:
-        """Hold torques for a number of MuJoCo's steps, from these velocities on; [2] each."""
+    def advance(self, velocities: Array, torque: Array, load: Array, steps: int) -> None:
+        """Hold torques for a number of MuJoCo's steps, from velocities as in `_VELOCITIES` on."""
         model, data = self._model, self._data
-        if self._scenario.joint is None:
-            data.qvel[self._joints] = velocity
-        else:
-            data.qvel[self._joints], data.qvel[self._springs] = motor_velocity, velocity - motor_velocity
+        self._set(data.qvel, *velocities)
         if not self._gap.any():
             self._push(torque, load)
             mujoco.mj_step(model, data, steps)
@@ -225,12 +224,15 @@ class _Arm:
 
     @property
     def motion(self) -> dict[str, Array]:
-        """Return angles [rad] and velocities [rad/s] of joints and motors, [2] each."""
-        q, v, joints, springs = self._data.qpos, self._data.qvel, self._joints, self._springs
-        if self._scenario.joint is None:
-            return {"position": q[joints], "velocity": v[joints]}
-        links = {"position": q[joints] + q[springs], "velocity": v[joints] + v[springs]}
-        return {**links, "motor_position": q[joints], "motor_velocity": v[joints]}
+        """Return angles [rad] and velocities [rad/s] of the joints, motors and bends, [2] each."""
+        motion = {}
+        for names, x in ((_MOTION[0::2], self._data.qpos), (_VELOCITIES, self._data.qvel)):
+            motion[names[0]] = x[self._joints]
+            if self._scenario.joint is not None:
+                motion[names[0]], motion[names[1]] = x[self._joints] + x[self._springs], x[self._joints]
+            if self._scenario.link is not None:
+                motion[names[2]] = x[self._bends]
+        return motion
 
 
 def _plant(scenario: Scenario) -> MuJoCo:
@@ -269,25 +271,13 @@ def _link(scenario: Scenario, real: np.void, joint: int, end: str) -> str:
         hinge += f'<joint axis="0 0 1" stiffness="{real["stiffness"][joint]}" damping="{real["damping"][joint]}"/>'
     centre = _of(arm.centre, joint) * real["centre_ratio"][joint] * length
     inertia = _of(arm.inertia, joint) * real["inertia_ratio"][joint] * mass * length**2
-    if plant.bend is None:
+    if scenario.link is None:
         return hinge + _mass(mass, centre, inertia) + end
     # Both halves have the whole link's centre: a link that does not bend is the rigid one.
-    half, hinge_at = _mass(mass / 2, centre, inertia / 2), _HINGE * length
-    rate, moment = 2 * np.pi * _of(plant.bend, joint), _moment_beyond_hinge(arm)[joint]
-    stiffness, damping = rate**2 * moment, 2 * plant.bend_damping * rate * moment
-    spring = f'<joint axis="0 0 1" pos="{hinge_at} 0 0" stiffness="{stiffness}" damping="{damping}"/>'
+    half = _mass(mass / 2, centre, inertia / 2)
+    stiffness, damping = (both[joint] for both in scenario.link.springs(arm, real["bend_rate"]))
+    spring = f'<joint axis="0 0 1" pos="{HINGE * length} 0 0" stiffness="{stiffness}" damping="{damping}"/>'
     return f"{hinge}{half}<body>{spring}{half}{end}</body>"
-
-
-def _moment_beyond_hinge(arm: ArmParameters) -> tuple[float, float]:
-    """Return the moment of inertia that turns on each link's own hinge when the arm is straight."""
-
-    def half(joint: int, mass: float, length: float) -> float:
-        return mass / 2 * length**2 * ((_of(arm.centre, joint) - _HINGE) ** 2 + _of(arm.inertia, joint))
-
-    reach = (1 - _HINGE) * arm.L1 + _of(arm.centre, 1) * arm.L2
-    first = half(0, arm.m1, arm.L1) + arm.m2 * (reach**2 + _of(arm.inertia, 1) * arm.L2**2)
-    return first, half(1, arm.m2, arm.L2)
 
 
 def _mass(mass: float, centre: float, inertia: float) -> str:

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from fbl_gym.kernel import readings
 from fbl_gym.kernel.elastic import advance_elastic, elastic_acceleration_and_friction, start_motors
 from fbl_gym.kernel.episode import judge, start
 from fbl_gym.kernel.events import apply_events, carry_payload
 from fbl_gym.kernel.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.flexible import advance_flexible, flexible_acceleration_and_friction, start_bends
 from fbl_gym.kernel.memory import (
     BLOCK,
     BLOCK_SIZE,
@@ -19,8 +21,7 @@ from fbl_gym.kernel.memory import (
     SETTINGS_SIZE,
 )
 from fbl_gym.kernel.motion import update_reference
-from fbl_gym.kernel.physics import acceleration_and_friction, advance
-from fbl_gym.kernel.readings import observe, sense
+from fbl_gym.kernel.physics import acceleration_and_friction, advance_by_law, advance_smoothly
 from fbl_gym.kernel.torque import add_ripple, apply_torque, command, disturb, start_disturbance
 from fbl_gym.kernel.views import array_at, record_at
 
@@ -76,16 +77,13 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, elastic):
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, advance, accelerate):
     """Advance a block by one control step."""
     command(block, rows, queue, settings, actions, count)
     for substep in range(settings.substeps):
         _load(block, rows, queue, settings, tables, width, substep, real, rare)
-        if elastic:
-            advance_elastic(block, settings, width)
-        else:
-            advance(block, settings, width, real)
-    _end(block, rows, waypoints, settings, tables, width, real, rare, elastic)
+        advance(block, settings, width)
+    _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
 
 
 @merged_njit
@@ -104,11 +102,11 @@ def _load(block, rows, queue, settings, tables, width, substep, real, rare):
 
 
 @merged_njit
-def _end(block, rows, waypoints, settings, tables, width, real, rare, elastic):
+def _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate):
     """End the control step of a block, after its physics."""
     for lane in range(width):
         block.step[lane] += _ONE
-    sense(block, rows, settings, width, real, rare, elastic)
+    readings.sense(block, rows, settings, width, real, rare, accelerate)
     update_reference(block, waypoints, settings, tables, width)
     judge(block, settings, width)
 
@@ -131,7 +129,7 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
         if restarts:
             size = settings.observation_size
             final = array_at(memory, settings.final_observations + first * size, (count, size), np.float64)
-            observe(block, rows, waypoints, settings, tables, final, lane, lane + 1)
+            readings.observe(block, rows, waypoints, settings, tables, final, lane, lane + 1)
         elif settings.autoreset == NEXT_STEP and block.status[lane] != RUNNING:
             block.reward[lane], block.terminated[lane], block.truncated[lane] = 0.0, 0.0, 0.0
             restarts = True
@@ -144,15 +142,15 @@ def _report(block, rows, waypoints, settings, tables, memory, first, count):
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _compile_step(real, rare, elastic):
+def _compile_step(real, rare, advance, accelerate):
     """Return the step of a class of scenarios, without the code that only other classes use.
 
     `real`: there may be payloads, disturbances, dry friction and errors of the sensors. `rare`:
     also events, encoders and another engine.
-    `elastic`: joints are elastic. Each step is compiled when it is first called.
+    `advance` moves a block over a physics step, `accelerate` computes its acceleration. Each step
+    is compiled when it is first called.
     """
 
-    @cached_njit
     def step(memory, out, moves):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
 
@@ -179,7 +177,9 @@ def _compile_step(real, rare, elastic):
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
                 actions = _actions(memory, settings, number, count)
-                _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, elastic)
+                _move(
+                    block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, advance, accelerate
+                )  # fmt: skip
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
             for lane in range(width):
@@ -192,14 +192,16 @@ def _compile_step(real, rare, elastic):
                             start_disturbance(block, settings, tables, lane)
                         if rare and settings.elastic:
                             start_motors(block, lane)
+                        if rare and settings.flexible:
+                            start_bends(block, settings, lane)
             if restarts > 0 or not moves:
-                sense(block, rows, settings, width, real, rare, elastic)
+                readings.sense(block, rows, settings, width, real, rare, accelerate)
             observations = array_at(out, first * size, (count, size), np.float64)
-            observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
+            readings.observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
         return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
 
-    return step
+    return cached_njit(step, variant=(real, rare, advance.__name__))
 
 
 @cached_njit
@@ -214,7 +216,9 @@ def inspect(memory, out):
     for i in range(len(out)):
         block, _, _, _ = _views(memory, settings, i // LANES)
         lane, instant = i % LANES, out[i]
-        if settings.elastic:
+        if settings.flexible:
+            a1, a2, friction1, friction2 = flexible_acceleration_and_friction(block, settings, lane)
+        elif settings.elastic:
             a1, a2, friction1, friction2 = elastic_acceleration_and_friction(block, settings, lane)
         else:
             law = settings.friction_law
@@ -263,7 +267,7 @@ def end(memory):
     for number in range((settings.lanes + LANES - 1) // LANES):
         block, rows, _, waypoints = _views(memory, settings, number)
         count = _count(settings, number)
-        _end(block, rows, waypoints, settings, tables, count, True, True, False)
+        _end(block, rows, waypoints, settings, tables, count, True, True, readings.accelerate_by_law)
         _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
 
 
@@ -288,12 +292,14 @@ def subtract_and_scale(observations, columns, out):
 
 
 STEPS = (
-    _compile_step(False, False, False),
-    _compile_step(True, False, False),
-    _compile_step(True, True, False),
-    _compile_step(True, True, True),
+    _compile_step(False, False, advance_smoothly, readings.accelerate_smoothly),
+    _compile_step(True, False, advance_by_law, readings.accelerate_by_law),
+    _compile_step(True, True, advance_by_law, readings.accelerate_by_law),
+    _compile_step(True, True, advance_elastic, readings.accelerate_elastic),
+    _compile_step(True, True, advance_flexible, readings.accelerate_flexible),
 )
-"""The steps of plain scenarios, of real ones, of those with rare options, and of elastic joints."""
+"""The steps of plain scenarios, of real ones, of those with rare options, of elastic joints, and of
+links that bend."""
 
 _REAL = ("has_payload", "disturbance_kind", "friction_law", "noisy", "rippled")
 _RARE = ("events", "history", "dropout_length")
@@ -303,5 +309,7 @@ def class_of(settings):
     """Return the index in `STEPS` of the step that a scenario needs."""
     if settings["external_physics"]:
         return 2
+    if settings["flexible"]:
+        return 4
     rare = any(settings[name] > 0 for name in _RARE)
     return 3 if settings["elastic"] else 2 if rare else int(any(settings[name] > 0 for name in _REAL))

@@ -37,6 +37,12 @@ class Truth:
         stiffness: of elastic joints [N m/rad]; zero for rigid ones.
         damping: of elastic joints [N m s/rad].
         backlash: width of their gaps [rad].
+        bend: angle of the hinge of each link that bends [rad].
+        bend_velocity: [rad/s].
+        bend_rate: natural frequency of these links [rad/s].
+        segment_inertia: J of their segments with the payload carried now, see `model/chain.py`, [4]
+            or [lanes x 4] kg m^2.
+        segment_moment: f likewise [kg m].
         reference: reference position now [rad].
         reference_velocity: [rad/s].
         reference_acceleration: [rad/s^2].
@@ -73,6 +79,11 @@ class Truth:
     stiffness: Array
     damping: Array
     backlash: Array
+    bend: Array
+    bend_velocity: Array
+    bend_rate: Array
+    segment_inertia: Array
+    segment_moment: Array
     reference: Array
     reference_velocity: Array
     reference_acceleration: Array

@@ -2,34 +2,57 @@
 
 import numpy as np
 
+from fbl_gym.kernel.elastic import both
 from fbl_gym.kernel.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.flexible import chain_momentum, chain_velocity
 from fbl_gym.kernel.memory import DRIVE_CHANGE, DROP, EVENT_ROWS, FRICTION_CHANGE, KNOCK, PICK_UP
 from fbl_gym.kernel.physics import inertia_terms, lump, rotor_of, solve_terms
 from fbl_gym.kernel.views import pair, put
 
 
 @inline_njit
+def _rotor(block, settings, lane):
+    """Return the rotors that meet an impulse; an elastic joint passes none to its motor."""
+    return (0.0, 0.0) if settings.elastic else rotor_of(block, settings, lane)
+
+
+@inline_njit
 def _inertia(block, settings, lane):
-    """Return the inertia that meets an impulse; an elastic joint passes none to its motor."""
-    r1, r2 = rotor_of(block, settings, lane)
-    if settings.elastic:
-        r1, r2 = 0.0, 0.0
+    """Return the inertia that meets an impulse."""
+    r1, r2 = _rotor(block, settings, lane)
     _, cos2 = sincos(block.position[1, lane])
     return inertia_terms(block.lumped[0, lane], block.lumped[1, lane], block.lumped[2, lane], r1, r2, cos2)
+
+
+@inline_njit
+def _momentum(block, settings, lane):
+    """Return the momentum of the joints of a lane, and of the hinges of links that bend."""
+    if settings.flexible:
+        return chain_momentum(block, settings, lane, _rotor(block, settings, lane))
+    (m11, m12, m22), (v1, v2) = _inertia(block, settings, lane), pair(block.velocity, lane)
+    return m11 * v1 + m12 * v2, m12 * v1 + m22 * v2, 0.0, 0.0
+
+
+@inline_njit
+def _velocity(block, settings, lane, momentum):
+    """Return the velocities that `_momentum` belongs to."""
+    if settings.flexible:
+        return chain_velocity(block, settings, lane, _rotor(block, settings, lane), momentum)
+    m11, m12, m22 = _inertia(block, settings, lane)
+    return *solve_terms(m11, m12, m22, momentum[0], momentum[1]), 0.0, 0.0
 
 
 @kernel_njit
 def change_payload(block, settings, lane, payload):
     """Let a lane carry another payload; the velocities after a grasp conserve momentum."""
-    m11, m12, m22 = _inertia(block, settings, lane)
-    v1, v2 = pair(block.velocity, lane)
+    momentum = _momentum(block, settings, lane)
     grasps = payload > block.payload[lane]
     block.payload[lane] = payload
     lump(block, settings, lane)
     if grasps:
-        momentum1, momentum2 = m11 * v1 + m12 * v2, m12 * v1 + m22 * v2
-        m11, m12, m22 = _inertia(block, settings, lane)
-        put(block.velocity, lane, solve_terms(m11, m12, m22, momentum1, momentum2))
+        v1, v2, u1, u2 = _velocity(block, settings, lane, momentum)
+        put(block.velocity, lane, (v1, v2))
+        put(block.bend_velocity, lane, (u1, u2))
 
 
 @kernel_njit
@@ -78,7 +101,7 @@ def _apply(block, settings, lane, kind, size1, size2):
         block.gain[0, lane] *= size1
         block.gain[1, lane] *= size2
     elif kind == KNOCK:
-        m11, m12, m22 = _inertia(block, settings, lane)
-        change1, change2 = solve_terms(m11, m12, m22, size1, size2)
-        block.velocity[0, lane] += change1
-        block.velocity[1, lane] += change2
+        change1, change2, change3, change4 = _velocity(block, settings, lane, (size1, size2, 0.0, 0.0))
+        v1, v2, u1, u2 = both(block.velocity, block.bend_velocity, lane)
+        put(block.velocity, lane, (v1 + change1, v2 + change2))
+        put(block.bend_velocity, lane, (u1 + change3, u2 + change4))

@@ -44,19 +44,27 @@ for _path in (_PACKAGE / "model" / "arm.py", *sorted((_PACKAGE / "kernel").glob(
 class _Cache(caching.FunctionCache):
     """Numba's cache on disk, which alone notices changes in a function's own file only."""
 
+    variant: object = None
+
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """Return the key of compiled code: Numba's, and a hash of all that functions may call."""
-        return *super()._index_key(sig, codegen), _SOURCES.hexdigest()
+        """Return the key of compiled code, with a hash of all that functions may call.
+
+        Numba's own key hashes what a closure refers to. A compiled function among it has another
+        hash in each process.
+        """
+        return sig, codegen.magic_tuple(), self.variant, _SOURCES.hexdigest()
 
 
-def cached_njit(function: Any) -> Any:
+def cached_njit(function: Any, variant: object = None) -> Any:
     """Compile a function that Python calls, and cache the result on disk.
 
+    A `variant` tells apart functions of the same place in the code, such as closures.
     The folder is Numba's choice. Where none can be written, warn; then each process compiles.
     """
     dispatcher = njit(nogil=True, **_OPTIONS)(function)
     try:
         dispatcher._cache = _Cache(function)
+        dispatcher._cache.variant = variant
     except RuntimeError:
         warnings.warn(
             "compiled code cannot be kept, as no folder can be written: every process compiles for some seconds. Set "

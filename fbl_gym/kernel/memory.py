@@ -76,6 +76,7 @@ VARIED = np.dtype(
         ("stiffness", np.float64, 2),  # [N m/rad]
         ("damping", np.float64, 2),  # [N m s/rad]
         ("backlash", np.float64, 2),  # [rad]
+        ("bend_rate", np.float64, 2),  # natural frequency of links that bend [rad/s]
         # Disturbance
         ("disturbance_amplitude", np.float64, 2),  # [N m]
         ("disturbance_rate", np.float64, 2),  # of a sine [rad/s]
@@ -131,6 +132,9 @@ SETTINGS = np.dtype(
         ("friction_law", np.int64),
         ("elastic", np.bool_),
         ("encoder_on_motor", np.bool_),
+        ("flexible", np.bool_),  # links bend
+        ("beyond", np.float64, 2),  # nominal inertia that turns on the hinges of a straight arm [kg m^2]
+        ("bend_damping", np.float64),  # ratio
         # Events
         ("events", np.int64),  # number of them
         ("event_table", np.int64),  # index of the first one's kind in the tables
@@ -240,6 +244,11 @@ BLOCK = np.dtype(
         ("motor_position", np.float64, _PAIR),  # [rad]
         ("motor_velocity", np.float64, _PAIR),  # [rad/s]
         ("load", np.float64, _TIMES),  # torque on the links [N m]
+        # Links that bend
+        ("bend", np.float64, _PAIR),  # angle of the hinges [rad]
+        ("bend_velocity", np.float64, _PAIR),  # [rad/s]
+        ("segment_inertia", np.float64, (4, LANES)),  # J of `model/chain.py` with the payload [kg m^2]
+        ("segment_moment", np.float64, (4, LANES)),  # f likewise [kg m]
         # Sensors and reference
         ("measured", np.float64, (3, 2, LANES)),  # position [rad], velocity [rad/s], acceleration [rad/s^2]
         ("kept", np.float64, (2, 2, LANES)),  # the last readings of position and velocity that were not lost

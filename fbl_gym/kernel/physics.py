@@ -1,16 +1,17 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
-from fbl_gym.kernel.fastmath import inline_njit, kernel_njit, merged_njit, sincos
+from fbl_gym.kernel.fastmath import inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.friction import dry_friction, resist, sign
 from fbl_gym.kernel.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.views import pair, put
-from fbl_gym.model import arm
+from fbl_gym.model import arm, chain
 
 inertia_terms = inline_njit(arm.inertia_terms)
 coriolis_terms = inline_njit(arm.coriolis_terms)
 gravity_terms = inline_njit(arm.gravity_terms)
 lumped_terms = inline_njit(arm.lumped_terms)
 solve_terms = inline_njit(arm.solve_terms)
+segment_terms = inline_njit(chain.segment_terms)
 
 
 @inline_njit
@@ -70,7 +71,7 @@ def dry_bounds(v, friction):
 
 @inline_njit
 def _stage(q, v, tau, constants):
-    """Return the acceleration at one stage of a physics step; see `_hold` for `held`."""
+    """Return the acceleration at one stage of a physics step; see `hold` for `held`."""
     lumped, rotor, friction, held, law = constants
     dry1, dry2, free1, free2, _, _ = held
     viscous = friction[0]
@@ -110,25 +111,23 @@ def friction_of(block, lane):
 
 
 FREE = (0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
-"""Result of `_hold` without friction that is held over a step."""
+"""Result of `hold` without friction that is held over a step."""
 
 
 @inline_njit
-def _hold(h, q, v, tau, lumped, rotor, friction):
-    """Return the exact friction over a physics step h.
+def hold(h, v, inertia, load, friction):
+    """Return the exact friction over a physics step h, from the inertia and the load of the joints.
 
-    It solves the two joints' box-constrained problem v+ = v + h M^-1 (load - f), |f_i| <= F_i(v),
-    at the step's start. A joint that it brings to rest ends the step at rest. Sliding under Coulomb
-    friction keeps Runge-Kutta's fourth order; where stiction fades, or a joint stops, the step is
-    of first order.
+    The load has no dry friction. This solves the two joints' box-constrained problem
+    v+ = v + h M^-1 (load - f), |f_i| <= F_i(v), at the step's start. A joint that it brings to rest
+    ends the step at rest. Sliding under Coulomb friction keeps Runge-Kutta's fourth order; where
+    stiction fades, or a joint stops, the step is of first order.
 
     Returns:
         Of both joints, the friction torque; 0 if the joint sticks throughout the step, else 1; 0 if
         it ends the step at rest, else 1.
     """
-    (v1, v2), viscous = v, friction[0]
-    left = tau[0] - viscous[0] * v1, tau[1] - viscous[1] * v2
-    m11, m12, m22, load1, load2 = load_on_joints(lumped, rotor, q, v, left)
+    (v1, v2), (m11, m12, m22), (load1, load2) = v, inertia, load
     bound1, bound2 = dry_bounds(v, friction)
     bound1, bound2 = h * bound1, h * bound2
     momentum1, momentum2 = m11 * v1 + m12 * v2 + h * load1, m12 * v1 + m22 * v2 + h * load2
@@ -148,7 +147,9 @@ def move(h, q, v, torques, lumped, rotor, friction, law):
     """
     held = FREE
     if law == EXACT_FRICTION:
-        held = _hold(h, q, v, torques[0], lumped, rotor, friction)
+        left = torques[0][0] - friction[0][0] * v[0], torques[0][1] - friction[0][1] * v[1]
+        m11, m12, m22, load1, load2 = load_on_joints(lumped, rotor, q, v, left)
+        held = hold(h, v, (m11, m12, m22), (load1, load2), friction)
     q, (v1, v2) = _runge_kutta(h, q, v, torques[0], torques[1], torques[2], (lumped, rotor, friction, held, law))
     return q, (v1 if held[4] != 0.0 else 0.0, v2 if held[5] != 0.0 else 0.0)
 
@@ -165,33 +166,26 @@ def _advance(block, settings, lane, h, law):
 
 
 @kernel_njit
-def _advance_smoothly(block, settings, width):
+def advance_smoothly(block, settings, width):
+    """Advance the first `width` lanes of a block without dry friction by one physics step."""
     h = settings.physics_dt
     for lane in range(width):
         _advance(block, settings, lane, h, NO_FRICTION)
 
 
 @kernel_njit
-def _advance_by_law(block, settings, width):
+def advance_by_law(block, settings, width):
+    """Advance the first `width` lanes of a block with rigid joints by one physics step."""
     h, law = settings.physics_dt, settings.friction_law
     # One loop for each law, each without branches.
     if law == NO_FRICTION:
-        _advance_smoothly(block, settings, width)
+        advance_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
         for lane in range(width):
             _advance(block, settings, lane, h, EXACT_FRICTION)
     else:
         for lane in range(width):
             _advance(block, settings, lane, h, LITERAL_FRICTION)
-
-
-@merged_njit
-def advance(block, settings, width, real):
-    """Advance the first `width` lanes of a block by one physics step; see `api.STEPS`."""
-    if real:
-        _advance_by_law(block, settings, width)
-    else:
-        _advance_smoothly(block, settings, width)
 
 
 @inline_njit
@@ -201,7 +195,13 @@ def acceleration_and_friction(block, settings, lane, law):
     (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
     lumped, rotor, torque = lumped_of(block, lane), rotor_of(block, settings, lane), (tau1 - push1, tau2 - push2)
     m11, m12, m22, load1, load2 = load_on_joints(lumped, rotor, q, (v1, v2), torque)
-    friction, (bound1, bound2) = friction_of(block, lane), (0.0, 0.0)
+    return rub((m11, m12, m22), (load1, load2), (v1, v2), friction_of(block, lane), law)
+
+
+@inline_njit
+def rub(inertia, load, v, friction, law):
+    """Return acceleration and friction torque of both joints under a load without friction."""
+    (m11, m12, m22), (load1, load2), (v1, v2), (bound1, bound2) = inertia, load, v, (0.0, 0.0)
     if law != NO_FRICTION:
         bound1, bound2 = dry_bounds((v1, v2), friction)
     # A moving joint has its friction; one at rest has the torque that holds it, up to breakaway.
@@ -230,3 +230,7 @@ def lump(block, settings, lane):
     block.lumped[2, lane] = p3 + payload * length1 * reach
     block.lumped[3, lane] = p4 + payload * length1 * gravity
     block.lumped[4, lane] = p5 + payload * reach * gravity
+    if settings.flexible:
+        inertias, moments = segment_terms(m1, m2, length1, length2, centre, inertia, payload, reach, radius)
+        for i in range(4):
+            block.segment_inertia[i, lane], block.segment_moment[i, lane] = inertias[i], moments[i]

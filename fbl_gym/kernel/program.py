@@ -83,7 +83,7 @@ def make_program(
         settings["disturbance_kind"] = memory.DISTURBANCES[disturbance.kind]
     options = (
         scenario.parameter_error or ParameterError(), scenario.encoder, scenario.noise, friction or Friction(),
-        scenario.joint, scenario.actuator, disturbance, scenario.limits, scenario.constraints or Constraints(),
+        scenario.joint, scenario.link, scenario.actuator, disturbance, scenario.limits, scenario.constraints or Constraints(),
     )  # fmt: skip
     for option in options:
         if option is not None:

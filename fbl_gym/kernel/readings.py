@@ -4,6 +4,7 @@ import numpy as np
 
 from fbl_gym.kernel.elastic import elastic_acceleration_and_friction
 from fbl_gym.kernel.fastmath import clip, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.flexible import flexible_acceleration_and_friction
 from fbl_gym.kernel.memory import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.motion import reference
 from fbl_gym.kernel.physics import acceleration_and_friction
@@ -17,14 +18,9 @@ _ZERO = np.uint64(0)
 
 
 @merged_njit
-def sense(block, rows, settings, width, real, rare, elastic):
+def sense(block, rows, settings, width, real, rare, accelerate):
     """Take the readings of a block, which depend on its state alone; see `api.STEPS`."""
-    if elastic:
-        _accelerate_links(block, settings, width)
-    elif real:
-        _accelerate_by_law(block, settings, width)
-    else:
-        _accelerate_smoothly(block, settings, width)
+    accelerate(block, settings, width)
     _read(block, settings, width)
     if real and settings.noisy:
         for sensor in range(3 if settings.senses_acceleration else 2):
@@ -36,40 +32,43 @@ def sense(block, rows, settings, width, real, rare, elastic):
     _limit(block, settings, width)
 
 
-@kernel_njit
-def _accelerate_smoothly(block, settings, width):
-    """Compute the acceleration without dry friction, if a sensor reads it."""
-    if settings.senses_acceleration:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, NO_FRICTION)
-            put(block.acceleration, lane, (a1, a2))
+def _make_accelerate(function, *law):
+    """Return a function that computes the acceleration of a block, if a sensor reads it.
+
+    Args:
+        function: (block, settings, lane, *law) -> acceleration, and friction torques.
+        law: of rigid joints, whose number is then a constant in the loop.
+    """
+
+    @kernel_njit
+    def accelerate(block, settings, width):
+        if settings.senses_acceleration:
+            for lane in range(width):
+                a1, a2, _, _ = function(block, settings, lane, *law)
+                put(block.acceleration, lane, (a1, a2))
+
+    return accelerate
+
+
+accelerate_smoothly = _make_accelerate(acceleration_and_friction, NO_FRICTION)
+_accelerate_exactly = _make_accelerate(acceleration_and_friction, EXACT_FRICTION)
+_accelerate_literally = _make_accelerate(acceleration_and_friction, LITERAL_FRICTION)
+accelerate_elastic = _make_accelerate(elastic_acceleration_and_friction)
+accelerate_flexible = _make_accelerate(flexible_acceleration_and_friction)
 
 
 @kernel_njit
-def _accelerate_links(block, settings, width):
-    """Compute the links' acceleration beyond elastic joints, if a sensor reads it."""
-    if settings.senses_acceleration:
-        for lane in range(width):
-            a1, a2, _, _ = elastic_acceleration_and_friction(block, settings, lane)
-            put(block.acceleration, lane, (a1, a2))
-
-
-@kernel_njit
-def _accelerate_by_law(block, settings, width):
-    """Compute the acceleration, if a sensor reads it."""
+def accelerate_by_law(block, settings, width):
+    """Compute the acceleration of rigid joints, if a sensor reads it."""
     law = settings.friction_law
-    if not settings.senses_acceleration or settings.external_physics:
+    if settings.external_physics:
         return
     if law == NO_FRICTION:
-        _accelerate_smoothly(block, settings, width)
+        accelerate_smoothly(block, settings, width)
     elif law == EXACT_FRICTION:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, EXACT_FRICTION)
-            put(block.acceleration, lane, (a1, a2))
+        _accelerate_exactly(block, settings, width)
     else:
-        for lane in range(width):
-            a1, a2, _, _ = acceleration_and_friction(block, settings, lane, LITERAL_FRICTION)
-            put(block.acceleration, lane, (a1, a2))
+        _accelerate_literally(block, settings, width)
 
 
 @kernel_njit

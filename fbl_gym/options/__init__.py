@@ -17,6 +17,7 @@ from fbl_gym.options.events import EVENTS, DriveChange, Drop, Event, FrictionCha
 from fbl_gym.options.friction import Friction
 from fbl_gym.options.joints import ElasticJoint
 from fbl_gym.options.limits import Constraints, Limits
+from fbl_gym.options.link import FlexibleLink
 from fbl_gym.options.parameter_error import PARAMETERS, ParameterError, Payload
 from fbl_gym.options.plants import WORLDS, MuJoCo
 from fbl_gym.options.references import (
@@ -32,7 +33,7 @@ from fbl_gym.options.sensors import SENSORS, Encoder, Noise, SensorError
 
 __all__ = [
     "EVENTS", "PARAMETERS", "SENSORS", "WORLDS", "Actuator", "ArrayDisturbance", "ArrayReference", "Constraints", "Datasheet",
-    "DriveChange", "Drop", "ElasticJoint", "Encoder", "Event", "FilteredSteps", "FourierReference", "Friction",
+    "DriveChange", "Drop", "ElasticJoint", "Encoder", "Event", "FilteredSteps", "FlexibleLink", "FourierReference", "Friction",
     "FrictionChange", "Knock", "Limits", "MinimumJerk", "MuJoCo", "Noise", "ParameterError", "Payload", "PickUp",
     "PiecewiseConstantDisturbance", "PulseDisturbance", "Reward", "SensorError", "SineDisturbance", "SineReference",
     "Steps",

@@ -40,9 +40,12 @@ class Friction(Record):
 
     def check(self, scenario: Any) -> None:
         """Refuse viscous friction too large for the physics step, and a law of rigid joints."""
-        if self.law == "literal" and (scenario.joint is not None or scenario.plant is not None):
-            raise ValueError("friction.law must be 'exact' with elastic joints and in MuJoCo, got 'literal'")
-        if scenario.joint is None and scenario.plant is None:
+        others = (scenario.joint, scenario.link, scenario.plant)
+        if self.law == "literal" and any(option is not None for option in others):
+            raise ValueError(
+                "friction.law must be 'exact' with elastic joints, links that bend and in MuJoCo, got 'literal'"
+            )
+        if all(option is None for option in others):  # springs are checked with this friction
             scenario.check_rate("this friction", _fastest_decay(scenario), MAX_DECAY)
 
     @property

@@ -15,15 +15,8 @@ De Luca and Book, "Robots with flexible elements", Springer Handbook of Robotics
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import ArmParameters, inertia_matrix
 from fbl_gym.records import Numbers, Record, choice, ends, pair
-
-LARGEST_STEP = 0.5
-"""Largest physics step, times the joints' fastest rate. A vibration of that rate then loses 0.01 %
-of its amplitude per step to the integration, slower ones far less."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +42,7 @@ class ElasticJoint(Record):
         """Refuse joints without rotors, or too stiff for the physics step."""
         if min(scenario.rotor) <= 0.0:
             raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {scenario.rotor}")
-        # The lightest links are the fastest. Lengths may act either way.
-        rotor, viscous = scenario.least_rotor, scenario.most_viscous
-        rate = max(fastest_rate(arm, rotor, self, viscous) for arm in scenario.lightest)
-        scenario.check_rate("these joints", rate, LARGEST_STEP)
+        scenario.check_springs()
 
     def pack(self, packer: Any) -> None:
         """Write springs, rotors and the encoders' side."""
@@ -69,23 +59,3 @@ class ElasticJoint(Record):
             "rotor_inertia": scenario.rotor,
             "encoder": self.encoder,
         }
-
-
-def fastest_rate(arm: ArmParameters, rotor: Pair, joint: ElasticJoint, viscous: Pair) -> float:
-    """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
-
-    Of numbers that vary, the largest value counts. `viscous` is the friction of the motors.
-    """
-    largest = [np.array([ends(x)[1] for x in both]) for both in (joint.stiffness, joint.damping, viscous)]  # type: ignore[union-attr]
-    stiffness, damping, friction = (np.diag(x) for x in largest)
-    to_motor = np.diag(1.0 / np.array(rotor))
-    rates = []
-    for q2 in (0.0, np.pi / 2, np.pi):  # the inertia is linear in cos q2
-        to_link = np.linalg.inv(inertia_matrix(arm.lumped, (0.0, q2)))
-        spring, damper = (
-            np.block([[-to_link @ x, to_link @ x], [to_motor @ x, -to_motor @ x]]) for x in (stiffness, damping)
-        )
-        damper[2:, 2:] -= to_motor @ friction
-        motion = np.block([[np.zeros((4, 4)), np.eye(4)], [spring, damper]])
-        rates.append(np.abs(np.linalg.eigvals(motion)).max())
-    return float(max(rates))

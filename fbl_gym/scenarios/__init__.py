@@ -72,7 +72,7 @@ def get(name: str) -> Scenario:
 
     Args:
         name: one of `names()`; the TOML file of a scenario; or "FILE:NAME", a scenario of a suite's
-            file. Each may end in "@" and one of `WORLDS`: "everything-2@mujoco-bend".
+            file. Each may end in "@" and one of `WORLDS`: "everything-2@mujoco-lab".
     """
     path, entry, world = files.split(name)
     if path:

@@ -4,8 +4,8 @@ A class has an arm of its size, its rate, drives, sensors and friction. Each epi
 numbers. A family pushes one of them further, at severities 1 to 3. The families take turns in three
 variants of the arm, since a law that suits one arm may fail on the next. Beside the scenarios of
 its board, a class has `practice` for tuning and training, with other variants and another motion,
-and `surprise`, on which nothing is tuned or trained: the arm changes during the episode, or is
-another one.
+and `surprise`, on which nothing is tuned or trained: the arm changes during the episode, bends, or
+is another one.
 
 Torques are multiples of the arm's own weight and inertia, so that `conditions` makes the same task
 of any arm. `docs/reference/classes.md` has the source of each range.
@@ -20,7 +20,16 @@ import numpy as np
 
 from fbl_gym.model.arm import TABLE_1, ArmParameters, Array
 from fbl_gym.model.real_arms import CICESE, DFKI_A0, DFKI_C1, PELICAN
-from fbl_gym.options import DriveChange, Event, FourierReference, FrictionChange, Knock, MinimumJerk, PickUp
+from fbl_gym.options import (
+    DriveChange,
+    Event,
+    FlexibleLink,
+    FourierReference,
+    FrictionChange,
+    Knock,
+    MinimumJerk,
+    PickUp,
+)
 from fbl_gym.records import Distribution, merged
 from fbl_gym.scenarios.families import Family, Member, combined
 from fbl_gym.scenarios.scenario import Scenario
@@ -272,6 +281,7 @@ SURPRISES = {
     "knock": "a blow, by which a stretched arm would gain 2 rad/s",
     "friction": "friction becomes three times as large",
     "drive": "the first drive loses 25 % of its torque",
+    "bend": "links bend, with natural frequencies of 12 to 25 Hz that no encoder sees",
     "arm": "another arm, with the drives and sensors of the class",
 }
 
@@ -389,7 +399,7 @@ def _practice(robot: str, family: str, severity: int, arm: ArmParameters | None)
 
 
 def _surprise(robot: str, family: str, severity: int, arm: ArmParameters | None) -> Scenario:
-    """Return one of `SURPRISES`: a scenario that changes during the episode, or has another arm."""
+    """Return one of `SURPRISES`."""
     kind = CLASSES[robot]
     arm = arm or (_OTHER_ARMS[robot] if family == "arm" else kind.arm)
     scale, (_, p2, p3, _, _) = _Scale(kind, arm), arm.lumped
@@ -401,8 +411,9 @@ def _surprise(robot: str, family: str, severity: int, arm: ArmParameters | None)
         "drive": DriveChange(time=time, factor=(0.75, 1.0)),
     }
     events = (changes[family],) if family in changes else ()
+    link = FlexibleLink((_log((12.0, 25.0)),) * 2, damping=0.05) if family == "bend" else None
     text, name = f"{robot}: {SURPRISES[family]}", _name(robot, "surprise", family, severity)
-    return Scenario(name=name, description=text, events=events, **conditions(arm, robot))
+    return Scenario(name=name, description=text, events=events, link=link, **conditions(arm, robot))
 
 
 def _name(robot: str, tier: str, family: str, severity: int) -> str:
@@ -431,7 +442,7 @@ _OWN_ARMS = {
     *_OTHER_ARMS.values(), *_REAL_ARMS.values(),
     *(_varied(kind.arm, *variant) for kind in CLASSES.values() for variant in _VARIANTS[""]),
 }  # fmt: skip
-"""The arms on which tuning and training may have neither events nor another plant."""
+"""The arms on which tuning and training may have no events, links that bend or other plant."""
 
 _ENTRIES = _members()
 MEMBERS = {name: member for name, (_, _, member) in _ENTRIES.items()}
@@ -457,6 +468,8 @@ def held_out_reason(scenario: Scenario) -> str:
         return ""
     if scenario.events:
         return "it has events, as the tiers of surprise"
+    if scenario.link is not None:
+        return "its links bend, as in the tiers of surprise"
     if scenario.plant is not None:
         return f"its plant is {scenario.plant.kind}, on which the board's order is checked"
     return ""

@@ -14,10 +14,11 @@ from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
 from fbl_gym.model.urdf import load_urdf
-from fbl_gym.options import Actuator, Datasheet, ElasticJoint, Friction, MuJoCo, ParameterError
+from fbl_gym.options import Actuator, Datasheet, ElasticJoint, FlexibleLink, Friction, MuJoCo, ParameterError
 from fbl_gym.options.disturbance import DISTURBANCES, Disturbance
 from fbl_gym.options.events import Event, FrictionChange, events
 from fbl_gym.options.limits import Constraints, Limits
+from fbl_gym.options.link import fastest_rate
 from fbl_gym.options.parameter_error import times
 from fbl_gym.options.plants import PLANTS
 from fbl_gym.options.references import REFERENCES, MinimumJerk, Reference
@@ -43,6 +44,10 @@ def _actuator(name: str, value: Any) -> Actuator:
     return build(name, value, Actuator, scalar="torque_limit")
 
 
+LARGEST_STEP = 0.5
+"""Largest physics step, times the fastest rate of joints and links. A vibration of that rate then
+loses 0.01 % of its amplitude per step to the integration, slower ones far less."""
+
 MAX_SUBSTEPS = 10_000
 """Largest number of physics steps in a control step, also of MuJoCo."""
 
@@ -67,6 +72,7 @@ class Scenario(Record):
         disturbance: torque tau_d of equation (1).
         actuator: torque limits, delay and lag; None: an ideal drive without limits.
         joint: springs between motors and links; None: rigid joints.
+        link: links that bend; None: rigid ones.
         datasheet: what policies are told of drive, sensors and joint; None: the truth.
         events: changes of the real arm at a time.
         sensors: the measured signals; they include "position".
@@ -101,6 +107,7 @@ class Scenario(Record):
         Actuator(), _actuator, "an Actuator, a dict of its fields, its torque_limit or None", classes=(Actuator,)
     )
     joint: ElasticJoint | None = record(ElasticJoint, None, scalar="stiffness")
+    link: FlexibleLink | None = record(FlexibleLink, None, scalar="frequency")
     datasheet: Datasheet | None = record(Datasheet, None)
     events: tuple[Event, ...] = events()
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
@@ -128,8 +135,8 @@ class Scenario(Record):
             )
         self.check_multiple("duration", self.duration, "control_dt", least=1)
         for option in (
-            self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint, self.reference,
-            self.disturbance, self.datasheet,
+            self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint, self.link,
+            self.reference, self.disturbance, self.datasheet,
         ):  # fmt: skip
             if option is not None:
                 option.check(self)
@@ -143,8 +150,17 @@ class Scenario(Record):
         if steps < least:
             raise ValueError(f"{name} must be at least {dt_name}={dt:g} s, got {duration:g} s")
 
+    def check_springs(self) -> None:
+        """Refuse elastic joints or links that bend too fast for the physics step."""
+        # The lightest links are the fastest. Lengths may act either way.
+        largest = self.least_rotor, self.most_viscous, self.joint, self.link
+        rate = max(fastest_rate(arm, *largest) for arm in self.lightest)
+        self.check_rate("these joints" if self.link is None else "these links", rate, LARGEST_STEP)
+
     def check_rate(self, cause: str, rate: float, most: float) -> None:
         """Refuse a physics step that is too long for a cause's fastest rate [1/s]."""
+        if self.plant is not None:
+            most *= self.plant.substeps
         if self.physics_dt * rate > most:
             longest = self.control_dt / math.ceil(self.control_dt * rate / most)
             raise ValueError(

@@ -39,7 +39,7 @@ PALE = (210, 210, 207)
 CENTRE = (0.5, 0.458)
 REACH = 0.35
 MARGIN = 0.035
-TITLE, SUBTITLE, TABLE = 0.045, 0.088, 0.856
+TITLE, SECOND, TABLE = 0.045, 0.088, 0.856
 LETTERS = 0.034
 WIDTHS = (0.04, 0.032, 0.02)
 """Widths of the links at base, elbow and tip."""
@@ -56,7 +56,7 @@ class Picture:
     """One instant of one arm: all that a frame shows.
 
     Args:
-        title, subtitle: text above the arm, left.
+        title: text above the arm, left.
         time: since the episode's start [s].
         lengths: real lengths of the links [m].
         position, reference: joint angles [rad].
@@ -66,7 +66,6 @@ class Picture:
     """
 
     title: str
-    subtitle: str
     time: float
     lengths: Pair
     position: Pair
@@ -93,8 +92,9 @@ def draw(picture: Picture, size: int = 480) -> Frame:
     It shows the arm in blue, the reference in grey, the payload, and the errors and torques of both
     joints as numbers.
     """
-    canvas = blank(size, size)
     size = FINER * size
+    canvas = pygame.Surface((size, size), depth=32)
+    canvas.fill(PAPER)
     reach = functools.partial(project, lengths=picture.lengths, size=size)
     base, elbow, tip = reach(joints(picture.lengths, picture.position)).tolist()
     pygame.draw.circle(canvas, RULE, base, (REACH + 0.0015) * size, round(0.003 * size))
@@ -112,44 +112,30 @@ def draw(picture: Picture, size: int = 480) -> Frame:
         pygame.draw.circle(canvas, PAPER, joint, (radius + 0.004) * size)
         pygame.draw.circle(canvas, INK, joint, radius * size)
     _write_numbers(canvas, picture, size)
-    return frame_of(canvas)
+    smooth = pygame.transform.smoothscale(canvas, (size // FINER, size // FINER))
+    return np.ascontiguousarray(pygame.surfarray.array3d(smooth).swapaxes(0, 1))
 
 
 def _write_numbers(canvas: pygame.Surface, picture: Picture, size: int) -> None:
     left, right, line = MARGIN * size, (1.0 - MARGIN) * size, LETTERS * size
-    write(canvas, picture.title, (left, TITLE * size), 1.2 * line, INK)
-    write(canvas, picture.subtitle, (left, SUBTITLE * size), line, INK)
-    write(canvas, f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
+    _write(canvas, picture.title, (left, TITLE * size), 1.2 * line, INK)
+    _write(canvas, f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
     if picture.payload > 0.0:
-        write(canvas, f"payload {picture.payload:.3g} kg", (right, SUBTITLE * size), line, INK, 1.0)
+        _write(canvas, f"payload {picture.payload:.3g} kg", (right, SECOND * size), line, INK, 1.0)
     error = [1e3 * (r - q) for r, q in zip(picture.reference, picture.position, strict=True)]
     rows = [("error [mrad]", error, GHOST), ("torque [N m]", picture.torque, VERMILLION)]
     if picture.disturbance is not None:
         rows.append(("disturbance [N m]", picture.disturbance, PURPLE))
     columns = (0.7 * size, right)
     for i, x in enumerate(columns):
-        write(canvas, f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
+        _write(canvas, f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
     for i, (name, values, colour) in enumerate(rows, start=1):
         y = TABLE * size + 1.06 * i * line
         pygame.draw.circle(canvas, colour, (left + 0.3 * line, y), 0.25 * line)
-        write(canvas, name, (left + line, y), line, INK)
+        _write(canvas, name, (left + line, y), line, INK)
         for value, x in zip(values, columns, strict=True):
             number = f"{value:+,.1f}" if abs(value) < 1e6 else f"{value:+.1e}"
-            write(canvas, number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
-
-
-def blank(width: int, height: int) -> pygame.Surface:
-    """Return an empty canvas of a frame's size, `FINER` times as large in pixels."""
-    canvas = pygame.Surface((FINER * width, FINER * height), depth=32)
-    canvas.fill(PAPER)
-    return canvas
-
-
-def frame_of(canvas: pygame.Surface) -> Frame:
-    """Return the frame of a canvas, [height x width x 3]."""
-    width, height = canvas.get_size()
-    smooth = pygame.transform.smoothscale(canvas, (width // FINER, height // FINER))
-    return np.ascontiguousarray(pygame.surfarray.array3d(smooth).swapaxes(0, 1))
+            _write(canvas, number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
 
 
 def _line(canvas: pygame.Surface, points: Sequence[Point], widths: Sequence[float], colour: Colour) -> None:
@@ -165,7 +151,7 @@ def _line(canvas: pygame.Surface, points: Sequence[Point], widths: Sequence[floa
         pygame.draw.circle(canvas, colour, point, width / 2)
 
 
-def write(canvas: pygame.Surface, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
+def _write(canvas: pygame.Surface, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
     """Write a line of text, at half of whose height is the point `at`.
 
     `align` 0: `at` is the left end, 1/2: the middle, 1: the right end.

@@ -30,7 +30,7 @@ class View:
         lengths, q, r, torque = map(pair, (truth.lengths, truth.position, truth.reference, truth.applied_torque))
         disturbance = None if self.scenario.disturbance is None else pair(-truth.disturbance)
         return Picture(
-            title=self.scenario.name, subtitle="", time=float(truth.time), lengths=lengths, position=q, reference=r,
+            title=self.scenario.name, time=float(truth.time), lengths=lengths, position=q, reference=r,
             torque=torque, disturbance=disturbance, payload=float(truth.payload),
         )  # fmt: skip
 

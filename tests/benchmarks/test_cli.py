@@ -26,7 +26,6 @@ from benchmarks.run.suite import load
         ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),
         ("evaluate zero --senario=nominal", "did you mean '--scenario'"),
         ("evaluate zero --plot trace.bmp", "must end in .png or .svg or .pdf, got 'trace.bmp'"),
-        ("evaluate zero --video trace.avi", "must end in .mp4 or .gif, got 'trace.avi'"),
         ("evaluate zero --plot /dev/null/x.png", "must be a file that can be written, got '/dev/null/x.png': none can"),
         ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
         ("leaderboard --policies zero ./", "a folder with an agent.json, got './'"),
@@ -138,13 +137,6 @@ def test_a_family_is_listed_once(fbl_gym):
     shown = [line.partition("  ")[0] for line in fbl_gym(["list", "scenarios"]).out.splitlines()]
     assert {"paper-10", "nominal", "noise-0 to -3"} <= set(shown)
     assert len(shown) == len(set(shown)) < 140
-
-
-def test_a_film_without_its_extra_is_refused_before_the_work(fbl_gym, monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    monkeypatch.delitem(sys.modules, "benchmarks.report.video", raising=False)
-    monkeypatch.setattr("benchmarks.cli.evaluate.run_trials", None)
-    assert "pip install 'fbl-gym[render]'" in fbl_gym(f"evaluate zero --video {tmp_path}/arm.mp4", 2).err
 
 
 @pytest.mark.usefixtures("folder")

@@ -86,15 +86,21 @@ def test_the_steps_of_a_derivative_may_exceed_the_torque_limit():
 
 
 @pytest.mark.parametrize(
-    ("policy", "name"),
-    [("computed-torque", "geared-nominal"), ("pd-gravity", "servo-elastic-2"), ("pid-gravity", "servo-elastic-1")],
+    ("policy", "name", "link"),
+    [
+        ("computed-torque", "geared-nominal", None),
+        ("pd-gravity", "servo-elastic-2", None),
+        ("pid-gravity", "servo-elastic-1", None),
+        ("pd-gravity", "servo-nominal", 15.0),
+        ("computed-torque", "geared-nominal", 8.0),
+    ],
 )
-def test_the_delay_margin_holds_with_springs_and_velocities_of_encoders(policy, name):
+def test_the_delay_margin_holds_with_springs_and_velocities_of_encoders(policy, name, link):
     """Encoders on the motors (geared) and on the links (servo), which both compute the velocity."""
     step, base = 1e-4, get(name)
     drive = dataclasses.replace(base.actuator, ripple=0.0, delay=0.0)
     encoder, friction = {"difference": 1, "low_pass": 30.0}, {"viscous": 0.02}
-    base = base.replace(physics_dt=step, encoder=encoder, friction=friction, initial_error=0.0, actuator=drive)
+    base = base.replace(physics_dt=step, encoder=encoder, friction=friction, initial_error=0.0, actuator=drive, link=link)
     delay = linearize(policy, base).margins().delay
     for factor, rounded in ((0.96, math.floor), (1.04, math.ceil)):
         late = dataclasses.replace(drive, delay=rounded(factor * delay / step) * step)

@@ -20,12 +20,13 @@ FRICTION = {f.name: 0.05 if f.name == "load" else 2.0 for f in VARYING if f.path
 SPRING = {"stiffness": (8000.0, 2000.0), "damping": 5.0, "rotor_inertia": (3.0, 1.0), "encoder": "link"}
 
 
+@pytest.mark.parametrize("link", [None, 5.0])
 @pytest.mark.parametrize("joint", [None, SPRING])
-def test_the_true_arm_is_predicted(joint):
+def test_the_true_arm_is_predicted(joint, link):
     """Through delay, lag, friction, payload and wrong parameters, to the time of the next command."""
     env = TwoLinkArmVectorEnv(
         4, "everything-2", noise=None, disturbance={"kind": "pulses", "amplitude": 10.0, "period": 100.0, "width": 100.0},
-        joint=joint, actuator={"delay_samples": 2, "lag": 0.01, "gain": 0.8}, friction=FRICTION,
+        joint=joint, link=link, actuator={"delay_samples": 2, "lag": 0.01, "gain": 0.8}, friction=FRICTION,
         physics_dt=0.0005,
     )  # fmt: skip
     policy = controllers.make("pd-gravity", env, frequency=4.0)

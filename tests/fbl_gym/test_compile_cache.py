@@ -59,8 +59,9 @@ def test_processes_share_what_one_has_compiled(tmp_path):
 
 def test_a_change_of_any_source_changes_the_key():
     """Numba itself notices changes in the file of a cached function only."""
-    key = api.STEPS[0]._cache._index_key(None, api.STEPS[0].targetctx.codegen())
-    assert key[-1] == fastmath._SOURCES.hexdigest()
+    keys = {step._cache._index_key(None, step.targetctx.codegen()) for step in api.STEPS}
+    assert len(keys) == len(api.STEPS)
+    assert {key[-1] for key in keys} == {fastmath._SOURCES.hexdigest()}
 
 
 @pytest.mark.parametrize(
@@ -70,6 +71,7 @@ def test_a_change_of_any_source_changes_the_key():
         ({"noise": {"position": 1e-3}}, 1),
         ({"encoder": {"difference": 1}}, 2),
         ({"joint": {"stiffness": 3000.0, "rotor_inertia": 1.0}}, 3),
+        ({"link": 8.0}, 4),
     ],
 )
 def test_a_scenario_gets_the_step_of_its_class(options, number):

@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics, inertia_matrix
-from fbl_gym.options.joints import ElasticJoint, fastest_rate
+from fbl_gym.options import ElasticJoint
+from fbl_gym.options.link import fastest_rate
 from tests.fbl_gym.episodes import started, truths_of
 from tests.fbl_gym.paired_runs import same
 
@@ -167,9 +168,9 @@ def test_the_fastest_rate_is_the_textbooks():
     """A single joint on a heavy link has the rate sqrt(K (1/B + 1/M)); a strong damper has D (1/B + 1/M)."""
     arm = ArmParameters.from_links((50.0, 0.001), (1.0, 1.0), (1.0, 1.0), (0.0, 0.0))
     m = inertia_matrix(arm, (0.0, 0.0))[0, 0]
-    soft = fastest_rate(arm, (0.5, 1e3), ElasticJoint((800.0, 1e-6)), (0.0, 0.0))
+    soft = fastest_rate(arm, (0.5, 1e3), (0.0, 0.0), ElasticJoint((800.0, 1e-6)), None)
     assert soft == pytest.approx(np.sqrt(800.0 * (1 / 0.5 + 1 / m)), rel=1e-3)
-    damped = fastest_rate(arm, (0.5, 1e3), ElasticJoint((1e-3, 1e-6), damping=(100.0, 0.0)), (0.0, 0.0))
+    damped = fastest_rate(arm, (0.5, 1e3), (0.0, 0.0), ElasticJoint((1e-3, 1e-6), damping=(100.0, 0.0)), None)
     assert damped == pytest.approx(100.0 * (1 / 0.5 + 1 / m), rel=1e-3)
 
 

@@ -41,6 +41,7 @@ RANGES = {
     "actuator": {"torque_limit": (0.1, 1e5), "lag": (0, 10), "delay_samples": (0, 3), "gain": (0, 2)},
     "actuator.r": {"rate_limit": (1e-3, 1e6), "ripple": (0, 50), "ripple_order": (0.1, 500)},
     "joint": {"stiffness": (1, 1e5), "rotor_inertia": (0.01, 5), "damping": (0, 50), "backlash": (0, 0.5)},
+    "link": {"frequency": (0.1, 5), "damping": (0, 0.2)},
     "datasheet": {"delay lag latency": (0, 0.1), "position_noise velocity_noise acceleration_noise": (0, 1)},
     "datasheet.": {"rate_limit stiffness damping rotor_inertia backlash": (1e-3, 1e3)},
     "events": {"mass": (0, 20), "factor": (0, 4), "impulse": (-20, 20)},
@@ -71,7 +72,7 @@ ROWS = st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_s
 SET = ("physics_dt", "control_dt", "duration", "sensors", "plant")
 """Options that are drawn together, and MuJoCo, which has tests of its own."""
 
-PLANT = ("arm", "parameter_error", "friction", "joint", "physics_dt", "control_dt", "duration", "events")
+PLANT = ("arm", "parameter_error", "friction", "joint", "link", "physics_dt", "control_dt", "duration", "events")
 
 
 def range_of(field):
@@ -165,8 +166,13 @@ def make_valid(options):
         if reference.get(name) is not None:
             n = len(reference["position"])
             options["reference"] = reference = {**reference, name: (reference[name] * n)[:n]}
-    if "joint" in options and "friction" in options:
+    if "friction" in options and ("joint" in options or "link" in options):
         options["friction"] = without(options["friction"], "law")
+    if "link" in options:
+        try:
+            Scenario(**{name: options[name] for name in PLANT if name in options})
+        except ValueError:  # too fast for the step, perhaps with this joint or friction
+            del options["link"]
     while "joint" in options:  # until it is soft enough for the step
         joint = options["joint"] = {"rotor_inertia": 1.0, **without(options["joint"], "damping")}
         joint["rotor_inertia"] = joint["rotor_inertia"] or 1.0

@@ -14,7 +14,8 @@ CASES = {
     "info": (ID, 3, {"scenario": "everything-2", "duration": 0.1, "info": True}),
     "costs": (ID, 3, {"duration": 0.08, "constraints": TIGHT}),
     "ends by constraints": (TRACKING, 3, {"duration": 0.3, "constraints": {**TIGHT, "violation": "end"}}),
-    "mujoco": (MUJOCO, 3, {**EVENTFUL, "duration": 0.15, "plant": {"kind": "mujoco", "bend": 15.0}}),
+    "links": (ID, 9, {**EVENTFUL, "link": 8.0}),
+    "mujoco": (MUJOCO, 3, {**EVENTFUL, "duration": 0.15, "link": 8.0}),
 }
 """Name, lanes and options of environments."""
 

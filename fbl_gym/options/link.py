@@ -1,0 +1,89 @@
+"""Links that bend: half of each link's mass turns on a passive hinge near its root.
+
+With the angles q of the joints and b of the hinges, and the natural frequency omega of a hinge:
+
+    M(q, b) (q'', b'') + h(q, b, q', b') = (tau - F(q') - tau_d, -k b - d b')
+    k = omega^2 I        d = 2 zeta omega I
+
+I is the moment of inertia that turns on the hinge of a straight nominal arm without payload, with
+the other hinge and the joints held. The encoders are at the joints, before the hinges: they do not
+see the bend, and policies are not told of it. Joints may be elastic, too (`options/joints.py`).
+`model/chain.py` has M and h.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fbl_gym.checks import Pair
+from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
+from fbl_gym.model.chain import chain_dynamics, segment_terms
+from fbl_gym.records import Numbers, Record, ends, number, pair
+
+
+@dataclass(frozen=True)
+class FlexibleLink(Record):
+    """Links that bend, with the encoders at their joints.
+
+    Args:
+        frequency: natural frequency of each link's hinge, with the nominal masses, a straight arm,
+            and everything before the hinge held.
+        damping: its damping ratio.
+    """
+
+    frequency: Numbers = pair(unit="Hz", varies=True, above=0, high=1e4)
+    damping: float = number(0.1, low=0)
+
+    def check(self, scenario: Any) -> None:
+        """Refuse links too fast for the physics step."""
+        scenario.check_springs()
+
+    def pack(self, packer: Any) -> None:
+        """Write frequencies, damping, and the inertia that they refer to."""
+        settings = packer.settings
+        settings["flexible"], settings["bend_damping"] = True, self.damping
+        settings["beyond"] = chain_matrix(packer.scenario.arm, 0.0)[[2, 3], [2, 3]]
+        packer.vary("bend_rate", self.frequency, "link.frequency", scale=2 * np.pi)
+
+    def springs(self, arm: ArmParameters, rate: Array) -> tuple[Array, Array]:
+        """Return k [N m/rad] and d [N m s/rad] of the hinges of a nominal arm.
+
+        Both are [... x 2], as the natural frequencies `rate` [rad/s].
+        """
+        beyond = np.diag(chain_matrix(arm, 0.0))[2:]
+        return beyond * rate**2, 2 * self.damping * beyond * rate
+
+
+def chain_matrix(arm: ArmParameters, q2: float) -> Array:
+    """Return the inertia matrix of joints and hinges of straight links without rotors [4 x 4]."""
+    segments = segment_terms(arm.m1, arm.m2, arm.L1, arm.L2, arm.centre, arm.inertia, 0.0, arm.L2, 0.0)
+    zero = np.zeros(2)
+    return chain_dynamics(segments, (arm.L1, arm.L2), 0.0, np.array([0.0, q2]), zero, zero, zero)[0]
+
+
+def fastest_rate(arm: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, link: Any) -> float:
+    """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
+
+    Of numbers that vary, the largest value counts. `viscous` is the friction of the motors.
+    """
+
+    def largest(numbers: Any) -> Array:
+        return np.array([ends(x)[1] for x in numbers])
+
+    rates = []
+    for q2 in (0.0, np.pi / 2, np.pi):  # the inertia is linear in cos q2
+        inertia = inertia_matrix(arm.lumped, (0.0, q2)) if link is None else chain_matrix(arm, q2)
+        n, m = len(inertia) + (0 if joint is None else 2), len(inertia)
+        motors, axes, mass = slice(0, 2) if joint is None else slice(m, n), np.eye(n), np.zeros((n, n))
+        mass[:m, :m] = inertia
+        mass[motors, motors] += np.diag(rotor)
+        springs = [(axes[motors], np.zeros(2), np.array(viscous))]  # what they stretch, stiffness, damping
+        if link is not None:
+            springs.append((axes[2:4], *link.springs(arm, 2 * np.pi * largest(link.frequency))))
+        if joint is not None:
+            springs.append((axes[motors] - axes[:2], largest(joint.stiffness), largest(joint.damping)))
+        stiffness, damping = (sum(x[0].T * x[i] @ x[0] for x in springs) for i in (1, 2))
+        slope = np.linalg.solve(mass, -np.hstack([stiffness, damping]))
+        rates.append(np.abs(np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, k=n), slope]))).max())
+    return float(max(rates))

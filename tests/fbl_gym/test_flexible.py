@@ -1,0 +1,169 @@
+"""Links that bend, against an ODE solver and the rigid arm; sticking and events. `test_mujoco.py` has MuJoCo's."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
+from fbl_gym.model.arm import inertia_matrix
+from fbl_gym.model.chain import HINGE, segment_terms
+from fbl_gym.options import FlexibleLink
+from fbl_gym.options.link import chain_matrix, fastest_rate
+from tests.fbl_gym.episodes import started, truths_of
+from tests.fbl_gym.paired_runs import same
+from tests.fbl_gym.test_elastic import JOINT, OPTIONS, B, D, K, torque
+
+ARM = ArmParameters(inertia=(0.08, 0.07), rotor=(0.5, 0.2))
+LINK = {"frequency": (5.0, 8.0), "damping": 0.05}
+SUMS = np.tril(np.ones((4, 4)))  # absolute angles from q1, b1, q2, b2
+
+
+def run(steps, **options):
+    """Return the truths of a run under `torque`."""
+    return truths_of(started(**{**OPTIONS, "arm": ARM, "link": LINK, **options}), map(torque, range(steps)))
+
+
+def state(truth, joint=False):
+    motors = (truth.motor_position, truth.motor_velocity) if joint else ()
+    return np.concatenate([truth.position, truth.bend, truth.velocity, truth.bend_velocity, *motors])
+
+
+def chain(q, b, v, u, payload=0.0):
+    """Return inertia and load of q1, b1, q2, b2, by the Lagrangian of the segments' absolute angles."""
+    arm, reach = ARM, ARM.L2
+    j, f = segment_terms(arm.m1, arm.m2, arm.L1, arm.L2, arm.centre, arm.inertia, payload, reach, 0.0)
+    lengths = [HINGE * arm.L1, (1 - HINGE) * arm.L1, HINGE * arm.L2, 0.0]
+    angle, rate = (SUMS @ np.ravel([x, y], order="F") for x, y in ((q, b), (v, u)))
+    product = np.array([[lengths[min(k, i)] * f[max(k, i)] for i in range(4)] for k in range(4)])
+    turn = angle[:, None] - angle
+    inertia = np.where(np.eye(4) > 0, j, product * np.cos(turn))
+    load = (product * np.sin(turn)) @ rate**2 + 9.81 * np.array(f) * np.cos(angle)
+    return SUMS.T @ inertia @ SUMS, -SUMS.T @ load
+
+
+def slope(x, tau, load, viscous, joint):
+    """Return the rate of a state."""
+    q, b, v, u = x[:8].reshape(4, 2)
+    inertia, forces = chain(q, b, v, u)
+    beyond, rate = chain_matrix(ARM, 0.0)[[2, 3], [2, 3]], 2 * np.pi * np.array(LINK["frequency"])
+    forces[1::2] -= beyond * (rate**2 * b + 2 * LINK["damping"] * rate * u)
+    motors = []
+    if joint:
+        th, w = x[8:].reshape(2, 2)
+        spring = K * (th - q) + D * (w - v)
+        motors = [w, (tau - spring - viscous * w) / B]
+        forces[::2] += spring - load
+    else:
+        inertia[[0, 2], [0, 2]] += ARM.rotor
+        forces[::2] += tau - load - viscous * v
+    a = np.linalg.solve(inertia, forces)
+    return np.concatenate([v, u, a[::2], a[1::2], *motors])
+
+
+@pytest.mark.parametrize("joint", [None, JOINT], ids=["rigid joints", "elastic joints"])
+def test_a_motion_agrees_with_the_solver(joint):
+    """A second with damping, viscous friction and a disturbance on the links."""
+    disturbance = {"kind": "sine", "amplitude": (20.0, 8.0), "frequency": (1.5, 2.5), "phase": (0.3, 1.0)}
+    truths = run(100, physics_dt=2.5e-4, friction={"viscous": 3.0}, disturbance=disturbance, joint=joint)
+    loads = lambda t: np.array([20.0, 8.0]) * np.sin(2 * np.pi * np.array([1.5, 2.5]) * t + (0.3, 1.0))
+    x = state(truths[0], joint)
+    for k in range(100):
+        rate = lambda t, x, k=k: slope(x, torque(k), loads(t), 3.0, joint)
+        x = solve_ivp(rate, (0.01 * k, 0.01 * k + 0.01), x, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        np.testing.assert_allclose(state(truths[k + 1], joint), x, rtol=0, atol=2e-7)
+    rate = slope(x, truths[-1].applied_torque, loads(1.0), 3.0, joint)
+    np.testing.assert_allclose(truths[-1].acceleration, rate[4:6], rtol=1e-5)
+    turns = truths[-1].motor_velocity if joint else truths[-1].velocity
+    np.testing.assert_allclose(truths[-1].friction_torque, 3.0 * turns, rtol=1e-12)
+    assert np.ptp([truth.bend for truth in truths], axis=0).min() > 0.005
+
+
+def test_straight_links_have_the_inertia_of_the_arm():
+    for q2 in (0.0, 1.0, 3.0):
+        mine = chain_matrix(ARM, q2)
+        np.testing.assert_allclose(mine[:2, :2], inertia_matrix(ARM.lumped, (0.0, q2)), rtol=1e-12)
+        order = np.ix_([0, 2, 1, 3], [0, 2, 1, 3])
+        np.testing.assert_allclose(mine, chain((0, q2), (0, 0), (0, 0), (0, 0))[0][order], rtol=1e-12)
+
+
+def test_stiff_links_become_the_rigid_arm():
+    """The distance to the rigid arm falls as one over the stiffness."""
+    rigid = run(50, link=None)[-1]
+    distances = []
+    for frequency in (20.0, 40.0, 80.0):
+        bent = run(50, link={"frequency": frequency, "damping": 0.3}, physics_dt=1e-4)[-1]
+        distances.append(np.abs(bent.position - rigid.position).max())
+    ratios = np.divide(distances[:-1], distances[1:])
+    assert np.all((ratios > 3.3) & (ratios < 4.7)), (distances, ratios)
+
+
+def test_a_joint_sticks_while_its_link_swings():
+    """Below breakaway a joint does not move by one bit, whatever its link does; above, it slides."""
+    options = {"control_dt": 1e-3, "friction": {"coulomb": 400.0}, "initial_velocity": 0.5}
+    env = started(**{**OPTIONS, "arm": ARM, "link": LINK, **options})
+    truths = truths_of(env, [(0.0, 0.0)] * 600)[200:]
+    for truth in truths:
+        np.testing.assert_array_equal(truth.position, truths[0].position)
+        np.testing.assert_array_equal(truth.velocity, 0.0)
+    assert np.ptp([truth.bend for truth in truths], axis=0).min() > 1e-4
+    env.step((900.0, 900.0))
+    assert np.abs(env.truth.velocity).min() > 0.0
+
+
+@pytest.mark.parametrize("joint", [None, JOINT], ids=["rigid joints", "elastic joints"])
+def test_blows_and_grasps_keep_the_momentum_of_the_whole_chain(joint):
+    """A blow on the joints changes their momentum alone, and a payload that is picked up changes none."""
+    events = ({"kind": "knock", "time": 0.1, "impulse": (5.0, -2.0)}, {"kind": "pick-up", "time": 0.2, "mass": 4.0})
+    options = {"arm": {**vars(ARM), "gravity": 0.0}, "control_dt": 1e-5, "physics_dt": 1e-5, "duration": 0.3}
+    env = started(**{**OPTIONS, "link": LINK, "joint": joint, "events": events, **options})
+    truths = truths_of(env, [(20.0, 5.0)] * 20_100)
+
+    def momentum(truth):
+        motion = truth.position, truth.bend, truth.velocity, truth.bend_velocity
+        inertia, _ = chain(*motion, float(truth.payload))
+        rotors = (0.0, 0.0) if joint else ARM.rotor
+        return inertia @ np.ravel(motion[2:], order="F") + np.ravel([rotors * truth.velocity, (0, 0)], order="F")
+
+    for k, change in ((10_000, (5.0, 0.0, -2.0, 0.0)), (20_000, (0.0,) * 4)):
+        before, after = momentum(truths[k]), momentum(truths[k + 1])
+        drift = before - momentum(truths[k - 1])
+        np.testing.assert_allclose(after - before - drift, change, atol=2e-3)
+    assert np.abs(truths[20_001].velocity - truths[20_000].velocity).max() > 0.01
+
+
+def test_an_arm_starts_bent_by_its_weight():
+    (truth,) = run(0, link={"frequency": 5.0})
+    beyond = chain_matrix(ARM, 0.0)[[2, 3], [2, 3]]
+    _, load = chain(truth.position, truth.bend, (0, 0), (0, 0))
+    np.testing.assert_allclose(beyond * (10 * np.pi) ** 2 * truth.bend, load[1::2], rtol=1e-3)
+    np.testing.assert_array_equal(truth.position, truth.reference)
+
+
+def test_links_that_bend_change_the_plant_alone():
+    """Reference, arm and disturbance are those of rigid links; encoders read the joints."""
+    disturbance = {"kind": "piecewise-constant", "amplitude": 20.0}
+    options = {"reference": "minimum-jerk", "disturbance": disturbance, "parameter_error": {"radius": 0.2}}
+    rigid, bent = (run(30, link=link, **options) for link in (None, LINK))
+    assert same(rigid, bent, "reference", "reference_velocity", "disturbance", "lumped", "applied_torque")
+    assert not same(rigid[1:], bent[1:], "position")
+    for truth in rigid:
+        np.testing.assert_array_equal([truth.bend, truth.bend_velocity, truth.bend_rate], 0.0)
+    env = started(**{**OPTIONS, "link": {"frequency": {"uniform": [10.0, 20.0]}}})
+    observation = env.step((5.0, 0.0))[0]
+    np.testing.assert_array_equal(observation[env.layout["position"]], env.truth.position)
+    assert np.all((env.truth.bend_rate > 20 * np.pi) & (env.truth.bend_rate < 40 * np.pi))
+
+
+def test_a_step_too_long_is_refused():
+    with pytest.raises(ValueError, match="too long for these links"):
+        TwoLinkArmEnv(link=200.0)
+    with pytest.raises(ValueError, match="'exact' with elastic joints, links that bend"):
+        TwoLinkArmEnv(link=10.0, friction={"coulomb": 1.0, "law": "literal"})
+
+
+def test_the_fastest_rate_is_that_of_a_hinge_where_all_else_is_held():
+    arm = ArmParameters.from_links((5.0, 1e-6), (1.0, 1.0), (1.0, 1.0), (0.0, 0.0))
+    rate = fastest_rate(arm, (1e6, 1e6), (0.0, 0.0), None, FlexibleLink((30.0, 1.0), damping=0.0))
+    assert rate == pytest.approx(60 * np.pi, rel=1e-3)
+    free = fastest_rate(TABLE_1, (0.0, 0.0), (0.0, 0.0), None, FlexibleLink(15.0))
+    assert free > 30 * np.pi
