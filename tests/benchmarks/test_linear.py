@@ -100,7 +100,9 @@ def test_the_delay_margin_holds_with_springs_and_velocities_of_encoders(policy, 
     step, base = 1e-4, get(name)
     drive = dataclasses.replace(base.actuator, ripple=0.0, delay=0.0)
     encoder, friction = {"difference": 1, "low_pass": 30.0}, {"viscous": 0.02}
-    base = base.replace(physics_dt=step, encoder=encoder, friction=friction, initial_error=0.0, actuator=drive, link=link)
+    base = base.replace(
+        physics_dt=step, encoder=encoder, friction=friction, initial_error=0.0, actuator=drive, link=link
+    )
     delay = linearize(policy, base).margins().delay
     for factor, rounded in ((0.96, math.floor), (1.04, math.ceil)):
         late = dataclasses.replace(drive, delay=rounded(factor * delay / step) * step)
