@@ -59,8 +59,7 @@ BETWEEN = 0.5
 """An arm is between two classes if the distances of both differ by no more than that."""
 
 KINDS = (
-    "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "bend", "torque constant",
-    "saturation",
+    "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "saturation"
 )  # fmt: skip
 """What a condition pushes; "everything" pushes all but the saturation, half as far."""
 
@@ -94,6 +93,7 @@ class Likeness:
             rate = float(np.sqrt(stiffness / inertia).min() / (2 * np.pi))
             sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
             reasons.append(f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s")
+        reasons += ["links that bend"] if base.link is not None else []
         levels: tuple[str, ...] = tuple(CLASSES)
         if friction is not None:
             both = [np.array([np.mean(ends(x)) for x in level]) for level in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
@@ -165,14 +165,12 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             given = ends(noise.sigma)[1] > 0
             sigma = scaled(noise.sigma, factor) if given else usual["position"] * more
             changes = {"noise": _replaced(base.noise, position=_replaced(noise, sigma=sigma))}
-        case "elastic":
-            if base.joint is None:
-                return base
-            changes = {"joint": _replaced(base.joint, stiffness=scaled(base.joint.stiffness, 1 / factor))}
-        case "bend":
-            if base.link is None:
-                return base
-            changes = {"link": _replaced(base.link, frequency=scaled(base.link.frequency, factor**-0.5))}
+        case "elastic":  # half the stiffness, of joints and of links
+            changes = {
+                name: _replaced(record, **{field: scaled(getattr(record, field), factor**power)})
+                for name, field, power in (("joint", "stiffness", -1.0), ("link", "frequency", -0.5))
+                if (record := getattr(base, name)) is not None
+            }
         case "torque constant":
             low, high = ends(actuator.gain)
             changes = {"actuator": _replaced(actuator, gain=_uniform(low - 0.2 * more, high + 0.2 * more))}

@@ -2,8 +2,8 @@
 
 A command file has `run(arguments)`, which returns the exit status, and `add_arguments(parser)`.
 
-A command's file is imported only when that command runs. What only some runs need, such as a video
-codec, is imported where it is used.
+A command's file is imported only when that command runs. What only some runs need, such as a
+figure, is imported where it is used.
 """
 
 from benchmarks.cli.parser import COMMANDS, EXTRAS, Parser, main, prepare

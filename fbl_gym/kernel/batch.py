@@ -39,7 +39,7 @@ class Truth:
         backlash: width of their gaps [rad].
         bend: angle of the hinge of each link that bends [rad].
         bend_velocity: [rad/s].
-        bend_rate: natural frequency of these links [rad/s].
+        bend_rate: natural frequency of these hinges, not the rate of their bend [rad/s].
         segment_inertia: J of their segments with the payload carried now, see `model/chain.py`, [4]
             or [lanes x 4] kg m^2.
         segment_moment: f likewise [kg m].

@@ -28,7 +28,8 @@ class Friction(Record):
             depending on load and velocity", IROS 2010, with the drive's torque as the load).
         law: "exact" holds a joint at rest under any load up to f_i2 + f_s. "literal" is the formula
             as printed, with sign(0) = 0: no joint ever sticks, and one at rest creeps under a load,
-            the slower the shorter the physics step.
+            the slower the shorter the physics step. It is for rigid joints and links, and not in
+            MuJoCo.
     """
 
     viscous: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0)

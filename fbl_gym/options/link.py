@@ -27,9 +27,10 @@ class FlexibleLink(Record):
     """Links that bend, with the encoders at their joints.
 
     Args:
-        frequency: natural frequency of each link's hinge, with the nominal masses, a straight arm,
-            and everything before the hinge held.
-        damping: its damping ratio.
+        frequency: natural frequency of each link's hinge alone, with the nominal masses, a straight
+            arm, and both joints and the other hinge held. Both hinges together have a slower mode,
+            which `fbl-gym show` prints.
+        damping: damping ratio of both hinges.
     """
 
     frequency: Numbers = pair(unit="Hz", varies=True, above=0, high=1e4)

@@ -98,7 +98,7 @@ def test_links_that_bend_agree(joint):
     """Three seconds with a blow, a grasp and frequencies that vary."""
     link, sensors = {"frequency": {"uniform": [10, 15]}}, ("position", "velocity")
     options = {"link": link, "joint": joint, "sensors": sensors, "events": (KNOCK,)}
-    options["parameter_error"] = {"payload": PAYLOAD}
+    options["parameter_error"] = {"payload": {**PAYLOAD, "offset": 0.1, "radius": 0.2}}
     compare(options, {"position": 1e-10, "velocity": 1e-9, "bend": 1e-10, "bend_velocity": 1e-9, "acceleration": 1e-7})
 
 
