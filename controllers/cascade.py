@@ -6,7 +6,7 @@ import numpy as np
 
 from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import friction_torque, winds_up
-from controllers.policy import IntegralState, State, TorqueLaw
+from controllers.policy import IntegralLaw, IntegralState, State
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.options import Friction
@@ -14,7 +14,7 @@ from fbl_gym.records import Distribution, number, pair, record
 
 
 @dataclass(frozen=True)
-class CascadeFlm(TorqueLaw):
+class CascadeFlm(IntegralLaw):
     """The paper's cascade: an inner velocity PI and an outer P loop (§3.1, equation (8)).
 
         a = P e_v + I int(e_v) dt,    e_v = r' + Kp (r - q) - v,    torque = M a + C v + G
@@ -48,10 +48,6 @@ class CascadeFlm(TorqueLaw):
         varies = any(isinstance(number, Distribution) for value in vars(known).values() for number in value)
         if varies or known.load != (0.0, 0.0):
             raise ValueError(f"friction must have fixed numbers and no load, as in equation (22), got {known}")
-
-    def initial(self, observation: Array) -> State:
-        """Return the state: the integral of the velocity error [n x 2], zero."""
-        return IntegralState(np.zeros((len(observation), 2)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""

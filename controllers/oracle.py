@@ -82,6 +82,12 @@ class OracleFlm(_Oracle):
         return load + (truth.viscous * v + dry) + truth.disturbance, state
 
 
+SPREAD = 0.01
+"""Time over which the motor of an elastic joint follows a jump of the reference's jerk [s].
+
+At once it would take an impulse, which no drive has.
+"""
+
 COSINES = np.linspace(-1.0, 1.0, 5)
 """Cosines of the second joint's angle for which gains are computed."""
 
@@ -146,7 +152,8 @@ class OracleElastic(_Oracle):
 
     def course(self, observation: Array, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
         """Return the state along the reference, and the feed-forward command [n x 2] N m."""
-        truth, h = arm.truth, arm.dt
+        truth, dt = arm.truth, arm.scenario.control_dt
+        h = max(SPREAD, dt) if arm.elastic else dt
         # Differences over five times. At the middle one the command begins to act.
         r, r_dot, r_ddot = self.ahead(observation, arm, h * np.arange(-2.0, 3.0))
         load = inverse_dynamics(arm.links[:, None], r, r_dot, r_ddot) + truth.disturbance[:, None]
@@ -171,7 +178,7 @@ class OracleElastic(_Oracle):
         dry = arm.dry(speed[:, 2]) * np.clip(toward / 0.02, -1.0, 1.0)
         slope = _rate(load, h)[:, 2]
         torque = load[:, 2] + dry
-        command = torque + (0.5 * h + truth.lag[:, None]) * slope
+        command = torque + (0.5 * dt + truth.lag[:, None]) * slope
         return [*(m[:, 2] for m in motion), torque], command
 
     def gains(self, arm: TrueArm) -> Array:
@@ -182,15 +189,14 @@ class OracleElastic(_Oracle):
         a = np.zeros((n, k, size + 2, size + 2))
         a[..., : size - 2, :size] = slope
         a[..., size - 2 : size, size - 2 :] = drive
-        exact = expm(a * arm.dt)
+        exact = expm(a * arm.scenario.control_dt)
         f, g = exact[..., :size, :size], exact[..., :size, size:]
         q = np.zeros(size)
         q[0:2], q[2:4] = self.bandwidth**4, (2.0 * self.damping * self.bandwidth) ** 2
         # The command's weight is that of the acceleration it gives a joint alone.
         angle = np.stack([np.zeros_like(COSINES), np.arccos(COSINES)], axis=-1)
         m = inertia_matrix(with_rotors(truth.lumped, truth.rotor)[:, None], angle[None])
-        scale = m[..., [0, 1], [0, 1]]
-        return regulator(f, g, np.diag(q), scale)
+        return regulator(f, g, np.diag(q), m[..., [0, 1], [0, 1]])
 
 
 def regulator(f: Array, g: Array, q: Array, scale: Array) -> Array:

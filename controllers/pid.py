@@ -6,14 +6,14 @@ import numpy as np
 
 from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import winds_up
-from controllers.policy import IntegralState, State, TorqueLaw
+from controllers.policy import IntegralLaw, IntegralState, State
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array
 from fbl_gym.records import pair
 
 
 @dataclass(frozen=True)
-class PidFlm(TorqueLaw):
+class PidFlm(IntegralLaw):
     """The paper's PID for each joint, through nominal feedback linearisation (§2.2).
 
         a = r'' + kp e + kd e' + ki int(e) dt,    e = r - q,    torque = M a + C v + G
@@ -33,10 +33,6 @@ class PidFlm(TorqueLaw):
     kp: Pair | float = pair(10.0, unit="1/s^2", tune=(1.0, 1e4))
     ki: Pair | float = pair(0.0, unit="1/s^3", tune=(1e-2, 1e4))
     kd: Pair | float = pair(3.0, unit="1/s", tune=(1.0, 200.0))
-
-    def initial(self, observation: Array) -> State:
-        """Return the state: the integral of the error [n x 2], zero."""
-        return IntegralState(np.zeros((len(observation), 2)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""

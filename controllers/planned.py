@@ -111,7 +111,7 @@ class OraclePlanned(OracleElastic):
 
     def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, the plan and the gains."""
-        motion, now = state.motion, np.rint(arm.truth.time / arm.dt).astype(int)
+        motion, now = state.motion, np.rint(arm.truth.time / arm.scenario.control_dt).astype(int)
         new = np.flatnonzero(np.isnan(motion[:, 0, 0]))
         if len(new):
             motion = motion.copy()
@@ -137,17 +137,18 @@ class OraclePlanned(OracleElastic):
         """Replace the reference by the plan in some lanes of `motion`, from `now` on, in steps."""
         if self.interface.torque_limit is None:
             return
-        truth, stride = arm.truth, max(1, round(STEP / arm.dt))
-        step, (q, v, *_) = stride * arm.dt, arm.predicted()
+        truth, dt = arm.truth, arm.scenario.control_dt
+        stride = max(1, round(STEP / dt))
+        step, (q, v, *_) = stride * dt, arm.predicted()
         links = with_rotors(truth.lumped, truth.rotor)
         # A joint needs more torque by the friction that its own torque causes.
         limits = (1 - self.reserve) * (1 - truth.load_friction) * truth.gain * self.interface.torque_limit
         for i in lanes:
-            first = now[i] + math.ceil(truth.delay[i] / arm.dt - 1e-9)
+            first = now[i] + math.ceil(truth.delay[i] / dt - 1e-9)
             r, r_dot, r_ddot = np.split(motion[i, first:], 3, axis=-1)
             torque = inverse_dynamics(links[i], r, r_dot, r_ddot)
             torque += truth.viscous[i] * r_dot + truth.coulomb[i] * np.sign(r_dot)
-            if np.all(np.abs(torque + truth.lag[i] * np.gradient(torque, arm.dt, axis=0)) <= limits[i]):
+            if np.all(np.abs(torque + truth.lag[i] * np.gradient(torque, dt, axis=0)) <= limits[i]):
                 continue
             knots = motion[i, first::stride]
             amplitude = np.maximum(np.ptp(r, axis=0) / 2, 1e-9)
@@ -160,5 +161,5 @@ class OraclePlanned(OracleElastic):
             plan = np.asarray(x).reshape(-1, 8)[:, :6] * UNITS
             at = np.arange(stride * (len(plan) - 1) + 1)
             k = np.minimum(at // stride, len(plan) - 2)
-            t = (arm.dt * (at - stride * k))[:, None]
+            t = (dt * (at - stride * k))[:, None]
             motion[i, first : first + len(at)] = between(plan[k], plan[k + 1], t, step)

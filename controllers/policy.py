@@ -232,3 +232,11 @@ class TorqueLaw(Law):
     def stretched(self) -> Array:
         """Diagonal of the inertia of the stretched nominal arm [2], kg m^2."""
         return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
+
+
+class IntegralLaw(TorqueLaw):
+    """Base of the laws whose only state is an integral."""
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: the integral [n x 2], zero."""
+        return IntegralState(np.zeros((len(observation), 2)))

@@ -7,14 +7,14 @@ import numpy as np
 from controllers.computed_torque import ComputedTorqueDob
 from controllers.dynamics import inverse_dynamics
 from controllers.feedback_linearization import winds_up
-from controllers.policy import IntegralState, State, TorqueLaw
+from controllers.policy import IntegralLaw, IntegralState, State
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array
 from fbl_gym.records import number, pair
 
 
 @dataclass(frozen=True)
-class SuperTwisting(TorqueLaw):
+class SuperTwisting(IntegralLaw):
     """Super-twisting sliding mode.
 
         a = r'' + slope e' + k1 |s|^(1/2) sign(s) + z,    z' = k2 sign(s),    s = e' + slope e
@@ -36,10 +36,6 @@ class SuperTwisting(TorqueLaw):
     slope: Pair | float = pair(15.0, unit="1/s", above=0, tune=(2.0, 80.0))
     bound: Pair | float = pair(90.0, unit="rad/s^3", above=0, tune=(5.0, 5000.0))
     layer: float = number(0.3, unit="rad/s", low=0, tune=(0.01, 5.0))
-
-    def initial(self, observation: Array) -> State:
-        """Return the state: z [n x 2], zero."""
-        return IntegralState(np.zeros((len(observation), 2)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next z."""

@@ -52,11 +52,6 @@ class TrueArm:
         return replace(self, truth=Truth(**{name: value[lanes] for name, value in vars(self.truth).items()}))
 
     @property
-    def dt(self) -> float:
-        """Control interval [s]."""
-        return self.scenario.control_dt
-
-    @property
     def elastic(self) -> bool:
         """True if springs lie between motors and links."""
         return self.scenario.joint is not None
@@ -98,7 +93,7 @@ class TrueArm:
         The lanes take the same number of steps, in which those with less delay wait at first.
         """
         parts = 2 if len(self.state) == 3 else 4  # springs are faster
-        h, delay = self.dt / parts, self.truth.delay[:, None]
+        h, delay = self.scenario.control_dt / parts, self.truth.delay[:, None]
         state = self.state
         for k in range(math.ceil(float(delay.max()) / h - 1e-9), 0, -1):
             command = self.truth.gain * self.truth.commands[:, (k - 1) // parts]
@@ -168,22 +163,26 @@ class TrueArm:
         return v, a[..., :2], u, a[..., 2:], *motors
 
     def linear(self, angles: Array) -> Array:
-        """Return the derivative of the rates by the state, at rest without load.
+        """Return the derivative of the rates at rest without load, for angles of the second joint.
 
-        Args:
-            angles: of the second joint [k] rad.
-
-        Returns:
-            [n x k x s x (s + 2)]; the last two columns are by the torque of the drives.
+        For angles [k] it is [n x k x s x (s + 2)], as `slope` returns it.
         """
-        n, k, size = len(self.truth.lumped), len(angles), 2 * len(self.state)
+        n, k, parts = len(self.truth.lumped), len(angles), len(self.state)
         truth, none = self.of_lanes(np.repeat(np.arange(n), k)).truth, np.zeros((n * k, 2))
         truth = replace(truth, lumped=truth.lumped * [1, 1, 1, 0, 0], disturbance=none, backlash=none)
-        arm, point = TrueArm(truth, self.scenario, 0.0), np.zeros((n * k, size))
-        point[:, 1] = point[:, size - 5 if self.elastic else 1] = np.tile(angles, n)
-        columns = []
-        for step in 1e-4 * np.eye(size):
-            up, down = (np.split(point + sign * step, size // 2, axis=1) for sign in (1.0, -1.0))
-            rates = (np.hstack(arm.rates(x[:-1], x[-1])) for x in (up, down))
-            columns.append((next(rates) - next(rates)) / 2e-4)
-        return np.stack(columns, axis=-1).reshape(n, k, size - 2, size)
+        still = [none] * parts
+        still[0] = still[parts - 3 if self.elastic else 0] = np.stack([none[:, 0], np.tile(angles, n)], axis=-1)
+        slope = TrueArm(truth, self.scenario, 0.0).slope(still)
+        return slope.reshape(n, k, *slope.shape[1:])
+
+    def slope(self, state: Sequence[Array]) -> Array:
+        """Return the derivative of the rates by a state [n x s x (s + 2)].
+
+        The last two columns are by the torque of the drives.
+        """
+        point, columns = np.concatenate(state, axis=1), []
+        for step in 1e-5 * np.eye(point.shape[1]):
+            up, down = (np.split(point + sign * step, len(state), axis=1) for sign in (1.0, -1.0))
+            change = np.hstack(self.rates(up[:-1], up[-1])) - np.hstack(self.rates(down[:-1], down[-1]))
+            columns.append(change / 2e-5)
+        return np.stack(columns, axis=-1)

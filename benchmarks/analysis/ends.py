@@ -56,6 +56,9 @@ def axes(robot: str) -> dict[str, dict[float, Scenario]]:
     def loaded(share: float) -> Scenario:
         return nominal.replace(parameter_error=dataclasses.replace(error, payload={"mass": share * nominal.arm.m2}))
 
+    def bending(frequency: float) -> Scenario:
+        return nominal.replace(link={"frequency": frequency, "damping": 0.05}, physics_dt=1e-4)
+
     def springy(frequency: float, encoder: str) -> Scenario:
         """Return springs; each stretched joint vibrates at a frequency [Hz] on a held motor."""
         stiffness = tuple(inertia * (2 * np.pi * frequency) ** 2)
@@ -64,9 +67,6 @@ def axes(robot: str) -> dict[str, dict[float, Scenario]]:
             "rotor_inertia": nominal.rotor,
         }  # fmt: skip
         return nominal.replace(joint=joint, physics_dt=1e-4)
-
-    def bending(frequency: float) -> Scenario:
-        return nominal.replace(link={"frequency": frequency, "damping": 0.05}, physics_dt=1e-4)
 
     stiffnesses = (40, 20, 12, 8, 5, 4, 3, 2)
     return {

@@ -317,12 +317,7 @@ def _motion(scenario: Scenario, truth: Truth) -> tuple[Array, Array]:
     arm, gap = TrueArm(truth, scenario, scenario.arm.gravity), 0.5 * truth.backlash
     if arm.elastic and np.any(np.abs(truth.motor_position - truth.position) < gap + 2 * max(STEPS)):
         raise NotLinear("a joint is within the gap of its backlash, where motor and link do not touch")
-
-    def rate(x: Array) -> Array:
-        *motion, torque = np.split(x, x.shape[1] // 2, axis=1)
-        return np.hstack(arm.rates(motion, torque))
-
-    slope = _derivative(rate, np.concatenate(arm.state, axis=1)[0])
+    slope = arm.slope(arm.state)[0]
     return slope[:, :-2], slope[:, -2:]
 
 

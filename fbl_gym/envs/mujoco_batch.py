@@ -17,7 +17,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.checks import Pair
 from fbl_gym.kernel import api
 from fbl_gym.kernel.batch import ArmBatch, Truth
 from fbl_gym.kernel.memory import BLOCK, LANES, RESTART
@@ -269,8 +268,8 @@ def _link(scenario: Scenario, real: np.void, joint: int, end: str) -> str:
     if scenario.joint is not None:
         hinge = f'<joint axis="0 0 1" {drive} solimpfriction="{_HARD}"/>'
         hinge += f'<joint axis="0 0 1" stiffness="{real["stiffness"][joint]}" damping="{real["damping"][joint]}"/>'
-    centre = _of(arm.centre, joint) * real["centre_ratio"][joint] * length
-    inertia = _of(arm.inertia, joint) * real["inertia_ratio"][joint] * mass * length**2
+    centre = arm.centre[joint] * real["centre_ratio"][joint] * length  # type: ignore[index]
+    inertia = arm.inertia[joint] * real["inertia_ratio"][joint] * mass * length**2  # type: ignore[index]
     if scenario.link is None:
         return hinge + _mass(mass, centre, inertia) + end
     # Both halves have the whole link's centre: a link that does not bend is the rigid one.
@@ -283,7 +282,3 @@ def _link(scenario: Scenario, real: np.void, joint: int, end: str) -> str:
 def _mass(mass: float, centre: float, inertia: float) -> str:
     moment = max(inertia, _POINT_INERTIA)
     return f'<inertial pos="{centre} 0 0" mass="{mass}" diaginertia="{moment} {moment} {moment}"/>'
-
-
-def _of(pair: Pair | float, joint: int) -> float:
-    return pair[joint]  # type: ignore[index]

@@ -309,7 +309,5 @@ def class_of(settings):
     """Return the index in `STEPS` of the step that a scenario needs."""
     if settings["external_physics"]:
         return 2
-    if settings["flexible"]:
-        return 4
-    rare = any(settings[name] > 0 for name in _RARE)
-    return 3 if settings["elastic"] else 2 if rare else int(any(settings[name] > 0 for name in _REAL))
+    real, rare = (any(settings[name] > 0 for name in names) for names in (_REAL, _RARE))
+    return 4 if settings["flexible"] else 3 if settings["elastic"] else 2 if rare else int(real)

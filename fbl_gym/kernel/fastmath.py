@@ -37,7 +37,7 @@ merged_njit = njit(inline="always", **_INNER)
 
 _PACKAGE = Path(__file__).parents[1]
 _SOURCES = hashlib.sha256()
-for _path in (_PACKAGE / "model" / "arm.py", *sorted((_PACKAGE / "kernel").glob("*.py"))):
+for _path in (*sorted((_PACKAGE / "model").glob("*.py")), *sorted((_PACKAGE / "kernel").glob("*.py"))):
     _SOURCES.update(_path.read_bytes())
 
 

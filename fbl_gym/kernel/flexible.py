@@ -8,7 +8,7 @@ from fbl_gym.kernel import elastic
 from fbl_gym.kernel.fastmath import inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.memory import EXACT_FRICTION
 from fbl_gym.kernel.physics import FREE, friction_of, hold, make_runge_kutta, moved, rub, solve_terms, weighted
-from fbl_gym.kernel.views import four, pair, put
+from fbl_gym.kernel.views import pair, put
 from fbl_gym.model import chain
 
 bend_terms = inline_njit(chain.bend_terms)
@@ -20,10 +20,11 @@ reduce_terms = inline_njit(chain.reduce_terms)
 @inline_njit
 def _links_of(block, settings, lane):
     """Return J, f and lengths of a lane's links, gravity, stiffness and damping of the hinges."""
-    (rate1, rate2), (i1, i2), ratio = pair(block.bend_rate, lane), settings.beyond, 2.0 * settings.bend_damping
+    (rate1, rate2), (i1, i2), (z1, z2) = pair(block.bend_rate, lane), settings.beyond, settings.bend_damping
+    j, f = block.segment_inertia, block.segment_moment
     return (
-        four(block.segment_inertia, lane), four(block.segment_moment, lane), pair(block.parameters[2:], lane),
-        settings.gravity, (i1 * rate1 * rate1, i2 * rate2 * rate2), (ratio * i1 * rate1, ratio * i2 * rate2),
+        pair(j, lane) + pair(j[2:], lane), pair(f, lane) + pair(f[2:], lane), pair(block.parameters[2:], lane),
+        settings.gravity, (i1 * rate1 * rate1, i2 * rate2 * rate2), (2.0 * z1 * i1 * rate1, 2.0 * z2 * i2 * rate2),
     )  # fmt: skip
 
 

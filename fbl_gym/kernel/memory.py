@@ -134,7 +134,7 @@ SETTINGS = np.dtype(
         ("encoder_on_motor", np.bool_),
         ("flexible", np.bool_),  # links bend
         ("beyond", np.float64, 2),  # nominal inertia that turns on the hinges of a straight arm [kg m^2]
-        ("bend_damping", np.float64),  # ratio
+        ("bend_damping", np.float64, 2),  # ratio
         # Events
         ("events", np.int64),  # number of them
         ("event_table", np.int64),  # index of the first one's kind in the tables

@@ -51,12 +51,6 @@ def pair(rows, lane):
 
 
 @inline_njit
-def four(rows, lane):
-    """Return four numbers of a lane."""
-    return rows[0, lane], rows[1, lane], rows[2, lane], rows[3, lane]
-
-
-@inline_njit
 def put(rows, lane, values):
     """Set both joints' numbers of a lane."""
     rows[0, lane], rows[1, lane] = values

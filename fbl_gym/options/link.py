@@ -19,7 +19,10 @@ import numpy as np
 from fbl_gym.checks import Pair
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
 from fbl_gym.model.chain import chain_dynamics, segment_terms
-from fbl_gym.records import Numbers, Record, ends, number, pair
+from fbl_gym.records import Numbers, Record, ends, pair
+
+MOST_SAG = 0.5
+"""Largest bend of the links of a horizontal arm under its weight, without payload [rad]."""
 
 
 @dataclass(frozen=True)
@@ -30,21 +33,27 @@ class FlexibleLink(Record):
         frequency: natural frequency of each link's hinge alone, with the nominal masses, a straight
             arm, and both joints and the other hinge held. Both hinges together have a slower mode,
             which `fbl-gym show` prints.
-        damping: damping ratio of both hinges.
+        damping: damping ratio of each hinge.
     """
 
     frequency: Numbers = pair(unit="Hz", varies=True, above=0, high=1e4)
-    damping: float = number(0.1, low=0)
+    damping: Pair | float = pair(0.1, low=0)
 
     def check(self, scenario: Any) -> None:
-        """Refuse links too fast for the physics step."""
+        """Refuse links too soft for their weight, or too fast for the physics step."""
+        inertia, load = straight_chain(scenario.arm, 0.0)
+        least = np.sqrt(np.abs(load[2:]) / (MOST_SAG * np.diag(inertia)[2:])) / (2 * np.pi)
+        low = [ends(x)[0] for x in self.frequency]  # type: ignore[union-attr]
+        if np.any(low < least):
+            needed = f"at least {least[0]:.3g} and {least[1]:.3g} Hz, where weight bends the links by {MOST_SAG} rad"
+            raise ValueError(f"link.frequency must be {needed}, got {low[0]:g} and {low[1]:g} Hz")
         scenario.check_springs()
 
     def pack(self, packer: Any) -> None:
         """Write frequencies, damping, and the inertia that they refer to."""
         settings = packer.settings
         settings["flexible"], settings["bend_damping"] = True, self.damping
-        settings["beyond"] = chain_matrix(packer.scenario.arm, 0.0)[[2, 3], [2, 3]]
+        settings["beyond"] = np.diag(straight_chain(packer.scenario.arm, 0.0)[0])[2:]
         packer.vary("bend_rate", self.frequency, "link.frequency", scale=2 * np.pi)
 
     def springs(self, arm: ArmParameters, rate: Array) -> tuple[Array, Array]:
@@ -52,15 +61,18 @@ class FlexibleLink(Record):
 
         Both are [... x 2], as the natural frequencies `rate` [rad/s].
         """
-        beyond = np.diag(chain_matrix(arm, 0.0))[2:]
-        return beyond * rate**2, 2 * self.damping * beyond * rate
+        beyond = np.diag(straight_chain(arm, 0.0)[0])[2:]
+        return beyond * rate**2, 2 * np.array(self.damping) * beyond * rate
 
 
-def chain_matrix(arm: ArmParameters, q2: float) -> Array:
-    """Return the inertia matrix of joints and hinges of straight links without rotors [4 x 4]."""
+def straight_chain(arm: ArmParameters, q2: float) -> tuple[Array, Array]:
+    """Return inertia [4 x 4] and load [4] of joints and hinges of straight links, without rotors.
+
+    The first link is horizontal.
+    """
     segments = segment_terms(arm.m1, arm.m2, arm.L1, arm.L2, arm.centre, arm.inertia, 0.0, arm.L2, 0.0)
     zero = np.zeros(2)
-    return chain_dynamics(segments, (arm.L1, arm.L2), 0.0, np.array([0.0, q2]), zero, zero, zero)[0]
+    return chain_dynamics(segments, (arm.L1, arm.L2), arm.gravity, np.array([0.0, q2]), zero, zero, zero)
 
 
 def fastest_rate(arm: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, link: Any) -> float:
@@ -74,7 +86,7 @@ def fastest_rate(arm: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, lin
 
     rates = []
     for q2 in (0.0, np.pi / 2, np.pi):  # the inertia is linear in cos q2
-        inertia = inertia_matrix(arm.lumped, (0.0, q2)) if link is None else chain_matrix(arm, q2)
+        inertia = inertia_matrix(arm.lumped, (0.0, q2)) if link is None else straight_chain(arm, q2)[0]
         n, m = len(inertia) + (0 if joint is None else 2), len(inertia)
         motors, axes, mass = slice(0, 2) if joint is None else slice(m, n), np.eye(n), np.zeros((n, n))
         mass[:m, :m] = inertia

@@ -30,8 +30,6 @@ PLANTS = (MuJoCo,)
 
 WORLDS: dict[str, MuJoCo] = {
     "mujoco": MuJoCo(),
-    "mujoco-implicit": MuJoCo(integrator="implicitfast"),
-    "mujoco-friction": MuJoCo(friction="breakaway"),
     "mujoco-lab": MuJoCo(integrator="implicitfast", friction="breakaway"),
 }
 """Plants by name, as in `scenarios.get("everything-2@mujoco-lab")`.

@@ -153,19 +153,21 @@ class Scenario(Record):
     def check_springs(self) -> None:
         """Refuse elastic joints or links that bend too fast for the physics step."""
         # The lightest links are the fastest. Lengths may act either way.
-        largest = self.least_rotor, self.most_viscous, self.joint, self.link
-        rate = max(fastest_rate(arm, *largest) for arm in self.lightest)
-        self.check_rate("these joints" if self.link is None else "these links", rate, LARGEST_STEP)
+        options = self.least_rotor, self.most_viscous, self.joint, self.link
+        rate = max(fastest_rate(arm, *options) for arm in self.lightest)
+        joints, links = "these joints (joint.stiffness, joint.damping)", "these links (link.frequency, link.damping)"
+        self.check_rate(joints if self.link is None else links, rate, LARGEST_STEP)
 
     def check_rate(self, cause: str, rate: float, most: float) -> None:
         """Refuse a physics step that is too long for a cause's fastest rate [1/s]."""
         if self.plant is not None:
             most *= self.plant.substeps
         if self.physics_dt * rate > most:
-            longest = self.control_dt / math.ceil(self.control_dt * rate / most)
+            # A part of the step given divides the times of other options, too.
+            longest = self.physics_dt / math.ceil(self.physics_dt * rate / most)
             raise ValueError(
                 f"physics_dt={self.physics_dt:g} s is too long for {cause}, whose fastest rate is {rate:.4g} 1/s; "
-                f"physics_dt={longest:.4g} s would do"
+                f"physics_dt={longest:.10g} s would do"
             )
 
     @property

@@ -17,7 +17,8 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from fbl_gym.checks import Pair
-from fbl_gym.model.arm import ArmParameters, Array, joint_positions
+from fbl_gym.model.arm import Array
+from fbl_gym.model.chain import HINGE
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # pygame prints a greeting
 try:
@@ -41,8 +42,8 @@ REACH = 0.35
 MARGIN = 0.035
 TITLE, SECOND, TABLE = 0.045, 0.088, 0.856
 LETTERS = 0.034
-WIDTHS = (0.04, 0.032, 0.02)
-"""Widths of the links at base, elbow and tip."""
+WIDTHS = (0.04, 0.0388, 0.032, 0.0302, 0.02)
+"""Widths of the links at base, hinge, elbow, hinge and tip."""
 
 PLATE = 150.0
 """Mass of the payload's disc by its area, at the scale of the arm [kg/m^2]."""
@@ -60,6 +61,7 @@ class Picture:
         time: since the episode's start [s].
         lengths: real lengths of the links [m].
         position, reference: joint angles [rad].
+        bend: angle of the hinge of each link [rad].
         torque: applied to the joints [N m].
         disturbance: its torque, -tau_d of equation (1) [N m]; None: the scenario has none.
         payload: mass carried at the tip [kg].
@@ -70,6 +72,7 @@ class Picture:
     lengths: Pair
     position: Pair
     reference: Pair
+    bend: Pair
     torque: Pair
     disturbance: Pair | None
     payload: float
@@ -81,9 +84,11 @@ def project(points: Array, lengths: Pair, size: int) -> Array:
     return size * np.array(CENTRE) + scale * np.asarray(points) * (1.0, -1.0)
 
 
-def joints(lengths: Pair, q: Pair) -> Array:
-    """Return the positions of base, elbow and tip, [3 x 2] m, from lengths [m] and angles."""
-    return joint_positions(ArmParameters(L1=lengths[0], L2=lengths[1]), q)
+def chain(lengths: Pair, q: Pair, bend: Pair) -> Array:
+    """Return the positions of base, hinge, elbow, hinge and tip, [5 x 2] m."""
+    angles = np.cumsum([q[0], bend[0], q[1], bend[1]])
+    parts = np.outer(lengths, (HINGE, 1.0 - HINGE)).ravel()
+    return np.cumsum([[0.0, 0.0], *(parts * (np.cos(angles), np.sin(angles))).T], axis=0)
 
 
 def draw(picture: Picture, size: int = 480) -> Frame:
@@ -96,18 +101,19 @@ def draw(picture: Picture, size: int = 480) -> Frame:
     canvas = pygame.Surface((size, size), depth=32)
     canvas.fill(PAPER)
     reach = functools.partial(project, lengths=picture.lengths, size=size)
-    base, elbow, tip = reach(joints(picture.lengths, picture.position)).tolist()
+    links = reach(chain(picture.lengths, picture.position, picture.bend)).tolist()
+    base, _, elbow, _, tip = links
     pygame.draw.circle(canvas, RULE, base, (REACH + 0.0015) * size, round(0.003 * size))
     for width, colour in ((0.06, GHOST), (0.053, PAPER)):  # the mount: an outline, where the reference is an area
         _line(canvas, [base, (base[0], base[1] + 0.085 * size)], [width * size] * 2, colour)
     widths = [size * width for width in WIDTHS]
-    reference = reach(joints(picture.lengths, picture.reference)).tolist()
+    reference = reach(chain(picture.lengths, picture.reference, (0.0, 0.0))).tolist()
     _line(canvas, reference, widths, PALE)
     if picture.payload > 0.0:
         scale = REACH / sum(picture.lengths)
         area = 0.013**2 + scale**2 * picture.payload / (math.pi * PLATE)  # around the tip's own disc
         pygame.draw.circle(canvas, ORANGE, tip, math.sqrt(area) * size)
-    _line(canvas, [base, elbow, tip], widths, BLUE)
+    _line(canvas, links, widths, BLUE)
     for joint, radius in ((base, 0.013), (elbow, 0.011), (tip, 0.009)):
         pygame.draw.circle(canvas, PAPER, joint, (radius + 0.004) * size)
         pygame.draw.circle(canvas, INK, joint, radius * size)

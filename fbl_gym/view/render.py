@@ -4,7 +4,6 @@ Imported when a picture is first needed. A frame alone opens no window.
 """
 
 import math
-import time
 
 import numpy as np
 
@@ -18,12 +17,15 @@ WINDOW_FPS = 50
 """Largest number of pictures in the window per simulated second; pygame has one per process."""
 
 
+_CLOCK = pygame.time.Clock()
+
+
 class View:
     """The pictures of one arm, `size` pixels wide and high, and the window, which shows one arm."""
 
     def __init__(self, scenario: Scenario, size: int) -> None:
         self.scenario, self.size = scenario, size
-        self._last_time, self._due = math.inf, 0.0
+        self._last_time = math.inf
 
     def picture(self, truth: Truth) -> Picture:
         """Return the picture of an instant."""
@@ -31,7 +33,7 @@ class View:
         disturbance = None if self.scenario.disturbance is None else pair(-truth.disturbance)
         return Picture(
             title=self.scenario.name, time=float(truth.time), lengths=lengths, position=q, reference=r,
-            torque=torque, disturbance=disturbance, payload=float(truth.payload),
+            bend=pair(truth.bend), torque=torque, disturbance=disturbance, payload=float(truth.payload),
         )  # fmt: skip
 
     def frame(self, truth: Truth) -> Frame:
@@ -45,13 +47,8 @@ class View:
         if 0.0 <= passed < 0.99 / WINDOW_FPS:
             return
         frame = draw(picture, self.size)
-        now = time.perf_counter()
-        due = self._due + passed
-        if now < due < now + passed:
-            time.sleep(due - now)
-        else:  # a new episode, or late
-            due = now
-        self._last_time, self._due = picture.time, due
+        _CLOCK.tick(1.0 / passed if 0.0 < passed < math.inf else 0.0)  # a new episode waits for nothing
+        self._last_time = picture.time
         window = pygame.display.get_surface()
         if window is None or window.get_size() != (self.size, self.size):
             pygame.display.init()

@@ -248,7 +248,7 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
     [
         ("mass-error-2@mujoco", "mass-error", "worlds"), ("noise-1", "noise", "ideal"), ("mine", "mine", "ideal"),
         ("paper-3a", "paper-3a", "ideal"), ("mass-error-2~3f9a20", "mass-error-2~3f9a20", "ideal"),
-        ("everything-2@mujoco-friction", "everything", "worlds"),
+        ("everything-2@mujoco-lab", "everything", "worlds"),
     ],
 )  # fmt: skip
 def test_the_family_and_the_tier_of_a_scenario(name, family, tier):

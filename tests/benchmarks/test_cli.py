@@ -57,6 +57,7 @@ from benchmarks.run.suite import load
         ("sweep zero --over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
         ("sweep zero --over arm.m1=1 --over arm.m1=2", "must name options that are no part of each other, got arm.m1"),
         ("identify", "give the logs"),
+        ("identify --plan plan.csv --start servo-surprise-bend", "must have rigid joints and links"),
         ("identify --validate none.csv", "none.csv not found"),
         ("identify --start servo-elastic-1 --plan plan.csv", "rigid"),
         ("record zero --scenario servo-noise-2 --out a-v0", "servo-noise-2 is for judging alone"),

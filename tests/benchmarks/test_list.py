@@ -43,6 +43,9 @@ def test_what_follows_is_right():
     stiff = {"stiffness": (1e9, 4e4), "rotor_inertia": 1.0}
     modes = follows(Scenario(joint=stiff, physics_dt=1e-6, duration=0.01))["modes of the stretched links, motors held"]
     assert float(modes.split(",")[0]) == pytest.approx(np.sqrt(4e4 / 3.75) / (2 * np.pi), rel=0.01)
+    bent = Scenario(link={"frequency": (8.0, 300.0)}, physics_dt=1e-5, duration=0.01)
+    assert float(follows(bent)["modes of the links, joints held"].split(",")[0]) == pytest.approx(8.0, rel=0.01)
+    assert "links that bend" in follows(bent)["most like"]
 
 
 def test_two_scenarios_show_their_differences(fbl_gym):

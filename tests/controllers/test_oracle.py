@@ -67,6 +67,15 @@ def test_the_ceiling_stands_under_delay_lag_and_elasticity(scenario):
     assert elastic < 8e-4
 
 
+def test_preview_helps_where_springs_are_soft():
+    """Jumps of the reference's jerk ask a motor for impulses, which the drive's limits would cut."""
+    errors = []
+    for preview in (150, 0):
+        env = TwoLinkArmVectorEnv(2, "geared-practice-elastic-3", preview=preview)
+        errors.append(np.abs(tracking(controllers.make("oracle-elastic", env), env, 1000)[0][300:]).mean())
+    assert errors[0] < 0.8 * errors[1]
+
+
 def test_gains_follow_the_arm():
     """They are computed once for an arm, and again for lanes whose arm has changed."""
     env = TwoLinkArmVectorEnv(2, "servo-elastic-2", preview=15)

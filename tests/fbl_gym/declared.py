@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass
 from functools import cached_property
 from typing import Any
 
-from fbl_gym import ElasticJoint, Reward, Scenario
+from fbl_gym import TABLE_1, ElasticJoint, Reward, Scenario
 from fbl_gym.records import Declaration, declarations
 
 TABLE, OTHER_TABLE = ((-1.0, 0.5), (-1.5, 0.75)), ((-1.0, 0.5), (-1.25, 0.0))
@@ -27,6 +27,7 @@ BASES = {
 OUTER = {
     "events[friction]": {"friction": {"viscous": 1.0}},
     "limits.command": {"action": "acceleration"},
+    "link": {"arm": dataclasses.replace(TABLE_1, gravity=0.0)},  # else 1 Hz is too soft
     "datasheet": {"joint": {"stiffness": 1e3, "rotor_inertia": 0.5}},
 }
 """Options beside which others act, by the start of their path."""

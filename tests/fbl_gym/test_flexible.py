@@ -1,5 +1,7 @@
 """Links that bend, against an ODE solver and the rigid arm; sticking and events. `test_mujoco.py` has MuJoCo's."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -8,13 +10,13 @@ from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
 from fbl_gym.model.chain import HINGE, segment_terms
 from fbl_gym.options import FlexibleLink
-from fbl_gym.options.link import chain_matrix, fastest_rate
+from fbl_gym.options.link import fastest_rate, straight_chain
 from tests.fbl_gym.episodes import started, truths_of
 from tests.fbl_gym.paired_runs import same
-from tests.fbl_gym.test_elastic import JOINT, OPTIONS, B, D, K, torque
+from tests.fbl_gym.test_elastic import HELD, JOINT, OPTIONS, B, D, K, torque
 
 ARM = ArmParameters(inertia=(0.08, 0.07), rotor=(0.5, 0.2))
-LINK = {"frequency": (5.0, 8.0), "damping": 0.05}
+LINK = {"frequency": (5.0, 8.0), "damping": (0.05, 0.03)}
 SUMS = np.tril(np.ones((4, 4)))  # absolute angles from q1, b1, q2, b2
 
 
@@ -45,8 +47,8 @@ def slope(x, tau, load, viscous, joint):
     """Return the rate of a state."""
     q, b, v, u = x[:8].reshape(4, 2)
     inertia, forces = chain(q, b, v, u)
-    beyond, rate = chain_matrix(ARM, 0.0)[[2, 3], [2, 3]], 2 * np.pi * np.array(LINK["frequency"])
-    forces[1::2] -= beyond * (rate**2 * b + 2 * LINK["damping"] * rate * u)
+    beyond, rate = np.diag(straight_chain(ARM, 0.0)[0])[2:], 2 * np.pi * np.array(LINK["frequency"])
+    forces[1::2] -= beyond * (rate**2 * b + 2 * np.array(LINK["damping"]) * rate * u)
     motors = []
     if joint:
         th, w = x[8:].reshape(2, 2)
@@ -80,10 +82,11 @@ def test_a_motion_agrees_with_the_solver(joint):
 
 def test_straight_links_have_the_inertia_of_the_arm():
     for q2 in (0.0, 1.0, 3.0):
-        mine = chain_matrix(ARM, q2)
+        mine, load = straight_chain(ARM, q2)
         np.testing.assert_allclose(mine[:2, :2], inertia_matrix(ARM.lumped, (0.0, q2)), rtol=1e-12)
-        order = np.ix_([0, 2, 1, 3], [0, 2, 1, 3])
-        np.testing.assert_allclose(mine, chain((0, q2), (0, 0), (0, 0), (0, 0))[0][order], rtol=1e-12)
+        theirs, torque = chain((0, q2), (0, 0), (0, 0), (0, 0))
+        np.testing.assert_allclose(mine, theirs[np.ix_([0, 2, 1, 3], [0, 2, 1, 3])], rtol=1e-12)
+        np.testing.assert_allclose(load, torque[[0, 2, 1, 3]], atol=1e-12)
 
 
 def test_stiff_links_become_the_rigid_arm():
@@ -133,7 +136,7 @@ def test_blows_and_grasps_keep_the_momentum_of_the_whole_chain(joint):
 
 def test_an_arm_starts_bent_by_its_weight():
     (truth,) = run(0, link={"frequency": 5.0})
-    beyond = chain_matrix(ARM, 0.0)[[2, 3], [2, 3]]
+    beyond = np.diag(straight_chain(ARM, 0.0)[0])[2:]
     _, load = chain(truth.position, truth.bend, (0, 0), (0, 0))
     np.testing.assert_allclose(beyond * (10 * np.pi) ** 2 * truth.bend, load[1::2], rtol=1e-3)
     np.testing.assert_array_equal(truth.position, truth.reference)
@@ -154,11 +157,25 @@ def test_links_that_bend_change_the_plant_alone():
     assert np.all((env.truth.bend_rate > 20 * np.pi) & (env.truth.bend_rate < 40 * np.pi))
 
 
-def test_a_step_too_long_is_refused():
-    with pytest.raises(ValueError, match="too long for these links"):
-        TwoLinkArmEnv(link=200.0)
+def test_a_step_too_long_is_refused_with_one_that_divides_all_times():
+    options = {"control_dt": 0.0025, "physics_dt": 0.0005, "actuator": {"jitter": 0.0015}, "link": {"frequency": 300.0}}
+    with pytest.raises(ValueError, match=r"too long for these links \(link.frequency, link.damping\)") as error:
+        TwoLinkArmEnv(**options)
+    step = float(re.search(r"physics_dt=([0-9.e-]+) s would do", str(error.value)).group(1))
+    TwoLinkArmEnv(**options | {"physics_dt": step})
     with pytest.raises(ValueError, match="'exact' with elastic joints, links that bend"):
         TwoLinkArmEnv(link=10.0, friction={"coulomb": 1.0, "law": "literal"})
+
+
+def test_links_too_soft_for_their_weight_are_refused():
+    """At the least frequency, a horizontal arm bends by half a radian; without gravity, any is enough."""
+    for low in ((1e-300, 30.0), (30.0, {"uniform": [0.01, 20.0]})):
+        with pytest.raises(ValueError, match=r"link.frequency must be at least .* got .* Hz") as error:
+            TwoLinkArmEnv(arm=ARM, link={"frequency": low})
+    least = [float(x) for x in re.findall(r"([0-9.]+) (?:and|Hz)", str(error.value))[:2]]
+    env = started(arm=ARM, link=1.01 * max(least), reference={**HELD, "centre": (0.0, 0.0)})
+    assert 0.3 < np.abs(env.truth.bend).max() < 0.6
+    TwoLinkArmEnv(arm={**vars(ARM), "gravity": 0.0}, link=1e-3)
 
 
 def test_the_fastest_rate_is_that_of_a_hinge_where_all_else_is_held():

@@ -41,7 +41,7 @@ RANGES = {
     "actuator": {"torque_limit": (0.1, 1e5), "lag": (0, 10), "delay_samples": (0, 3), "gain": (0, 2)},
     "actuator.r": {"rate_limit": (1e-3, 1e6), "ripple": (0, 50), "ripple_order": (0.1, 500)},
     "joint": {"stiffness": (1, 1e5), "rotor_inertia": (0.01, 5), "damping": (0, 50), "backlash": (0, 0.5)},
-    "link": {"frequency": (0.1, 5), "damping": (0, 0.2)},
+    "link": {"frequency": (1, 6), "damping": (0, 0.2)},
     "datasheet": {"delay lag latency": (0, 0.1), "position_noise velocity_noise acceleration_noise": (0, 1)},
     "datasheet.": {"rate_limit stiffness damping rotor_inertia backlash": (1e-3, 1e3)},
     "events": {"mass": (0, 20), "factor": (0, 4), "impulse": (-20, 20)},

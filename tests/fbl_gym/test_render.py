@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from types import SimpleNamespace
 
 import gymnasium as gym
 import imageio_ffmpeg
@@ -36,7 +37,7 @@ def _without_a_display(monkeypatch):
 
 def instant(**changes):
     plain = {
-        "title": "", "time": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1),
+        "title": "", "time": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1), "bend": (0.0, 0.0),
         "torque": (0.0, 0.0), "disturbance": None, "payload": 0.0,
     }  # fmt: skip
     return Picture(**(plain | changes))
@@ -85,12 +86,30 @@ def test_an_environment_draws_the_real_arm():
     assert count(frame, PURPLE) > 20  # its line of the table
 
 
+def test_links_bend_in_the_frame():
+    """Elbow and tip by complex numbers: a link turns by its bend at 0.15 of its length."""
+    held = {"kind": "sine", "amplitude": 0.0, "centre": (0.0, 0.5)}
+    env = started(link=1.5, reference=held, render_mode="rgb_array")
+    (b1, b2), (q1, q2), (l1, l2) = env.truth.bend, env.truth.position, env.truth.lengths
+    assert min(abs(b1), abs(b2)) > 0.1
+    elbow = l1 * np.exp(1j * q1) * (0.15 + 0.85 * np.exp(1j * b1))
+    tip = elbow + l2 * np.exp(1j * (q1 + b1 + q2)) * (0.15 + 0.85 * np.exp(1j * b2))
+    expected = picture.project([(p.real, p.imag) for p in (0j, elbow, tip)], (l1, l2), 480)
+    np.testing.assert_allclose(discs(env.render(), expected), expected, atol=0.5)
+
+
 def test_a_change_of_the_picture_changes_the_frame():
     bare = draw(instant())
     assert count(bare, ORANGE) == 0
     assert count(draw(instant(payload=2.0)), ORANGE) > 100
     assert count(draw(instant(disturbance=(0.0, 0.0))), PURPLE) > count(bare, PURPLE)
-    for change in ({"title": "x"}, {"time": 1.0}, {"reference": (0.9, 1.1)}, {"torque": (0.1, 0.0)}):
+    for change in (
+        {"title": "x"},
+        {"time": 1.0},
+        {"bend": (0.1, 0.0)},
+        {"reference": (0.9, 1.1)},
+        {"torque": (0.1, 0.0)},
+    ):
         assert not np.array_equal(draw(instant(**change)), bare), change
     np.testing.assert_array_equal(draw(instant()), bare)
 
@@ -201,7 +220,7 @@ def test_the_window_shows_the_arm_that_moved_last():
 def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt, drawn):
     frames = []
     monkeypatch.setattr(render, "draw", lambda instant, size: frames.append(1) or np.zeros((size, size, 3), np.uint8))
-    monkeypatch.setattr(render.time, "sleep", lambda _: None)
+    monkeypatch.setattr(render, "_CLOCK", SimpleNamespace(tick=lambda _: None))
     env = started(render_mode="human", control_dt=control_dt, physics_dt=0.001)
     for _ in range(round(0.5 / control_dt)):
         env.step(ACTION)
