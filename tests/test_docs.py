@@ -59,7 +59,6 @@ SHORTER = {
     "range(task.steps)": "range(500)",
     "range(10, 14)": "range(1)",
     "range(12000, 12006)": "range(1)",
-    "= 10, 64, 1200": "= 1, 2, 10",
     '"computed-torque-dob", "sliding-mode", "lqg"': "",
 }
 """What makes the Python of a page short."""

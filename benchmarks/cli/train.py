@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--sensors", nargs="+", choices=SENSORS, default=SENSORS, help="sensors that the agent observes (all)")
     add("--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)")
     add("--memory", type=float, default=0.0, metavar="S", help="observe mean squares over this time [s] (none)")
-    add("--context", action="store_true", help="let the agent observe the true parameters (privileged access)")
+    add("--preview", type=float, default=0.0, metavar="S", help="observe the reference so far ahead [s] (not at all)")
     tasks = "to train and validate on: scenarios, .toml files, or tiers such as servo-practice (everything-2)"
     add("--scenario", nargs="+", default=["everything-2"], metavar="S", help=tasks)
     add_option(parser, "--seed", int, 0, "K", "training seed")

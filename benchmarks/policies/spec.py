@@ -260,7 +260,7 @@ def _trained(name: PolicyName) -> PolicySpec:
         numbers = {part: describe(folder)[part] for part in ("interface", "network")}
         data = {description.name: data_digest(numbers), weights.name: external.file_digest(weights)}
         uses = {law: _used(law) for law in settings.uses}
-        given = {"access": settings.access, "needs": settings.sensors, "uses": uses}
+        given = {"access": "nominal", "needs": settings.sensors, "preview": settings.preview, "uses": uses}
     given |= {"digest": _digest(modules), "data": data}
     return PolicySpec(name, "learned", tuning="trained", external=True, **given)
 

@@ -225,8 +225,8 @@ def columns(board: Board) -> list[Column]:
             [spec.access for spec in board.specs],
         ),
         Column(
-            "sensors", "sensors", "Sensors that the policy uses: p position, v velocity, a acceleration.",
-            [" ".join(name[0] for name in spec.needs) or "none" for spec in board.specs],
+            "sensors", "sensors", "What the policy reads: p position, v velocity, a acceleration, r the coming reference.",
+            [" ".join([name[0] for name in spec.needs] + ["r"] * (spec.preview > 0)) or "none" for spec in board.specs],
         ),
         Column(
             "decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].",

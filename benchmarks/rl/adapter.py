@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,7 +15,6 @@ from controllers.registry import LawName, is_composed
 from fbl_gym.checks import check_choice, check_number
 from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.interface import Interface
-from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records import Record, choice, choices, declared, number, whole
 from fbl_gym.scenarios.classes import CLASSES
@@ -23,11 +23,11 @@ ACTIONS = ("torque", "residual", "blend")
 
 SENSORS = ("position", "velocity", "acceleration")
 
-CONTEXT = ("m1", "m2", "L1", "L2", "payload")
-"""The true parameters that an agent with context observes, in this order."""
-
 DRIVE_SCALE = 0.05
 """Scale of the drive's delay and lag in the agent's observation [s]."""
+
+PREVIEWED = 5
+"""Number of equally spaced times at which an agent with preview sees the coming reference."""
 
 LEAST_SQUARE = 1e-6
 """Square of a scaled error that an agent with memory cannot tell from zero."""
@@ -76,7 +76,8 @@ class AdapterSettings(Record):
             the class of the robot.
         period: time between two decisions of the agent; 0: each step. The law under it decides at
             each step.
-        context: True if the agent observes `true_parameters`. Its access is then "privileged".
+        preview: how far ahead the agent observes the reference, less that of now, at `PREVIEWED`
+            times; 0: not at all.
         sensors: the sensors that the agent observes, which the environment must have.
         scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
     """
@@ -89,7 +90,7 @@ class AdapterSettings(Record):
     memory: float = number(0.0, unit="s", low=0)
     drive: bool = declared(False, _check_flag, "True or False")
     period: float = number(0.0, unit="s", low=0)
-    context: bool = declared(False, _check_flag, "True or False")
+    preview: float = number(0.0, unit="s", low=0)
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
 
@@ -98,28 +99,14 @@ class AdapterSettings(Record):
         if (self.action == "blend") != bool(self.second) or self.second == self.base:
             raise ValueError(f"second must be a law for a blend alone, and another than base, got {self.second!r}")
 
-    @property
-    def access(self) -> str:
-        """Return the agent's access: "privileged" with context, else "nominal"."""
-        return "privileged" if self.context else "nominal"
+    def previewed(self, control_dt: float) -> int:
+        """Return the number of coming samples of the reference that the environment must have."""
+        return math.ceil(self.preview / control_dt - 1e-9)
 
     @property
     def uses(self) -> tuple[str, ...]:
         """Return the laws under the agent, which its numbers depend on."""
         return {"residual": (self.base,), "blend": (self.base, self.second)}.get(self.action, ())
-
-
-def true_parameters(truth: Truth, interface: Interface) -> Array:
-    """Return the true parameters [n x 5] as an agent with context observes them.
-
-    They are log(real / nominal) of m1, m2, L1 and L2, and the payload now / nominal m2, clipped to
-    [-10, 10].
-    """
-    nominal = interface.nominal
-    real = np.concatenate([np.atleast_2d(truth.masses), np.atleast_2d(truth.lengths)], axis=-1)
-    ratios = real / np.array([nominal.m1, nominal.m2, nominal.L1, nominal.L2])
-    payload = np.reshape(truth.payload, (-1, 1)) / nominal.m2
-    return np.clip(np.concatenate([np.log(ratios), payload], axis=-1), -10.0, 10.0)
 
 
 class AdapterState(NamedTuple):
@@ -151,10 +138,16 @@ class AgentAdapter:
         robot = [float(interface.robot_class == name) for name in CLASSES]
         self._drive = np.array([*drive, *robot] if settings.drive else [])
         self.hold = max(1, round(settings.period / interface.control_dt))
-        context_size = len(CONTEXT) if settings.context else 0
+        ahead, reference = settings.previewed(interface.control_dt), interface.layout.reference.reshape(-1, 6)
+        if ahead >= len(reference):
+            raise ValueError(f"not applicable: the agent needs preview={ahead}, got preview={len(reference) - 1}")
+        samples = np.ceil(ahead * np.arange(1, PREVIEWED + 1) / PREVIEWED).astype(int) if ahead else reference[:0, 0]
+        self._ahead, self._now = (np.ravel(reference[each]) for each in (samples, 0 * samples))
+        self._ahead_scale = np.resize(np.repeat(settings.scales, 2), self._ahead.size)
         squares = 4 * len(settings.sensors) * (settings.memory > 0)
         self._weight = interface.control_dt / max(settings.memory, interface.control_dt)
-        self.size = self._errors.size + settings.history * self._step_size + squares + len(self._drive) + context_size
+        self.size = self._errors.size + settings.history * self._step_size + squares + len(self._drive)
+        self.size += len(self._ahead)
         self._laws: list[TorqueLaw] = []
         for name in settings.uses:
             law = controllers.make(name, interface)
@@ -174,20 +167,14 @@ class AgentAdapter:
         """Return True for the lanes [n] in which the agent decides now."""
         return state.age % self.hold == 0
 
-    def context(self, env: Any, lanes: int) -> Array:
-        """Return the true parameters of an environment now [n x 5]; without context [n x 0]."""
-        if not self.settings.context:
-            return np.empty((lanes, 0))
-        parameters = true_parameters(env.unwrapped.truth, self.interface)
-        if len(parameters) != lanes:
-            raise ValueError(f"an agent with context was made for {len(parameters)} lanes, got {lanes} observations")
-        return parameters
-
-    def observe(self, observation: Array, state: State, context: Array) -> Array:
-        """Return the agent's observation [n x size] from the environment's and `context`."""
+    def observe(self, observation: Array, state: State) -> Array:
+        """Return the agent's observation [n x size] from the environment's."""
         drive = np.broadcast_to(self._drive, (len(observation), len(self._drive)))
         squares = 0.25 * np.log(state.squares + LEAST_SQUARE)
-        return np.concatenate([self._errors(observation), state.history, squares, drive, context], axis=-1)
+        ahead = (observation[:, self._ahead] - observation[:, self._now]) / self._ahead_scale
+        return np.concatenate(
+            [self._errors(observation), state.history, squares, drive, np.clip(ahead, -10, 10)], axis=-1
+        )
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state.

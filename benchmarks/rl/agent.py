@@ -40,22 +40,18 @@ class Agent(TorqueLaw):
     Args:
         settings: of the adapter.
         actor: network of the agent.
-        env: the environment in which an agent with context acts; None for all other agents.
     """
 
     settings: AdapterSettings
     actor: Actor
-    env: Any = None
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
     def validate(self) -> None:
-        """Refuse an interface without the agent's sensors, and context without an environment."""
+        """Refuse an interface without the agent's sensors."""
         sensors, present = self.settings.sensors, [name for name in SENSORS if name in self.interface.layout]
         if not set(sensors) <= set(present):
             raise ValueError(f"not applicable: trained on sensors of {', '.join(sensors)}, got {', '.join(present)}")
-        if self.settings.context and self.env is None:
-            raise ValueError("an agent with context observes the truth, so it needs the environment, got its interface")
         _ = self.adapter
 
     @property
@@ -76,8 +72,7 @@ class Agent(TorqueLaw):
         """Return the torque [n x 2] N m and the next state."""
         action = state.action
         if self.adapter.decides(state).any():
-            context = self.adapter.context(self.env, len(observation))
-            action = self.actor(self.adapter.observe(observation, state, context))
+            action = self.actor(self.adapter.observe(observation, state))
         return self.adapter.torque(action, observation, state)
 
 
@@ -138,10 +133,8 @@ def settings_of(folder: Path) -> AdapterSettings:
 
 
 def make_agent(env: Any, settings: AdapterSettings, actor: Actor) -> Agent:
-    """Return an agent for an environment or its interface; context needs the former."""
-    if isinstance(env, Interface):
-        return Agent(env, settings, actor)
-    return Agent(env.unwrapped.interface, settings, actor, env.unwrapped if settings.context else None)
+    """Return an agent for an environment or its interface."""
+    return Agent(env if isinstance(env, Interface) else env.unwrapped.interface, settings, actor)
 
 
 def saved_agent(env: Any, folder: str) -> Agent:

@@ -36,14 +36,14 @@ def shipped_agent(name: str, env: Any, seed: int | None = None) -> Agent:
 
 
 def _factory(name: str, summary: str) -> Callable[..., Agent]:
-    """Return the factory of an agent; a privileged one receives the environment."""
+    """Return the factory of an agent."""
 
     def factory(env: Any, seed: int | None = None) -> Agent:
         return shipped_agent(name, env, seed)
 
     settings = settings_of(SHIPPED / name / "0")
     weights = [str(path) for seed in sorted((SHIPPED / name).iterdir()) for path in files(seed)]
-    vars(factory).update(kind="learned", access=settings.access, needs=settings.sensors, data_files=weights)
+    vars(factory).update(kind="learned", needs=settings.sensors, preview=settings.preview, data_files=weights)
     factory.__doc__ = summary
     return factory
 
@@ -52,7 +52,6 @@ ppo_torque = _factory("ppo-torque", "PPO on torques, without memory; trained on 
 ppo_servo = _factory("ppo-servo", "PPO that mixes an observer with predictor and an adaptive law; trained for servo")
 ppo_direct = _factory("ppo-direct", "PPO that mixes an extended observer and a sliding mode; trained for direct")
 ppo_memory = _factory("ppo-memory", "PPO on torques that observes its last steps and actions; trained on everything-2")
-ppo_context = _factory("ppo-context", "PPO on torques that observes the true parameters; trained on everything-2")
 sac = _factory("sac", "SAC on torques; trained on everything-2")
 td3 = _factory("td3", "TD3 on torques; trained on everything-2")
 tqc = _factory("tqc", "TQC on torques; trained on everything-2")

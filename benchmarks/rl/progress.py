@@ -18,7 +18,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from benchmarks.files import replacing, write_text
-from benchmarks.rl.agent import make_agent, write
+from benchmarks.rl.agent import write
 from benchmarks.rl.export import export
 from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.rl.validation import validate
@@ -91,7 +91,7 @@ class Progress(BaseCallback):
         """Validate the agent, save the best one, and write the curve and a checkpoint."""
         begin, wall = time.process_time(), time.monotonic() - self._wall_begin
         actor = export(self.model)
-        error = validate(lambda env: make_agent(env, self.settings.adapter, actor), self.settings.scenarios)
+        error = validate(self.settings.adapter, actor, self.settings.scenarios)
         best = min((row.validation_mrad for row in self.curve), default=np.inf)
         cpu = begin - self._cpu_begin
         self.curve.append(Validation(self.num_timesteps, round(wall, 2), round(cpu, 2), round(error, 4)))

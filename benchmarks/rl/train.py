@@ -45,8 +45,12 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
 
     # Lane i draws its episodes from the stream of seed first + i.
     first = training_seeds(settings.seed)[0]
-    arms = [TwoLinkArmVectorEnv(settings.lanes, task, autoreset_mode="SameStep") for task in settings.scenarios]
-    env = ArmVecEnv(*(VectorAdapter(arm, settings.adapter) for arm in arms))
+    adapter, lanes = settings.adapter, settings.lanes
+    arms = [
+        TwoLinkArmVectorEnv(lanes, task, autoreset_mode="SameStep", preview=adapter.previewed(task.control_dt))
+        for task in settings.scenarios
+    ]
+    env = ArmVecEnv(*(VectorAdapter(arm, adapter) for arm in arms))
     progress = Progress(settings, folder, command, evaluations)
     algorithm = find_class(settings.algorithm)
     arguments = copy.deepcopy(settings.hyperparameters["arguments"])  # SB3 adds to dicts in it

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
+from benchmarks.rl.adapter import AdapterSettings
+from benchmarks.rl.agent import make_agent
+from benchmarks.rl.network import Actor
 from benchmarks.seeds import SPLITS
 from controllers import Policy
 from fbl_gym import Scenario
@@ -16,19 +19,21 @@ from fbl_gym.model.arm import Array
 VALIDATION = SPLITS["validation"][:16]
 
 
-def validate(make: Callable[[TwoLinkArmVectorEnv], Policy], scenarios: Sequence[Scenario]) -> float:
-    """Return the tracking error of a policy [mrad].
+def validate(settings: AdapterSettings, actor: Actor, scenarios: Sequence[Scenario]) -> float:
+    """Return the tracking error of an agent [mrad].
 
     It is the geometric mean over the scenarios of the mean over the seeds. In each of several
     scenarios, a quarter of the seeds is enough.
 
     Args:
-        make: makes the policy for an environment.
+        settings: of its adapter.
+        actor: its network.
         scenarios: one or more.
     """
     seeds = VALIDATION if len(scenarios) == 1 else VALIDATION[::4]
-    envs = [TwoLinkArmVectorEnv(len(seeds), scenario) for scenario in scenarios]
-    return float(np.exp(np.mean([np.log(tracking_error(make(env), env, seeds).mean()) for env in envs])))
+    envs = [TwoLinkArmVectorEnv(len(seeds), each, preview=settings.previewed(each.control_dt)) for each in scenarios]
+    errors = [tracking_error(make_agent(env, settings, actor), env, seeds).mean() for env in envs]
+    return float(np.exp(np.mean(np.log(errors))))
 
 
 def tracking_error(policy: Policy, env: TwoLinkArmVectorEnv, seeds: Iterable[int]) -> Array:

@@ -38,7 +38,7 @@ class VectorAdapter(VectorWrapper):
         """Start an episode in every lane, as Gymnasium's `VectorEnv.reset`."""
         self._observation, infos = self.env.reset(seed=seed, options=options)
         self._state = self._adapter.initial(self._observation)
-        return self._observe(), infos
+        return self._adapter.observe(self._observation, self._state), infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Take one step with the agent's actions [n x 2], as Gymnasium's `VectorEnv.step`."""
@@ -68,17 +68,12 @@ class VectorAdapter(VectorWrapper):
         if "final_obs" in infos:
             done, final, last = infos["_final_obs"], infos["final_obs"], self._observation.copy()
             last[done] = np.stack(final[done])
-            # The truth is already that of the next episode, so take the context of one step before.
-            observed = self._adapter.observe(last, state, self._context)
+            observed = self._adapter.observe(last, state)
             for lane in np.flatnonzero(done):
                 final[lane] = observed[lane]
             state = where_lanes(done, self._adapter.initial(self._observation), state)
         self._state = state
-        return self._observe(), rewards, terminated, truncated, infos
-
-    def _observe(self) -> Array:
-        self._context = self._adapter.context(self.env, self.num_envs)
-        return self._adapter.observe(self._observation, self._state, self._context)
+        return self._adapter.observe(self._observation, state), rewards, terminated, truncated, infos
 
 
 class ArmVecEnv(VecEnv):

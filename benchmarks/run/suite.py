@@ -287,7 +287,7 @@ class SuiteSpec:
 SHORT_SEEDS = 8
 """Seeds of a suite's short form."""
 
-NEEDS_ACCELERATION = ("crossq", "ppo-context", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
+NEEDS_ACCELERATION = ("crossq", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
 """Agents that were trained with an accelerometer, which the classes of robots lack."""
 
 _SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque

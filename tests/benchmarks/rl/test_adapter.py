@@ -1,4 +1,4 @@
-"""The adapter between environment and agent, with context and without."""
+"""The adapter between environment and agent."""
 
 import dataclasses
 
@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 import controllers
-from benchmarks.analysis.board import assemble
 from benchmarks.policies.spec import resolve
-from benchmarks.rl.adapter import CONTEXT, AdapterSettings, AgentAdapter
+from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
 from benchmarks.rl.agent import Agent, write
-from benchmarks.rl.policy import SHIPPED
 from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
@@ -34,23 +32,23 @@ def start(scenario, *settings, **more):
 
 
 @pytest.mark.parametrize(
-    ("action", "history", "context", "period"),
+    ("action", "history", "preview", "period"),
     [
-        ("torque", 0, False, 1), ("residual", 3, False, 1), ("residual", 0, True, 1), ("residual", 3, True, 1),
-        ("blend", 1, False, 1), ("residual", 2, False, 5), ("torque", 0, True, 5),
+        ("torque", 0, 0, 1), ("residual", 3, 0, 1), ("residual", 0, 4, 1), ("residual", 3, 4, 1), ("blend", 1, 0, 1),
+        ("residual", 2, 0, 5), ("torque", 0, 7, 5),
     ],
 )  # fmt: skip
-def test_an_agent_acts_as_in_training(action, history, context, period):
+def test_an_agent_acts_as_in_training(action, history, preview, period):
     """Closed loops on the plain environment and on the training environment are equal over several episodes.
 
     The agent decides once in a period of some samples, and its law at each.
     """
     second = "pid-flm" if action == "blend" else ""
-    settings = AdapterSettings(action, second=second, history=history, context=context, period=0.01 * period)
-    options = {**PAYLOAD_OPTIONS, "autoreset_mode": "SameStep"}
+    settings = AdapterSettings(action, second=second, history=history, preview=0.01 * preview, period=0.01 * period)
+    options = {**PAYLOAD_OPTIONS, "autoreset_mode": "SameStep", "preview": preview}
     plain = TwoLinkArmVectorEnv(3, **options)
     training = VectorAdapter(TwoLinkArmVectorEnv(3, **options), settings)
-    agent = Agent(plain.interface, settings, random_actor(settings, plain.interface), plain if context else None)
+    agent = Agent(plain.interface, settings, random_actor(settings, plain.interface))
     plain_observation, training_observation = plain.reset(seed=3)[0], training.reset(seed=3)[0]
     state, starts = None, np.ones(3, dtype=bool)
     episodes = 0
@@ -157,7 +155,7 @@ def test_an_agent_observes_the_drive_and_its_own_sensors_only():
         env = TwoLinkArmEnv(actuator={"delay_samples": 2, "lag": {"uniform": (0.01, 0.03)}}, **options)
         adapter = AgentAdapter(settings, env.interface)
         observation = env.reset(seed=0)[0][None]
-        observed = adapter.observe(observation, adapter.initial(observation), np.empty((1, 0)))
+        observed = adapter.observe(observation, adapter.initial(observation))
         assert observed.shape == (1, adapter.size) == (1, 17)
         np.testing.assert_allclose(observed[0, -7:], [0.4, 0.4, 0.2, 0.6, 1.0, 0.0, 0.0])
 
@@ -188,63 +186,39 @@ def test_an_agent_is_not_applicable_without_its_sensors():
         Agent(TwoLinkArmEnv("servo-nominal").interface, settings, actor)
 
 
-def expected_context(env):
-    """Return the context by its definition."""
-    truth, nominal = env.unwrapped.truth, env.unwrapped.interface.nominal
-    ratios = np.hstack([truth.masses / [nominal.m1, nominal.m2], truth.lengths / [nominal.L1, nominal.L2]])
-    return np.column_stack([np.log(ratios), truth.payload / nominal.m2])
+def test_an_agent_with_preview_sees_the_reference_of_five_coming_times():
+    """In scales of the errors, after all else that it observes, at each control rate; on a board, too."""
+    settings = AdapterSettings(drive=True, memory=0.1, preview=0.1, scales=(0.001, 0.1, 10.0), sensors=MOTION)
+    for scenario, steps in (("servo-nominal", (2, 4, 6, 8, 10)), ("direct-nominal", (10, 20, 30, 40, 50))):
+        env = TwoLinkArmEnv(scenario, preview=settings.previewed(scenarios.get(scenario).control_dt))
+        adapter = AgentAdapter(settings, env.interface)
+        observations = [env.reset(seed=0)[0].copy()]
+        for _ in range(100):
+            observations.append(env.step(np.zeros(2))[0].copy())
+        now, *later = (observations[20 + step][adapter.interface.layout.reference[:6]] for step in (0, *steps))
+        seen = adapter.observe(observations[20][None], adapter.initial(observations[20][None]))[0]
+        expected = (np.array(later) - now) / np.repeat(settings.scales, 2)
+        np.testing.assert_allclose(seen[-30:], np.clip(expected, -10, 10).ravel(), atol=1e-12)
+        assert np.abs(expected).max() > 10
+        assert (
+            adapter.size
+            == len(seen)
+            == 30 + AgentAdapter(dataclasses.replace(settings, preview=0.0), env.interface).size
+        )
 
 
-def test_the_context_follows_the_observation_of_other_agents():
-    """It is the truth now; in an episode's last observation, that of the finished episode."""
-    arms = (TwoLinkArmVectorEnv(3, **PAYLOAD_OPTIONS, autoreset_mode="SameStep") for _ in range(2))
-    plain, env = (VectorAdapter(next(arms), AdapterSettings(history=2, context=context)) for context in (False, True))
-    size = plain.single_observation_space.shape[0]
-    assert env.single_observation_space.shape == (size + len(CONTEXT),)
-    rng, payloads = np.random.default_rng(0), set()
-    plain_observation, observation = plain.reset(seed=4)[0], env.reset(seed=4)[0]
-    for _ in range(45):
-        context = expected_context(env)
-        np.testing.assert_array_equal(observation[:, :size], plain_observation)
-        np.testing.assert_allclose(observation[:, size:], context, rtol=0, atol=1e-15)
-        payloads.add(float(observation[0, -1]))
-        actions = rng.uniform(-1, 1, (3, 2))
-        plain_observation, *_, plain_infos = plain.step(actions)
-        observation, *_, infos = env.step(actions)
-        for lane in np.flatnonzero(infos.get("_final_obs", [])):
-            np.testing.assert_array_equal(infos["final_obs"][lane][:size], plain_infos["final_obs"][lane])
-            np.testing.assert_allclose(infos["final_obs"][lane][size:], context[lane], rtol=0, atol=1e-15)
-            assert np.any(np.abs(context - expected_context(env)) > 0.01)
-    assert payloads == {0.0, 10.0 / 15.0}
+@pytest.mark.parametrize(
+    ("preview", "control_dt", "samples"), [(0.0, 0.01, 0), (0.1, 0.01, 10), (0.3, 0.1, 3), (1e-3, 0.01, 1)]
+)
+def test_the_samples_of_a_preview(preview, control_dt, samples):
+    assert AdapterSettings(preview=preview).previewed(control_dt) == samples
 
 
-@pytest.mark.parametrize(("context", "access"), [(False, "nominal"), (True, "privileged")])
-def test_only_an_agent_with_context_is_privileged_and_gets_the_environment(context, access, tmp_path):
-    env = TwoLinkArmVectorEnv(3, "everything-2")
-    settings = AdapterSettings(context=context)
+def test_a_saved_agent_declares_its_preview_and_gets_it(tmp_path):
+    settings = AdapterSettings(preview=0.05, sensors=MOTION)
+    env = TwoLinkArmEnv("servo-nominal", preview=5)
     write(tmp_path, random_actor(settings, env.interface), {"interface": dataclasses.asdict(settings)})
-    assert resolve(str(tmp_path)).access == access
-    agent = resolve(str(tmp_path)).make(env)
-    assert agent.env is (env if context else None)
-
-
-def test_an_agent_with_context_needs_the_environment(tmp_path):
-    env = TwoLinkArmVectorEnv(3, "everything-2")
-    settings = AdapterSettings(context=True)
-    actor = random_actor(settings, env.interface)
-    write(tmp_path, actor, {"interface": dataclasses.asdict(settings)})
-    with pytest.raises(ValueError, match="so it needs the environment, got its interface"):
-        resolve(str(tmp_path)).make(env.interface)
-    observations, _ = env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"made for 3 lanes, got 1 observations"):
-        resolve(str(tmp_path)).make(env).predict(observations[:1])
-
-
-AGENTS = ("ppo-context@0", str(SHIPPED / "ppo-context" / "0"))
-
-
-def test_the_board_does_not_rank_an_agent_with_context():
-    cells = [Cell(policy, "everything-2", (0, 1)) for policy in ("cascade-flm", "oracle-flm", *AGENTS)]
-    board = assemble([run_cell(cell) for cell in cells])
-    assert [board.policies[i] for i in board.ranked] == ["cascade-flm"]
-    assert board.order[0] == 0
+    assert resolve(str(tmp_path)).preview == 0.05
+    assert run_cell(Cell(str(tmp_path), "servo-nominal", (0, 1))).error == ""
+    with pytest.raises(ValueError, match="not applicable: the agent needs preview=5, got preview=4"):
+        resolve(str(tmp_path)).make(TwoLinkArmEnv("servo-nominal", preview=4))
