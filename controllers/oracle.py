@@ -1,13 +1,14 @@
 """Oracles, which read the real arm from `env.truth`. They are not ranked."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
-from controllers.policy import Law, State, reference_at
+from controllers.policy import Law, State, between, known_reference, sampled_at
 from controllers.true_arm import TrueArm
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
@@ -45,13 +46,6 @@ class _Oracle(Law):
         """Return the true position and velocity."""
         truth = TrueArm.of(self.env).truth
         return truth.position, truth.velocity
-
-    def ahead(self, observation: Array, arm: TrueArm, times: Array) -> list[Array]:
-        """Return position, velocity and acceleration of the reference, [n x k x 2] each.
-
-        The k times count from the one at which the next command begins to act [s].
-        """
-        return np.split(reference_at(self.interface, observation, arm.truth.delay[:, None] + times), 3, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -97,6 +91,7 @@ class ElasticState(NamedTuple):
 
     design: Array  # parameters of each arm that gains were computed for [n x 14]; NaN: none yet
     gains: Array  # [n x 5 x 2 x size]
+    past: Array  # reference of the last samples [n x p x 6]
 
 
 @dataclass(frozen=True)
@@ -130,7 +125,9 @@ class OracleElastic(_Oracle):
     def initial(self, observation: Array) -> State:
         """Return the state before any gains are computed."""
         n, size = len(observation), 2 * len(TrueArm.of(self.env).state)
-        return ElasticState(np.full((n, 14), np.nan), np.zeros((n, len(COSINES), 2, size)))
+        dt, now = self.interface.control_dt, known_reference(self.interface, observation)[:, :1]
+        past = between(now, now, -dt * np.arange(2.0 * math.ceil(SPREAD / dt), 0.0, -1.0)[:, None], dt)
+        return ElasticState(np.full((n, 14), np.nan), np.zeros((n, len(COSINES), 2, size)), past)
 
     def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, and the gains."""
@@ -146,16 +143,22 @@ class OracleElastic(_Oracle):
         low = np.minimum(index.astype(int), len(COSINES) - 2)
         share, lanes = (index - low)[:, None, None], np.arange(len(gains))
         gain = (1.0 - share) * gains[lanes, low] + share * gains[lanes, low + 1]
-        wanted, command = self.course(observation, arm, x)
+        known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
+        now = state.past.shape[1]
+        wanted, command = self.course(known, now, arm, x)
         error = np.concatenate([r - y for r, y in zip(wanted, x, strict=True)], axis=-1)
-        return command + np.einsum("nij,nj->ni", gain, error), ElasticState(design, gains)
+        return command + np.einsum("nij,nj->ni", gain, error), ElasticState(design, gains, known[:, 1 : now + 1])
 
-    def course(self, observation: Array, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
-        """Return the state along the reference, and the feed-forward command [n x 2] N m."""
+    def course(self, known: Array, now: int, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
+        """Return the state along the reference, and the feed-forward command [n x 2] N m.
+
+        Sample `now` of the known reference is that of the present.
+        """
         truth, dt = arm.truth, arm.scenario.control_dt
         h = max(SPREAD, dt) if arm.elastic else dt
         # Differences over five times. At the middle one the command begins to act.
-        r, r_dot, r_ddot = self.ahead(observation, arm, h * np.arange(-2.0, 3.0))
+        times = now * dt + truth.delay[:, None] + h * np.arange(-2.0, 3.0)
+        r, r_dot, r_ddot = np.split(sampled_at(known, dt, times), 3, axis=-1)
         load = inverse_dynamics(arm.links[:, None], r, r_dot, r_ddot) + truth.disturbance[:, None]
         motion = [r, r_dot]
         if arm.scenario.link is not None:  # bent by weight and acceleration

@@ -60,10 +60,19 @@ def reference_at(interface: Interface, observation: Array, times: Array) -> Arra
         observation: [n x size].
         times: from now on [k] or [n x k] s.
     """
-    known = observation.take(interface.layout.reference, axis=-1).reshape(len(observation), -1, 6)
-    last, following, t = steps_at(interface.control_dt, known.shape[1], times)
+    return sampled_at(known_reference(interface, observation), interface.control_dt, times)
+
+
+def known_reference(interface: Interface, observation: Array) -> Array:
+    """Return the reference of an observation, now and at the previewed samples [n x k x 6]."""
+    return observation.take(interface.layout.reference, axis=-1).reshape(len(observation), -1, 6)
+
+
+def sampled_at(known: Array, dt: float, times: Array) -> Array:
+    """Return a motion [n x k x 6] at times [k] or [n x k] s from its samples, dt apart."""
+    last, following, t = steps_at(dt, known.shape[1], times)
     lanes = slice(None) if times.ndim == 1 else np.arange(len(known))[:, None]
-    return between(known[lanes, last], known[lanes, following], t, interface.control_dt)
+    return between(known[lanes, last], known[lanes, following], t, dt)
 
 
 def steps_at(dt: float, samples: int, times: Array) -> tuple[Array, Array, Array]:

@@ -90,7 +90,7 @@ class AdapterSettings(Record):
     memory: float = number(0.0, unit="s", low=0)
     drive: bool = declared(False, _check_flag, "True or False")
     period: float = number(0.0, unit="s", low=0)
-    preview: float = number(0.0, unit="s", low=0)
+    preview: float = number(0.0, unit="s", low=0, high=100)
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
 
@@ -146,8 +146,9 @@ class AgentAdapter:
         self._ahead_scale = np.resize(np.repeat(settings.scales, 2), self._ahead.size)
         squares = 4 * len(settings.sensors) * (settings.memory > 0)
         self._weight = interface.control_dt / max(settings.memory, interface.control_dt)
-        self.size = self._errors.size + settings.history * self._step_size + squares + len(self._drive)
-        self.size += len(self._ahead)
+        self.size = (
+            self._errors.size + settings.history * self._step_size + squares + len(self._drive) + len(self._ahead)
+        )
         self._laws: list[TorqueLaw] = []
         for name in settings.uses:
             law = controllers.make(name, interface)
@@ -171,10 +172,8 @@ class AgentAdapter:
         """Return the agent's observation [n x size] from the environment's."""
         drive = np.broadcast_to(self._drive, (len(observation), len(self._drive)))
         squares = 0.25 * np.log(state.squares + LEAST_SQUARE)
-        ahead = (observation[:, self._ahead] - observation[:, self._now]) / self._ahead_scale
-        return np.concatenate(
-            [self._errors(observation), state.history, squares, drive, np.clip(ahead, -10, 10)], axis=-1
-        )
+        ahead = np.clip((observation[:, self._ahead] - observation[:, self._now]) / self._ahead_scale, -10.0, 10.0)
+        return np.concatenate([self._errors(observation), state.history, squares, drive, ahead], axis=-1)
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state.

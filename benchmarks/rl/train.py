@@ -2,7 +2,7 @@
 
 A run writes to its folder:
 
-    agent.json, weights-*.npz  the agent with the smallest validation error so far
+    agent.json, weights.npz  the agent with the smallest validation error so far
     curve.csv                  the learning curve
     run.json, checkpoint.pt    settings and state, from which a stopped run goes on
     tensorboard/               logs
@@ -41,16 +41,15 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
     text, run_file = json.dumps(asdict(settings), indent=1) + "\n", folder / "run.json"
     if run_file.exists() and _without_length(run_file.read_text(encoding="utf-8")) != _without_length(text):
         raise ValueError(f"only steps and minutes of a run may change; run.json of {str(folder)!r} has other settings")
-    write_text(run_file, text)
 
     # Lane i draws its episodes from the stream of seed first + i.
     first = training_seeds(settings.seed)[0]
-    adapter, lanes = settings.adapter, settings.lanes
+    lanes, ahead = settings.lanes, settings.adapter.previewed
     arms = [
-        TwoLinkArmVectorEnv(lanes, task, autoreset_mode="SameStep", preview=adapter.previewed(task.control_dt))
-        for task in settings.scenarios
+        TwoLinkArmVectorEnv(lanes, x, autoreset_mode="SameStep", preview=ahead(x.control_dt))
+        for x in settings.scenarios
     ]
-    env = ArmVecEnv(*(VectorAdapter(arm, adapter) for arm in arms))
+    env = ArmVecEnv(*(VectorAdapter(arm, settings.adapter) for arm in arms))
     progress = Progress(settings, folder, command, evaluations)
     algorithm = find_class(settings.algorithm)
     arguments = copy.deepcopy(settings.hyperparameters["arguments"])  # SB3 adds to dicts in it
@@ -62,6 +61,7 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
         model = algorithm("MlpPolicy", env, seed=first, device="cpu", tensorboard_log=logs, **arguments)
     except Exception as problem:  # SB3 checks some arguments, torch some, and neither others
         raise ValueError(f"hyperparameters.arguments must fit {algorithm.__name__}: {reason_of(problem)}") from None
+    write_text(run_file, text)  # that of a run that cannot begin would refuse the next one
     if (folder / CHECKPOINT).exists():
         try:
             progress.resume(model)
