@@ -27,7 +27,10 @@ DRIVE_SCALE = 0.05
 """Scale of the drive's delay and lag in the agent's observation [s]."""
 
 PREVIEWED = 5
-"""Number of equally spaced times at which an agent with preview sees the coming reference."""
+"""Number of coming samples of the reference that an agent with preview observes.
+
+They are spaced as equally as the control interval allows.
+"""
 
 LEAST_SQUARE = 1e-6
 """Square of a scaled error that an agent with memory cannot tell from zero."""
@@ -76,8 +79,8 @@ class AdapterSettings(Record):
             the class of the robot.
         period: time between two decisions of the agent; 0: each step. The law under it decides at
             each step.
-        preview: how far ahead the agent observes the reference, less that of now, at `PREVIEWED`
-            times; 0: not at all.
+        preview: how far ahead the agent observes the reference, at `PREVIEWED` samples, each less
+            the present one; 0: not at all.
         sensors: the sensors that the agent observes, which the environment must have.
         scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
     """

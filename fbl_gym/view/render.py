@@ -16,8 +16,8 @@ from fbl_gym.view.picture import Frame, Picture, draw, pygame
 WINDOW_FPS = 50
 """Largest number of pictures in the window per simulated second; pygame has one per process."""
 
-
 _CLOCK = pygame.time.Clock()
+"""Paces the window."""
 
 
 class View:

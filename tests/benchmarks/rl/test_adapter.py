@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import controllers
+from benchmarks.analysis.board import assemble
 from benchmarks.policies.spec import resolve
+from benchmarks.report.columns import columns
 from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
 from benchmarks.rl.agent import Agent, write
 from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
@@ -219,6 +221,8 @@ def test_a_saved_agent_declares_its_preview_and_gets_it(tmp_path):
     env = TwoLinkArmEnv("servo-nominal", preview=5)
     write(tmp_path, random_actor(settings, env.interface), {"interface": dataclasses.asdict(settings)})
     assert resolve(str(tmp_path)).preview == 0.05
-    assert run_cell(Cell(str(tmp_path), "servo-nominal", (0, 1))).error == ""
+    result = run_cell(Cell(str(tmp_path), "servo-nominal", (0, 1)))
+    (sensors,) = [column.values for column in columns(assemble([result])) if column.key == "sensors"]
+    assert (result.error, sensors) == ("", ["p v r"])
     with pytest.raises(ValueError, match="not applicable: the agent needs preview=5, got preview=4"):
         resolve(str(tmp_path)).make(TwoLinkArmEnv("servo-nominal", preview=4))

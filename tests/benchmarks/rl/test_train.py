@@ -250,6 +250,7 @@ def test_the_pages_on_learning_run(folder):
     ("options", "message"),
     [
         ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
+        ("--preview 1e9", "preview must be a finite number not below 0 and not above 100"),
         ("--hyperparameters lanes.json", "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
         ("--hyperparameters words.json", "hyperparameters.arguments must fit PPO: TypeError"),
         ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
@@ -264,6 +265,12 @@ def test_a_mistake_of_the_command_is_answered_with_what_is_right(options, messag
         (short / f"{name}.json").write_text(json.dumps(content))
     (short / "none.json").touch()
     assert message in fbl_gym(f"train ppo --hyperparameters short.json {options}", 2).err
+
+
+@pytest.mark.usefixtures("short")
+def test_a_run_that_cannot_begin_leaves_the_folder_to_the_next(fbl_gym):
+    fbl_gym(f"{SHORT} --sensors velocity --out run", 2)
+    fbl_gym(f"{SHORT} --out run")
 
 
 @pytest.mark.parametrize(("name", "content"), [("run.json", b""), ("run.json", b"[]"), ("checkpoint.pt", b"PK")])
