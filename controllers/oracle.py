@@ -1,7 +1,6 @@
 """Oracles, which read the real arm from `env.truth`. They are not ranked."""
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -76,12 +75,6 @@ class OracleFlm(_Oracle):
         return load + (truth.viscous * v + dry) + truth.disturbance, state
 
 
-SPREAD = 0.01
-"""Time over which the motor of an elastic joint follows a jump of the reference's jerk [s].
-
-At once it would take an impulse, which no drive has.
-"""
-
 COSINES = np.linspace(-1.0, 1.0, 5)
 """Cosines of the second joint's angle for which gains are computed."""
 
@@ -91,7 +84,7 @@ class ElasticState(NamedTuple):
 
     design: Array  # parameters of each arm that gains were computed for [n x 14]; NaN: none yet
     gains: Array  # [n x 5 x 2 x size]
-    past: Array  # reference of the last samples [n x p x 6]
+    past: Array  # reference of the last two samples [n x 2 x 6]
 
 
 @dataclass(frozen=True)
@@ -126,7 +119,7 @@ class OracleElastic(_Oracle):
         """Return the state before any gains are computed."""
         n, size = len(observation), 2 * len(TrueArm.of(self.env).state)
         dt, now = self.interface.control_dt, known_reference(self.interface, observation)[:, :1]
-        past = between(now, now, -dt * np.arange(2.0 * math.ceil(SPREAD / dt), 0.0, -1.0)[:, None], dt)
+        past = between(now, now, -dt * np.array([[2.0], [1.0]]), dt)
         return ElasticState(np.full((n, 14), np.nan), np.zeros((n, len(COSINES), 2, size)), past)
 
     def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
@@ -144,21 +137,18 @@ class OracleElastic(_Oracle):
         share, lanes = (index - low)[:, None, None], np.arange(len(gains))
         gain = (1.0 - share) * gains[lanes, low] + share * gains[lanes, low + 1]
         known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
-        now = state.past.shape[1]
-        wanted, command = self.course(known, now, arm, x)
+        wanted, command = self.course(known, arm, x)
         error = np.concatenate([r - y for r, y in zip(wanted, x, strict=True)], axis=-1)
-        return command + np.einsum("nij,nj->ni", gain, error), ElasticState(design, gains, known[:, 1 : now + 1])
+        return command + np.einsum("nij,nj->ni", gain, error), ElasticState(design, gains, known[:, 1:3])
 
-    def course(self, known: Array, now: int, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
+    def course(self, known: Array, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
         """Return the state along the reference, and the feed-forward command [n x 2] N m.
 
-        Sample `now` of the known reference is that of the present.
+        The known reference begins two samples before now.
         """
-        truth, dt = arm.truth, arm.scenario.control_dt
-        h = max(SPREAD, dt) if arm.elastic else dt
+        truth, h = arm.truth, arm.scenario.control_dt
         # Differences over five times. At the middle one the command begins to act.
-        times = now * dt + truth.delay[:, None] + h * np.arange(-2.0, 3.0)
-        r, r_dot, r_ddot = np.split(sampled_at(known, dt, times), 3, axis=-1)
+        r, r_dot, r_ddot = np.split(sampled_at(known, h, truth.delay[:, None] + h * np.arange(5.0)), 3, axis=-1)
         load = inverse_dynamics(arm.links[:, None], r, r_dot, r_ddot) + truth.disturbance[:, None]
         motion = [r, r_dot]
         if arm.scenario.link is not None:  # bent by weight and acceleration
@@ -181,7 +171,7 @@ class OracleElastic(_Oracle):
         dry = arm.dry(speed[:, 2]) * np.clip(toward / 0.02, -1.0, 1.0)
         slope = _rate(load, h)[:, 2]
         torque = load[:, 2] + dry
-        command = torque + (0.5 * dt + truth.lag[:, None]) * slope
+        command = torque + (0.5 * h + truth.lag[:, None]) * slope
         return [*(m[:, 2] for m in motion), torque], command
 
     def gains(self, arm: TrueArm) -> Array:

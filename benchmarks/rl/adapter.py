@@ -27,10 +27,7 @@ DRIVE_SCALE = 0.05
 """Scale of the drive's delay and lag in the agent's observation [s]."""
 
 PREVIEWED = 5
-"""Number of coming samples of the reference that an agent with preview observes.
-
-They are spaced as equally as the control interval allows.
-"""
+"""Number of coming samples of the reference that an agent with preview observes."""
 
 LEAST_SQUARE = 1e-6
 """Square of a scaled error that an agent with memory cannot tell from zero."""
