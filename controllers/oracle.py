@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
-from controllers.policy import Law, State, between, known_reference, sampled_at
+from controllers.lqg_elastic import ANGLES, COSINES, at_angle, design, past_reference, rate
+from controllers.policy import Law, State, known_reference, sampled_at
 from controllers.true_arm import TrueArm
 from fbl_gym.checks import Pair
 from fbl_gym.interface import Interface
@@ -75,10 +75,6 @@ class OracleFlm(_Oracle):
         return load + (truth.viscous * v + dry) + truth.disturbance, state
 
 
-COSINES = np.linspace(-1.0, 1.0, 5)
-"""Cosines of the second joint's angle for which gains are computed."""
-
-
 class ElasticState(NamedTuple):
     """State of `OracleElastic`."""
 
@@ -118,8 +114,7 @@ class OracleElastic(_Oracle):
     def initial(self, observation: Array) -> State:
         """Return the state before any gains are computed."""
         n, size = len(observation), 2 * len(TrueArm.of(self.env).state)
-        dt, now = self.interface.control_dt, known_reference(self.interface, observation)[:, :1]
-        past = between(now, now, -dt * np.array([[2.0], [1.0]]), dt)
+        past = past_reference(self.interface, observation)
         return ElasticState(np.full((n, 14), np.nan), np.zeros((n, len(COSINES), 2, size)), past)
 
     def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
@@ -132,10 +127,7 @@ class OracleElastic(_Oracle):
             gains = gains.copy()
             gains[changed] = self.gains(arm.of_lanes(changed))
         x = arm.predicted()
-        index = (np.cos(x[0][:, 1]) + 1.0) / (COSINES[1] - COSINES[0])
-        low = np.minimum(index.astype(int), len(COSINES) - 2)
-        share, lanes = (index - low)[:, None, None], np.arange(len(gains))
-        gain = (1.0 - share) * gains[lanes, low] + share * gains[lanes, low + 1]
+        gain = at_angle(gains, x[0][:, 1])
         known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
         wanted, command = self.course(known, arm, x)
         error = np.concatenate([r - y for r, y in zip(wanted, x, strict=True)], axis=-1)
@@ -157,60 +149,26 @@ class OracleElastic(_Oracle):
             carried = [load - np.einsum("nij,nj->ni", m[..., :2], r_ddot[:, i]) for i, (m, load) in enumerate(chains)]
             stiffness, _ = arm.scenario.link.springs(arm.scenario.arm, truth.bend_rate)
             bend = np.stack(carried, axis=1)[..., 2:] / stiffness[:, None]
-            motion += [bend, _rate(bend, h)]
+            motion += [bend, rate(bend, h)]
         if arm.elastic:
             stiffness = truth.stiffness[:, None]
             stretch = load / stiffness
-            stretch = stretch - truth.damping[:, None] * _rate(stretch, h) / stiffness
+            stretch = stretch - truth.damping[:, None] * rate(stretch, h) / stiffness
             stretch = stretch + 0.5 * truth.backlash[:, None] * np.clip(load / (0.01 * stiffness), -1.0, 1.0)
-            motion += [r + stretch, r_dot + _rate(load, h) / stiffness]
-            load = load + truth.rotor[:, None] * (r_ddot + _rate(_rate(load, h), h) / stiffness)
+            motion += [r + stretch, r_dot + rate(load, h) / stiffness]
+            load = load + truth.rotor[:, None] * (r_ddot + rate(rate(load, h), h) / stiffness)
         toward = r_dot[:, 2] + 10.0 * (r[:, 2] - x[0])
         speed = motion[arm.side]
         load = load + truth.viscous[:, None] * speed
         dry = arm.dry(speed[:, 2]) * np.clip(toward / 0.02, -1.0, 1.0)
-        slope = _rate(load, h)[:, 2]
+        slope = rate(load, h)[:, 2]
         torque = load[:, 2] + dry
         command = torque + (0.5 * h + truth.lag[:, None]) * slope
         return [*(m[:, 2] for m in motion), torque], command
 
     def gains(self, arm: TrueArm) -> Array:
         """Return K of each lane at each of `COSINES` [n x 5 x 2 x size]."""
-        truth, slope = arm.truth, arm.linear(np.arccos(COSINES))
-        (n, k), size = slope.shape[:2], slope.shape[-1]
-        drive = np.concatenate([-np.eye(2), np.eye(2)], axis=1) / np.maximum(truth.lag, 1e-3)[:, None, None, None]
-        a = np.zeros((n, k, size + 2, size + 2))
-        a[..., : size - 2, :size] = slope
-        a[..., size - 2 : size, size - 2 :] = drive
-        exact = expm(a * arm.scenario.control_dt)
-        f, g = exact[..., :size, :size], exact[..., :size, size:]
-        q = np.zeros(size)
-        q[0:2], q[2:4] = self.bandwidth**4, (2.0 * self.damping * self.bandwidth) ** 2
-        # The command's weight is that of the acceleration it gives a joint alone.
-        angle = np.stack([np.zeros_like(COSINES), np.arccos(COSINES)], axis=-1)
-        m = inertia_matrix(with_rotors(truth.lumped, truth.rotor)[:, None], angle[None])
-        return regulator(f, g, np.diag(q), m[..., [0, 1], [0, 1]])
-
-
-def regulator(f: Array, g: Array, q: Array, scale: Array) -> Array:
-    """Return the gain K [... x m x n] of the optimal regulators u = -K x of x+ = f x + g u.
-
-    The cost is the sum of x'qx + |u / scale|^2, scale [... x m]. The Riccati equation is solved by
-    doubling: each turn takes twice as many samples into account (Chu, Fan, Lin and Wang,
-    "Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations", Int.
-    J. Control 77(8), 2004).
-    """
-    weighted = g * scale[..., None, :]
-    a, b, p = f, weighted @ np.swapaxes(weighted, -1, -2), np.broadcast_to(q, f.shape)
-    for _ in range(10):
-        left = np.linalg.solve(np.eye(f.shape[-1]) + b @ p, np.concatenate([a, b], axis=-1))
-        wa, wb = np.split(left, 2, axis=-1)
-        turned = np.swapaxes(a, -1, -2)
-        a, b, p = a @ wa, b + a @ wb @ turned, p + turned @ p @ wa
-    to = np.swapaxes(weighted, -1, -2) @ p
-    return scale[..., None] * np.linalg.solve(np.eye(g.shape[-1]) + to @ weighted, to @ f)
-
-
-def _rate(x: Array, h: float) -> Array:
-    """Return the derivative over time of samples [n x k x 2] that lie h [s] apart."""
-    return np.gradient(x, h, axis=1, edge_order=2)
+        truth, dt = arm.truth, arm.scenario.control_dt
+        m = inertia_matrix(with_rotors(truth.lumped, truth.rotor)[:, None], ANGLES[None])
+        slope, lag = arm.linear(ANGLES[:, 1]), truth.lag[:, None]
+        return design(slope, lag, dt, self.bandwidth, self.damping, m[..., [0, 1], [0, 1]])

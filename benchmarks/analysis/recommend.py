@@ -222,10 +222,10 @@ def _payload(scenario: Scenario) -> float:
 def candidates(robots: Sequence[str]) -> list[str]:
     """Return the policies that are tried by default: all of those that do not know the truth.
 
-    Laws also have the gains for some classes of robots. `nmpc` is left out, since its decisions
-    take longest, and `computed-torque-ilc`, since it learns over trials.
+    Laws also have the gains for some classes of robots. `computed-torque-ilc` is left out, since
+    it learns over trials.
     """
-    without = ("nmpc", "zero", "computed-torque-ilc")
+    without = ("zero", "computed-torque-ilc")
     known = (*controllers.names(), *(name for robot in robots for name in controllers.tuned(robot)))
     return [name for name in known if (spec := resolve_isolated(name)).ranked and spec.parsed.source not in without]
 

@@ -291,7 +291,6 @@ NEEDS_ACCELERATION = ("crossq", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
 """Agents that were trained with an accelerometer, which the classes of robots lack."""
 
 _SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque
-_SLOW = ("nmpc",)  # it takes as long as all others together
 _PLANNED = "oracle-planned"  # it only differs from oracle-elastic where drives reach their limits
 
 SUITES: dict[str, SuiteSpec] = {
@@ -299,10 +298,10 @@ SUITES: dict[str, SuiteSpec] = {
     for spec in (
         *(
             SuiteSpec(
-                robot, f"{kind.text}; every policy but nmpc, tuned where it can be, severity 2 and surprise, 32 seeds, 128 in "
+                robot, f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds, 128 in "
                 "saturation",
                 {robot: (2,), f"{robot}-surprise": (2,)},
-                (*_SINGLE, *_SLOW, _PLANNED, *NEEDS_ACCELERATION, *(f"ppo-{other}" for other in CLASSES if other != robot)),
+                (*_SINGLE, _PLANNED, *NEEDS_ACCELERATION, *(f"ppo-{other}" for other in CLASSES if other != robot)),
                 robot=robot, more_seeds={f"{robot}-saturation-2": 128}, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
                 short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
             )

@@ -176,13 +176,10 @@ def test_the_response_is_that_of_python_control():
         ("oracle-flm", {}, "reads the true state"),
         ("pid-flm", {"actuator": {"jitter": 0.002}}, "has jitter"),
         ("zero", {}, "does not come to rest"),
-        ("nmpc", {}, "changes from sample to sample"),
         ("computed-torque-tde", {"parameter_error": 0.2}, "diverges|does not come to rest|unstable"),
     ],
 )
 def test_a_loop_without_margins_says_why(policy, options, reason):
-    if policy == "nmpc":
-        pytest.importorskip("casadi")
     with pytest.raises(NotLinear, match=reason):
         linearize(policy, Scenario(**options)).margins()
 

@@ -52,7 +52,7 @@ def test_a_torque_at_a_limit_that_float32_rounds_down_lies_in_the_box():
     assert broken(resolve("pd-gravity"), scenario) == ""
 
 
-UNPRIVILEGED = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS and name != "nmpc"]
+UNPRIVILEGED = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]
 
 
 def motion(name, scale):
@@ -71,7 +71,7 @@ def test_the_motion_does_not_depend_on_the_size(name):
 
 ROTORS = ArmParameters(rotor=(8.0, 4.0))
 MODEL_BASED = ("computed-torque", "cascade-flm", "adaptive-flm", "slotine-li", "slotine-li-composite", "spong-robust",
-         "computed-torque-tde", "rbf-adaptive", "computed-torque-dob", "nmpc")  # fmt: skip
+         "computed-torque-tde", "rbf-adaptive", "computed-torque-dob")  # fmt: skip
 
 
 def mean_error(name, arm):
@@ -135,7 +135,7 @@ def test_a_law_prints_its_name_and_gains():
     assert repr(controllers.make("oracle-flm", env)) == "OracleFlm(kp=(400.0, 400.0), kd=(40.0, 40.0))"
 
 
-WITHOUT = ("zero", "computed-torque-eso", "h-infinity", "ladrc", "nmpc", "oracle")
+WITHOUT = ("zero", "computed-torque-eso", "h-infinity", "ladrc", "lqg-elastic", "oracle")
 
 
 @pytest.mark.parametrize("name", [name for name in controllers.names() if not name.startswith(WITHOUT)])

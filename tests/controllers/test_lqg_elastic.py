@@ -1,0 +1,79 @@
+"""The filter and the prediction against SciPy and an ODE solver; the law on an exact arm with springs, and under a load."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm, solve_discrete_are
+
+import controllers
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym.model.arm import forward_dynamics
+from tests.controllers.closed_loop import loaded, tracking
+
+SPRINGS = {"stiffness": (8000.0, 2000.0), "damping": (5.0, 2.0), "rotor_inertia": (3.0, 1.0)}
+
+
+def made(encoder, **gains):
+    """Return the law for rigid joints ("none") or springs with the encoders on one side."""
+    joint = None if encoder == "none" else SPRINGS | {"encoder": encoder}
+    env = TwoLinkArmEnv(joint=joint, encoder={"counts": 20_000}, control_dt=2e-3, physics_dt=1e-3)
+    return controllers.make("lqg-elastic", env, **gains), env
+
+
+@pytest.mark.parametrize("encoder", ["none", "link", "motor"])
+def test_the_filter_is_optimal(encoder):
+    """SciPy's solution of the Riccati equation gives the same gain at each angle."""
+    law, env = made(encoder, links=2.0, disturbance=50.0)
+    dt, n = 2e-3, 6 if encoder == "none" else 10
+    walk = 50.0 * np.diagonal(law.stretched * np.eye(2))
+    q = np.diag(dt * np.array([0.0, 0.0, 2.0, 2.0, *[0.0] * (n - 6), *walk]) ** 2)
+    h, r = np.eye(n)[:, law.measured], np.diag(np.array(env.interface.resolution) ** 2 / 12.0)
+    for slope, gain in zip(law.slope, law.filtering, strict=True):
+        f = expm(dt * np.concatenate([slope, np.zeros((2, n))]))
+        p = solve_discrete_are(f.T, h, q, r)
+        np.testing.assert_allclose(
+            gain, p @ h @ np.linalg.inv(h.T @ p @ h + r), rtol=1e-4, atol=1e-6 * np.abs(gain).max()
+        )
+
+
+def test_the_state_is_predicted_as_by_an_ode_solver():
+    """Links, springs and motors under a torque, without the law's own model."""
+    law, env = made("motor")
+    k, c = np.array(SPRINGS["stiffness"]), np.array(SPRINGS["damping"])
+    torque, d = np.array([30.0, -10.0]), np.array([2.0, 1.0])
+    x = np.array([-1.2, 0.6, 0.5, -1.0, -1.19, 0.61, 0.4, -1.1])
+
+    def rates(_, x):
+        q, v, m, w = x.reshape(4, 2)
+        spring = k * (m - q) + c * (w - v)
+        return np.concatenate(
+            [v, forward_dynamics(env.interface.nominal, q, v, spring), w, (torque + d - spring) / [3, 1]]
+        )
+
+    exact = solve_ivp(rates, (0.0, 2e-3), x, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    found = law.moved(np.concatenate([x, d])[None], torque[None], 2e-3)[0]
+    assert np.abs(found[:8] - exact).max() < 5e-3 * np.abs(exact - x).max()
+    assert np.array_equal(found[8:], d)
+
+
+@pytest.mark.parametrize("encoder", ["link", "motor"])
+def test_the_springs_are_seen_through(encoder):
+    """An exact arm and drive: the links, which no sensor reads, are estimated and follow their reference."""
+    joint = SPRINGS | {"encoder": encoder}
+    env = TwoLinkArmVectorEnv(
+        2, "nominal", joint=joint, encoder={"counts": 10_000_000}, sensors=("position",), control_dt=2e-3, physics_dt=5e-4,
+        actuator={"delay_samples": 1, "lag": 0.003}, initial_error=0.05,
+    )  # fmt: skip
+    policy = controllers.make("lqg-elastic", env)
+    errors, states = tracking(policy, env, 1000)
+    assert np.abs(states[-1].estimate[:, :2] - env.truth.position).max() < 1e-4
+    assert np.abs(states[-1].estimate[:, 4:6] - env.truth.motor_position).max() < 1e-4
+    assert np.abs(errors[0]).max() == pytest.approx(0.05)
+    assert np.median(np.abs(errors[500:])) < 5e-5
+
+
+def test_a_load_on_the_motors_is_estimated():
+    env = TwoLinkArmEnv(**loaded(20.0, 8.0), duration=30.0, sensors=("position",))
+    errors, states = tracking(controllers.make("lqg-elastic", env), env, 2999)
+    np.testing.assert_allclose(states[-1].estimate[0, -2:], [-20.0, -8.0], rtol=1e-3)
+    assert np.abs(errors[-1]).max() < 1e-4
