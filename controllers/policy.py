@@ -49,6 +49,20 @@ def where_lanes(lanes: Array, new: State, old: State) -> State:
     return map_state(lambda x, y: np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y), new, old)
 
 
+def reference_at(interface: Interface, observation: Array, times: Array) -> Array:
+    """Return the reference's position, velocity and acceleration [n x k x 6] at k times.
+
+    It comes from the preview as far as that reaches, with the acceleration linear between two
+    samples. Before the first and after the last one, the acceleration is held.
+
+    Args:
+        interface: of the policy.
+        observation: [n x size].
+        times: from now on [k] or [n x k] s.
+    """
+    return sampled_at(known_reference(interface, observation), interface.control_dt, times)
+
+
 def known_reference(interface: Interface, observation: Array) -> Array:
     """Return the reference of an observation, now and at the previewed samples [n x k x 6]."""
     return observation.take(interface.layout.reference, axis=-1).reshape(len(observation), -1, 6)

@@ -13,6 +13,7 @@ from benchmarks.rl.network import Actor
 from benchmarks.run.contract import broken
 from benchmarks.run.rollout import rollout
 from controllers import catalogue
+from controllers.policy import reference_at
 from fbl_gym import ArmParameters, Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records import number
@@ -142,6 +143,16 @@ WITHOUT = ("zero", "computed-torque-eso", "h-infinity", "ladrc", "lqg-elastic", 
 def test_a_missing_sensor_is_named(name):
     with pytest.raises(ValueError, match=r"needs a sensor of|trained on sensors of position, velocity"):
         controllers.factory(name)(TwoLinkArmEnv(sensors=("position",)).interface)
+
+
+def test_the_reference_ahead_is_read_from_the_preview():
+    env = TwoLinkArmVectorEnv(2, "servo-nominal", preview=3)
+    observation, _ = env.reset(seed=0)
+    ahead = reference_at(env.interface, observation, np.array([0.0, 0.03]))
+    np.testing.assert_allclose(ahead[:, 0, :2], env.truth.reference)
+    for _ in range(3):
+        env.step(np.zeros((2, 2)))
+    np.testing.assert_allclose(ahead[:, 1, :2], env.truth.reference, atol=1e-12)
 
 
 def test_a_wrong_observation_is_refused():
