@@ -15,7 +15,7 @@ LAWS = (
     ("computed-torque-eso", "adrc:ComputedTorqueEso", "computed torque on an extended state observer, position alone"),
     ("ladrc", "adrc:Ladrc", "linear active disturbance rejection: no model but the diagonal of the inertia (Gao)"),
     ("lqg", "lqg:Lqg", "optimal regulator with integral action on a Kalman filter"),
-    ("lqg-elastic", "lqg_elastic:LqgElastic", "LQG on links, springs, motors, drives and a disturbance, position alone"),
+    ("lqg-elastic", "lqg_elastic:LqgElastic", "LQG on links, springs, drive and disturbance, position alone"),
     ("h-infinity", "h_infinity:HInfinity", "H-infinity loop shaping, position alone (McFarlane, Glover)"),
     ("rbf-adaptive", "rbf_adaptive:RbfAdaptive", "neural adaptive control with radial basis functions (Lewis)"),
     ("pid-gravity", "simple:PidGravity", "PID with the nominal gravity torque"),

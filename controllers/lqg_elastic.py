@@ -62,8 +62,8 @@ class LqgElastic(TorqueLaw):
         bandwidth: of the regulator without delay and lag [rad/s]; bandwidth^2 is the weight of the
             links' error against 1 for the command over the inertia.
         damping: weight of the error's rate over 2 bandwidth.
-        links: noise of the links' acceleration.
-        disturbance: noise of d's rate, over the inertia of the stretched arm.
+        links: noise of the links' acceleration [rad/s^2/sqrt(Hz)].
+        disturbance: noise of d's rate, over the inertia of the stretched arm [rad/s^3/sqrt(Hz)].
     """
 
     bandwidth: float = number(40.0, unit="rad/s", above=0, tune=(10.0, 150.0))

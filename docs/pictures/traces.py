@@ -30,7 +30,7 @@ PAGES = {
     "h-infinity": "model-error-2 h-infinity",
     "l1-adaptive": "disturbance-2 l1-adaptive",
     "lqg": "noise-2 lqg",
-    "lqg-elastic": "elastic-2 lqg-elastic sliding-mode+springs oracle-elastic",
+    "lqg-elastic": "everything-2 lqg-elastic sliding-mode+predictor sliding-mode+springs",
     "paper": "nominal pid-flm cascade-flm robust-flm adaptive-flm",
     "pid-gravity": "nominal pd-gravity pid-gravity",
     "rbf-adaptive": "friction-2 rbf-adaptive",
