@@ -81,7 +81,7 @@ class LqgElastic(TorqueLaw):
 
     @cached_property
     def measured(self) -> slice:
-        """Where the state has the position that the encoder reads."""
+        """Slice of the state that has the position which the encoder reads."""
         return slice(0, 2) if self.springs is None or self.interface.encoder == "link" else slice(4, 6)
 
     @cached_property
