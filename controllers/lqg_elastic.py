@@ -26,8 +26,11 @@ ANGLES = np.stack([np.zeros_like(COSINES), np.arccos(COSINES)], axis=-1)
 RATES = np.gradient(np.eye(5), axis=0, edge_order=2)
 """Differences of second order over five samples."""
 
-LEAST_NOISE = 2.0
-"""Least noise of a reading over the move of a joint that d's walk makes in one sample."""
+FASTEST = 0.8
+"""Largest bandwidth of the filter, times a sample's length: a faster one rings."""
+
+REVERSAL = 0.03
+"""Speed of the reference at which dry friction has 0.76 of its size [rad/s]."""
 
 
 class LqgState(NamedTuple):
@@ -36,6 +39,8 @@ class LqgState(NamedTuple):
     estimate: Array  # of the arm's state and the disturbance [n x 6], with springs [n x 10]
     acting: Acting
     past: Array  # reference of the last two samples [n x 2 x 6]
+    mean: Array  # of d without dry friction [n x 2] N m
+    dry: Array  # size of the dry friction [n x 2] N m
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,9 @@ class LqgElastic(TorqueLaw):
     how its link swings. x^ is predicted to the time at which the command begins to act. x_r is the
     state along the reference, by inverse dynamics of links, springs, motors and lag.
 
+    The dry friction c is learned from d^, by least mean squares with the regressors 1 and the sign
+    s of the reference's velocity. Where the reference turns round, d^ turns at once, by -2 s c.
+
     Both gains are optimal at rest without gravity, and are interpolated over the cosine of the
     second joint's angle. With rigid joints, x has no motors.
 
@@ -62,14 +70,19 @@ class LqgElastic(TorqueLaw):
         bandwidth: of the regulator without delay and lag [rad/s]; bandwidth^2 is the weight of the
             links' error against 1 for the command over the inertia.
         damping: weight of the error's rate over 2 bandwidth.
-        links: noise of the links' acceleration [rad/s^2/sqrt(Hz)].
-        disturbance: noise of d's rate, over the inertia of the stretched arm [rad/s^3/sqrt(Hz)].
+        observer: bandwidth w of the filter, where readings have the noise `reading` [rad/s]. In a
+            sample of dt, d walks by w^3 reading dt times the inertia of the stretched arm.
+        reading: noise of a reading beside that of the data sheet, such as that of its time [rad].
+        links: noise of the links' acceleration; 1 counts as much as d's at w.
+        friction: time constant with which the dry friction is learned [s].
     """
 
     bandwidth: float = number(40.0, unit="rad/s", above=0, tune=(10.0, 150.0))
     damping: float = number(0.7, low=0, tune=(0.05, 2.0))
-    links: float = number(1.0, unit="rad/s^2/sqrt(Hz)", above=0, tune=(0.01, 10.0))
-    disturbance: float = number(30.0, unit="rad/s^3/sqrt(Hz)", above=0, tune=(1.0, 1000.0))
+    observer: float = number(60.0, unit="rad/s", above=0, tune=(10.0, 1000.0))
+    reading: float = number(1e-4, unit="rad", above=0, tune=(1e-6, 1e-3))
+    links: float = number(1.0, above=0, tune=(0.03, 30.0))
+    friction: float = number(2.0, unit="s", above=0)
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
@@ -122,12 +135,13 @@ class LqgElastic(TorqueLaw):
         n, dt, interface = self.slope.shape[-1], self.interface.control_dt, self.interface
         a = np.zeros((len(COSINES), n, n))
         a[:, :-2] = self.slope
-        f, walk = expm(a * dt), self.disturbance * self.stretched
-        noise = np.concatenate([np.zeros(2), np.full(2, self.links), np.zeros(n - 6), walk])
-        reading = np.sqrt(np.array(interface.resolution) ** 2 / 12.0 + np.array(interface.noise_std[0]) ** 2)
+        parts = np.array(interface.resolution) / math.sqrt(12.0), np.array(interface.noise_std[0]), self.reading
+        f, reading = expm(a * dt), np.sqrt(sum(part**2 for part in parts))
+        w = np.minimum(self.observer, FASTEST / dt * np.cbrt(reading / self.reading))
+        noise = np.concatenate([np.zeros(2), self.links * w**2, np.zeros(n - 6), w**3 * self.stretched])
         # The filter is the regulator of the transposed system.
-        h, least = np.eye(n)[:, self.measured], LEAST_NOISE * self.disturbance * dt**2.5
-        gain = regulator(f.transpose(0, 2, 1), h, np.diag(dt * noise**2), 1.0 / np.maximum(reading, least))
+        h, q = np.eye(n)[:, self.measured], np.diag((dt * self.reading * noise) ** 2)
+        gain = regulator(f.transpose(0, 2, 1), h, q, 1.0 / reading)
         return np.linalg.solve(f, gain.transpose(0, 2, 1))
 
     def initial(self, observation: Array) -> State:
@@ -139,28 +153,38 @@ class LqgElastic(TorqueLaw):
             bend = hold / self.springs[0]
             x = [q, v, q + bend, v] if self.interface.encoder == "link" else [q - bend, v, q, v]
         estimate = np.concatenate([*x, np.zeros_like(q)], axis=1)
-        return LqgState(estimate, self.drive.hold(hold), past_reference(self.interface, observation))
+        zero = np.zeros_like(q)
+        return LqgState(estimate, self.drive.hold(hold), past_reference(self.interface, observation), zero, zero)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         (position,), x, drive = self.read(observation, "position"), state.estimate, self.drive
+        dt, latency = self.interface.control_dt, self.interface.latency
         x = x + _product(at_angle(self.filtering, x[:, 1]), position - x[:, self.measured])
-        ahead, due, d = x, state.acting.torque, x[:, -2:]
+        known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
+        # The signs now, at the next sample, and when the command begins to act.
+        course = sampled_at(known, dt, 2.0 * dt - latency + np.array([0.0, dt, drive.delay]))
+        now, following, then = np.moveaxis(np.tanh(course[..., 2:4] / REVERSAL), 1, 0)
+        innovation = x[:, -2:] + now * state.dry - state.mean
+        share = -math.expm1(-dt / self.friction)
+        mean = state.mean + share * innovation
+        dry = np.maximum(state.dry - share * now * innovation, 0.0)
+        ahead, due, d = x, state.acting.torque, x[:, -2:] + (now - then) * dry
         for h, command in drive.coming(state.acting.queue):
             if h > 0.0:
                 keep = math.exp(-h / drive.lag) if drive.lag > 0.0 else 0.0
                 ahead = self.moved(ahead, command + drive.lag * (1.0 - keep) / h * (due - command), h)
                 due = command + keep * (due - command)
-        known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
         wanted, command = self.course(known)
         error = wanted - np.concatenate([ahead[:, :-2], due + d], axis=1)
         torque = command - d + _product(at_angle(self.feedback, ahead[:, 1]), error)
         motion = self.measured_motion(observation)
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *motion), *motion)
         acting = drive.act(state.acting, torque)
+        x = self.moved(x, acting.mean, dt)
+        x[:, -2:] += (now - following) * dry
         # An arm that diverges may carry the estimate away; its numbers stay finite.
-        x = clip(self.moved(x, acting.mean, self.interface.control_dt), -1e6, 1e6)
-        return torque, LqgState(x, acting, known[:, 1:3])
+        return torque, LqgState(clip(x, -1e6, 1e6), acting, known[:, 1:3], mean, dry)
 
     def moved(self, x: Array, torque: Array, h: float) -> Array:
         """Return state and disturbance after h [s] of a torque [n x 2] N m, by leapfrog steps."""
@@ -249,7 +273,7 @@ def at_angle(gains: Array, angle: Array) -> Array:
     Those at `COSINES` are [n x 5 x a x b], or [5 x a x b] for all lanes.
     """
     index = (np.cos(angle) + 1.0) / (COSINES[1] - COSINES[0])
-    low = np.minimum(index.astype(int), len(COSINES) - 2)
+    low = np.fmin(index, len(COSINES) - 2).astype(int)  # of NaN, too
     share, lanes = (index - low)[:, None, None], np.arange(len(angle))
     gains = np.broadcast_to(gains, (len(angle), *gains.shape[-3:]))
     return (1.0 - share) * gains[lanes, low] + share * gains[lanes, low + 1]

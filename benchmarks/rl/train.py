@@ -44,9 +44,9 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
 
     # Lane i draws its episodes from the stream of seed first + i.
     first = training_seeds(settings.seed)[0]
-    lanes, ahead = settings.lanes, settings.adapter.previewed
+    lanes, ahead, reward = settings.lanes, settings.adapter.previewed, settings.hyperparameters.get("reward")
     arms = [
-        TwoLinkArmVectorEnv(lanes, x, autoreset_mode="SameStep", preview=ahead(x.control_dt))
+        TwoLinkArmVectorEnv(lanes, x, autoreset_mode="SameStep", preview=ahead(x.control_dt), reward=reward)
         for x in settings.scenarios
     ]
     env = ArmVecEnv(*(VectorAdapter(arm, settings.adapter) for arm in arms))

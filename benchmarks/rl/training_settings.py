@@ -13,7 +13,8 @@ from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
 from fbl_gym.checks import check_number, check_whole
-from fbl_gym.records import Record, choice, number, set_fields, whole
+from fbl_gym.options import Reward
+from fbl_gym.records import Record, build, choice, number, set_fields, whole
 from fbl_gym.scenarios import Scenario
 
 SEEDS_PER_RUN = 1000
@@ -35,7 +36,8 @@ class TrainingSettings(Record):
         steps: of all lanes together; None: those of the hyperparameters, if `minutes` is None too.
         minutes: processor time of the training, without validations; such a run does not repeat
             exactly. None: the run ends after `steps`.
-        hyperparameters: `lanes`, `steps` and `arguments` of SB3's class; empty: the shipped ones.
+        hyperparameters: `lanes`, `steps` and `arguments` of SB3's class, and `reward`, if it is not
+            the default one; empty: the shipped ones.
     """
 
     algorithm: str = choice(MISSING, ALGORITHMS)
@@ -80,6 +82,8 @@ def check_hyperparameters(given: Any) -> None:
         raise ValueError(f"hyperparameters must have lanes, steps and arguments with a learning_rate, got {given!r}")
     check_whole("hyperparameters.lanes", given["lanes"], low=1, high=SEEDS_PER_RUN)  # more are those of the next seed
     check_whole("hyperparameters.steps", given["steps"], low=1)
+    if "reward" in given:
+        build("hyperparameters.reward", given["reward"], Reward)
     check_number("hyperparameters.arguments.learning_rate", arguments["learning_rate"], above=0)
 
 

@@ -184,7 +184,7 @@ def tune(
     return study
 
 
-def open_study(task: Task, storage: str) -> optuna.Study:
+def open_study(task: Task, storage: str, retries: int = 4) -> optuna.Study:
     """Return the study of a task in a database; a new one, if it has none.
 
     Raises:
@@ -201,6 +201,9 @@ def open_study(task: Task, storage: str) -> optuna.Study:
         name, sampler = f"{task.policy.name} {task.digest}", optuna.samplers.TPESampler()
         return optuna.create_study(study_name=name, storage=storage, load_if_exists=True, sampler=sampler)
     except (sqlalchemy.exc.SQLAlchemyError, ImportError, OSError) as problem:
+        if retries and isinstance(problem, sqlalchemy.exc.DBAPIError):  # another process may be making the tables
+            time.sleep(0.5)
+            return open_study(task, storage, retries - 1)
         raise ValueError(f"storage must be a URL such as {STORAGE}, got {storage!r}: {problem}") from None
 
 

@@ -157,10 +157,10 @@ def test_a_resumed_study_repeats_no_trial(tmp_path, monkeypatch):
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
 
 
-def test_two_processes_share_a_study(tmp_path, fbl_gym):
+def test_two_processes_share_a_study(tmp_path):
+    """They also make its database at the same time."""
     storage = f"sqlite:///{tmp_path}/studies.db?timeout=60"
     line = f"tune pd-gravity --seeds 1 --fresh-seeds 1 --candidates 1 --scenarios nominal --storage {storage} --out {tmp_path}"
-    fbl_gym(f"{line} --trials 1")
     command = [sys.executable, "-m", "fbl_gym", *line.split(), "--trials", "4"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     for process in both:

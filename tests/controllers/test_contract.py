@@ -56,6 +56,16 @@ def test_a_torque_at_a_limit_that_float32_rounds_down_lies_in_the_box():
 UNPRIVILEGED = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]
 
 
+@pytest.mark.parametrize("name", UNPRIVILEGED)
+def test_a_reading_that_is_nan_spoils_its_own_lane_alone(name):
+    env = TwoLinkArmVectorEnv(2)
+    observation, _ = env.reset(seed=0)
+    policy, broken_one = controllers.make(name, env), observation.copy()
+    broken_one[0, env.interface.layout["position"]] = np.nan
+    action, _ = policy.predict(broken_one, policy.predict(observation)[1])
+    assert np.array_equal(np.isnan(action), [[True, True], [False, False]])
+
+
 def motion(name, scale):
     """Return the positions [T + 1 x 1 x 2] of a servo whose masses are `scale` times the nominal ones."""
     arm = CLASSES["servo"].arm

@@ -80,6 +80,14 @@ def test_a_run_repeats_and_its_seed_matters(tmp_path):
     assert np.any(weights[0] != weights[2])
 
 
+def test_the_reward_of_the_hyperparameters_is_the_environments(tmp_path):
+    curves = []
+    for name, reward in (("a", {}), ("b", {"reward": {"resolution": 1e-3}}), ("c", {"reward": {"resolution": 1e-4}})):
+        train(settings(hyperparameters=PPO | reward), tmp_path / name, evaluations=1)
+        curves.append(curve(tmp_path / name))
+    assert curves[0] == curves[1] != curves[2]
+
+
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
 def test_a_stopped_run_goes_on(algorithm, tmp_path, monkeypatch):
     """It is stopped at its third validation and goes on from the checkpoint of the second."""
@@ -168,6 +176,7 @@ def test_shipped_hyperparameters_state_their_tuning(algorithm):
         ({"seed": -1}, "seed must be a whole number not below 0, got -1"),
         ({"seed": 99999999}, "seed must be 0 to 2146482, since each has 1000 training seeds, got 99999999"),
         ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
+        ({"hyperparameters": PPO | {"reward": {"power": 2}}}, "unknown field of hyperparameters.reward 'power'"),
         ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
         ({"scenarios": (scenarios.get("servo-lag-2"),)}, r"scenario must be one to train on.*servo-lag-2"),
     ],
