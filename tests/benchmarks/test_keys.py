@@ -149,7 +149,7 @@ def edit(monkeypatch, module):
     ("policy", "module", "stale"),
     [
         ("pid-flm", "controllers.pid", True), ("pid-flm", "fbl_gym.kernel.physics", True),
-        ("pid-flm", "benchmarks.run.metrics", True), ("ppo-servo@1", "controllers.computed_torque", True),
+        ("pid-flm", "benchmarks.run.metrics", True), ("ppo-servo@1", "controllers.lqg_elastic", True),
         ("pid-flm", "controllers.adrc", False), ("pid-flm", "fbl_gym.view.render", False),
         ("pid-flm", "benchmarks.policies.spec", False), ("pid-flm", "benchmarks.cli.tune", False),
         ("law.py", "controllers.sliding_mode", True), ("law.py", "controllers.adrc", False),
