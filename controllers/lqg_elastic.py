@@ -189,7 +189,7 @@ class LqgElastic(TorqueLaw):
     def moved(self, x: Array, torque: Array, h: float) -> Array:
         """Return state and disturbance after h [s] of a torque [n x 2] N m, by leapfrog steps."""
         q, v, *motor, d = np.ascontiguousarray(x.reshape(len(x), -1, 2).swapaxes(0, 1))
-        steps = math.ceil(max(3.0 * h * self._fastest, h / 0.005) - 1e-9)
+        steps = max(1, math.ceil(max(3.0 * h * self._fastest, h / 0.005) - 1e-9))
         h, torque = h / steps, torque + d
         for _ in range(steps):
             q, load = q + 0.5 * h * v, torque
