@@ -13,9 +13,8 @@ from benchmarks.speed.decisions import measure_decisions
 from benchmarks.speed.environments import compare, measure_environments
 
 LEGEND = """
-x peer: to Acrobot-v1 through gym.make for a single environment, to SyncVectorEnv of 256 for a batch, to the same arms
-in C for a batch of 4,096. busy: stick-slip friction, noise on every sensor and a disturbance.
-One step is ten Runge-Kutta steps of 1 ms."""
+x peer: to Acrobot-v1 through gym.make for a single environment, to SyncVectorEnv of 256 for a batch.
+busy: stick-slip friction, noise on every sensor and a disturbance. One step is ten Runge-Kutta steps of 1 ms."""
 
 
 def main() -> None:

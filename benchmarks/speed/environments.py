@@ -1,7 +1,6 @@
 """Steps per second of this and other environments, on one thread if not stated otherwise.
 
-One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of its dynamics. Batches
-of 4,096 arms are compared with the same arms in C (`reference.c`).
+One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of its dynamics.
 """
 
 import time
@@ -11,8 +10,6 @@ from typing import Any, TypeAlias
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.speed.c_reference import Reference, SameWork, load
-from fbl_gym import TABLE_1
 from fbl_gym.model.arm import Array
 
 Contestant: TypeAlias = Callable[[], int]
@@ -41,16 +38,10 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
         "TwoLinkArm-v0, unwrapped": (single(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
         _ACROBOTS: (batch(gym.make_vec(_ACROBOT, 256, "sync"), np.ones(256, dtype=int)), ""),
     }
-    library = load()
     for lanes in (16, 256, 4096):
         for kind, options in (("", {}), (", busy", _BUSY), (", servo-elastic-2", {"scenario": "servo-elastic-2"})):
             env = gym.make_vec(_ARM, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
-            arms, peer = batch(env, np.zeros((lanes, 2))), _ACROBOTS
-            if lanes == 4096 and library is not None:
-                peer = f"C, the same work, {lanes}{kind}" if kind else f"C, physics alone, {lanes}"
-                c_arms = SameWork(library, env.unwrapped) if kind else Reference(library, TABLE_1, lanes)
-                contestants[peer] = (c_arms.step, "")
-            contestants[f"TwoLinkArm-v0 batch, {lanes}{kind}"] = (arms, peer)
+            contestants[f"TwoLinkArm-v0 batch, {lanes}{kind}"] = (batch(env, np.zeros((lanes, 2))), _ACROBOTS)
     return contestants
 
 
