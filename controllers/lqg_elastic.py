@@ -158,6 +158,11 @@ class LqgElastic(TorqueLaw):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
+        torque, draft = self.decide(observation, state)
+        return torque, self.settle(draft, torque)
+
+    def decide(self, observation: Array, state: State) -> tuple[Array, tuple[LqgState, Array]]:
+        """Return the torque [n x 2] N m, and a draft for `settle`."""
         (position,), x, drive = self.read(observation, "position"), state.estimate, self.drive
         dt, latency = self.interface.control_dt, self.interface.latency
         x = x + _product(at_angle(self.filtering, x[:, 1]), position - x[:, self.measured])
@@ -180,11 +185,16 @@ class LqgElastic(TorqueLaw):
         torque = command - d + _product(at_angle(self.feedback, ahead[:, 1]), error)
         motion = self.measured_motion(observation)
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *motion), *motion)
-        acting = drive.act(state.acting, torque)
-        x = self.moved(x, acting.mean, dt)
-        x[:, -2:] += (now - following) * dry
+        return torque, (LqgState(x, state.acting, known[:, 1:3], mean, dry), (now - following) * dry)
+
+    def settle(self, draft: tuple[LqgState, Array], torque: Array) -> LqgState:
+        """Return the next state where a torque [n x 2] N m is sent."""
+        state, turned = draft
+        acting = self.drive.act(state.acting, torque)
+        x = self.moved(state.estimate, acting.mean, self.interface.control_dt)
+        x[:, -2:] += turned
         # An arm that diverges may carry the estimate away; its numbers stay finite.
-        return torque, LqgState(clip(x, -1e6, 1e6), acting, known[:, 1:3], mean, dry)
+        return state._replace(estimate=clip(x, -1e6, 1e6), acting=acting)
 
     def moved(self, x: Array, torque: Array, h: float) -> Array:
         """Return state and disturbance after h [s] of a torque [n x 2] N m, by leapfrog steps."""

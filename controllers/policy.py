@@ -233,6 +233,14 @@ class TorqueLaw(Law):
         vars(law)["drive"] = dataclasses.replace(self.drive, sent=torque)
         return law
 
+    def decide(self, observation: Array, state: State) -> tuple[Array, Any]:
+        """Return the torque [n x 2] N m, and a draft for `settle`, as another one may be sent."""
+        return self.torque(observation, state)[0], (observation, state)
+
+    def settle(self, draft: Any, torque: Array) -> State:
+        """Return the next state after `decide`, where a torque [n x 2] N m is sent."""
+        return self.sending(torque).torque(*draft)[1]
+
     def holding(self, position: Array) -> Array:
         """Return the torque within the limits that holds the nominal arm still [n x 2] N m."""
         return self.interface.saturate(gravity_torque(self.interface.nominal, position))

@@ -71,7 +71,8 @@ class AdapterSettings(Record):
         second: name of a blend's other law; empty for other actions.
         history: number of earlier steps whose errors and actions the agent observes, latest first.
         memory: time constant of running mean squares that the agent observes, as logarithms; they
-            are of the errors of its sensors and of their change over one step. 0: none.
+            are of the errors of its sensors, of the difference between a blend's torques over the
+            inertia of the stretched arm, and of the change of both over one step. 0: none.
         drive: True if the agent observes the delay and lag that the drive's datasheet states, and
             the class of the robot.
         period: time between two decisions of the agent; 0: each step. The law under it decides at
@@ -114,8 +115,8 @@ class AdapterState(NamedTuple):
 
     history: Array  # of errors and actions [n x ...]
     laws: tuple[State, ...]  # of the laws under the agent
-    errors: Array  # of the agent's sensors at the last step [n x ...]
-    squares: Array  # running means of the squares of the errors and of their change [n x ...]
+    signals: Array  # errors, and a blend's difference of torques, at the last step [n x ...]
+    squares: Array  # running means of the squares of the signals and of their change [n x ...]
     action: Array  # of the agent's last decision [n x 2]
     age: Array  # of the episode, in steps [n]
 
@@ -144,10 +145,15 @@ class AgentAdapter:
         samples = np.ceil(ahead * np.arange(1, PREVIEWED + 1) / PREVIEWED).astype(int) if ahead else reference[:0, 0]
         self._ahead, self._now = (np.ravel(reference[each]) for each in (samples, 0 * samples))
         self._ahead_scale = np.resize(np.repeat(settings.scales, 2), self._ahead.size)
-        squares = 4 * len(settings.sensors) * (settings.memory > 0)
+        self._remembered = 2 * len(settings.sensors) * (settings.memory > 0)
+        self._signals = self._remembered + 2 * (settings.memory > 0 and settings.action == "blend")
         self._weight = interface.control_dt / max(settings.memory, interface.control_dt)
         self.size = (
-            self._errors.size + settings.history * self._step_size + squares + len(self._drive) + len(self._ahead)
+            self._errors.size
+            + settings.history * self._step_size
+            + 2 * self._signals
+            + len(self._drive)
+            + len(self._ahead)
         )
         self._laws: list[TorqueLaw] = []
         for name in settings.uses:
@@ -161,8 +167,9 @@ class AgentAdapter:
         n = len(observation)
         history = np.zeros((n, self.settings.history * self._step_size))
         laws = tuple(law.initial(observation) for law in self._laws)
-        errors = self._errors(observation)[:, : 2 * len(self.settings.sensors) * (self.settings.memory > 0)]
-        return AdapterState(history, laws, errors, np.tile(errors**2, 2), np.zeros((n, 2)), np.zeros(n, dtype=int))
+        signals = np.zeros((n, self._signals))
+        signals[:, : self._remembered] = self._errors(observation)[:, : self._remembered]
+        return AdapterState(history, laws, signals, np.tile(signals**2, 2), np.zeros((n, 2)), np.zeros(n, dtype=int))
 
     def decides(self, state: State) -> Array:
         """Return True for the lanes [n] in which the agent decides now."""
@@ -189,26 +196,27 @@ class AgentAdapter:
         if self.settings.history:
             later = np.concatenate([errors, action, history[:, : -self._step_size]], axis=-1)
             history = np.where(decides, later, history)
-        errors = errors[:, : state.errors.shape[1]]
-        squares = np.concatenate([errors, errors - state.errors], axis=-1) ** 2
+        decided = [law.decide(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
+        torques = [self.interface.saturate(each) for each, _ in decided]
+        torque = self._torque(action, observation, torques)
+        laws = tuple(law.settle(draft, torque) for law, (_, draft) in zip(self._laws, decided, strict=True))
+        signals = errors[:, : self._remembered]
+        if self._signals > self._remembered:
+            apart = (torques[0] - torques[1]) / (self._laws[0].stretched * self.settings.scales[2])
+            signals = np.concatenate([signals, apart], axis=-1)
+        squares = np.concatenate([signals, signals - state.signals], axis=-1) ** 2
         squares = state.squares + self._weight * (squares - state.squares)
-        torque = self._torque(action, observation, state.laws)
-        told = (law.sending(torque).torque(observation, each) for law, each in zip(self._laws, state.laws, strict=True))
-        laws = tuple(each for _, each in told)
-        return torque, AdapterState(history, laws, errors, squares, action, state.age + 1)
+        return torque, AdapterState(history, laws, signals, squares, action, state.age + 1)
 
-    def _torque(self, action: Array, observation: Array, laws: tuple[State, ...]) -> Array:
-        """Return the torque [n x 2] N m of an action; with laws, as it is sent, within limits."""
-        if not self._laws:
+    def _torque(self, action: Array, observation: Array, torques: list[Array]) -> Array:
+        """Return the torque [n x 2] N m of an action over those of the laws, within limits."""
+        if not torques:
             return np.array(self.interface.torque_limit) * action
-        saturate = self.interface.saturate
-        torque, *second = (
-            saturate(law.torque(observation, each)[0]) for law, each in zip(self._laws, laws, strict=True)
-        )
+        torque, *second = torques
         if second:
             return second[0] + 0.5 * (1.0 + action) * (torque - second[0])
         inertia = inertia_matrix(self.interface.nominal, observation[:, self.interface.layout["position"]])
         residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
         if (limit := self.interface.torque_limit) is not None:
             residual *= np.clip((1.0 - np.abs(torque) / np.array(limit)) / GATE, 0.0, 1.0)
-        return saturate(torque + residual)
+        return self.interface.saturate(torque + residual)

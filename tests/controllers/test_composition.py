@@ -8,6 +8,7 @@ from benchmarks.policies.spec import resolve
 from controllers import catalogue
 from controllers.composition import Composed
 from controllers.parts import OBSERVERS, Drive, Springs
+from controllers.policy import leaves
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records import tuning_ranges
@@ -192,3 +193,18 @@ def test_an_observer_that_is_told_the_sent_torque_takes_it_for_no_disturbance(na
         state = (law.sending(sent) if told else law).torque(observation, state)[1]
         observation = env.step(sent)[0]
     assert np.abs(getattr(state, "inside", state).disturbance - disturbance).max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["computed-torque-dob+predictor", "lqg-elastic"])
+def test_a_decision_is_settled_by_the_torque_that_is_sent(name):
+    """As by a law that is told it before; and the law's own torque leads to its own next state."""
+    env = TwoLinkArmVectorEnv(2, "geared-practice-payload-1")
+    law = controllers.make(name, env)
+    observation, _ = env.reset(seed=[0, 1])
+    state = law.torque(observation, law.initial(observation))[1]
+    torque, draft = law.decide(observation, state)
+    for sent in (env.interface.saturate(torque), torque - 5.0):
+        expected = law.sending(sent).torque(observation, state)
+        np.testing.assert_array_equal(torque, expected[0])
+        for each, other in zip(leaves(law.settle(draft, sent)), leaves(expected[1]), strict=True):
+            np.testing.assert_array_equal(each, other)

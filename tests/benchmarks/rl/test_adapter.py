@@ -151,6 +151,22 @@ def test_memory_is_the_running_mean_of_the_squares_of_errors_and_of_their_change
     np.testing.assert_allclose(rows[-1][:, -4:], 0.25 * np.log(np.tile(rows[-1][:, :2] ** 2, 2) + 1e-6))
 
 
+def test_the_memory_of_a_blend_has_the_difference_between_its_torques():
+    """It is an acceleration: over the inertia of the stretched arm, at the scale of accelerations."""
+    names = {"base": "pid-flm", "second": "lqg@tuned"}
+    settings = AdapterSettings("blend", **names, memory=0.04, sensors=("position",), scales=(1.0, 1.0, 5.0))
+    env = TwoLinkArmEnv("servo-practice-payload-1")
+    adapter, laws = AgentAdapter(settings, env.interface), [controllers.make(n, env.interface) for n in names.values()]
+    observation = env.reset(seed=0)[0][None].copy()
+    state = adapter.initial(observation)
+    np.testing.assert_array_equal(state.squares[:, [2, 3, 6, 7]], 0.0)
+    torques = [law.torque(observation, law.initial(observation))[0] for law in laws]
+    after = adapter.torque(np.zeros((1, 2)), observation, state)[1]
+    expected = 0.25 * ((torques[0] - torques[1]) / (5.0 * laws[0].stretched)) ** 2
+    np.testing.assert_allclose(after.squares[:, [2, 3, 6, 7]], np.tile(expected, 2))
+    assert adapter.observe(observation, after).shape == (1, adapter.size) == (1, 14)
+
+
 def test_an_agent_observes_the_drive_and_its_own_sensors_only():
     settings = AdapterSettings(drive=True, sensors=("position", "velocity"))
     for options in ({"sensors": ("position", "velocity")}, {}):

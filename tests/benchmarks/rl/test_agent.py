@@ -10,11 +10,11 @@ import pytest
 
 from benchmarks.rl import policy
 from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.agent import describe, files, make_agent, read, saved_agent, write
+from benchmarks.rl.agent import describe, files, read, saved_agent, write
 from benchmarks.rl.network import Actor
 from benchmarks.rl.policy import SHIPPED, best_seed, shipped, shipped_agent
-from benchmarks.rl.validation import VALIDATION, tracking_error, validate
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+from benchmarks.rl.validation import validate
+from fbl_gym import Scenario, TwoLinkArmEnv, scenarios
 from tests.benchmarks.rl.agents import random_actor
 
 
@@ -128,20 +128,12 @@ def test_agents_have_three_training_seeds_or_more_and_less_than_10_megabytes():
     assert sum(path.stat().st_size for path in SHIPPED.rglob("*")) < 10e6
 
 
-def former_validation(settings, actor, tasks):
-    """Return the error by which `ppo-direct` was chosen: of several scenarios, the mean over the seeds of each."""
-    envs = [TwoLinkArmVectorEnv(4, task) for task in tasks]
-    errors = [tracking_error(make_agent(env, settings, actor), env, VALIDATION[::4]).mean() for env in envs]
-    return np.exp(np.log(errors).mean())
-
-
 @pytest.mark.parametrize("name", shipped())
 def test_an_agent_has_the_validation_error_of_its_description(name):
     """Within 2 %: `ppo-memory` tracks so closely that last bits decide whether joints stick, in 6 of the 16 runs."""
     description = describe(SHIPPED / name / str(best_seed(name)))
     each = tuple(map(scenarios.get, description.get("scenarios", ()))) or (Scenario.from_dict(description["scenario"]),)
-    measure = former_validation if name == "ppo-direct" else validate
-    error = measure(*read(SHIPPED / name / str(best_seed(name))), each)
+    error = validate(*read(SHIPPED / name / str(best_seed(name))), each)
     assert error == pytest.approx(description["validation_mrad"], rel=0.02)
     assert description["command"].startswith("fbl-gym train")
     assert description["licence"] == "MIT"

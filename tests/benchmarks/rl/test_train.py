@@ -22,6 +22,8 @@ from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
 from benchmarks.rl.training_settings import LEAST_LANES, TrainingSettings, shipped_hyperparameters
 from benchmarks.rl.validation import VALIDATION, tracking_error, validate
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
@@ -63,6 +65,19 @@ def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
     assert describe(tmp_path)["scenarios"] == names
     error = validate(*read(tmp_path), each)
     assert error == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
+
+
+def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
+    """The geometric mean, over all runs, of the mean absolute error."""
+    train(settings(), tmp_path, evaluations=1)
+    tasks = [scenarios.get(name).replace(duration=0.3) for name in ("everything-1", "everything-2")]
+    traces = [rollout(str(tmp_path), task, VALIDATION) for task in tasks]
+    logs = [np.log(row["error_mrad"]) for trace in traces for row in measure(trace)]
+    # `error_mrad` also counts the first sample, whose error is that of the initial state.
+    steps = np.array([[len(trace.time) - 1] * len(VALIDATION) for trace in traces]).ravel()
+    first = np.concatenate([1e3 * np.abs(t.reference - t.position)[0].mean(axis=-1) for t in traces])
+    expected = np.exp(np.log((np.exp(logs) * (steps + 1) - first) / steps).mean())
+    assert validate(*read(tmp_path), tasks) == pytest.approx(expected, rel=1e-6)
 
 
 def test_several_scenarios_have_enough_lanes_each():
