@@ -128,7 +128,11 @@ def test_agents_have_three_training_seeds_or_more_and_less_than_10_megabytes():
     assert sum(path.stat().st_size for path in SHIPPED.rglob("*")) < 10e6
 
 
-@pytest.mark.parametrize("name", shipped())
+SLOW = ("ppo-direct", "ppo-geared")
+"""At 500 Hz and 1 kHz, a validation takes minutes."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in shipped()])
 def test_an_agent_has_the_validation_error_of_its_description(name):
     """Within 2 %: `ppo-memory` tracks so closely that last bits decide whether joints stick, in 6 of the 16 runs."""
     description = describe(SHIPPED / name / str(best_seed(name)))
