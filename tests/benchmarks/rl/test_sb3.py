@@ -85,7 +85,7 @@ def test_an_archive_of_other_observations_or_actions_is_refused(env, message, tm
 
 
 @pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
-def test_a_zip_of_single_precision_or_monitored_by_sb3_acts_as_it_was_save_model(tmp_path):
+def test_a_zip_of_single_precision_or_monitored_by_sb3_acts_as_it_was_saved(tmp_path):
     plain = gymnasium.make("fbl_gym/TwoLinkArm-v0")
     observation, _ = plain.reset(seed=0)
     for env in (Monitor(plain), gymnasium.wrappers.DtypeObservation(plain, np.float32)):
