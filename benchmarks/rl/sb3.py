@@ -21,6 +21,8 @@ from fbl_gym.model.arm import Array, gravity_torque
 MOTION = ("position", "velocity")
 """The sensors that a model of the error coordinates observes."""
 
+_SLOTS = (*MOTION, "preview")
+
 _SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
 ALGORITHMS = {"ppo": _SB3, "sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
 """Algorithms that `fbl-gym train` knows, with the package of their class."""
@@ -47,8 +49,8 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
 
     The model must be trained on the observations and actions of `fbl_gym/TwoLinkArm-v0` or
     `fbl_gym/TwoLinkArmTracking-v0`, the latter also in stacks of Gymnasium's
-    `FrameStackObservation` or SB3's `VecFrameStack`. Loading it runs the pickled code in it:
-    `trust` says that you trust its source.
+    `FrameStackObservation` or SB3's `VecFrameStack`. With `preview=n`, the interface must have it,
+    too. Loading it runs the pickled code in it: `trust` says that you trust its source.
     """
     if not trust:
         raise ValueError(f"loading {str(path)!r} runs the code in it: give trust=True if you trust it, got {trust!r}")
@@ -64,7 +66,8 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     if (past_actions := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, past_actions)
     observations = (
-        "the observations of fbl_gym/TwoLinkArmTracking-v0 or fbl_gym/TwoLinkArm-v0, without wrappers but a frame stack"
+        "the observations of fbl_gym/TwoLinkArmTracking-v0 or fbl_gym/TwoLinkArm-v0, without wrappers but a frame "
+        "stack; a file that loads it can declare preview"
     )
     _check_space(model, interface, "observation_space", observations)
     _check_space(model, interface, "action_space", f'action="{interface.action}"')
@@ -81,7 +84,7 @@ class TrackingModel:
 
     def __init__(self, model: Any, interface: Interface, past_actions: int) -> None:
         self._model, self._interface, self._past_actions = model, interface, past_actions
-        self._errors = ErrorScales(interface, MOTION)
+        self._errors = ErrorScales(interface, _SLOTS)
         self._shape = model.observation_space.shape
         self._padding = np.float32(len(self._shape) == 2)  # VecFrameStack, of one axis, starts from zeros
 
@@ -114,7 +117,7 @@ class TrackingModel:
 def _tracked(model: Any, interface: Interface) -> int | None:
     """Return the number of previous actions in a model's error coordinates; None: it has others."""
     high = np.asarray(getattr(model.observation_space, "high", ()))
-    errors = ErrorScales(interface, MOTION).space.high
+    errors = ErrorScales(interface, _SLOTS).space.high
     frames = max(1, int(np.sum(high != 1.0)) // len(errors))
     past_actions = max(0, high.size // frames - len(errors)) // 2
     frame = np.append(errors, np.ones(2 * past_actions))

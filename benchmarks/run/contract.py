@@ -94,7 +94,8 @@ def _made_from_the_interface(policy: PolicySpec, scenario: Scenario) -> str:
 
 def _shapes(policy: PolicySpec, scenario: Scenario) -> str:
     usual = action_of(scenario)
-    kinds = dict.fromkeys((usual, "torque", "acceleration")) if policy.parsed.form != "archive" else (usual,)
+    own = policy.kind == "learned" and policy.external  # it may know only the actions of its training
+    kinds = (usual,) if own else dict.fromkeys((usual, "torque", "acceleration"))
     for action in kinds:
         env, single = make_env(policy, scenario, LANES, action), make_env(policy, scenario, None, action)
         box = env.interface.action_space

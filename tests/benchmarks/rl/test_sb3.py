@@ -104,12 +104,18 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, tmp_path):
 
 @pytest.mark.parametrize(
     ("algorithm", "options"),
-    [("PPO", {}), ("PPO", {"past_actions": 0}), ("RecurrentPPO", {"scenario": "servo-delay-2"})],
+    [
+        ("PPO", {}),
+        ("PPO", {"past_actions": 0}),
+        ("PPO", {"scenario": "servo-delay-2", "preview": 3}),
+        ("RecurrentPPO", {"scenario": "servo-delay-2"}),
+    ],
 )
 def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(algorithm, options, tmp_path):
     tracking = TwoLinkArmTrackingEnv(**options)
     model, path = save_model(tmp_path, tracking, algorithm)
-    lanes = TwoLinkArmVectorEnv(2, options.get("scenario"), autoreset_mode="SameStep")
+    given = {"scenario": options.get("scenario"), "preview": options.get("preview", 0)}
+    lanes = TwoLinkArmVectorEnv(2, **given, autoreset_mode="SameStep")
     archive = load_zip(path, lanes.interface, trust=True)
     a, b = tracking.reset(seed=1)[0], lanes.reset(seed=0)[0]
     mine = theirs = starts = None
@@ -126,11 +132,11 @@ def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(
 @pytest.mark.parametrize("padding", ["first observation", "zeros"])
 def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, tmp_path):
     """In a later episode, too."""
-    env = TwoLinkArmTrackingEnv("servo-delay-2", duration=0.1)
+    env = TwoLinkArmTrackingEnv("servo-delay-2", duration=0.1, preview=2)
     frames = gymnasium.wrappers.FrameStackObservation(env, 3)
     stacked = VecFrameStack(DummyVecEnv([lambda: env]), 3) if padding == "zeros" else DummyVecEnv([lambda: frames])
     model, path = save_model(tmp_path, stacked)
-    lanes = TwoLinkArmVectorEnv(1, "servo-delay-2", duration=0.1, autoreset_mode="SameStep")
+    lanes = TwoLinkArmVectorEnv(1, "servo-delay-2", duration=0.1, preview=2, autoreset_mode="SameStep")
     archive = load_zip(path, lanes.interface, trust=True)
     stacked.seed(1)
     a, b = stacked.reset(), lanes.reset(seed=1)[0]
