@@ -62,9 +62,14 @@ class LqgElastic(TorqueLaw):
     Both gains are optimal at rest without gravity, and are interpolated over the cosine of the
     second joint's angle. With rigid joints, x has no motors.
 
+    An error of position asks for a velocity. Where torque is short, the arm cannot brake from it in
+    time, and swings. So an error e beyond `near` counts as sqrt(near (2 e - near)): the velocity
+    that it asks for falls at the rate which `braking` of the torque limits gives.
+
     Sensors: position; the velocity only starts the filter. Source: Anderson and Moore, "Optimal
     Control", 1990, §2.4 and §8; De Luca and Book, "Robots with flexible elements", Springer
-    Handbook of Robotics, chapter 11.
+    Handbook of Robotics, chapter 11; for large errors, Workman, Kosut and Franklin, "Adaptive
+    proximate time-optimal servomechanisms", American Control Conference, 1987.
 
     Args:
         bandwidth: of the regulator without delay and lag [rad/s]; bandwidth^2 is the weight of the
@@ -75,6 +80,7 @@ class LqgElastic(TorqueLaw):
         reading: noise of a reading beside that of the data sheet, such as that of its time [rad].
         links: noise of the links' acceleration; 1 counts as much as d's at w.
         friction: time constant with which the dry friction is learned [s].
+        braking: share of the torque limits for the braking from a large error.
     """
 
     bandwidth: float = number(40.0, unit="rad/s", above=0, tune=(10.0, 150.0))
@@ -83,6 +89,7 @@ class LqgElastic(TorqueLaw):
     reading: float = number(1e-4, unit="rad", above=0, tune=(1e-6, 1e-3))
     links: float = number(1.0, above=0, tune=(0.03, 30.0))
     friction: float = number(2.0, unit="s", above=0)
+    braking: float = number(0.4, above=0)
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
@@ -128,6 +135,15 @@ class LqgElastic(TorqueLaw):
         inertia = np.diagonal(inertia_matrix(self.interface.nominal, ANGLES), axis1=1, axis2=2)
         lag = np.full(len(COSINES), self.drive.lag)
         return design(self.slope, lag, self.interface.control_dt, self.bandwidth, self.damping, inertia)
+
+    @cached_property
+    def near(self) -> Array:
+        """Error of position up to which its velocity can be braked in time [5 x 1 x 2] rad."""
+        gains = self.feedback[..., :-2].reshape(5, 2, -1, 2, 2)  # of position and rate of links and motors
+        position, velocity = np.diagonal(gains, axis1=1, axis2=4).sum(axis=1).swapaxes(0, 1)
+        inertia = np.diagonal(inertia_matrix(self.interface.nominal, ANGLES), axis1=1, axis2=2)
+        limit = np.array(self.interface.torque_limit or (np.inf, np.inf))
+        return np.minimum(self.braking * limit / inertia * (velocity / position) ** 2, 1e6)[:, None]
 
     @cached_property
     def filtering(self) -> Array:
@@ -182,6 +198,11 @@ class LqgElastic(TorqueLaw):
                 due = command + keep * (due - command)
         wanted, command = self.course(known)
         error = wanted - np.concatenate([ahead[:, :-2], due + d], axis=1)
+        near = at_angle(self.near, ahead[:, 1])[:, 0]
+        far = np.maximum(np.abs(error[:, :2]), near)
+        excess = np.sign(error[:, :2]) * (far - np.sqrt(near * (2.0 * far - near)))
+        for body in range(0, error.shape[1] - 2, 4):  # links, and motors behind springs
+            error[:, body : body + 2] -= excess
         torque = command - d + _product(at_angle(self.feedback, ahead[:, 1]), error)
         motion = self.measured_motion(observation)
         torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *motion), *motion)

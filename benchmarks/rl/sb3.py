@@ -65,11 +65,8 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
         ) from None
     if (past_actions := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, past_actions)
-    observations = (
-        "the observations of fbl_gym/TwoLinkArmTracking-v0 or fbl_gym/TwoLinkArm-v0, without wrappers but a frame "
-        "stack; a file that loads it can declare preview"
-    )
-    _check_space(model, interface, "observation_space", observations)
+    seen = "the observations of TwoLinkArmTracking-v0 or TwoLinkArm-v0, unwrapped but for frame stacks; see add-a-policy.md"
+    _check_space(model, interface, "observation_space", seen)
     _check_space(model, interface, "action_space", f'action="{interface.action}"')
     return model
 
@@ -151,12 +148,9 @@ def _class_of(path: str | Path) -> Any:
 
 def _check_space(model: Any, interface: Interface, name: str, advice: str) -> None:
     """Refuse a model with other observations or actions; their precision may differ."""
-    given, expected = getattr(model, name), getattr(interface, name)
-    same = given.shape == expected.shape
-    if not same or not all(
-        np.allclose(getattr(given, end), getattr(expected, end), rtol=1e-5) for end in ("low", "high")
-    ):
-        raise ValueError(f"the model's {name} must be {_words(expected)}, got {_words(given)}: train it with {advice}")
+    given, want = getattr(model, name), getattr(interface, name)
+    if given.shape != want.shape or not np.allclose((given.low, given.high), (want.low, want.high), rtol=1e-5):
+        raise ValueError(f"the model's {name} must be {_words(want)}, got {_words(given)}: train it with {advice}")
 
 
 def _words(space: Any) -> str:

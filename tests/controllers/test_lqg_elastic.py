@@ -8,7 +8,7 @@ from scipy.linalg import expm, solve_discrete_are
 import controllers
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import forward_dynamics
-from tests.controllers.closed_loop import loaded, tracking
+from tests.controllers.closed_loop import STILL, loaded, tracking
 
 SPRINGS = {"stiffness": (8000.0, 2000.0), "damping": (5.0, 2.0), "rotor_inertia": (3.0, 1.0)}
 
@@ -92,3 +92,18 @@ def test_dry_friction_is_learned():
     np.testing.assert_allclose(states[-1].dry[0], [3.0, 1.0], rtol=0.05)
     np.testing.assert_allclose(states[-1].mean[0], [-4.0, 2.0], rtol=0.05)
     assert np.abs(errors[2000:]).mean() < 0.3 * np.abs(unlearned[2000:]).mean()
+
+
+@pytest.mark.parametrize("encoder", ["none", "motor"])
+def test_a_large_error_is_braked_in_time(encoder):
+    """With little torque, arms far off arrive without an overshoot."""
+    joint = None if encoder == "none" else SPRINGS | {"encoder": encoder}
+    env = TwoLinkArmVectorEnv(
+        8, "nominal", joint=joint, encoder={"counts": 1_000_000}, sensors=("position",), control_dt=2e-3, physics_dt=1e-3,
+        actuator={"torque_limit": (1000.0, 300.0)}, initial_error=0.3, reference=STILL,
+    )  # fmt: skip
+    overshoot = []
+    for braking in (0.4, 1e9):
+        errors, _ = tracking(controllers.make("lqg-elastic", env, bandwidth=60.0, braking=braking), env, 1000)
+        overshoot.append((-errors * np.sign(errors[0])).max())
+    assert overshoot[0] < 0.005 < 0.05 < overshoot[1]
