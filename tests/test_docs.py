@@ -99,7 +99,8 @@ def test_python_of_a_page_runs(page, block):
     """All pages but those on learning; without a warning."""
     if "stable_baselines3" in block:
         pytest.importorskip("stable_baselines3")
-    exec(compile(shortened(block), page, "exec"), {"__name__": "__main__"})
+    names = {"__name__": "__main__", "__file__": str(Path("page.py").resolve())}
+    exec(compile(shortened(block), page, "exec"), names)
 
 
 def parser_of(command):

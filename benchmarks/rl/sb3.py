@@ -65,7 +65,7 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
         ) from None
     if (past_actions := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, past_actions)
-    seen = "the observations of TwoLinkArmTracking-v0 or TwoLinkArm-v0, unwrapped but for frame stacks; see add-a-policy.md"
+    seen = "TwoLinkArmTracking-v0 or TwoLinkArm-v0, maybe in frame stacks, and with the same preview (add-a-policy.md)"
     _check_space(model, interface, "observation_space", seen)
     _check_space(model, interface, "action_space", f'action="{interface.action}"')
     return model
