@@ -49,8 +49,8 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
 
     The model must be trained on the observations and actions of `fbl_gym/TwoLinkArm-v0` or
     `fbl_gym/TwoLinkArmTracking-v0`, the latter also in stacks of Gymnasium's
-    `FrameStackObservation` or SB3's `VecFrameStack`. With `preview=n`, the interface must have it,
-    too. Loading it runs the pickled code in it: `trust` says that you trust its source.
+    `FrameStackObservation` or SB3's `VecFrameStack`. With `preview=n`, the interface must have
+    the same. Loading it runs the pickled code in it: `trust` says that you trust its source.
     """
     if not trust:
         raise ValueError(f"loading {str(path)!r} runs the code in it: give trust=True if you trust it, got {trust!r}")

@@ -1,6 +1,7 @@
 """Stable-baselines3: its archives are policies, its tools and vectors take the environment, actors are exported."""
 
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -23,6 +24,7 @@ from benchmarks.rl.export import export
 from benchmarks.rl.sb3 import ALGORITHMS, find_class, load_zip
 from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmVectorEnv
+from tests.controllers.closed_loop import broken_promises
 
 ROOT = Path(__file__).parents[3]
 
@@ -127,6 +129,16 @@ def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(
         starts = np.zeros(2, dtype=bool)
     restarted = archive.predict(b, theirs, np.array([True, False]), deterministic=True)[1][0]
     np.testing.assert_array_equal(restarted[1, :2], archive.predict(b, theirs, deterministic=True)[1][0][1, :2])
+
+
+def test_a_file_declares_how_far_an_archive_sees(tmp_path, monkeypatch):
+    """The file of the page, from another folder than the current one."""
+    save_model(tmp_path, TwoLinkArmTrackingEnv("servo-nominal", preview=15))
+    page = (ROOT / "docs" / "how-to" / "add-a-policy.md").read_text()
+    (tmp_path / "ahead.py").write_text(re.search(r"```python\n(# ahead.py\n.*?)```", page, re.DOTALL)[1])
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert broken_promises(str(tmp_path / "ahead.py"), "servo-nominal") == []
 
 
 @pytest.mark.parametrize("padding", ["first observation", "zeros"])
