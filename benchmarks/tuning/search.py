@@ -161,19 +161,18 @@ def tune(
     """
     from optuna.study import MaxTrialsCallback
 
-    ranges = task.ranges
     study = open_study(task, storage)
+    # By a trial's number, not by Optuna's queue, from which two processes may take the same trial.
+    spaces = [{}, *({name: (gain, gain) for name, gain in gains.items()} for gains in starts)]
 
     def objective(trial: optuna.Trial) -> float:
         begin = time.process_time()
-        gains = {} if trial.number == 0 else {n: trial.suggest_float(n, *ends, log=True) for n, ends in ranges.items()}
+        space = spaces[trial.number] if trial.number < len(spaces) else task.ranges
+        gains = {name: trial.suggest_float(name, *ends, log=True) for name, ends in space.items()}
         cost, _ = task.cost(gains)
         trial.set_user_attr("cpu_s", time.process_time() - begin)
         return cost
 
-    if not study.trials:
-        for gains in ({}, *starts):
-            study.enqueue_trial(dict(gains))
     try:
         if len(finished(study)) < trials:
             study.optimize(objective, timeout=seconds, catch=catch, callbacks=[MaxTrialsCallback(trials)])
