@@ -21,10 +21,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", nargs="?", choices=tuple(LISTS), help="the list to print (all)")
 
 
-def _policies() -> dict[str, str]:
-    return {name: _policy(name) for name in controllers.names()}
-
-
 def _policy(name: str) -> str:
     try:
         return f"{controllers.summary(name)}  [{controllers.kind(name)}, access: {controllers.access(name)}]"
@@ -79,7 +75,7 @@ def _claims() -> dict[str, str]:
 
 
 LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
-    "policies": _policies,
+    "policies": lambda: {name: _policy(name) for name in controllers.names()},
     "scenarios": _scenarios,
     "suites": lambda: {name: suite.meaning for name, suite in SUITES.items()},
     "claims": _claims,

@@ -90,8 +90,11 @@ class Progress(BaseCallback):
     def _pause(self, fraction: float) -> None:
         """Validate the agent, save the best one, and write the curve and a checkpoint."""
         begin, wall = time.process_time(), time.monotonic() - self._wall_begin
-        actor = export(self.model)
-        error = validate(self.settings.adapter, actor, self.settings.scenarios)
+        adapter, actor = self.settings.adapter, export(self.model)
+        for law in () if self.curve else adapter.uses:
+            alone = validate(adapter, law, self.settings.scenarios)
+            print(f"{law} alone: validation {alone:.3f} mrad", file=sys.stderr)
+        error = validate(adapter, actor, self.settings.scenarios)
         best = min((row.validation_mrad for row in self.curve), default=np.inf)
         cpu = begin - self._cpu_begin
         self.curve.append(Validation(self.num_timesteps, round(wall, 2), round(cpu, 2), round(error, 4)))
@@ -107,7 +110,6 @@ class Progress(BaseCallback):
             f"{100 * fraction:3.0f} %  {self.num_timesteps:>11,} steps  validation {error:8.3f} mrad  "
             f"best {min(error, best):8.3f} mrad{left}",
             file=sys.stderr,
-            flush=True,
         )
         self._cpu_begin += time.process_time() - begin
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+import controllers
 from benchmarks.rl.adapter import AdapterSettings
 from benchmarks.rl.agent import make_agent
 from benchmarks.rl.network import Actor
@@ -19,8 +20,8 @@ from fbl_gym.model.arm import Array
 VALIDATION = SPLITS["validation"][:16]
 
 
-def validate(settings: AdapterSettings, actor: Actor, scenarios: Sequence[Scenario]) -> float:
-    """Return the tracking error of an agent [mrad].
+def validate(settings: AdapterSettings, actor: Actor | str, scenarios: Sequence[Scenario]) -> float:
+    """Return the tracking error of an agent, or of a law [mrad].
 
     It is the mean over the seeds of the root mean square error; of several scenarios, as on a
     board, the geometric mean over all runs of the mean absolute error. So neither the hardest
@@ -28,12 +29,13 @@ def validate(settings: AdapterSettings, actor: Actor, scenarios: Sequence[Scenar
 
     Args:
         settings: of its adapter.
-        actor: its network.
+        actor: its network, or the name of a law alone.
         scenarios: one or more.
     """
     lanes, power = len(VALIDATION), 2 if len(scenarios) == 1 else 1
     envs = [TwoLinkArmVectorEnv(lanes, each, preview=settings.previewed(each.control_dt)) for each in scenarios]
-    errors = np.array([tracking_error(make_agent(env, settings, actor), env, VALIDATION, power) for env in envs])
+    made = (controllers.make(actor, e) if isinstance(actor, str) else make_agent(e, settings, actor) for e in envs)
+    errors = np.array([tracking_error(each, env, VALIDATION, power) for each, env in zip(made, envs, strict=True)])
     return float(errors.mean() if len(scenarios) == 1 else np.exp(np.log(errors).mean()))
 
 

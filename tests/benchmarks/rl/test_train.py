@@ -57,11 +57,13 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
     assert error == pytest.approx(description["validation_mrad"], abs=2e-4)
 
 
-def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path):
+def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path, capsys):
     names = ["servo-practice-nominal", "servo-practice-delay-3"]
     each = tuple(scenarios.get(name).replace(duration=0.2) for name in names)
     adapter = AdapterSettings("residual", history=2, drive=True, preview=0.05, sensors=("position", "velocity"))
     train(settings(scenarios=each, adapter=adapter), tmp_path, evaluations=2)
+    alone = validate(adapter, adapter.base, each)
+    assert capsys.readouterr().err.startswith(f"{adapter.base} alone: validation {alone:.3f} mrad")
     assert describe(tmp_path)["scenarios"] == names
     error = validate(*read(tmp_path), each)
     assert error == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
