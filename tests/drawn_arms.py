@@ -1,7 +1,7 @@
 """The check of `recommend` on drawn arms: is its first choice as good as a longer search?
 
 `python -m tests.drawn_arms 6` compares the first choice on each arm with the best of
-eight laws, each tuned for this arm by 12 trials, and prints a line for each arm.
+nine laws, each tuned for this arm by 12 trials, and prints a line for each arm.
 """
 
 import argparse
@@ -30,7 +30,7 @@ WITHIN = 1.5
 
 LAWS = (
     "pid-gravity", "computed-torque", "computed-torque-dob", "sliding-mode", "h-infinity", "lqg", "l1-adaptive",
-    "slotine-li",
+    "slotine-li", "lqg-elastic",
 )  # fmt: skip
 TRIALS = 12
 STORAGE = "sqlite:///results/drawn.db?timeout=60"
