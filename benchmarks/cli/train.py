@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--second", metavar="LAW", help="other law of a blend, which needs one")
     add("--drive", action="store_true", help="observe the drive's stated delay and lag, and the class of robots")
     add("--period", type=float, default=0.0, metavar="S", help="time between two decisions [s] (each step)")
-    add("--sensors", nargs="+", choices=SENSORS, default=SENSORS, help="sensors that the agent observes (all)")
+    add("--sensors", nargs="+", choices=SENSORS, help="sensors that the agent observes (those of all scenarios)")
     add("--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)")
     add("--memory", type=float, default=0.0, metavar="S", help="observe mean squares over this time [s] (none)")
     add("--preview", type=float, default=0.0, metavar="S", help="observe the reference so far ahead [s] (not at all)")
@@ -53,7 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     fields = declarations(AdapterSettings).keys() & vars(arguments).keys()
     given = {name: value for name in fields if (value := getattr(arguments, name)) is not None}
-    adapter = AdapterSettings(arguments.interface, **given)
+    present = tuple(name for name in SENSORS if all(name in task.sensors for task in tasks))
+    adapter = AdapterSettings(arguments.interface, **{"sensors": present, **given})
     path, length = arguments.hyperparameters, (arguments.steps, arguments.minutes)
     hyperparameters = _hyperparameters(path, arguments.algorithm) if path else {}
     settings = TrainingSettings(arguments.algorithm, adapter, tasks, arguments.seed, *length, hyperparameters)

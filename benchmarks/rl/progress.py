@@ -92,8 +92,8 @@ class Progress(BaseCallback):
         begin, wall = time.process_time(), time.monotonic() - self._wall_begin
         adapter, actor = self.settings.adapter, export(self.model)
         for law in () if self.curve else adapter.uses:
-            alone = validate(adapter, law, self.settings.scenarios)
-            print(f"{law} alone: validation {alone:.3f} mrad", file=sys.stderr)
+            error = validate(adapter, law, self.settings.scenarios)
+            print(f"{law} alone: validation {error:.3f} mrad", file=sys.stderr)
         error = validate(adapter, actor, self.settings.scenarios)
         best = min((row.validation_mrad for row in self.curve), default=np.inf)
         cpu = begin - self._cpu_begin

@@ -39,7 +39,8 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
         ValueError: the folder holds a run of other settings, or one that is damaged.
     """
     text, run_file = json.dumps(asdict(settings), indent=1) + "\n", folder / "run.json"
-    if run_file.exists() and _without_length(run_file.read_text(encoding="utf-8")) != _without_length(text):
+    began = (folder / CHECKPOINT).exists()
+    if began and _without_length(run_file.read_text(encoding="utf-8")) != _without_length(text):
         raise ValueError(f"only steps and minutes of a run may change; run.json of {str(folder)!r} has other settings")
 
     # Lane i draws its episodes from the stream of seed first + i.
@@ -61,14 +62,12 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
         model = algorithm("MlpPolicy", env, seed=first, device="cpu", tensorboard_log=logs, **arguments)
     except Exception as problem:  # SB3 checks some arguments, torch some, and neither others
         raise ValueError(f"hyperparameters.arguments must fit {algorithm.__name__}: {reason_of(problem)}") from None
-    write_text(run_file, text)  # that of a run that cannot begin would refuse the next one
-    if (folder / CHECKPOINT).exists():
+    write_text(run_file, text)
+    if began:
         try:
             progress.resume(model)
         except Exception as problem:  # of torch, pickle, zipfile or SB3
-            raise ValueError(
-                f"the run in {folder} cannot be resumed ({reason_of(problem)}); give another --out"
-            ) from None
+            raise ValueError(f"{folder} cannot be resumed ({reason_of(problem)}); give another --out") from None
         for _ in range(model.num_timesteps // (env.num_envs * settings.scenarios[0].steps)):
             env.reset()  # skip the episodes that the run has trained on
     remaining = (settings.steps or sys.maxsize) - model.num_timesteps

@@ -295,8 +295,12 @@ def test_a_mistake_of_the_command_is_answered_with_what_is_right(options, messag
 
 @pytest.mark.usefixtures("short")
 def test_a_run_that_cannot_begin_leaves_the_folder_to_the_next(fbl_gym):
-    fbl_gym(f"{SHORT} --sensors velocity --out run", 2)
-    fbl_gym(f"{SHORT} --out run")
+    """Without --sensors, the agent has those of its scenarios."""
+    command = f"{SHORT} --scenario servo-practice-nominal --out run"
+    fbl_gym(f"{command} --sensors velocity", 2)
+    assert "not applicable" in fbl_gym(f"{command} --sensors position acceleration", 2).err
+    fbl_gym(command)
+    assert describe(Path("run"))["interface"]["sensors"] == ["position", "velocity"]
 
 
 @pytest.mark.parametrize(("name", "content"), [("run.json", b""), ("run.json", b"[]"), ("checkpoint.pt", b"PK")])
