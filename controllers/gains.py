@@ -15,16 +15,33 @@ TUNINGS = ("tuned", *CLASSES)
 """Names of tuned gains: those for the class of the robot at hand, or for a given class."""
 
 
+class Multiple(str):
+    """A multiple of the gain that a law would else have, such as "0.5x" or, per joint, "0.5,2x"."""
+
+    def of(self, name: str, gain: Any) -> Any:
+        """Return the multiple of a gain; raise a `ValueError` unless that is a number or two."""
+        if not isinstance(gain, int | float | tuple | np.ndarray):
+            raise ValueError(f"{name} must be a number, since there is no tuned or default one, got {self}")
+        return _numbers(self.removesuffix("x")) * np.array(gain)
+
+
 def parse_gain(text: str) -> tuple[str, Any]:
-    """Return a gain and its value, of "kp=25" or, with one number for each joint, "kp=25,30"."""
+    """Return a gain and its value, of "kp=25", "kp=25,30" for the two joints, or "kp=0.5x"."""
     name, _, value = text.partition("=")
     try:
-        numbers = tuple(float(part) for part in value.split(","))
+        numbers = _numbers(value.removesuffix("x"))
     except ValueError:
-        numbers = ()
-    if not name or len(numbers) not in (1, 2):
-        raise ValueError(f"must be such as kp=25, or kp=25,30 for the two joints, got {text!r}")
-    return name, numbers[0] if len(numbers) == 1 else np.array(numbers)
+        name = ""
+    if not name:
+        forms = "kp=25, kp=25,30 for the two joints, or kp=0.5x for half the tuned or default gain"
+        raise ValueError(f"must be such as {forms}, got {text!r}")
+    return name, Multiple(value) if value.endswith("x") else numbers
+
+
+def _numbers(text: str) -> Any:
+    """Return one number or, of "25,30", two."""
+    first, *second = map(float, text.split(",", 1))
+    return np.array([first, *second]) if second else first
 
 
 def gains_file(law: str, path: str | Path) -> Path:
@@ -50,7 +67,8 @@ def stored_gains(law: str, path: str | Path) -> Path:
 def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
     """Return the gains of a law, of NAME=VALUE, a file or a folder each; the last value counts.
 
-    A number is the training seed of a shipped agent.
+    A number is the training seed of a shipped agent. A `Multiple` is of the value before it; the
+    first value may be one, which `registry.make` resolves.
     """
     gains: dict[str, Any] = {}
     for text in given:
@@ -58,7 +76,8 @@ def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
         if before != text and not Path(text).exists():
             raise ValueError(f"the parts of a law come before its gains: {law}{text.removeprefix(before)}@{before}")
         if "=" in text:
-            gains.update([parse_gain(text)])
+            name, value = parse_gain(text)
+            gains[name] = value.of(name, gains[name]) if name in gains and isinstance(value, Multiple) else value
             continue
         if text.isdigit():
             gains["seed"] = int(text)

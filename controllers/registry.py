@@ -19,7 +19,7 @@ from typing import Any
 
 from controllers import catalogue
 from controllers.composition import PARTS, completed, compose
-from controllers.gains import TUNINGS, read_gains, split_gains, stored_gains
+from controllers.gains import TUNINGS, Multiple, read_gains, split_gains, stored_gains
 from controllers.policy import ACCESS, Policy
 from fbl_gym.checks import check_choice, check_choices, unknown
 from fbl_gym.interface import Interface
@@ -226,8 +226,9 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
 
     Args:
         name: one of `names()`, LAW+PART, either with @tuned, or a factory as `register` takes it. A
-            name may end in gains: "pid-flm@K=30", "pid-flm@my_gains.json", or "pid-flm@my_gains",
-            which is my_gains/pid-flm.json. The end of "ppo-memory@2" is an agent's training seed.
+            name may end in gains: "pid-flm@K=30", "pid-flm@K=0.5x" for half the tuned or default
+            gain, "pid-flm@my_gains.json", or "pid-flm@my_gains", which is my_gains/pid-flm.json.
+            The end of "ppo-memory@2" is an agent's training seed.
         env: the environment, single or batched, wrapped or not; or its `interface`.
         **gains: arguments of the policy; those left out take their defaults.
 
@@ -236,21 +237,25 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
             where privileged access needs the environment.
     """
     build: Callable[..., Any]
+    tuned: dict[str, Any] = {}
     interface = env if isinstance(env, Interface) else env.unwrapped.interface
     if isinstance(name, str):
         name, given = split_gains(name)
         build = factory(name)
         tuned = tuned_gains(name, interface.robot_class) if LawName.parse(name).tuned else {}
-        gains = tuned | read_gains(name, given) | gains
+        gains = read_gains(name, given) | gains
     else:
         build = name
     build = completed(build, interface)
-    parameters = list(inspect.signature(build).parameters)
+    parameters = inspect.signature(build).parameters
     if not parameters:
         raise ValueError(f"{_name_of(name)} makes no policy: it must take the interface as its first argument")
-    for gain in gains:
-        if gain not in parameters[1:]:
-            raise unknown(f"argument of {_name_of(name)}", gain, parameters[1:])
+    for gain, value in gains.items():
+        if gain not in (known := list(parameters)[1:]):
+            raise unknown(f"argument of {_name_of(name)}", gain, known)
+        if isinstance(value, Multiple):
+            gains[gain] = value.of(gain, tuned.get(gain, parameters[gain].default))
+    gains = tuned | gains
     if access(name) == "privileged":
         if isinstance(env, Interface):
             raise ValueError(f"{_name_of(name)} reads the truth: it needs the environment, got its interface")

@@ -55,8 +55,8 @@ def test_a_built_package_works_outside_the_checkout(tmp_path):
         return done.stdout
 
     assert str(site) in run("python", "-c", "import fbl_gym, benchmarks, controllers; print(fbl_gym.__file__)")
-    few = ["--policies", "zero", "ppo-servo", "--scenarios", "nominal", "--seeds", "1"]
-    assert "ppo-servo" in run("fbl-gym", "leaderboard", *few, "--workers", "1")
+    few = ["--policies", "zero", "ppo-blend", "--scenarios", "nominal", "--seeds", "1"]
+    assert "ppo-blend" in run("fbl-gym", "leaderboard", *few, "--workers", "1")
     run("fbl-gym", "report", *few)
     assert (tmp_path / "results" / "report" / "board.html").stat().st_size > 1e6
     few = ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--scenarios", "nominal"]

@@ -65,7 +65,7 @@ def add_option(
 
 POLICY = (
     "a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
-    "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=25@kd=9, or @gains.json"
+    "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=0.5x for half the tuned gain, or @gains.json"
 )
 
 

@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     torch.set_num_threads(1)  # small networks learn fastest so
     folder = arguments.out or Path("runs", f"{arguments.algorithm}-{arguments.interface}-{arguments.seed}")
-    train(settings, folder, command_line(), 40 if len(tasks) == 1 else 15)
+    train(settings, folder, command_line(), round(40 / len(tasks) ** 0.5))
     say(f"agent: {folder}")
     return 0
 

@@ -299,7 +299,9 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any], folder: Path) -> Po
         for what, given in lists.items():
             if isinstance(given, str) or not all(isinstance(item, str | os.PathLike) for item in given):
                 raise ValueError(f"{what} of {spec.name} must be a list of text, got {given!r}")
-        files = {os.path.relpath(folder / file, folder): (folder / file).resolve() for file in lists["data_files"]}
+        # The files of an agent's training seed lie in a folder of that name.
+        own = (x for x in lists["data_files"] if parsed.seed is None or Path(x).parent.name == str(parsed.seed))
+        files = {os.path.relpath(folder / file, folder): (folder / file).resolve() for file in own}
         data = {name: external.file_digest(path) for name, path in files.items()}
         data |= {f"gains {i}: {path.name}": _gains_digest(path) for i, path in enumerate(parsed.gains_files)}
         data |= {f"gains of {robot}": _gains_digest(path) for robot, path in parsed.tuned_files.items()}

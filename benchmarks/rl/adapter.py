@@ -131,6 +131,9 @@ class AgentAdapter:
 
     def __init__(self, settings: AdapterSettings, interface: Interface) -> None:
         self.settings, self.interface = settings, interface
+        sensors, present = settings.sensors, [name for name in SENSORS if name in interface.layout]
+        if not set(sensors) <= set(present):
+            raise ValueError(f"not applicable: the agent has sensors of {', '.join(sensors)}, got {', '.join(present)}")
         if settings.action == "torque" and interface.torque_limit is None:
             raise ValueError("not applicable: the agent's actions are shares of torque limits, and there are none")
         self._errors = ErrorScales(interface, settings.sensors, settings.scales)
@@ -148,13 +151,8 @@ class AgentAdapter:
         self._remembered = 2 * len(settings.sensors) * (settings.memory > 0)
         self._signals = self._remembered + 2 * (settings.memory > 0 and settings.action == "blend")
         self._weight = interface.control_dt / max(settings.memory, interface.control_dt)
-        self.size = (
-            self._errors.size
-            + settings.history * self._step_size
-            + 2 * self._signals
-            + len(self._drive)
-            + len(self._ahead)
-        )
+        self.size = self._errors.size + settings.history * self._step_size + 2 * self._signals
+        self.size += len(self._drive) + len(self._ahead)
         self._laws: list[TorqueLaw] = []
         for name in settings.uses:
             law = controllers.make(name, interface)

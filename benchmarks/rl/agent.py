@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from benchmarks.files import replacing, write_text
-from benchmarks.rl.adapter import SENSORS, AdapterSettings, AgentAdapter
+from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
 from benchmarks.rl.network import Actor
 from controllers.policy import State, TorqueLaw
 from fbl_gym.interface import Interface
@@ -48,10 +48,7 @@ class Agent(TorqueLaw):
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
     def validate(self) -> None:
-        """Refuse an interface without the agent's sensors."""
-        sensors, present = self.settings.sensors, [name for name in SENSORS if name in self.interface.layout]
-        if not set(sensors) <= set(present):
-            raise ValueError(f"not applicable: trained on sensors of {', '.join(sensors)}, got {', '.join(present)}")
+        """Refuse an interface without the agent's sensors, torque limits or preview."""
         _ = self.adapter
 
     @property

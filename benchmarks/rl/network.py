@@ -22,18 +22,10 @@ _FUNCTIONS = ("clip", "relu", "tanh")
 @kernel_njit
 def _layer(x, weights, y):
     """Set y = bias + weight' x; the bias is the first row of the weights [1 + inputs x outputs]."""
-    inputs, outputs = len(weights) - 1, len(y)
-    for o in range(outputs):
+    for o in range(len(y)):
         y[o] = weights[0, o]
-    # Four inputs in one pass over y. Each sum still adds one input after the other.
-    fours = inputs // 4 * 4
-    for i in range(0, fours, 4):
-        x1, x2, x3, x4 = x[i], x[i + 1], x[i + 2], x[i + 3]
-        for o in range(outputs):
-            total = fma(x2, weights[i + 2, o], fma(x1, weights[i + 1, o], y[o]))
-            y[o] = fma(x4, weights[i + 4, o], fma(x3, weights[i + 3, o], total))
-    for i in range(fours, inputs):
-        for o in range(outputs):
+    for i in range(len(weights) - 1):
+        for o in range(len(y)):
             y[o] = fma(x[i], weights[i + 1, o], y[o])
 
 

@@ -49,9 +49,7 @@ def _factory(name: str, summary: str) -> Callable[..., Agent]:
 
 
 ppo_torque = _factory("ppo-torque", "PPO on torques, without memory; trained on everything-2")
-ppo_servo = _factory("ppo-servo", "PPO that mixes a careful and a fast setting of LQG; trained for servo")
-ppo_direct = _factory("ppo-direct", "PPO that mixes a careful and a fast setting of LQG; trained for direct")
-ppo_geared = _factory("ppo-geared", "PPO that mixes a careful and a fast setting of LQG; trained for geared")
+ppo_blend = _factory("ppo-blend", "PPO that mixes a careful and a fast setting of LQG; trained for all three classes")
 ppo_memory = _factory("ppo-memory", "PPO on torques that observes its last steps and actions; trained on everything-2")
 sac = _factory("sac", "SAC on torques; trained on everything-2")
 td3 = _factory("td3", "TD3 on torques; trained on everything-2")

@@ -18,7 +18,7 @@ from fbl_gym.records import Record, build, choice, number, set_fields, whole
 from fbl_gym.scenarios import Scenario
 
 SEEDS_PER_RUN = 1000
-"""Number of episode seeds that each training seed has, one for each lane."""
+"""Number of episode seeds that each training seed has, one for each lane of a scenario."""
 
 LEAST_LANES = 16
 """Fewest lanes of each of several scenarios: with fewer, Python's share of the time grows."""
@@ -63,9 +63,9 @@ class TrainingSettings(Record):
 
     @property
     def lanes(self) -> int:
-        """Return the number of lanes of each scenario; of many scenarios each has `LEAST_LANES`."""
-        share = self.hyperparameters["lanes"] // len(self.scenarios)
-        return max(share, min(self.hyperparameters["lanes"], LEAST_LANES))
+        """Return the lanes of each scenario: of many, `LEAST_LANES` to `SEEDS_PER_RUN`."""
+        lanes = self.hyperparameters["lanes"]
+        return min(max(lanes // len(self.scenarios), min(lanes, LEAST_LANES)), SEEDS_PER_RUN)
 
 
 def training_seeds(seed: int) -> range:
@@ -80,7 +80,7 @@ def check_hyperparameters(given: Any) -> None:
     arguments = given.get("arguments") if isinstance(given, Mapping) and {"lanes", "steps"} <= given.keys() else None
     if not isinstance(arguments, Mapping) or "learning_rate" not in arguments:
         raise ValueError(f"hyperparameters must have lanes, steps and arguments with a learning_rate, got {given!r}")
-    check_whole("hyperparameters.lanes", given["lanes"], low=1, high=SEEDS_PER_RUN)  # more are those of the next seed
+    check_whole("hyperparameters.lanes", given["lanes"], low=1)
     check_whole("hyperparameters.steps", given["steps"], low=1)
     if "reward" in given:
         build("hyperparameters.reward", given["reward"], Reward)

@@ -95,11 +95,13 @@ class ArmVecEnv(VecEnv):
         self.metadata = dict(envs[0].metadata)
 
     def reset(self) -> Array:
-        """Start an episode in every lane, with the seeds of `seed()` if it was called since."""
+        """Start an episode in every lane, with the seeds of `seed()` if it was called since.
+
+        Each environment has the seeds from the first on.
+        """
         for options in self._options:
             check_reset_options(options, ())
-        seeds = np.split(np.array(self._seeds, dtype=object), self._cuts)
-        observations = [env.reset(seed=part.tolist())[0] for env, part in zip(self.envs, seeds, strict=True)]
+        observations = [env.reset(seed=self._seeds[: env.num_envs])[0] for env in self.envs]  # type: ignore[arg-type]
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]

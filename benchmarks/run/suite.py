@@ -301,7 +301,7 @@ SUITES: dict[str, SuiteSpec] = {
                 robot, f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds, 128 in "
                 "saturation",
                 {robot: (2,), f"{robot}-surprise": (2,)},
-                (*_SINGLE, _PLANNED, *NEEDS_ACCELERATION, *(f"ppo-{other}" for other in CLASSES if other != robot)),
+                (*_SINGLE, _PLANNED, *NEEDS_ACCELERATION),
                 robot=robot, more_seeds={f"{robot}-saturation-2": 128}, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
                 short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
             )

@@ -447,7 +447,7 @@ def test_suites(tmp_path):
     board = {scenario.name for scenario in load("servo").scenarios}
     assert board == {*scenarios.in_tier("servo", [2]), *scenarios.in_tier("servo-surprise")}
     assert "ppo-torque" not in load("servo").policy_names
-    assert "ppo-servo" in load("servo").policy_names
+    assert "ppo-blend" in load("servo").policy_names
     short = load("geared").build(("zero",), short=True)
     assert (len(short.scenarios), short.seeds) == (3, SHORT_SEEDS)
     assert "computed-torque-tde@tuned" in load("servo").policy_names
@@ -502,7 +502,7 @@ def rows_of(*policies):
 
 def test_an_agent_stands_for_its_training_seeds_on_a_board():
     """The first has the smallest validation error; a training seed that is asked for has a row too."""
-    agent = "ppo-servo"
+    agent = "ppo-blend"
     rows = rows_of("zero", agent, f"{agent}@2")
     first = best_seed(agent)
     seeds = (first, *(k for k in shipped()[agent] if k != first))
@@ -513,7 +513,7 @@ def test_an_agent_stands_for_its_training_seeds_on_a_board():
 
 
 def test_a_folder_needs_the_sensors_of_its_agent():
-    (spec,) = members([str(SHIPPED / "ppo-servo" / "0")])
+    (spec,) = members([str(SHIPPED / "ppo-blend" / "0")])
     assert spec.needs == ("position", "velocity")
 
 

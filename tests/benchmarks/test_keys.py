@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 
 import pytest
 
@@ -34,8 +35,8 @@ def test_the_key_follows_policy_scenario_and_seeds():
     others = [
         Cell("cascade-flm", cell.scenario, cell.seeds),
         Cell("pid-flm@tuned", cell.scenario, cell.seeds),
-        Cell("ppo-servo@1", cell.scenario, cell.seeds),
-        Cell("ppo-servo@2", cell.scenario, cell.seeds),
+        Cell("ppo-blend@1", cell.scenario, cell.seeds),
+        Cell("ppo-blend@2", cell.scenario, cell.seeds),
         Cell("pid-flm", cell.scenario.replace(noise={"position": 1e-9}), cell.seeds),
         Cell("pid-flm", cell.scenario.replace(control_dt=0.02), cell.seeds),
         Cell("pid-flm", cell.scenario, (0, 1)),
@@ -45,6 +46,11 @@ def test_the_key_follows_policy_scenario_and_seeds():
     keys = {c.key for c in (cell, *others)}
     assert len(keys) == len(others) + 1
     assert Cell("pid-flm", cell.scenario.replace(description="other words"), cell.seeds).key == cell.key
+
+
+def test_the_key_of_a_training_seed_follows_its_own_weights():
+    folders = {name: {Path(file).parent.name for file in resolve(name).data} for name in ("ppo-memory@1", "ppo-memory")}
+    assert folders == {"ppo-memory@1": {"1"}, "ppo-memory": {"0", "1", "2"}}
 
 
 def test_the_key_follows_the_code_of_an_external_policy(tmp_path):
@@ -149,7 +155,7 @@ def edit(monkeypatch, module):
     ("policy", "module", "stale"),
     [
         ("pid-flm", "controllers.pid", True), ("pid-flm", "fbl_gym.kernel.physics", True),
-        ("pid-flm", "benchmarks.run.metrics", True), ("ppo-servo@1", "controllers.lqg_elastic", True),
+        ("pid-flm", "benchmarks.run.metrics", True), ("ppo-blend@1", "controllers.lqg_elastic", True),
         ("pid-flm", "controllers.adrc", False), ("pid-flm", "fbl_gym.view.render", False),
         ("pid-flm", "benchmarks.policies.spec", False), ("pid-flm", "benchmarks.cli.tune", False),
         ("law.py", "controllers.sliding_mode", True), ("law.py", "controllers.adrc", False),
@@ -161,7 +167,7 @@ def test_a_law_depends_on_its_modules_the_kernel_and_the_metrics_but_on_no_other
 ):
     """But for those that it uses: a law lists them by name, and the folder of a residual agent names its base law."""
     (folder / "law.py").write_text(f"{SUBCLASS}    uses = ('sliding-mode',)\n")
-    shutil.copytree(SHIPPED / "ppo-servo" / "0", folder / "agent")
+    shutil.copytree(SHIPPED / "ppo-blend" / "0", folder / "agent")
     description = json.loads((folder / "agent" / "agent.json").read_text())
     description["interface"] |= {"base": "sliding-mode"}
     (folder / "agent" / "agent.json").write_text(json.dumps(description))
@@ -182,7 +188,7 @@ def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
 
 
 def test_a_name_of_the_package_wins_over_a_folder_of_that_name(folder):
-    agent = file_of("benchmarks.rl.policy").parent / "agents" / "ppo-servo" / "1"
+    agent = file_of("benchmarks.rl.policy").parent / "agents" / "ppo-blend" / "1"
     for name in ("oracle-flm", "mine"):
         (folder / name).mkdir()
         for file in agent.iterdir():
@@ -216,6 +222,6 @@ def test_a_path_may_contain_a_colon(text, parts):
 def test_an_agent_has_a_key_without_the_packages_of_other_policies():
     """Its base law alone is resolved with it."""
     code = "import sys; sys.modules |= dict.fromkeys(('casadi', 'torch', 'mujoco', 'pygame'))\n"
-    code += "from benchmarks.policies.spec import resolve; print(resolve('ppo-servo').digest)"
+    code += "from benchmarks.policies.spec import resolve; print(resolve('ppo-blend').digest)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == resolve("ppo-servo").digest
+    assert result.stdout.strip() == resolve("ppo-blend").digest

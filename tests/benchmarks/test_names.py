@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import numpy as np
 import pytest
 
 import controllers
@@ -87,6 +88,18 @@ def test_gains_of_the_law_are_also_those_of_the_law_with_parts(law, tmp_path):
         resolve(f"{law}@parted.py+kalman.json")
 
 
+def test_a_gain_may_be_a_multiple_of_the_tuned_or_default_one(law):
+    """Each class has its own tuned gains. The multiple and the number are two policies."""
+    for robot in ("servo", "direct"):
+        env = TwoLinkArmEnv(scenarios.get(f"{robot}-nominal"))
+        policy, tuned = controllers.make("lqg@tuned@position=0.5,2x", env), tuned_gains("lqg@tuned", robot)
+        np.testing.assert_array_equal(policy.position, [0.5, 2.0] * np.array(tuned["position"]))
+    one, two = (resolve(text).make(env).frequency for text in (law, f"{law}@frequency=2x"))
+    assert two == 2.0 * one
+    assert resolve(f"{law}@frequency=30@frequency=0.5x").make(env).frequency == 15.0
+    assert resolve("lqg@position=0.5x").identity != resolve("lqg@position=0.5").identity
+
+
 def test_the_key_of_a_law_with_parts_follows_the_code_of_the_law():
     assert resolve("computed-torque+kalman").digest != resolve("sliding-mode+kalman").digest
 
@@ -140,7 +153,12 @@ def test_gains_hide_no_code_that_needs_trust():
         ("pid-flm@lost/gains", "gains of pid-flm: there is no file lost/gains/pid-flm.json"),
         ("law.py@lost.json", "gains of law.py: there is no file lost.json"),
         ("law.py@law.json", "law.json must be JSON with numbers"),
-        ("pid-flm@kp=x", "must be such as kp=25, or kp=25,30 for the two joints, got 'kp=x'"),
+        (
+            "pid-flm@kp=x",
+            "must be such as kp=25, kp=25,30 for the two joints, or kp=0.5x for half the tuned or default",
+        ),
+        ("pid-flm@kp=1,2,3", "must be such as kp=25, .* got 'kp=1,2,3'"),
+        ("ppo-memory@seed=2x", "seed must be a number, since there is no tuned or default one, got 2x"),
         ("ppo-memory@kp=3", "unknown argument of ppo-memory 'kp'"),
     ],
 )

@@ -293,7 +293,7 @@ def test_an_arm_that_stays_is_not_safe():
 def test_brief_tuning_improves_a_law_and_goes_on():
     storage, gains, news = search.STORAGE, Path("results/gains"), []
     arguments = {"workers": 1, "command": ""}
-    policies = ["ppo-servo", "pd-gravity", "zero", "pd-gravity@damping=1"]
+    policies = ["ppo-blend", "pd-gravity", "zero", "pd-gravity@damping=1"]
     names = brief.tune_briefly(BASE, policies, 3.0, lambda *part: news.append(part), **arguments)
     assert news[-1][0] == 1.0
     (task,) = brief.tasks_of(BASE, policies)

@@ -151,7 +151,7 @@ WITHOUT = ("zero", "computed-torque-eso", "h-infinity", "ladrc", "lqg-elastic", 
 
 @pytest.mark.parametrize("name", [name for name in controllers.names() if not name.startswith(WITHOUT)])
 def test_a_missing_sensor_is_named(name):
-    with pytest.raises(ValueError, match=r"needs a sensor of|trained on sensors of position, velocity"):
+    with pytest.raises(ValueError, match=r"needs a sensor of|the agent has sensors of position, velocity"):
         controllers.factory(name)(TwoLinkArmEnv(sensors=("position",)).interface)
 
 

@@ -53,7 +53,7 @@ def drive(runner, scenario, seed=3):
     "policy",
     [
         "pd-gravity", "computed-torque-dob@tuned", "computed-torque-dob+predictor@tuned",
-        "computed-torque+kalman@kalman_bandwidth=60", "lqg@tuned", "ppo-servo@1",
+        "computed-torque+kalman@kalman_bandwidth=60", "lqg@tuned", "ppo-blend@1",
     ],
 )  # fmt: skip
 def test_torques_are_those_of_a_rollout(policy, world):

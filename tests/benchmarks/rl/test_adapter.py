@@ -127,7 +127,7 @@ def test_a_residual_is_an_acceleration_of_the_nominal_arm():
 
 
 def test_a_blend_is_between_its_laws():
-    env, observation, torque = start("servo-practice-payload-1", "blend", base="pid-flm", second="lqg")
+    env, observation, torque = start("servo-practice-payload-1", "blend", base="pid-flm", second="lqg", sensors=MOTION)
     laws = [controllers.make(name, env.interface) for name in ("pid-flm", "lqg")]
     first, second = (law.torque(observation, law.initial(observation))[0] for law in laws)
     for action, expected in ((1.0, first), (-1.0, second), (0.5, 0.75 * first + 0.25 * second)):

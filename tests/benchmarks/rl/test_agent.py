@@ -128,7 +128,7 @@ def test_agents_have_three_training_seeds_or_more_and_less_than_10_megabytes():
     assert sum(path.stat().st_size for path in SHIPPED.rglob("*")) < 10e6
 
 
-SLOW = ("ppo-direct", "ppo-geared")
+SLOW = ("ppo-blend",)
 """At 500 Hz and 1 kHz, a validation takes minutes."""
 
 

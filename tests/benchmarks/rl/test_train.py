@@ -20,7 +20,7 @@ from benchmarks.rl.agent import describe, read, saved_agent
 from benchmarks.rl.progress import Progress
 from benchmarks.rl.sb3 import ALGORITHMS
 from benchmarks.rl.train import train
-from benchmarks.rl.training_settings import LEAST_LANES, TrainingSettings, shipped_hyperparameters
+from benchmarks.rl.training_settings import LEAST_LANES, SEEDS_PER_RUN, TrainingSettings, shipped_hyperparameters
 from benchmarks.rl.validation import VALIDATION, tracking_error, validate
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
@@ -82,9 +82,12 @@ def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
     assert validate(*read(tmp_path), tasks) == pytest.approx(expected, rel=1e-6)
 
 
-def test_several_scenarios_have_enough_lanes_each():
+def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
     each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
     assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES != TrainingSettings("ppo").lanes
+    many = shipped_hyperparameters("ppo") | {"lanes": 4200}
+    assert TrainingSettings("ppo", hyperparameters=many).lanes == SEEDS_PER_RUN
+    assert TrainingSettings("ppo", hyperparameters=many, scenarios=each[:10]).lanes == 420
 
 
 def test_a_run_repeats_and_its_seed_matters(tmp_path):
@@ -277,14 +280,14 @@ def test_the_pages_on_learning_run(folder):
     [
         ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
         ("--preview 1e9", "preview must be a finite number not below 0 and not above 100"),
-        ("--hyperparameters lanes.json", "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
+        ("--hyperparameters lanes.json", "hyperparameters.lanes must be a whole number not below 1, got 0"),
         ("--hyperparameters words.json", "hyperparameters.arguments must fit PPO: TypeError"),
         ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
     ],
 )
 def test_a_mistake_of_the_command_is_answered_with_what_is_right(options, message, short, fbl_gym):
     files = {
-        "lanes": {"ppo": {"lanes": 1001, "steps": 80, "arguments": {"learning_rate": 1e-3}}},
+        "lanes": {"ppo": {"lanes": 0, "steps": 80, "arguments": {"learning_rate": 1e-3}}},
         "words": {"ppo": {"lanes": 4, "steps": 80, "arguments": {"learning_rate": 1e-3, "n_step": 3}}},
     }  # fmt: skip
     for name, content in files.items():
