@@ -50,22 +50,24 @@ class TrainingSettings(Record):
 
     def validate(self) -> None:
         """Fill in the shipped hyperparameters and the number of steps."""
+        most = SEEDS_PER_RUN * len(self.scenarios)  # more lanes would have the seeds of the next run
         if not self.hyperparameters:
             kind = "blend" if self.adapter.action == "blend" else "several" if len(self.scenarios) > 1 else ""
-            set_fields(self, hyperparameters=shipped_hyperparameters(self.algorithm, kind))
+            shipped = shipped_hyperparameters(self.algorithm, kind)
+            set_fields(self, hyperparameters={**shipped, "lanes": min(shipped["lanes"], most)})
         training_seeds(self.seed)
         for scenario in self.scenarios:
             if reason := scenarios.held_out_reason(scenario):
                 raise ValueError(f"scenario must be one to train on, such as practice, got {scenario.name}: {reason}")
-        check_hyperparameters(self.hyperparameters)
+        check_hyperparameters(self.hyperparameters, most)
         if self.minutes is None and self.steps is None:
             set_fields(self, steps=self.hyperparameters["steps"])
 
     @property
     def lanes(self) -> int:
-        """Return the lanes of each scenario: of many, `LEAST_LANES` to `SEEDS_PER_RUN`."""
+        """Return the number of lanes of each scenario; of many scenarios each has `LEAST_LANES`."""
         lanes = self.hyperparameters["lanes"]
-        return min(max(lanes // len(self.scenarios), min(lanes, LEAST_LANES)), SEEDS_PER_RUN)
+        return max(lanes // len(self.scenarios), min(lanes, LEAST_LANES))
 
 
 def training_seeds(seed: int) -> range:
@@ -75,12 +77,12 @@ def training_seeds(seed: int) -> range:
     return SPLITS["training"][seed * SEEDS_PER_RUN : (seed + 1) * SEEDS_PER_RUN]
 
 
-def check_hyperparameters(given: Any) -> None:
+def check_hyperparameters(given: Any, most_lanes: int) -> None:
     """Raise an error unless a training run can use these hyperparameters."""
     arguments = given.get("arguments") if isinstance(given, Mapping) and {"lanes", "steps"} <= given.keys() else None
     if not isinstance(arguments, Mapping) or "learning_rate" not in arguments:
         raise ValueError(f"hyperparameters must have lanes, steps and arguments with a learning_rate, got {given!r}")
-    check_whole("hyperparameters.lanes", given["lanes"], low=1)
+    check_whole("hyperparameters.lanes", given["lanes"], low=1, high=most_lanes)
     check_whole("hyperparameters.steps", given["steps"], low=1)
     if "reward" in given:
         build("hyperparameters.reward", given["reward"], Reward)

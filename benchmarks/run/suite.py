@@ -279,9 +279,8 @@ class SuiteSpec:
         chosen = expand(tasks or (self.short if short else ())) or self.scenarios
         seeds = SHORT_SEEDS if short and seeds is None else seeds
         specs = members((*(policies or self.policy_names), *more), limits)
-        ceilings = {} if policies else self.ceilings
         number, others = (self.seeds, self.more_seeds) if seeds is None else (seeds, {})
-        return Suite(self.name, specs, chosen, number, others, ceilings)
+        return Suite(self.name, specs, chosen, number, others, {} if policies else self.ceilings)
 
 
 SHORT_SEEDS = 8
@@ -300,8 +299,7 @@ SUITES: dict[str, SuiteSpec] = {
             SuiteSpec(
                 robot, f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds, 128 in "
                 "saturation",
-                {robot: (2,), f"{robot}-surprise": (2,)},
-                (*_SINGLE, _PLANNED, *NEEDS_ACCELERATION),
+                {robot: (2,), f"{robot}-surprise": (2,)}, (*_SINGLE, _PLANNED, *NEEDS_ACCELERATION),
                 robot=robot, more_seeds={f"{robot}-saturation-2": 128}, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
                 short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
             )

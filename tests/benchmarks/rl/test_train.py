@@ -85,9 +85,11 @@ def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
 def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
     each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
     assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES != TrainingSettings("ppo").lanes
-    many = shipped_hyperparameters("ppo") | {"lanes": 4200}
-    assert TrainingSettings("ppo", hyperparameters=many).lanes == SEEDS_PER_RUN
-    assert TrainingSettings("ppo", hyperparameters=many, scenarios=each[:10]).lanes == 420
+    blend = AdapterSettings("blend", second="lqg")
+    assert TrainingSettings("ppo", blend, each[:10]).lanes == shipped_hyperparameters("ppo", "blend")["lanes"] // 10
+    assert TrainingSettings("ppo", blend).lanes == SEEDS_PER_RUN
+    with pytest.raises(ValueError, match="not above 2000, got 2001"):
+        TrainingSettings("ppo", scenarios=each[:2], hyperparameters=shipped_hyperparameters("ppo") | {"lanes": 2001})
 
 
 def test_a_run_repeats_and_its_seed_matters(tmp_path):
@@ -211,7 +213,8 @@ def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
     assert settings(minutes=1.0).steps is None
     assert TrainingSettings("ppo").steps == shipped_hyperparameters("ppo")["steps"]
     blend = TrainingSettings("ppo", AdapterSettings("blend", second="pid-flm"))
-    assert blend.hyperparameters == shipped_hyperparameters("ppo", "blend") != shipped_hyperparameters("ppo")
+    expected = shipped_hyperparameters("ppo", "blend") | {"lanes": SEEDS_PER_RUN}  # one scenario has no more
+    assert blend.hyperparameters == expected != shipped_hyperparameters("ppo")
 
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -280,14 +283,14 @@ def test_the_pages_on_learning_run(folder):
     [
         ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
         ("--preview 1e9", "preview must be a finite number not below 0 and not above 100"),
-        ("--hyperparameters lanes.json", "hyperparameters.lanes must be a whole number not below 1, got 0"),
+        ("--hyperparameters lanes.json", "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
         ("--hyperparameters words.json", "hyperparameters.arguments must fit PPO: TypeError"),
         ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
     ],
 )
 def test_a_mistake_of_the_command_is_answered_with_what_is_right(options, message, short, fbl_gym):
     files = {
-        "lanes": {"ppo": {"lanes": 0, "steps": 80, "arguments": {"learning_rate": 1e-3}}},
+        "lanes": {"ppo": {"lanes": 1001, "steps": 80, "arguments": {"learning_rate": 1e-3}}},
         "words": {"ppo": {"lanes": 4, "steps": 80, "arguments": {"learning_rate": 1e-3, "n_step": 3}}},
     }  # fmt: skip
     for name, content in files.items():
