@@ -4,7 +4,7 @@
 law. `Runner` runs a policy on a robot.
 """
 
-from controllers.policy import Policy, TorqueLaw
+from controllers.base import Policy, TorqueLaw
 from controllers.registry import access, factory, kind, make, names, register, summary, tuned
 from controllers.runner import Runner
 

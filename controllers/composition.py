@@ -14,14 +14,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.dynamics import forward_dynamics
+from controllers.base import Policy, State, TorqueLaw, between, steps_at
+from controllers.numerics.dynamics import forward_dynamics
 from controllers.parts import OBSERVERS, Acting, Barrier, Predictor, Springs
-from controllers.policy import Policy, State, TorqueLaw, between, steps_at
-from fbl_gym.checks import check_choices
 from fbl_gym.interface import Interface, clip, make_layout
 from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, Limits
-from fbl_gym.records import declarations, declared
+from fbl_gym.records.checks import check_choices
+from fbl_gym.records.record import declarations, declared
 
 PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "springs": Springs, "barrier": Barrier}
 """The parts, by name."""
@@ -208,7 +208,7 @@ class Filtered:
     def predict(
         self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[Array, Any]:
-        """Return the action and the next state, as `controllers.policy.Policy.predict`."""
+        """Return the action and the next state, as `controllers.base.Policy.predict`."""
         action, state = self.policy.predict(observation, state, episode_start, deterministic)
         observation = np.asarray(observation, dtype=float)
         motion = [observation[..., self.interface.layout[name]] for name in ("position", "velocity")]

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from controllers.dynamics import forward_dynamics, inverse_dynamics
-from fbl_gym.checks import Pair
+from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
 from fbl_gym.interface import Interface
-from fbl_gym.kernel import prediction
+from fbl_gym.kernel.arm import prediction
 from fbl_gym.model.arm import ArmParameters, Array
-from fbl_gym.records import Record, number, pair
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import Record, number, pair
 
 TUNE = (15.0, 300.0)
 """Tuning range of an observer's bandwidth [rad/s]."""

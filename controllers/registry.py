@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from controllers import catalogue
+from controllers.base import ACCESS, Policy
 from controllers.composition import PARTS, completed, compose
 from controllers.gains import TUNINGS, Multiple, read_gains, split_gains, stored_gains
-from controllers.policy import ACCESS, Policy
-from fbl_gym.checks import check_choice, check_choices, unknown
 from fbl_gym.interface import Interface
+from fbl_gym.records.checks import check_choice, check_choices, unknown
 from fbl_gym.scenarios.classes import CLASSES
 
 KINDS = ("classical", "learned")

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from controllers.gains import split_gains
 from controllers.registry import factory, make
-from fbl_gym.checks import check_number
 from fbl_gym.envs.robot import Robot
 from fbl_gym.model.arm import Array
+from fbl_gym.records.checks import check_number
 from fbl_gym.scenarios import Scenario, as_scenario
 
 _UNITS = {"position": "rad", "velocity": "rad_s", "acceleration": "rad_s2", "reference": "rad", "torque": "Nm"}

@@ -13,7 +13,7 @@ from docutils import nodes
 from myst_parser.parsers.sphinx_ import MystParser
 
 from benchmarks.cli import COMMANDS, prepare
-from benchmarks.cli.names import options
+from benchmarks.cli.list import options
 from fbl_gym import TwoLinkArmEnv, __version__
 
 
@@ -46,14 +46,14 @@ PUBLIC = {
     "fbl_gym.envs.error_scales": "",
     "fbl_gym.scenarios": ":members: families, names, get, as_scenario, conditions, in_tier, in_world, member, "
     "held_out_reason\n   :exclude-members: Scenario",
-    "controllers.policy": ":exclude-members: State",
+    "controllers.base": ":exclude-members: State",
     "controllers.registry": "",
     "controllers.runner": "",
     "controllers.gains": "",
-    "controllers.feedback_linearization": "",
-    "controllers.kalman": "",
-    "controllers.estimator": "",
-    "controllers.gain_scheduling": "",
+    "controllers.paper.feedback_linearization": "",
+    "controllers.paper.kalman": "",
+    "controllers.paper.estimator": "",
+    "controllers.paper.gain_scheduling": "",
     "benchmarks.run.rollout": "",
     "benchmarks.run.metrics": "",
     "benchmarks.run.suite": "",

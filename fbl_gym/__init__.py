@@ -19,7 +19,7 @@ if not IS_OVERVIEW:
     from fbl_gym.interface import Interface, Layout
     from fbl_gym.model.arm import SECTION_2_2, TABLE_1, ArmParameters
     from fbl_gym.options import *  # noqa: F403 - the records that `options.__all__` lists
-    from fbl_gym.records import Distribution
+    from fbl_gym.records.record import Distribution
     from fbl_gym.scenarios import Scenario
 
     __all__ = [

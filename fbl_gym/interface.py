@@ -13,9 +13,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from fbl_gym.checks import Pair, unknown
 from fbl_gym.model.arm import ArmParameters, Array, forward_dynamics, inverse_dynamics
 from fbl_gym.options.limits import Constraints, Limits
+from fbl_gym.records.checks import Pair, unknown
 
 ACTIONS = ("normalized", "torque", "acceleration")
 

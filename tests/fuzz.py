@@ -21,13 +21,13 @@ import hypothesis
 import numpy as np
 
 from benchmarks import cli
+from benchmarks.agents.policy import SHIPPED
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve
-from benchmarks.rl.policy import SHIPPED
 from benchmarks.run.suite import load
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.urdf import load_urdf
-from fbl_gym.records import merged
+from fbl_gym.records.record import merged
 from tests.fbl_gym import test_fuzz
 from tests.fbl_gym.declared import FIELDS, LEAVES
 from tests.fbl_gym.test_urdf import chain

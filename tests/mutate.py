@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 TARGETS = {
     "fbl_gym/model/arm.py": ("lumped_terms", "inertia_terms", "coriolis_terms", "gravity_terms", "solve_terms"),
-    "fbl_gym/kernel/physics.py": ("load_on_joints", "_stage", "moved", "weighted", "hold", "lump"),
+    "fbl_gym/kernel/arm/physics.py": ("load_on_joints", "_stage", "moved", "weighted", "hold", "lump"),
     "fbl_gym/model/chain.py": ("segment_terms", "chain_inertia", "chain_load", "reduce_terms", "bend_terms"),
 }
 """Functions by their file."""

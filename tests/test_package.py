@@ -119,7 +119,7 @@ def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
     for name in ("controllers", "benchmarks"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong one')\n")
-    (tmp_path / "law.py").write_text("from controllers.simple import Zero as make_policy\n")
+    (tmp_path / "law.py").write_text("from controllers.laws.simple import Zero as make_policy\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     command = "leaderboard --policies zero law.py --scenarios nominal --seeds 1 --workers 2"
     line = [sys.executable, "-m", "fbl_gym", *command.split()]

@@ -1,1 +1,1 @@
-"""Analysis of stored results: statistics, the board, the choice of a policy; and margins."""
+"""Analysis of stored results: statistics, the board, orders in two worlds, learning curves."""

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from fbl_gym.checks import check_whole
 from fbl_gym.model.arm import Array
+from fbl_gym.records.checks import check_whole
 
 LEVEL = 0.95
 

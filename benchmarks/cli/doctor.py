@@ -11,7 +11,7 @@ from benchmarks.cli.parser import EXTRAS
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
-from fbl_gym.kernel import api
+from fbl_gym.kernel.step import api
 from fbl_gym.neighbours import ROOT
 
 

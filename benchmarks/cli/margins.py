@@ -4,12 +4,12 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.analysis.linear import POINT, Margins, linearize
 from benchmarks.cli.common import add_option, add_policies, add_scenario
 from benchmarks.policies.spec import PolicySpec, resolve_isolated
 from benchmarks.report.terminal import Screen, table
+from benchmarks.studies.linear import POINT, Margins, linearize
 from fbl_gym import Scenario, scenarios
-from fbl_gym.checks import Pair
+from fbl_gym.records.checks import Pair
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -136,7 +136,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Exit with a message of argparse, which quotes the wrong text."""
-        from fbl_gym.checks import nearest  # imports NumPy, which the list of commands does without
+        from fbl_gym.records.checks import nearest  # imports NumPy, which the list of commands does without
 
         option = re.search(r"unrecognized arguments: (-\S+)", message)
         if option:
@@ -160,7 +160,7 @@ def _overview() -> argparse.ArgumentParser:
 def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Namespace], int]]:
     """Return the parser of a command's arguments and the function that runs the command."""
     if name not in COMMANDS:
-        from fbl_gym.checks import unknown
+        from fbl_gym.records.checks import unknown
 
         raise unknown("command", name, COMMANDS)
     command = COMMANDS[name]

@@ -7,12 +7,12 @@ from functools import partial
 
 from rich.progress import Progress
 
-from benchmarks.analysis import recommend
-from benchmarks.analysis.recommend import RULE, Likeness, Recommendation
 from benchmarks.cli.common import add_option, add_run, command_line, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
+from benchmarks.studies import recommend
+from benchmarks.studies.recommend import RULE, Likeness, Recommendation
 from benchmarks.tuning.brief import tune_briefly
-from fbl_gym.checks import check_number
+from fbl_gym.records.checks import check_number
 from fbl_gym.scenarios import Scenario, as_scenario
 
 

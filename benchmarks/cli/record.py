@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.cli import common
 from benchmarks.policies.spec import resolve_isolated
-from benchmarks.rl.training_settings import SEEDS_PER_RUN, training_seeds
 from benchmarks.text import say
+from benchmarks.training.training_settings import SEEDS_PER_RUN, training_seeds
 from fbl_gym import scenarios
 
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from benchmarks.analysis.recommend import Likeness
 from benchmarks.report.terminal import table
 from benchmarks.run.rollout import reference_motion
+from benchmarks.studies.recommend import Likeness
 from benchmarks.text import say
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.options.link import straight_chain
-from fbl_gym.records import Distribution, declarations, ends, middle
+from fbl_gym.records.record import Distribution, declarations, ends, middle
 
 SLOWEST = 0.5
 """Slower vibrations of a link [Hz] are taken for a mistake of units."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.cli import common
-from benchmarks.cli.names import options
+from benchmarks.cli.list import options
 from benchmarks.report.columns import number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table

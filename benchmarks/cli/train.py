@@ -7,14 +7,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+from benchmarks.agents.adapter import ACTIONS, AdapterSettings
+from benchmarks.agents.sb3 import ALGORITHMS
 from benchmarks.cli.common import add_option, command_line
-from benchmarks.rl.adapter import ACTIONS, AdapterSettings
-from benchmarks.rl.sb3 import ALGORITHMS
-from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.text import reason_of, say
+from benchmarks.training.training_settings import TrainingSettings
 from fbl_gym import scenarios
 from fbl_gym.options import SENSORS
-from fbl_gym.records import declarations
+from fbl_gym.records.record import declarations
 
 HARDEST = (3,)
 """Severities of a tier that is trained on, beside its nominal scenario."""
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = TrainingSettings(arguments.algorithm, adapter, tasks, arguments.seed, *length, hyperparameters)
     import torch  # the extra `rl`
 
-    from benchmarks.rl.train import train
+    from benchmarks.training.train import train
 
     torch.set_num_threads(1)  # small networks learn fastest so
     folder = arguments.out or Path("runs", f"{arguments.algorithm}-{arguments.interface}-{arguments.seed}")

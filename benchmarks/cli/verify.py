@@ -13,7 +13,7 @@ from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.run.suite import Cell
 from benchmarks.text import say
-from fbl_gym.checks import unknown
+from fbl_gym.records.checks import unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,8 +9,8 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize
 
 from benchmarks.identification.model import INDEX, parameters_of, torque_columns
-from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array
+from fbl_gym.records.checks import Pair
 from fbl_gym.scenarios import Scenario
 
 HARMONICS = 5

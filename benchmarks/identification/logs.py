@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import savgol_filter
 
-from fbl_gym.checks import unknown
 from fbl_gym.model.arm import Array
+from fbl_gym.records.checks import unknown
 
 COLUMNS = {
     "time": ("time_s",),

@@ -1,6 +1,6 @@
 """The arm of an identification: its parameters, and its simulation over windows of a log.
 
-Each physics step is the kernel's, `fbl_gym.kernel.physics.move`.
+Each physics step is the kernel's, `fbl_gym.kernel.arm.physics.move`.
 """
 
 import dataclasses
@@ -12,11 +12,11 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from benchmarks.identification.logs import Log, smooth
-from fbl_gym.kernel.fastmath import cached_njit
-from fbl_gym.kernel.memory import EXACT_FRICTION
-from fbl_gym.kernel.physics import move
+from fbl_gym.kernel.arm.physics import move
+from fbl_gym.kernel.maths.fastmath import cached_njit
+from fbl_gym.kernel.memory.layout import EXACT_FRICTION
 from fbl_gym.model.arm import Array, regressor
-from fbl_gym.records import middle
+from fbl_gym.records.record import middle
 from fbl_gym.scenarios import Scenario
 
 V_S = 0.04

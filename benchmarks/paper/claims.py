@@ -10,7 +10,7 @@ from benchmarks.paper import section_2, section_3, section_4
 from benchmarks.paper.claim import Claim, judge, show
 from benchmarks.report.markdown import table
 from benchmarks.report.plot import Panel, plot_lines
-from fbl_gym.checks import unknown
+from fbl_gym.records.checks import unknown
 
 CLAIMS: dict[str, Claim] = {
     name.replace("_", "-"): claim

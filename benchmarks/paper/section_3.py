@@ -10,7 +10,7 @@ from benchmarks.paper.measuring import SEEDS, at_rate, noise, run, track_within,
 from benchmarks.paper.section_2 import HANGING
 from benchmarks.report.plot import Line
 from benchmarks.run.rollout import Trace
-from controllers.kalman import PAPER_SIGMA
+from controllers.paper.kalman import PAPER_SIGMA
 from fbl_gym import scenarios
 
 _DECAY: dict[str, Any] = {

@@ -11,7 +11,7 @@ from benchmarks.paper.section_2 import HANGING
 from benchmarks.paper.section_3 import BOUNDS, RADIUS, READINGS, TABLE_1, TRACKS, WITH, WITHOUT
 from benchmarks.report.plot import COLORS, Line
 from benchmarks.run.rollout import Trace
-from controllers.gain_scheduling import FORMS, schedule
+from controllers.paper.gain_scheduling import FORMS, schedule
 from fbl_gym import Friction, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, forward_dynamics, regressor
 

@@ -20,7 +20,7 @@ from benchmarks.policies.digest import PACKAGES, closure
 from benchmarks.policies.name import PolicyName
 from controllers import registry
 from controllers.composition import compose
-from fbl_gym.checks import unknown
+from fbl_gym.records.checks import unknown
 
 ATTRIBUTE = "make_policy"
 """The factory in a file or module where no attribute is named."""

@@ -33,8 +33,8 @@ from typing import IO, Any, TypeVar
 import numpy as np
 
 from benchmarks.text import reason_of, text_of
-from fbl_gym.checks import check_number
-from fbl_gym.records import set_fields
+from fbl_gym.records.checks import check_number
+from fbl_gym.records.record import set_fields
 
 try:
     import resource

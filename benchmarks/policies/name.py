@@ -30,8 +30,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.rl.agent import DESCRIPTION
-from benchmarks.rl.policy import shipped
+from benchmarks.agents.agent import DESCRIPTION
+from benchmarks.agents.policy import shipped
 from controllers import registry
 from controllers.gains import TUNINGS, read_gains, stored_gains
 from controllers.registry import LawName

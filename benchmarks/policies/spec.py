@@ -20,19 +20,19 @@ from typing import Any
 import numpy as np
 
 import controllers
+from benchmarks.agents.agent import describe, files, saved_agent, settings_of
+from benchmarks.agents.sb3 import MOTION, load_zip
 from benchmarks.policies import external
 from benchmarks.policies.digest import closure, code_digest, data_digest, file_of
 from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
 from benchmarks.policies.name import PolicyName
-from benchmarks.rl.agent import describe, files, saved_agent, settings_of
-from benchmarks.rl.sb3 import MOTION, load_zip
+from controllers.base import ACCESS
 from controllers.gains import TUNINGS
-from controllers.policy import ACCESS
 from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
-from fbl_gym.checks import check_choice, unknown
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.interface import Interface
+from fbl_gym.records.checks import check_choice, unknown
 
 RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout", "controllers.composition")
 """Modules that every result depends on, the kernel among what they import.

@@ -13,7 +13,7 @@ from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import action_of, make_env, rollout
 from benchmarks.text import reason_of
-from controllers.policy import leaves
+from controllers.base import leaves
 from fbl_gym import Scenario
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import as_scenario

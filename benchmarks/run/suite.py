@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import controllers
+from benchmarks.agents.policy import best_seed, shipped
 from benchmarks.policies.digest import data_digest
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_isolated
-from benchmarks.rl.policy import best_seed, shipped
 from benchmarks.seeds import SPLITS
 from benchmarks.text import reason_of
 from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
-from fbl_gym.checks import check_choice, check_whole, unknown
-from fbl_gym.records import set_fields
+from fbl_gym.records.checks import check_choice, check_whole, unknown
+from fbl_gym.records.record import set_fields
 from fbl_gym.scenarios import as_scenario
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.files import from_table, merged, read_toml

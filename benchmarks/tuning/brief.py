@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.analysis.recommend import Likeness, around
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve, resolve_isolated
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
+from benchmarks.studies.recommend import Likeness, around
 from benchmarks.tuning.search import STORAGE, Task, finished, open_study, tune, write_gains
 from fbl_gym.options import FourierReference
 from fbl_gym.scenarios import Scenario, held_out_reason

@@ -38,7 +38,7 @@ from benchmarks.seeds import SPLITS
 from controllers import registry
 from controllers.gains import expect_law, gains_file
 from fbl_gym import Scenario, scenarios
-from fbl_gym.records import set_fields, tuning_ranges
+from fbl_gym.records.record import set_fields, tuning_ranges
 
 if TYPE_CHECKING:  # of the extra `analysis`: imported where a study is used
     import optuna

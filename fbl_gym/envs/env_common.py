@@ -9,13 +9,13 @@ import numpy as np
 from gymnasium import error, logger
 from gymnasium.envs.registration import EnvSpec
 
-from fbl_gym.checks import check_choice, check_whole, nearest
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
-from fbl_gym.kernel.program import Program, make_program
+from fbl_gym.kernel.memory.program import Program, make_program
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
-from fbl_gym.records import build
+from fbl_gym.records.checks import check_choice, check_whole, nearest
+from fbl_gym.records.record import build
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
@@ -147,7 +147,7 @@ def make_batch(scenario: Scenario, program: Program, lanes: int) -> ArmBatch:
     if scenario.plant is None:
         return ArmBatch(program, lanes)
     try:
-        from fbl_gym.envs.mujoco_batch import MuJoCoBatch
+        from fbl_gym.engines.mujoco import MuJoCoBatch
     except ImportError:
         raise error.DependencyNotInstalled("plant='mujoco' needs MuJoCo: pip install 'fbl-gym[mujoco]'") from None
     return MuJoCoBatch(scenario, program, lanes)

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from fbl_gym.interface import Interface, Layout
-from fbl_gym.kernel.api import subtract_and_scale
+from fbl_gym.kernel.step.api import subtract_and_scale
 from fbl_gym.model.arm import Array
 
 _CLIP = 10.0

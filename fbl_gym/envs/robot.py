@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 
 from fbl_gym.envs.env_common import configure
-from fbl_gym.kernel import api, memory
 from fbl_gym.kernel.batch import ArmBatch
+from fbl_gym.kernel.memory import layout as memory
+from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import Array
 from fbl_gym.options import ArrayReference, Reward
 from fbl_gym.scenarios import Scenario

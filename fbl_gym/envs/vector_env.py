@@ -11,11 +11,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from fbl_gym.checks import check_whole
 from fbl_gym.envs.env_common import MAX_SEED, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
+from fbl_gym.records.checks import check_whole
 from fbl_gym.scenarios import Scenario
 
 if TYPE_CHECKING:

@@ -12,9 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.kernel import api, memory
-from fbl_gym.kernel.memory import BLOCK, BLOCK_SIZE, ENDED, INSTANT, LANES, RESTART, ROWS, SETTINGS, SETTINGS_SIZE
-from fbl_gym.kernel.program import Program
+from fbl_gym.kernel.memory.layout import (
+    BLOCK,
+    BLOCK_SIZE,
+    ENDED,
+    INSTANT,
+    LANES,
+    RESTART,
+    ROWS,
+    SETTINGS,
+    SETTINGS_SIZE,
+)
+from fbl_gym.kernel.memory import layout as memory
+from fbl_gym.kernel.memory.program import Program
+from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import Array
 
 Flags = NDArray[np.bool_]

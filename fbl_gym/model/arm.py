@@ -32,8 +32,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbl_gym.checks import Pair
-from fbl_gym.records import Record, number, pair
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import Record, number, pair
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ All these sources count the first angle from hanging: theta1 = q1 - pi/2 here, w
 torques. `docs/reference/arms.md` has the tables, and all that is missing.
 """
 
-from fbl_gym.checks import Pair
 from fbl_gym.model.arm import ArmParameters
+from fbl_gym.records.checks import Pair
 
 
 def _dfki(m: Pair, l: Pair, r: Pair, I: Pair, Ir: float, gr: float) -> ArmParameters:  # noqa: E741 - names of the files

@@ -14,8 +14,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from fbl_gym.checks import check_choice
 from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
+from fbl_gym.records.checks import check_choice
 
 _ON_LINE = 1e-6  # largest distance from a line, as a fraction of the link's length
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fbl_gym.checks import Pair
-from fbl_gym.records import Distribution, Number, Numbers, Record, ends, number, pair, whole
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import Distribution, Number, Numbers, Record, ends, number, pair, whole
 
 
 @dataclass(frozen=True)

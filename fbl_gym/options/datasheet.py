@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-from fbl_gym.checks import Pair
 from fbl_gym.options.sensors import SENSORS
-from fbl_gym.records import Record, number, pair
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import Record, number, pair
 
 _SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash")
 

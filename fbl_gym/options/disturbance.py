@@ -5,8 +5,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from fbl_gym.checks import Pair, check_number
-from fbl_gym.records import Numbers, Record, ends, kind, number, pair, table
+from fbl_gym.records.checks import Pair, check_number
+from fbl_gym.records.record import Numbers, Record, ends, kind, number, pair, table
 
 TIMES = {"period": 1, "width": 1, "start": 0, "dt": 1}
 """Fields that are counted in physics steps, with the fewest."""

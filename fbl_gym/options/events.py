@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from fbl_gym.records import Number, Numbers, Record, build_kind, declared, kind, number, pair
+from fbl_gym.records.record import Number, Numbers, Record, build_kind, declared, kind, number, pair
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fbl_gym.model.arm import inertia_matrix
-from fbl_gym.records import Numbers, Record, choice, pair
+from fbl_gym.records.record import Numbers, Record, choice, pair
 
 MAX_DECAY = 1.0
 """Largest product of physics_dt and the rate of decay by viscous friction; Runge-Kutta is stable up

@@ -15,8 +15,8 @@ De Luca and Book, "Robots with flexible elements", Springer Handbook of Robotics
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from fbl_gym.checks import Pair
-from fbl_gym.records import Numbers, Record, choice, ends, pair
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import Numbers, Record, choice, ends, pair
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array
-from fbl_gym.records import Record, choice, number, pair
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import Record, choice, number, pair
 
 
 @dataclass(frozen=True)

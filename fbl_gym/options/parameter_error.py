@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fbl_gym.checks import Pair, check_choice, check_number
 from fbl_gym.exact import log1p
 from fbl_gym.model.arm import ArmParameters
-from fbl_gym.records import Number, Numbers, Record, choice, choices, declared, ends, number, pair, record
+from fbl_gym.records.checks import Pair, check_choice, check_number
+from fbl_gym.records.record import Number, Numbers, Record, choice, choices, declared, ends, number, pair, record
 
 PARAMETERS = ("m1", "m2", "L1", "L2")
 

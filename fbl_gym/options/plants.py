@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from fbl_gym.records import Record, choice, kind, whole
+from fbl_gym.records.record import Record, choice, kind, whole
 
 
 @dataclass(frozen=True)

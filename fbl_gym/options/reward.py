@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from fbl_gym.exact import log1p
 from fbl_gym.model.arm import Array
-from fbl_gym.records import Record, choice, number
+from fbl_gym.records.record import Record, choice, number
 
 
 @dataclass(frozen=True)

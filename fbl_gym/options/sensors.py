@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fbl_gym.checks import Pair
 from fbl_gym.exact import exp
-from fbl_gym.records import Number, Numbers, Record, ends, number, pair, record, scaled, whole
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import Number, Numbers, Record, ends, number, pair, record, scaled, whole
 
 SENSORS = ("position", "velocity", "acceleration")
 

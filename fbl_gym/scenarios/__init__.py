@@ -10,9 +10,9 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from fbl_gym.checks import check_choice, unknown
 from fbl_gym.options import WORLDS
-from fbl_gym.records import build
+from fbl_gym.records.checks import check_choice, unknown
+from fbl_gym.records.record import build
 from fbl_gym.scenarios import classes, files, ideal
 from fbl_gym.scenarios.classes import conditions, held_out_reason
 from fbl_gym.scenarios.families import Member

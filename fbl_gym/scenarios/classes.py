@@ -30,7 +30,7 @@ from fbl_gym.options import (
     MinimumJerk,
     PickUp,
 )
-from fbl_gym.records import Distribution, merged
+from fbl_gym.records.record import Distribution, merged
 from fbl_gym.scenarios.families import Family, Member, combined
 from fbl_gym.scenarios.scenario import Scenario
 

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from fbl_gym.checks import Pair
-from fbl_gym.records import either, merged
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import either, merged
 
 
 class Family(NamedTuple):

@@ -22,9 +22,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from fbl_gym.checks import unknown
 from fbl_gym.model.arm import ArmParameters
-from fbl_gym.records import build, merged
+from fbl_gym.records.checks import unknown
+from fbl_gym.records.record import build, merged
 from fbl_gym.scenarios import classes
 from fbl_gym.scenarios.scenario import Scenario, as_arm
 

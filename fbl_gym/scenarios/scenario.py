@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from fbl_gym.checks import Pair, check_choice, unknown
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
@@ -23,7 +22,8 @@ from fbl_gym.options.parameter_error import times
 from fbl_gym.options.plants import PLANTS
 from fbl_gym.options.references import REFERENCES, MinimumJerk, Reference
 from fbl_gym.options.sensors import SENSORS, Encoder, Noise
-from fbl_gym.records import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
+from fbl_gym.records.checks import Pair, check_choice, unknown
+from fbl_gym.records.record import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
 
 
 def as_arm(name: str, value: Any) -> ArmParameters:

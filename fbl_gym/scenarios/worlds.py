@@ -2,8 +2,8 @@
 
 import dataclasses
 
-from fbl_gym.checks import check_choice
 from fbl_gym.options import WORLDS
+from fbl_gym.records.checks import check_choice
 from fbl_gym.scenarios.scenario import Scenario
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from fbl_gym.checks import Pair
 from fbl_gym.model.arm import Array
 from fbl_gym.model.chain import HINGE
+from fbl_gym.records.checks import Pair
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # pygame prints a greeting
 try:

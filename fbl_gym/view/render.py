@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from fbl_gym.checks import Pair
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array
+from fbl_gym.records.checks import Pair
 from fbl_gym.scenarios import Scenario
 from fbl_gym.view.picture import Frame, Picture, draw, pygame
 

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from benchmarks.agents.policy import SHIPPED, best_seed, shipped
 from benchmarks.analysis import board as analysis_board
 from benchmarks.analysis import statistics
 from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import NONE, columns
-from benchmarks.rl.policy import SHIPPED, best_seed, shipped
 from benchmarks.run.cell import run_cell
 from benchmarks.run.contract import check
 from benchmarks.run.metrics import METRICS, measure
@@ -329,7 +329,7 @@ def test_broken_promises_are_found(tmp_path, fbl_gym):
 
 
 FORGETFUL = """
-from controllers.simple import PdGravity
+from controllers.laws.simple import PdGravity
 
 
 class Forgetful(PdGravity):
@@ -351,7 +351,7 @@ def test_a_mistake_is_said_with_its_line(folder, fbl_gym):
 
 ROUNDED = """
 import numpy as np
-from controllers.simple import PdGravity
+from controllers.laws.simple import PdGravity
 
 
 class Rounded(PdGravity):
@@ -378,7 +378,7 @@ def test_lanes_are_compared_on_the_same_readings(action, kept, tmp_path):
 
 HELPED = """
 from helper import GAIN
-from controllers.simple import PdGravity
+from controllers.laws.simple import PdGravity
 
 
 def make_policy(interface):

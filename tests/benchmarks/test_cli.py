@@ -11,7 +11,7 @@ from rich.console import Console
 
 from benchmarks import cli
 from benchmarks.analysis.board import assemble
-from benchmarks.cli import names
+from benchmarks.cli import list as names
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import ALL, columns_of, number
 from benchmarks.run.cell import run_cell
@@ -47,8 +47,11 @@ from benchmarks.run.suite import load
         ("check-policy nowhere.py", "there is no file nowhere.py"),
         ("check-policy .nomod:f", "must name a module as in an import, such as my_laws.pd, got '.nomod'"),
         ("check-policy controllers.nomod:f", "but there is no module controllers.nomod, installed or in "),
-        ("check-policy controllers.simple:Zeros", "unknown factory of controllers.simple 'Zeros'; did you mean 'Zero'"),
-        ("tune controllers.simple:PdGravity --ship", "--ship is for the laws that fbl-gym comes with, got 'contr"),
+        (
+            "check-policy controllers.laws.simple:Zeros",
+            "unknown factory of controllers.laws.simple 'Zeros'; did you mean 'Zero'",
+        ),
+        ("tune controllers.laws.simple:PdGravity --ship", "--ship is for the laws that fbl-gym comes with, got 'contr"),
         ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
         ("tune pid-flm --storage results", "storage must be a URL such as sqlite:///"),
         ("tune pid-flm --scenarios servo-noise-2", "its motion is the board's"),
@@ -180,7 +183,7 @@ def test_no_name_controls_the_terminal(folder, capsys):
     """Raw escapes in the names of a scenario and a policy, and in an error, are shown as text."""
     (folder / "evil.toml").write_text('base = "nominal"\nname = "\\u001b[31mred"\nduration = 0.5\n')
     evil = "\x1b[2Jlaw.py"
-    (folder / evil).write_text("from controllers.simple import PdGravity as make_policy\n")
+    (folder / evil).write_text("from controllers.laws.simple import PdGravity as make_policy\n")
     (folder / "fails.py").write_text("raise ValueError('\\x1b[2J')\n")
     board = f"--scenarios evil.toml --seeds 1 --policies zero {evil}"
     for line in (

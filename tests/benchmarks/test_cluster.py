@@ -16,7 +16,7 @@ distributed = pytest.importorskip("distributed")
 
 SLOW = """
 import time
-from controllers.simple import PdGravity
+from controllers.laws.simple import PdGravity
 
 
 class make_policy(PdGravity):

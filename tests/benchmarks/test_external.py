@@ -23,8 +23,8 @@ from benchmarks.run.suite import Cell
 
 PATCHES = """
 import numpy as np
-from controllers import simple
-from controllers.simple import Zero
+from controllers.laws import simple
+from controllers.laws.simple import Zero
 
 np.seterr(all="raise")
 simple.PdGravity.torque = lambda self, observation, state: (np.zeros((len(observation), 2)), state)
@@ -48,12 +48,18 @@ def test_a_policy_that_patches_the_package_changes_no_other_row(workers, tmp_pat
 
 def test_what_a_policy_prints_and_reads_stays_with_it(tmp_path):
     law = tmp_path / "prints.py"
-    law.write_text("from controllers.simple import Zero as make_policy\nimport sys\nprint('hello', sys.stdin.read())\n")
+    law.write_text(
+        "from controllers.laws.simple import Zero as make_policy\nimport sys\nprint('hello', sys.stdin.read())\n"
+    )
     outcomes = list(run([Cell(resolve_isolated(str(law)), "nominal", (0,))], Store(tmp_path / "store")))
     assert [result.error for _, result in outcomes] == [""]
 
 
-LAW = "from controllers.simple import Zero\nclass make_policy(Zero):\n    def torque(self, observation, state):\n        {}\n"
+LAW = """from controllers.laws.simple import Zero
+class make_policy(Zero):
+    def torque(self, observation, state):
+        {}
+"""
 WORKS = "return super().torque(observation, state)"
 NAMES = ("[red]a[" + "日本語" * 25, ":zap: a:b|`c*_<i>\n" + os.fsdecode(b"\xff"))
 BAD = {
@@ -97,7 +103,7 @@ def test_a_process_that_changes_its_folder_runs_the_policies_of_the_new_one(tmp_
     for law in ("Zero", "PdGravity"):
         folder = tmp_path / law
         folder.mkdir()
-        (folder / "law.py").write_text(f"from controllers.simple import {law} as make_policy\n")
+        (folder / "law.py").write_text(f"from controllers.laws.simple import {law} as make_policy\n")
         monkeypatch.chdir(folder)
         ((done, result),) = run([Cell("law.py", "nominal", (0,))], Store(folder / "store"), workers=2)
         assert (done, result.error) == ("computed", "")
@@ -223,7 +229,7 @@ def test_no_standard_module_is_imported_from_the_current_folder(tmp_path):
 
 
 STATE = """
-from controllers.simple import PdGravity
+from controllers.laws.simple import PdGravity
 calls = []
 
 
@@ -248,7 +254,7 @@ def test_a_law_with_state_in_its_module_has_one_number_for_each_cell(tmp_path):
     assert numbers[0] == numbers[1] == numbers[2]
 
 
-FLAGGED = "from controllers.simple import Zero as make_policy\nopen({flag!r}, 'w').close()\n"
+FLAGGED = "from controllers.laws.simple import Zero as make_policy\nopen({flag!r}, 'w').close()\n"
 
 
 @pytest.fixture
@@ -288,7 +294,7 @@ def test_a_suite_that_names_code_runs_only_with_trust(named, status, flag, fbl_g
 
 FILES = {
     "broken_law.py": "raise ImportError('my dependency is missing')\n",
-    "works_law.py": "from controllers.simple import Zero as make_policy\n",
+    "works_law.py": "from controllers.laws.simple import Zero as make_policy\n",
     "theirs-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n",
     "theirs-1.0.dist-info/entry_points.txt": "[fbl_gym.policies]\nbroken = broken_law:make_policy\n"
     "works = works_law:make_policy\nppo-torque = works_law:make_policy\n",
@@ -322,6 +328,6 @@ def test_a_file_without_a_factory_suggests_its_class_and_no_imported_name(tmp_pa
     ):
         external.load(PolicyName.parse(str(law)))
     assert external.load(PolicyName.parse(f"{law}:MyLaw")).__name__ == "MyLaw"
-    law.write_text("from controllers.simple import Zero\n")
+    law.write_text("from controllers.laws.simple import Zero\n")
     with pytest.raises(external.NotFound, match=r"unknown factory of .*law\.py 'make_policy'\. Known: none"):
         external.load(PolicyName.parse(str(law)))

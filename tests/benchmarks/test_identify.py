@@ -16,7 +16,7 @@ from benchmarks.identification.result import arm_of
 from fbl_gym import scenarios
 from fbl_gym.envs.env import TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
-from fbl_gym.records import ends
+from fbl_gym.records.record import ends
 from tests import identification_coverage
 
 START = scenarios.get("dfki-c1")

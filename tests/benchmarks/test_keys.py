@@ -9,17 +9,17 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.agents.policy import SHIPPED
 from benchmarks.policies import digest
 from benchmarks.policies.digest import file_of, source_digest
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import PolicySpec, resolve
-from benchmarks.rl.policy import SHIPPED
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
 from controllers.registry import ENTRY_POINTS
 
-LAW = "from controllers.simple import Zero as make_policy\n"
-SUBCLASS = "from controllers.simple import Zero\n\n\nclass make_policy(Zero):\n"
+LAW = "from controllers.laws.simple import Zero as make_policy\n"
+SUBCLASS = "from controllers.laws.simple import Zero\n\n\nclass make_policy(Zero):\n"
 
 
 def tree(folder, files):
@@ -40,8 +40,8 @@ def test_the_key_follows_policy_scenario_and_seeds():
         Cell("pid-flm", cell.scenario.replace(noise={"position": 1e-9}), cell.seeds),
         Cell("pid-flm", cell.scenario.replace(control_dt=0.02), cell.seeds),
         Cell("pid-flm", cell.scenario, (0, 1)),
-        Cell("controllers.simple:Zero", cell.scenario, cell.seeds),
-        Cell("controllers.simple:PdGravity", cell.scenario, cell.seeds),
+        Cell("controllers.laws.simple:Zero", cell.scenario, cell.seeds),
+        Cell("controllers.laws.simple:PdGravity", cell.scenario, cell.seeds),
     ]
     keys = {c.key for c in (cell, *others)}
     assert len(keys) == len(others) + 1
@@ -154,12 +154,12 @@ def edit(monkeypatch, module):
 @pytest.mark.parametrize(
     ("policy", "module", "stale"),
     [
-        ("pid-flm", "controllers.pid", True), ("pid-flm", "fbl_gym.kernel.physics", True),
-        ("pid-flm", "benchmarks.run.metrics", True), ("ppo-blend@1", "controllers.lqg_elastic", True),
-        ("pid-flm", "controllers.adrc", False), ("pid-flm", "fbl_gym.view.render", False),
+        ("pid-flm", "controllers.paper.pid", True), ("pid-flm", "fbl_gym.kernel.arm.physics", True),
+        ("pid-flm", "benchmarks.run.metrics", True), ("ppo-blend@1", "controllers.laws.lqg_elastic", True),
+        ("pid-flm", "controllers.laws.adrc", False), ("pid-flm", "fbl_gym.view.render", False),
         ("pid-flm", "benchmarks.policies.spec", False), ("pid-flm", "benchmarks.cli.tune", False),
-        ("law.py", "controllers.sliding_mode", True), ("law.py", "controllers.adrc", False),
-        ("./agent", "controllers.sliding_mode", True), ("./agent", "controllers.adrc", False),
+        ("law.py", "controllers.laws.sliding_mode", True), ("law.py", "controllers.laws.adrc", False),
+        ("./agent", "controllers.laws.sliding_mode", True), ("./agent", "controllers.laws.adrc", False),
     ],
 )  # fmt: skip
 def test_a_law_depends_on_its_modules_the_kernel_and_the_metrics_but_on_no_other_law(
@@ -188,7 +188,7 @@ def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
 
 
 def test_a_name_of_the_package_wins_over_a_folder_of_that_name(folder):
-    agent = file_of("benchmarks.rl.policy").parent / "agents" / "ppo-blend" / "1"
+    agent = file_of("benchmarks.agents.policy").parent / "shipped" / "ppo-blend" / "1"
     for name in ("oracle-flm", "mine"):
         (folder / name).mkdir()
         for file in agent.iterdir():

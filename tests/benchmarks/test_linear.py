@@ -7,10 +7,10 @@ import control
 import numpy as np
 import pytest
 
-from benchmarks.analysis.linear import POINT, NotLinear, linearize
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env
-from fbl_gym.records import scaled
+from benchmarks.studies.linear import POINT, NotLinear, linearize
+from fbl_gym.records.record import scaled
 from fbl_gym.scenarios import Scenario, get
 
 AT_REST = {"kind": "array", "position": [POINT] * 2, "velocity": [(0.0, 0.0)] * 2, "acceleration": [(0.0, 0.0)] * 2}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.cli import names
+from benchmarks.cli import list as names
 from benchmarks.cli.show import follows, options
 from fbl_gym import Scenario
 

@@ -12,16 +12,16 @@ from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import rollout
 from benchmarks.run.suite import Cell
+from controllers.base import TorqueLaw
 from controllers.composition import compose
-from controllers.policy import TorqueLaw
 from controllers.registry import tuned_gains
 from fbl_gym import SECTION_2_2, TABLE_1, TwoLinkArmEnv, scenarios
-from fbl_gym.records import tuning_ranges
+from fbl_gym.records.record import tuning_ranges
 
 LAW = """
 from dataclasses import dataclass
 import controllers
-from fbl_gym.records import number
+from fbl_gym.records.record import number
 
 @dataclass(frozen=True)
 class Law(controllers.TorqueLaw):
@@ -113,7 +113,7 @@ def test_a_gain_with_a_name_of_the_composed_law_is_refused(law, tmp_path, gain):
 
 @pytest.fixture(autouse=True)
 def files(folder):
-    (folder / "law.py").write_text("from controllers.simple import PdGravity\n\nmake_policy = PdGravity\n")
+    (folder / "law.py").write_text("from controllers.laws.simple import PdGravity\n\nmake_policy = PdGravity\n")
     (folder / "my_arm").mkdir()
     (folder / "my_arm/pd-gravity.json").write_text(json.dumps({"gains": {"frequency": 8.0}}))
     (folder / "gains.json").write_text('{"frequency": [8, 9]}')

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.rl.training_settings import training_seeds
+from benchmarks.training.training_settings import training_seeds
 from fbl_gym import scenarios
 
 minari = pytest.importorskip("minari")

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="re
 
 SLOW = """
 import time
-from controllers.simple import Zero
+from controllers.laws.simple import Zero
 
 
 class make_policy(Zero):

@@ -20,7 +20,7 @@ from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run
 from benchmarks.run.store import Damaged, OtherFormat, Store
 from benchmarks.run.suite import Cell, load
-from fbl_gym.records import merged
+from fbl_gym.records.record import merged
 
 SHORT = {"duration": 0.5}
 

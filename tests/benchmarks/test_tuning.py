@@ -12,16 +12,16 @@ import optuna
 import pytest
 from optuna.distributions import FloatDistribution
 
-from benchmarks.analysis import recommend
-from benchmarks.analysis.recommend import Likeness, around, is_safe, push
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import run_cell
 from benchmarks.seeds import SPLITS
+from benchmarks.studies import recommend
+from benchmarks.studies.recommend import Likeness, around, is_safe, push
 from benchmarks.tuning import brief, search
 from benchmarks.tuning.search import Task, at_edge, judge, scenarios_of, seeds, summary, tune, write_gains
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import ArmParameters
-from fbl_gym.records import ends
+from fbl_gym.records.record import ends
 from fbl_gym.scenarios import as_scenario, held_out_reason
 from tests import drawn_arms
 
@@ -115,8 +115,8 @@ def test_the_objective_needs_no_torque_limits_and_prices_each_diverged_run():
 LAW = """
 from dataclasses import dataclass
 
-from controllers.simple import PdGravity
-from fbl_gym.records import number
+from controllers.laws.simple import PdGravity
+from fbl_gym.records.record import number
 
 
 @dataclass(frozen=True)

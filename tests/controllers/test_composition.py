@@ -6,12 +6,12 @@ import pytest
 import controllers
 from benchmarks.policies.spec import resolve
 from controllers import catalogue
+from controllers.base import leaves
 from controllers.composition import Composed
 from controllers.parts import OBSERVERS, Drive, Springs
-from controllers.policy import leaves
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import inverse_dynamics
-from fbl_gym.records import tuning_ranges
+from fbl_gym.records.record import tuning_ranges
 from tests.controllers.closed_loop import broken_promises, tracking
 
 LAWS = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 import controllers
+from benchmarks.agents.adapter import AdapterSettings
+from benchmarks.agents.network import Actor
 from benchmarks.policies.spec import resolve
-from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.network import Actor
 from benchmarks.run.contract import broken
 from benchmarks.run.rollout import rollout
 from controllers import catalogue
-from controllers.policy import reference_at
+from controllers.base import reference_at
 from fbl_gym import ArmParameters, Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
-from fbl_gym.records import number
+from fbl_gym.records.record import number
 from fbl_gym.scenarios.classes import CLASSES, conditions
 from fbl_gym.scenarios.scenario import Scenario
 from tests.controllers.closed_loop import broken_promises, nominal, tracking

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers import dynamics
-from controllers.estimator import estimate, lumped_of, plausible, point_masses
-from controllers.solving import LANES, least_squares
+from controllers.numerics import dynamics
+from controllers.numerics.solving import LANES, least_squares
+from controllers.paper.estimator import estimate, lumped_of, plausible, point_masses
 from fbl_gym import TABLE_1, ArmParameters
 from fbl_gym.model import arm
 from fbl_gym.model.arm import forward_dynamics, inertia_matrix, inverse_dynamics, regressor

@@ -3,7 +3,7 @@
 import numpy as np
 
 import controllers
-from controllers.gaussian_process import SIGNAL
+from controllers.laws.gaussian_process import SIGNAL
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
 from tests.controllers.closed_loop import tracking

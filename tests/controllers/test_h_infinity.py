@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import controllers
-from controllers.h_infinity import INTEGRAL, SLACK, robust_controller
+from controllers.laws.h_infinity import INTEGRAL, SLACK, robust_controller
 from fbl_gym import TwoLinkArmEnv
 from tests.controllers.closed_loop import EXACT, tracking
 

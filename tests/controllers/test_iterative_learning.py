@@ -5,7 +5,7 @@ import pytest
 
 import controllers
 from benchmarks.run.rollout import rollout, rollout_trials
-from controllers.iterative_learning import CAPACITY
+from controllers.laws.iterative_learning import CAPACITY
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.scenarios import classes
 from tests.controllers.closed_loop import nominal

@@ -9,7 +9,7 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 import controllers
 from benchmarks.run.metrics import measure, summarize
 from benchmarks.run.rollout import rollout
-from controllers.kalman import PAPER_SIGMA, JointKalman, continuous_gains, gains
+from controllers.paper.kalman import PAPER_SIGMA, JointKalman, continuous_gains, gains
 from fbl_gym import TwoLinkArmEnv, scenarios
 from tests.controllers.closed_loop import tracking
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import controllers
-from controllers.lqg import plant, regulator
+from controllers.laws.lqg import plant, regulator
 from fbl_gym import TwoLinkArmEnv
 from tests.controllers.closed_loop import EXACT, tracking
 

@@ -6,8 +6,8 @@ from scipy.linalg import solve_discrete_are
 
 import controllers
 from benchmarks.run.rollout import reference_motion
-from controllers.lqg_elastic import regulator
-from controllers.true_arm import TrueArm
+from controllers.laws.lqg_elastic import regulator
+from controllers.oracles.true_arm import TrueArm
 from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics, with_rotors
 from fbl_gym.scenarios import classes

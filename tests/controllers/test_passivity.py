@@ -3,7 +3,7 @@
 import numpy as np
 
 import controllers
-from controllers.passivity import slotine_li_regressor
+from controllers.laws.passivity import slotine_li_regressor
 from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import coriolis_matrix, gravity_torque, inertia_matrix, regressor
 from tests.controllers.closed_loop import nominal

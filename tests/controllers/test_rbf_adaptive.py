@@ -3,7 +3,7 @@
 import numpy as np
 
 import controllers
-from controllers.rbf_adaptive import FEATURES, NODES, RbfState, bumps, features
+from controllers.laws.rbf_adaptive import FEATURES, NODES, RbfState, bumps, features
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import gravity_torque, inertia_matrix
 from tests.controllers.closed_loop import EXACT

@@ -14,9 +14,9 @@ import controllers
 from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import Cell
 from controllers import registry
-from controllers.simple import PdGravity
+from controllers.laws.simple import PdGravity
 from fbl_gym import Interface, TwoLinkArmEnv
-from fbl_gym.records import declarations, number, tuning_ranges
+from fbl_gym.records.record import declarations, number, tuning_ranges
 from fbl_gym.scenarios.classes import CLASSES
 from tests.fbl_gym.declared import fields
 
@@ -43,7 +43,7 @@ misspelt_factory.access = "truth"
 
 def test_a_name_is_registered_once():
     with pytest.raises(ValueError, match="registered already"):
-        controllers.register("zero", "controllers.simple:Zero", "again")
+        controllers.register("zero", "controllers.laws.simple:Zero", "again")
 
 
 @pytest.mark.parametrize("name", [name for name in controllers.names() if controllers.kind(name) == "classical"])
@@ -52,7 +52,7 @@ def test_the_catalogue_has_the_access_of_the_class(name):
 
 
 def test_an_installed_package_adds_a_policy(monkeypatch):
-    point = metadata.EntryPoint("mine", "controllers.simple:PdGravity", registry.ENTRY_POINTS)
+    point = metadata.EntryPoint("mine", "controllers.laws.simple:PdGravity", registry.ENTRY_POINTS)
     monkeypatch.setattr(registry, "entry_points", lambda: (point,))
     assert "mine" in controllers.names()
     assert controllers.access("mine") == "nominal"
@@ -71,7 +71,9 @@ def test_privileged_access_alone_gets_the_environment():
         controllers.make("oracle-flm", env.interface)
 
 
-@pytest.mark.parametrize(("factory", "access"), [(plain_factory, "privileged"), ("controllers.oracle:OracleFlm", None)])
+@pytest.mark.parametrize(
+    ("factory", "access"), [(plain_factory, "privileged"), ("controllers.oracles.oracle:OracleFlm", None)]
+)
 def test_access_is_registered_or_declared(monkeypatch, factory, access):
     monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
     controllers.register("mine", factory, "a policy", access=access)

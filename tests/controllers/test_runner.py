@@ -11,7 +11,7 @@ from benchmarks.identification.logs import read
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env, rollout
 from controllers import Runner
-from controllers.policy import TorqueLaw
+from controllers.base import TorqueLaw
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 SCENARIO = scenarios.get("servo-delay-2").replace(duration=1.0)

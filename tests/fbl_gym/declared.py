@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from fbl_gym import TABLE_1, ElasticJoint, Reward, Scenario
-from fbl_gym.records import Declaration, declarations
+from fbl_gym.records.record import Declaration, declarations
 
 TABLE, OTHER_TABLE = ((-1.0, 0.5), (-1.5, 0.75)), ((-1.0, 0.5), (-1.25, 0.0))
 BASES = {

@@ -9,7 +9,7 @@ from benchmarks.run.rollout import reference_motion
 from fbl_gym import scenarios
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import TABLE_1, ArmParameters, inverse_dynamics
-from fbl_gym.records import ends
+from fbl_gym.records.record import ends
 from fbl_gym.scenarios.classes import CLASSES, MEMBERS, conditions, families
 from fbl_gym.scenarios.scenario import Scenario
 

@@ -6,8 +6,9 @@ import sys
 
 import pytest
 
-from fbl_gym.kernel import api, fastmath
-from fbl_gym.kernel.program import make_program
+from fbl_gym.kernel.maths import fastmath
+from fbl_gym.kernel.memory.program import make_program
+from fbl_gym.kernel.step import api
 from fbl_gym.options import Reward
 from fbl_gym.scenarios import Scenario
 
@@ -19,7 +20,7 @@ import fbl_gym
 env = fbl_gym.TwoLinkArmEnv()
 env.reset(seed=0)
 print(env.step(np.zeros(2))[0].shape)
-from fbl_gym.kernel import api
+from fbl_gym.kernel.step import api
 print(api.STEPS[0]._cache.cache_path or "memory alone")
 """
 

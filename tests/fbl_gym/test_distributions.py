@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from fbl_gym import Distribution, Friction
-from fbl_gym.records import ends, middle
+from fbl_gym.records.record import ends, middle
 from tests.fbl_gym.episodes import started_batch
 
 LANES = 4000

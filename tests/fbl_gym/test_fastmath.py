@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from fbl_gym.kernel import fastmath
+from fbl_gym.kernel.maths import fastmath
 
 RNG = np.random.default_rng(0)
 

@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from scipy.optimize import lsq_linear
 
-from fbl_gym.kernel.friction import resist
+from fbl_gym.kernel.arm.friction import resist
 
 
 @njit

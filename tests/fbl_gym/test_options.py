@@ -16,10 +16,10 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from fbl_gym import Scenario, TwoLinkArmEnv
-from fbl_gym.kernel import memory
-from fbl_gym.kernel.memory import EVENT_ROWS, FIRST_VARIED, LANES, VARIED
-from fbl_gym.kernel.streams import stream_key
-from fbl_gym.options.descriptions import describe
+from fbl_gym.kernel.maths.streams import stream_key
+from fbl_gym.kernel.memory.layout import EVENT_ROWS, FIRST_VARIED, LANES, VARIED
+from fbl_gym.kernel.memory import layout as memory
+from fbl_gym.records.descriptions import describe
 from tests.fbl_gym.declared import FIELDS, LEAVES, NUMBERS, VARYING
 from tests.fbl_gym.episodes import ID, started_batch
 

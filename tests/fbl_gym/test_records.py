@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.simple import PdGravity
+from controllers.laws.simple import PdGravity
 from fbl_gym import (
     Actuator,
     ArrayDisturbance,
@@ -18,7 +18,7 @@ from fbl_gym import (
     SensorError,
     TwoLinkArmEnv,
 )  # fmt: skip
-from fbl_gym.options.descriptions import describe
+from fbl_gym.records.descriptions import describe
 from tests.fbl_gym.declared import TABLE
 
 

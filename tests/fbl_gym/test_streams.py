@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from fbl_gym.kernel import streams
+from fbl_gym.kernel.maths import streams
 
 # The package's functions are compiled for compiled callers alone.
 philox, uniforms, normals = (njit(f.py_func) for f in (streams.philox, streams.uniforms, streams.normals))

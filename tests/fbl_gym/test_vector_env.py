@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.kernel import api
+from fbl_gym.kernel.step import api
 from tests.fbl_gym.episodes import ID, started_batch
 
 MODES = [mode.value for mode in AutoresetMode]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from benchmarks.rl.adapter import AgentAdapter
-from benchmarks.rl.network import Actor
+from benchmarks.agents.adapter import AgentAdapter
+from benchmarks.agents.network import Actor
 
 PAYLOAD_OPTIONS = {
     "scenario": "everything-2",

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import controllers
+from benchmarks.agents.adapter import AdapterSettings, AgentAdapter
+from benchmarks.agents.agent import Agent, write
 from benchmarks.analysis.board import assemble
 from benchmarks.policies.spec import resolve
 from benchmarks.report.columns import columns
-from benchmarks.rl.adapter import AdapterSettings, AgentAdapter
-from benchmarks.rl.agent import Agent, write
-from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
+from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.rl import policy
-from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.agent import describe, files, read, saved_agent, write
-from benchmarks.rl.network import Actor
-from benchmarks.rl.policy import SHIPPED, best_seed, shipped, shipped_agent
-from benchmarks.rl.validation import validate
+from benchmarks.agents import policy
+from benchmarks.agents.adapter import AdapterSettings
+from benchmarks.agents.agent import describe, files, read, saved_agent, write
+from benchmarks.agents.network import Actor
+from benchmarks.agents.policy import SHIPPED, best_seed, shipped, shipped_agent
+from benchmarks.training.validation import validate
 from fbl_gym import Scenario, TwoLinkArmEnv, scenarios
 from tests.benchmarks.rl.agents import random_actor
 

@@ -16,13 +16,13 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import controllers
 import fbl_gym
+from benchmarks.agents.adapter import AdapterSettings
+from benchmarks.agents.sb3 import ALGORITHMS, find_class, load_zip
 from benchmarks.policies import external
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve
-from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.export import export
-from benchmarks.rl.sb3 import ALGORITHMS, find_class, load_zip
-from benchmarks.rl.vec_env import ArmVecEnv, VectorAdapter
+from benchmarks.training.export import export
+from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmVectorEnv
 from tests.controllers.closed_loop import broken_promises
 
@@ -201,7 +201,10 @@ def test_sb3_evaluates_a_policy(name):
 def test_rl_zoo3_trains_with_the_shipped_file_and_its_archive_is_a_policy(tmp_path):
     pytest.importorskip("rl_zoo3")
     command = "-m rl_zoo3.train --algo ppo --env fbl_gym/TwoLinkArmTracking-v0 --gym-packages fbl_gym --conf-file"
-    options = [str(ROOT / "benchmarks" / "rl" / "rl_zoo3.yml"), *["--eval-freq", "-1", "-n", "2048", "--device", "cpu"]]
+    options = [
+        str(ROOT / "benchmarks" / "training" / "rl_zoo3.yml"),
+        *["--eval-freq", "-1", "-n", "2048", "--device", "cpu"],
+    ]
     done = subprocess.run([sys.executable, *command.split(), *options], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     (archive,) = tmp_path.rglob("*.zip")

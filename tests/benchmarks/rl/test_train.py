@@ -15,15 +15,15 @@ import pytest
 import torch
 
 from benchmarks import cli
-from benchmarks.rl.adapter import AdapterSettings
-from benchmarks.rl.agent import describe, read, saved_agent
-from benchmarks.rl.progress import Progress
-from benchmarks.rl.sb3 import ALGORITHMS
-from benchmarks.rl.train import train
-from benchmarks.rl.training_settings import LEAST_LANES, SEEDS_PER_RUN, TrainingSettings, shipped_hyperparameters
-from benchmarks.rl.validation import VALIDATION, tracking_error, validate
+from benchmarks.agents.adapter import AdapterSettings
+from benchmarks.agents.agent import describe, read, saved_agent
+from benchmarks.agents.sb3 import ALGORITHMS
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
+from benchmarks.training.progress import Progress
+from benchmarks.training.train import train
+from benchmarks.training.training_settings import LEAST_LANES, SEEDS_PER_RUN, TrainingSettings, shipped_hyperparameters
+from benchmarks.training.validation import VALIDATION, tracking_error, validate
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
@@ -114,7 +114,7 @@ def test_the_reward_of_the_hyperparameters_is_the_environments(tmp_path):
 def test_a_stopped_run_goes_on(algorithm, tmp_path, monkeypatch):
     """It is stopped at its third validation and goes on from the checkpoint of the second."""
     errors = iter([5.0, 3.0])
-    monkeypatch.setattr("benchmarks.rl.progress.validate", lambda *_: next(errors))
+    monkeypatch.setattr("benchmarks.training.progress.validate", lambda *_: next(errors))
     with pytest.raises((StopIteration, RuntimeError)):
         train(settings(algorithm), tmp_path, evaluations=4)
     before, stopped_at = curve(tmp_path), curve(tmp_path)[-1][0]

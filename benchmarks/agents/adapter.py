@@ -1,0 +1,220 @@
+"""The adapter between environment and agent: the agent's observation, and its action's torque."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import controllers
+from controllers.base import State, TorqueLaw
+from controllers.gains import split_gains
+from controllers.registry import LawName, is_composed
+from fbl_gym.envs.error_scales import ErrorScales
+from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array, inertia_matrix
+from fbl_gym.records.checks import check_choice, check_number
+from fbl_gym.records.record import Record, choice, choices, declared, number, whole
+from fbl_gym.scenarios.classes import CLASSES
+
+ACTIONS = ("torque", "residual", "blend")
+
+SENSORS = ("position", "velocity", "acceleration")
+
+DRIVE_SCALE = 0.05
+"""Scale of the drive's delay and lag in the agent's observation [s]."""
+
+PREVIEWED = 5
+"""Number of coming samples of the reference that an agent with preview observes."""
+
+LEAST_SQUARE = 1e-6
+"""Square of a scaled error that an agent with memory cannot tell from zero."""
+
+GATE = 0.1
+"""Share of a torque limit within which a residual fades, so that the law alone brakes there."""
+
+
+def _check_law(name: str, value: Any) -> str:
+    if value and not is_composed(law := split_gains(str(value))[0]):
+        check_choice(name, LawName.parse(law).law, controllers.names())
+    return str(value)
+
+
+def _check_flag(name: str, value: object) -> object:
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be True or False, got {value!r}")
+    return value
+
+
+def _check_scales(name: str, value: Any) -> tuple[float, ...]:
+    return tuple(check_number(f"{name}[{i}]", scale, above=0) for i, scale in enumerate(value))
+
+
+@dataclass(frozen=True)
+class AdapterSettings(Record):
+    """The settings of an agent's adapter, as plain data.
+
+    The agent observes tracking errors at a fixed scale, as of `envs.error_scales.ErrorScales`.
+    Steps before the episode are zeros in its history.
+
+    Args:
+        action: meaning of the action, which lies in [-1, 1] per joint.
+            "torque": the torque is the action times the drives' torque limits.
+            "residual": `residual` times the action, times the nominal inertia, is added to the
+            torque of `base`. It fades where that torque is within `GATE` of a limit.
+            "blend": the torque of each joint is between those of `second` (-1) and `base` (1).
+        residual: largest residual acceleration of both joints.
+        base: name of the law under the agent, which may have parts and gains. With @tuned, it has
+            the gains for the class of each robot.
+        second: name of a blend's other law; empty for other actions.
+        history: number of earlier steps whose errors and actions the agent observes, latest first.
+        memory: time constant of running mean squares that the agent observes, as logarithms; they
+            are of the errors of its sensors, of the difference between a blend's torques over the
+            inertia of the stretched arm, and of the change of both over one step. 0: none.
+        drive: True if the agent observes the delay and lag that the drive's datasheet states, and
+            the class of the robot.
+        period: time between two decisions of the agent; 0: each step. The law under it decides at
+            each step.
+        preview: how far ahead the agent observes the reference, at `PREVIEWED` samples, each less
+            the present one; 0: not at all.
+        sensors: the sensors that the agent observes, which the environment must have.
+        scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
+    """
+
+    action: str = choice("torque", ACTIONS)
+    residual: float = number(20.0, unit="rad/s^2", above=0)
+    base: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
+    second: str = declared("", _check_law, "name of a law")
+    history: int = whole(0)
+    memory: float = number(0.0, unit="s", low=0)
+    drive: bool = declared(False, _check_flag, "True or False")
+    period: float = number(0.0, unit="s", low=0)
+    preview: float = number(0.0, unit="s", low=0, high=100)
+    sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
+    scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
+
+    def validate(self) -> None:
+        """Refuse a blend without two laws, and a second law without a blend."""
+        if (self.action == "blend") != bool(self.second) or self.second == self.base:
+            raise ValueError(f"second must be a law for a blend alone, and another than base, got {self.second!r}")
+
+    def previewed(self, control_dt: float) -> int:
+        """Return the number of coming samples of the reference that the environment must have."""
+        return math.ceil(self.preview / control_dt - 1e-9)
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """Return the laws under the agent, which its numbers depend on."""
+        return {"residual": (self.base,), "blend": (self.base, self.second)}.get(self.action, ())
+
+
+class AdapterState(NamedTuple):
+    """State of an `AgentAdapter`."""
+
+    history: Array  # of errors and actions [n x ...]
+    laws: tuple[State, ...]  # of the laws under the agent
+    signals: Array  # errors, and a blend's difference of torques, at the last step [n x ...]
+    squares: Array  # running means of the squares of the signals and of their change [n x ...]
+    action: Array  # of the agent's last decision [n x 2]
+    age: Array  # of the episode, in steps [n]
+
+
+class AgentAdapter:
+    """An adapter between one environment and an agent.
+
+    `size` is that of the agent's observation. The agent observes only its sensors and the
+    reference. The laws under it are told the torque that is sent: their observers and predictors
+    would else take the agent, or the other law, for a disturbance.
+    """
+
+    def __init__(self, settings: AdapterSettings, interface: Interface) -> None:
+        self.settings, self.interface = settings, interface
+        sensors, present = settings.sensors, [name for name in SENSORS if name in interface.layout]
+        if not set(sensors) <= set(present):
+            raise ValueError(f"not applicable: the agent has sensors of {', '.join(sensors)}, got {', '.join(present)}")
+        if settings.action == "torque" and interface.torque_limit is None:
+            raise ValueError("not applicable: the agent's actions are shares of torque limits, and there are none")
+        self._errors = ErrorScales(interface, settings.sensors, settings.scales)
+        self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
+        drive = np.array([*interface.delay, *interface.lag]) / DRIVE_SCALE
+        robot = [float(interface.robot_class == name) for name in CLASSES]
+        self._drive = np.array([*drive, *robot] if settings.drive else [])
+        self.hold = max(1, round(settings.period / interface.control_dt))
+        ahead, reference = settings.previewed(interface.control_dt), interface.layout.reference.reshape(-1, 6)
+        if ahead >= len(reference):
+            raise ValueError(f"not applicable: the agent needs preview={ahead}, got preview={len(reference) - 1}")
+        samples = np.ceil(ahead * np.arange(1, PREVIEWED + 1) / PREVIEWED).astype(int) if ahead else reference[:0, 0]
+        self._ahead, self._now = (np.ravel(reference[each]) for each in (samples, 0 * samples))
+        self._ahead_scale = np.resize(np.repeat(settings.scales, 2), self._ahead.size)
+        self._remembered = 2 * len(settings.sensors) * (settings.memory > 0)
+        self._signals = self._remembered + 2 * (settings.memory > 0 and settings.action == "blend")
+        self._weight = interface.control_dt / max(settings.memory, interface.control_dt)
+        self.size = self._errors.size + settings.history * self._step_size + 2 * self._signals
+        self.size += len(self._drive) + len(self._ahead)
+        self._laws: list[TorqueLaw] = []
+        for name in settings.uses:
+            law = controllers.make(name, interface)
+            if not isinstance(law, TorqueLaw):
+                raise ValueError(f"base must be a law that computes a torque, got {name!r}")
+            self._laws.append(law)
+
+    def initial(self, observation: Array) -> State:
+        """Return the state at the start of an episode."""
+        n = len(observation)
+        history = np.zeros((n, self.settings.history * self._step_size))
+        laws = tuple(law.initial(observation) for law in self._laws)
+        signals = np.zeros((n, self._signals))
+        signals[:, : self._remembered] = self._errors(observation)[:, : self._remembered]
+        return AdapterState(history, laws, signals, np.tile(signals**2, 2), np.zeros((n, 2)), np.zeros(n, dtype=int))
+
+    def decides(self, state: State) -> Array:
+        """Return True for the lanes [n] in which the agent decides now."""
+        return state.age % self.hold == 0
+
+    def observe(self, observation: Array, state: State) -> Array:
+        """Return the agent's observation [n x size] from the environment's."""
+        drive = np.broadcast_to(self._drive, (len(observation), len(self._drive)))
+        squares = 0.25 * np.log(state.squares + LEAST_SQUARE)
+        ahead = np.clip((observation[:, self._ahead] - observation[:, self._now]) / self._ahead_scale, -10.0, 10.0)
+        return np.concatenate([self._errors(observation), state.history, squares, drive, ahead], axis=-1)
+
+    def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state.
+
+        Args:
+            action: of the agent [n x 2], which counts in the lanes of `decides`.
+            observation: of the environment [n x size].
+            state: of the adapter.
+        """
+        decides = self.decides(state)[:, None]
+        action = np.where(decides, np.clip(np.asarray(action, dtype=float), -1.0, 1.0), state.action)
+        history, errors = state.history, self._errors(observation)
+        if self.settings.history:
+            later = np.concatenate([errors, action, history[:, : -self._step_size]], axis=-1)
+            history = np.where(decides, later, history)
+        decided = [law.decide(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
+        torques = [self.interface.saturate(each) for each, _ in decided]
+        torque = self._torque(action, observation, torques)
+        laws = tuple(law.settle(draft, torque) for law, (_, draft) in zip(self._laws, decided, strict=True))
+        signals = errors[:, : self._remembered]
+        if self._signals > self._remembered:
+            apart = (torques[0] - torques[1]) / (self._laws[0].stretched * self.settings.scales[2])
+            signals = np.concatenate([signals, apart], axis=-1)
+        squares = np.concatenate([signals, signals - state.signals], axis=-1) ** 2
+        squares = state.squares + self._weight * (squares - state.squares)
+        return torque, AdapterState(history, laws, signals, squares, action, state.age + 1)
+
+    def _torque(self, action: Array, observation: Array, torques: list[Array]) -> Array:
+        """Return the torque [n x 2] N m of an action over those of the laws, within limits."""
+        if not torques:
+            return np.array(self.interface.torque_limit) * action
+        torque, *second = torques
+        if second:
+            return second[0] + 0.5 * (1.0 + action) * (torque - second[0])
+        inertia = inertia_matrix(self.interface.nominal, observation[:, self.interface.layout["position"]])
+        residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
+        if (limit := self.interface.torque_limit) is not None:
+            residual *= np.clip((1.0 - np.abs(torque) / np.array(limit)) / GATE, 0.0, 1.0)
+        return self.interface.saturate(torque + residual)

@@ -1,0 +1,57 @@
+"""The shipped agents by name and training seed, and their factories."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.agents.agent import Agent, describe, files, saved_agent, settings_of
+from fbl_gym.records.checks import unknown
+
+SHIPPED = Path(__file__).parent / "shipped"
+"""Folder of the shipped agents: shipped/NAME/TRAINING_SEED."""
+
+
+def shipped() -> dict[str, tuple[int, ...]]:
+    """Return the training seeds of each shipped agent, by name."""
+    seeds: dict[str, list[int]] = {}
+    for path in sorted(SHIPPED.glob("*/*/agent.json")):
+        seeds.setdefault(path.parent.parent.name, []).append(int(path.parent.name))
+    return {name: tuple(sorted(seeds[name])) for name in sorted(seeds)}
+
+
+def best_seed(name: str) -> int:
+    """Return the training seed of a shipped agent with the smallest validation error."""
+    return min(shipped()[name], key=lambda seed: describe(SHIPPED / name / str(seed))["validation_mrad"])
+
+
+def shipped_agent(name: str, env: Any, seed: int | None = None) -> Agent:
+    """Return a shipped agent, by default that with the smallest validation error."""
+    if name not in shipped():
+        raise unknown("agent", name, shipped())
+    if seed is not None and seed not in shipped()[name]:
+        raise unknown("training seed", seed, map(str, shipped()[name]))
+    return saved_agent(env, str(SHIPPED / name / str(best_seed(name) if seed is None else seed)))
+
+
+def _factory(name: str, summary: str) -> Callable[..., Agent]:
+    """Return the factory of an agent."""
+
+    def factory(env: Any, seed: int | None = None) -> Agent:
+        return shipped_agent(name, env, seed)
+
+    settings = settings_of(SHIPPED / name / "0")
+    weights = [str(path) for seed in sorted((SHIPPED / name).iterdir()) for path in files(seed)]
+    vars(factory).update(kind="learned", needs=settings.sensors, preview=settings.preview, data_files=weights)
+    factory.__doc__ = summary
+    return factory
+
+
+ppo_torque = _factory("ppo-torque", "PPO on torques, without memory; trained on everything-2")
+ppo_blend = _factory("ppo-blend", "PPO that mixes a careful and a fast setting of LQG; trained for all three classes")
+ppo_memory = _factory("ppo-memory", "PPO on torques that observes its last steps and actions; trained on everything-2")
+sac = _factory("sac", "SAC on torques; trained on everything-2")
+td3 = _factory("td3", "TD3 on torques; trained on everything-2")
+tqc = _factory("tqc", "TQC on torques; trained on everything-2")
+crossq = _factory("crossq", "CrossQ on torques; trained on everything-2")

@@ -1,0 +1,159 @@
+"""Classes of stable-baselines3 and sb3-contrib, by algorithm or by archive; imported on use."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.text import reason_of
+from controllers.base import Policy
+from fbl_gym.envs.error_scales import ErrorScales
+from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array, gravity_torque
+from fbl_gym.records.checks import check_choice
+
+MOTION = ("position", "velocity")
+"""The sensors that a model of the error coordinates observes."""
+
+_SLOTS = (*MOTION, "preview")
+
+_SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
+ALGORITHMS = {"ppo": _SB3, "sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
+"""Algorithms that `fbl-gym train` knows, with the package of their class."""
+
+
+def find_class(algorithm: str) -> Any:
+    """Return the class of one of `ALGORITHMS`."""
+    return _import(algorithm, ALGORITHMS[check_choice("algorithm", algorithm, ALGORITHMS)], algorithm)
+
+
+def _import(user: str, package: str, algorithm: str) -> Any:
+    """Return the class of an algorithm, whose name is in lower case."""
+    try:
+        return {name.lower(): value for name, value in vars(importlib.import_module(package)).items()}[algorithm]
+    except ModuleNotFoundError as problem:
+        install = "sbx-rl" if package == "sbx" else "'fbl-gym[rl]'"
+        raise ValueError(f"{user} needs {problem.name}, which is not installed: pip install {install}") from problem
+    except KeyError:
+        raise ValueError(f"{user} needs {algorithm} of {package}, which has no such algorithm") from None
+
+
+def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Policy:
+    """Return an archive of SB3's `save` as a policy.
+
+    The model must be trained on the observations and actions of `fbl_gym/TwoLinkArm-v0` or
+    `fbl_gym/TwoLinkArmTracking-v0`, the latter also in stacks of Gymnasium's
+    `FrameStackObservation` or SB3's `VecFrameStack`. With `preview=n`, the interface must have
+    the same. Loading it runs the pickled code in it: `trust` says that you trust its source.
+    """
+    if not trust:
+        raise ValueError(f"loading {str(path)!r} runs the code in it: give trust=True if you trust it, got {trust!r}")
+    algorithm = _class_of(path)
+    try:
+        model = algorithm.load(path, device="cpu")
+    except ModuleNotFoundError as problem:
+        raise ValueError(f"{path} needs the module {problem.name}, which is not installed") from problem
+    except Exception as problem:  # of SB3, torch, zipfile, pickle or the archive's code
+        raise ValueError(
+            f"{path} must be an archive that stable-baselines3's save wrote ({reason_of(problem)})"
+        ) from None
+    if (past_actions := _tracked(model, interface)) is not None:
+        return TrackingModel(model, interface, past_actions)
+    seen = "TwoLinkArmTracking-v0 or TwoLinkArm-v0, maybe in frame stacks, and with the same preview (add-a-policy.md)"
+    _check_space(model, interface, "observation_space", seen)
+    _check_space(model, interface, "action_space", f'action="{interface.action}"')
+    return model
+
+
+class TrackingModel:
+    """A model of `fbl_gym/TwoLinkArmTracking-v0` as a policy of `fbl_gym/TwoLinkArm-v0`.
+
+    It works with every arm, drive and sensor that has a position, since it remembers its previous
+    actions and its stack of frames by itself. Its state is these actions [n x 2 k], these frames
+    [n x frames x size], and the model's own state.
+    """
+
+    def __init__(self, model: Any, interface: Interface, past_actions: int) -> None:
+        self._model, self._interface, self._past_actions = model, interface, past_actions
+        self._errors = ErrorScales(interface, _SLOTS)
+        self._shape = model.observation_space.shape
+        self._padding = np.float32(len(self._shape) == 2)  # VecFrameStack, of one axis, starts from zeros
+
+    def predict(
+        self, observation: Array, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Array, Any]:
+        """Return the action and the next state, as `controllers.base.Policy.predict`."""
+        batch = np.atleast_2d(np.asarray(observation, dtype=float))
+        past, frames, inner = (self._first_actions(batch), None, None) if state is None else state
+        starts = np.ones(len(batch), dtype=bool)
+        if state is not None:
+            starts[:] = False if episode_start is None else episode_start
+            past = np.where(starts[:, None], self._first_actions(batch), past)
+        errors = np.concatenate([self._errors(batch), past], axis=-1).astype(np.float32)[:, None]
+        first = np.repeat(self._padding * errors, np.prod(self._shape) // errors.shape[-1], axis=1)
+        frames = first if frames is None else np.where(starts[:, None, None], first, frames)
+        frames = np.concatenate([frames[:, 1:], errors], axis=1)
+        action, inner = self._model.predict(frames.reshape(-1, *self._shape), inner, episode_start, deterministic)
+        past = np.concatenate([action, past], axis=-1)[:, : past.shape[1]]
+        return (action if np.ndim(observation) == 2 else action[0]), (past, frames, inner)
+
+    def _first_actions(self, observation: Array) -> Array:
+        """Return the action that holds the nominal arm still, as often as it is observed."""
+        position = observation[:, self._interface.layout["position"]]
+        torque = gravity_torque(self._interface.nominal, position)
+        action = self._interface.action_from_torque(torque, position, np.zeros_like(position))
+        return np.tile(action, self._past_actions)
+
+
+def _tracked(model: Any, interface: Interface) -> int | None:
+    """Return the number of previous actions in a model's error coordinates; None: it has others."""
+    high = np.asarray(getattr(model.observation_space, "high", ()))
+    errors = ErrorScales(interface, _SLOTS).space.high
+    frames = max(1, int(np.sum(high != 1.0)) // len(errors))
+    past_actions = max(0, high.size // frames - len(errors)) // 2
+    frame = np.append(errors, np.ones(2 * past_actions))
+    # VecFrameStack repeats each bound, though it joins whole frames.
+    stacks = (np.tile(frame, (frames, 1)), np.repeat(frame, frames))
+    if interface.action != "normalized" or not any(np.array_equal(high, stack) for stack in stacks):
+        return None
+    _check_space(model, interface, "action_space", 'action="normalized"')
+    return past_actions
+
+
+def _class_of(path: str | Path) -> Any:
+    """Return the class that wrote an archive, without running the archive's code."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            data = json.loads(archive.read("data"))
+        module = str(data["policy_class"]["__module__"])
+    except (zipfile.BadZipFile, zlib.error, LookupError, OSError, RuntimeError, TypeError, ValueError) as problem:
+        raise ValueError(f"{path} must be an archive that stable-baselines3's save wrote ({problem})") from None
+    # SAC's network is of stable_baselines3.sac.policies; PPO, A2C and TRPO share another module.
+    parts = module.split(".")
+    package, folder = parts[0], parts[-2:][0]
+    if "cg_max_steps" in data:
+        package, folder = _CONTRIB, "trpo"
+    elif "clip_range" in data and package != _CONTRIB:  # perhaps with a network from outside SB3
+        package, folder = "sbx" if package == "sbx" else _SB3, "ppo"
+    if package not in (_SB3, _CONTRIB, "sbx"):
+        raise ValueError(f"{path} must be of stable-baselines3, sb3-contrib or sbx, got a network of {module}")
+    return _import(str(path), package, {"common": "a2c", "recurrent": "recurrentppo"}.get(folder, folder))
+
+
+def _check_space(model: Any, interface: Interface, name: str, advice: str) -> None:
+    """Refuse a model with other observations or actions; their precision may differ."""
+    given, want = getattr(model, name), getattr(interface, name)
+    if given.shape != want.shape or not np.allclose((given.low, given.high), (want.low, want.high), rtol=1e-5):
+        raise ValueError(f"the model's {name} must be {_words(want)}, got {_words(given)}: train it with {advice}")
+
+
+def _words(space: Any) -> str:
+    """Return the shape and the different bounds of a box as text, such as "(2,) of -1 to 1"."""
+    ends = [f"{low:.6g} to {high:.6g}" for low, high in zip(space.low.ravel(), space.high.ravel(), strict=True)]
+    return f"{space.shape} of {', '.join(dict.fromkeys(ends))}"

@@ -1,0 +1,416 @@
+"""Linear analysis: the sampled loop of a policy and an arm, linearised, and its margins.
+
+The plant is the real arm over one control interval, with springs, the drive's delay and lag, and
+the encoders. The law is the policy's map from measured signals and its state to a torque and its
+next state; its derivatives are difference quotients of `predict`. A margin is the smallest gain,
+phase or delay at the plant's input at which an eigenvalue of the closed loop leaves the unit
+circle.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.signal import cont2discrete
+from threadpoolctl import threadpool_limits
+
+from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.run.rollout import make_env
+from controllers.base import leaves, map_state
+from controllers.oracles.true_arm import TrueArm
+from fbl_gym.interface import Interface
+from fbl_gym.kernel.batch import Truth
+from fbl_gym.model.arm import Array
+from fbl_gym.options import ArrayReference, Encoder, Friction, Payload
+from fbl_gym.records.checks import Pair, check_pair
+from fbl_gym.records.record import ends, scaled
+from fbl_gym.scenarios import Scenario, as_scenario
+
+POINT: Pair = (-1.0, 0.5)
+"""A point within the default motion at which gravity acts on both joints [rad]."""
+
+MEASURED = ("position", "velocity", "acceleration", "previous_actions")
+"""The slots of the observation that depend on the arm. The reference is held."""
+
+SETTLING = 60.0
+"""An arm that is not at rest after so long [s] has no operating point."""
+
+MOST_NUMBERS = 2_000
+"""A policy whose state has more numbers is not linearised, since that would take minutes."""
+
+UNIT_CIRCLE = 1.0 + 1e-6
+"""Largest modulus of an eigenvalue that counts as stable.
+
+Rounding moves the eigenvalue 1 of a constant state.
+"""
+
+LONGEST_DELAY = 1.0
+"""The longest delay that is tried [s]."""
+
+GAIN_FACTORS = np.geomspace(1.0, 1e3, 61)[1:]
+"""The factors of the loop's gain that are tried."""
+
+STEPS = (1e-5, 1e-6)
+"""Steps of the difference quotients: shares of each quantity, absolute where it is below 1."""
+
+
+class NotLinear(ValueError):
+    """A loop without a linearisation or without margins; the message gives the reason."""
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of a closed loop; each pair is of the torques of both joints, one opened at a time.
+
+    Attributes:
+        delay: smallest added delay of both torques at which the loop is unstable [s]; inf: none
+            up to 1 s.
+        gain_lower: largest factor below 1 at which the loop is unstable; 0: none down to 0.001.
+        gain_upper: smallest factor above 1 at which the loop is unstable; inf: none up to 1,000.
+        phase: [degrees]; inf: none.
+        sensitivity: peak of |S|, S = 1 / (1 + L).
+        complementary: peak of |T|, T = L / (1 + L).
+    """
+
+    delay: float
+    gain_lower: Pair
+    gain_upper: Pair
+    phase: Pair
+    sensitivity: Pair
+    complementary: Pair
+
+
+@dataclass(frozen=True)
+class LinearLoop:
+    """A linearised sampled loop of the torques u [2] and the measured signals y: y = P u, u = K y.
+
+    Attributes:
+        control_dt: sample time [s].
+        delay, lag: of the drive [s].
+        motion: derivative of the arm's state's rate by the state, [n x n]. The state is (q, v) of
+            the joints; those of the hinges of links that bend, and of the motors of elastic joints,
+            follow.
+        drive: its derivative by the commanded torque, [n x 2]; the drive's gain is part of it.
+        measured: index in the state of the position that the encoders read.
+        encoder: latency and difference [samples], and the low-pass filter's share of a new value;
+            difference 0: the velocity is measured.
+        matrices: A, B, C, D of K.
+        readings: names of y, as in `Layout.names`.
+        action_scale: torque of an action of 1, [2] N m.
+    """
+
+    control_dt: float
+    delay: float
+    lag: float
+    motion: Array
+    drive: Array
+    measured: int
+    encoder: tuple[int, int, float]
+    matrices: tuple[Array, Array, Array, Array]
+    readings: tuple[str, ...]
+    action_scale: Array
+
+    def plant(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
+        """Return A, B, C of P.
+
+        Its state is that of the arm, the drive's torque if it lags, the past commands, and the past
+        readings that the encoders still use. A delay of k + f intervals splits an interval: in its
+        first part f the command is one sample older (Franklin, Powell and Workman, "Digital Control
+        of Dynamic Systems", 1998, §4.3.4).
+        """
+        a, b, size = self.motion, self.drive, len(self.motion)
+        if self.lag > 0.0:
+            a = np.block([[a, b], [np.zeros((2, size)), -np.eye(2) / self.lag]])
+            b = np.vstack([np.zeros((size, 2)), np.eye(2) / self.lag])
+        whole, part = divmod((self.delay + more_delay) / self.control_dt + 1e-9, 1.0)
+        unused = np.zeros((0, len(a))), np.zeros((0, 2))
+        early, early_input, *_ = cont2discrete((a, b, *unused), part * self.control_dt)
+        late, late_input, *_ = cont2discrete((a, b, *unused), (1.0 - part) * self.control_dt)
+
+        # Inputs: the commands of now and of the last samples, as many as act or are observed.
+        # The past ones are states.
+        n, k = len(a), int(whole)
+        past = max(k + 1, sum(name.startswith("previous_actions") for name in self.readings) // 2)
+        inputs = np.zeros((n, 2 * (past + 1)))
+        inputs[:, 2 * k : 2 * k + 2], inputs[:, 2 * k + 2 : 2 * k + 4] = late_input, late @ early_input
+        shift = np.eye(2 * past, 2 * (past + 1))
+        both = np.vstack([np.hstack([late @ early, inputs]), np.hstack([np.zeros((len(shift), n)), shift])])
+        b, both = both[:, n : n + 2], np.delete(both, [n, n + 1], axis=1)
+
+        # The last readings of position and velocity, the newest first, are states, too.
+        (latency, difference, share), length = self.encoder, len(both)
+        a = block_diag(both, np.eye(4 * max(latency, difference), k=-4))
+        readings = np.zeros((4 + len(a) - length, len(a)))
+        readings[4:, length:] = np.eye(len(a) - length)
+        readings[:4, self.measured : self.measured + 4] = np.eye(4)
+        if difference:
+            change = readings[:2] - readings[4 * difference : 4 * difference + 2]
+            readings[2:4] = (1.0 - share) * readings[6:8] + share / (difference * self.control_dt) * change
+        a[length : length + 4] = readings[: len(a) - length][:4]
+
+        outputs = {"position": readings[4 * latency :][:2], "velocity": readings[4 * latency + 2 :][:2]}
+        # An accelerometer reads at the end of an interval, under the torque of that interval.
+        outputs["acceleration"], outputs["previous_actions"] = np.zeros((2, len(a))), np.zeros((2 * past, len(a)))
+        outputs["acceleration"][:, :size] = self.motion[2:4]
+        acting = size if self.lag > 0.0 else n + 2 * k
+        outputs["acceleration"][:, acting : acting + 2] += self.drive[2:4]
+        outputs["previous_actions"][:, n:length] = np.diag(np.tile(1.0 / self.action_scale, past))
+        rows = [outputs[name[: name.index("[")]][int(name[name.index("[") + 1 : -1])] for name in self.readings]
+        return a, np.vstack([b, np.zeros((len(a) - length, 2))]), np.array(rows)
+
+    def _series(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
+        """Return A, B, C of K P, the loop that is cut open at the plant's input."""
+        a, b, c = self.plant(more_delay)
+        law_a, law_b, law_c, law_d = self.matrices
+        step = block_diag(a, law_a)
+        step[len(a) :, : len(a)] = law_b @ c
+        return step, np.vstack([b, np.zeros((len(law_a), 2))]), np.hstack([law_d @ c, law_c])
+
+    def response(self, joint: int, points: int = 2000) -> tuple[Array, Array]:
+        """Return frequencies from 0.1 rad/s to Nyquist's, and the loop transfer L, both [points].
+
+        L is that of joint 0 or 1, complex, for negative feedback; the other joint's loop is closed.
+        """
+        a, b, c = self._series()
+        closed = a + np.outer(b[:, 1 - joint], c[1 - joint])
+        frequencies = np.geomspace(0.1, np.pi / self.control_dt, points)
+        z, one = np.exp(1j * frequencies * self.control_dt), np.eye(len(a))
+        return frequencies, np.array([-c[joint] @ np.linalg.solve(x * one - closed, b[:, joint]) for x in z])
+
+    def is_stable(self, factors: Sequence[complex] = (1.0, 1.0), more_delay: float = 0.0) -> bool:
+        """Return True if all eigenvalues of the closed loop are within the unit circle.
+
+        `factors` multiply the torque of each joint; `more_delay` [s] delays both.
+        """
+        a, b, c = self._series(more_delay)
+        return bool(np.abs(np.linalg.eigvals(a + b * np.asarray(factors) @ c)).max() <= UNIT_CIRCLE)
+
+    def margins(self) -> Margins:
+        """Return the margins; raise `NotLinear` if the loop is unstable."""
+        with threadpool_limits(1):  # small matrices only wait for threads
+            if not self.is_stable():
+                raise NotLinear("the linearised loop is unstable")
+            # Fine within the first samples, where a part of a sample matters most.
+            delays = self.control_dt * np.append(np.arange(0.1, 4.0, 0.1), np.geomspace(4.0, 1e4, 160))
+            delay = _edge(lambda x: self.is_stable(more_delay=x), 0.0, delays[delays <= LONGEST_DELAY])
+            return Margins(delay, *zip(self._joint_margins(0), self._joint_margins(1), strict=True))
+
+    def _joint_margins(self, joint: int) -> tuple[float, ...]:
+        """Return the fields of `Margins` after the first, of one joint."""
+
+        def stable(factor: complex) -> bool:
+            return self.is_stable([factor if i == joint else 1.0 for i in (0, 1)])
+
+        sensitivity = 1.0 / (1.0 + self.response(joint)[1])
+        lower = 1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAIN_FACTORS)
+        upper = _edge(stable, 1.0, GAIN_FACTORS)
+        phase = _edge(lambda x: stable(np.exp(-1j * np.radians(x))), 0.0, np.arange(2.0, 181.0, 2.0))
+        return lower, upper, phase, np.abs(sensitivity).max(), np.abs(1.0 - sensitivity).max()
+
+
+def _edge(stable: Callable[[float], bool], inside: float, grid: Array) -> float:
+    """Return the first unstable value, from `inside` along the grid; inf: none."""
+    outside = next((x for x in grid if not stable(x)), np.inf)
+    inside = max([inside, *grid[grid < outside]])
+    while np.isfinite(outside) and outside - inside > 1e-5 * outside:
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if stable(middle) else (inside, middle)
+    return float(outside)
+
+
+def linearize(
+    policy: PolicySpec | str, scenario: Scenario | str | None = None, at: Pair = POINT, *, seed: int = 0
+) -> LinearLoop:
+    """Linearise the loop of a policy about rest at the constant reference `at` [rad].
+
+    The arm is first run without noise, disturbance and dry friction, and carries its payload all
+    the time.
+
+    Raises:
+        NotLinear: the arm diverges or does not come to rest, or the law is not linear even for
+            small deviations.
+    """
+    scenario = as_scenario(scenario)
+    limit, scenario = scenario.actuator.torque_limit, _calm(scenario)
+    point, zero = check_pair("at", at), (0.0, 0.0)
+    reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
+    instants = [round(time / scenario.control_dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
+    duration = (instants[-1] + 1) * scenario.control_dt
+    scenario = scenario.replace(reference=reference, initial_error=0.0, duration=duration)
+    spec = resolve(policy)
+    if not spec.ranked:
+        raise NotLinear("the policy reads the true state")
+    env = make_env(spec, scenario, 1)
+    actor = spec.make(env)
+    observation, _ = env.reset(seed=[seed])
+    state: Any = None
+    for k in range(instants[-1] + 1):
+        truth = env.truth if k in instants else None
+        if truth and np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max():
+            if limit is not None and np.any(np.abs(truth.applied_torque) > truth.gain * np.array(limit)):
+                raise NotLinear("the drives cannot hold the arm there")
+            return _loop(scenario, env.interface, truth, actor, observation[0], state)
+        action, state = actor.predict(observation, state=state, deterministic=True)
+        observation, _, terminated, _, _ = env.step(action)
+        if terminated[0]:
+            raise NotLinear("the arm diverges")
+    raise NotLinear(f"the arm does not come to rest within {SETTLING:g} s")
+
+
+def _calm(scenario: Scenario) -> Scenario:
+    """Return the scenario without noise, disturbance, dry friction, ripple and the like."""
+    encoder, drive = scenario.encoder, scenario.actuator
+    if ends(drive.jitter)[1] > 0.0:
+        raise NotLinear("the drive has jitter, which no fixed loop has: replace it by a part of the delay")
+    if encoder is not None:
+        encoder = dataclasses.replace(encoder, counts=None, dropout=0.0)
+    error = scenario.parameter_error
+    if error is not None and isinstance(error.payload, Payload):
+        error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
+    friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
+    calm = dict.fromkeys(("noise", "disturbance", "constraints"))
+    # Small motions stay within the limits, but the steps of a difference quotient may not.
+    limit = None if drive.torque_limit is None else scaled(drive.torque_limit, 10.0)
+    drive = dataclasses.replace(drive, ripple=0.0, torque_limit=limit)
+    return scenario.replace(parameter_error=error, friction=friction, encoder=encoder, actuator=drive, **calm)
+
+
+def _loop(
+    scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any
+) -> LinearLoop:
+    """Linearise at a true state, and at an observation [size] with the policy's state."""
+    layout, (motion, drive) = interface.layout, _motion(scenario, truth)
+    encoder = scenario.encoder or Encoder()
+    entries = np.concatenate([np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout])
+    step, point = _law(actor, interface, observation, entries, state)
+    m, slope = len(entries), _derivative(step, point)
+    if _differ(_derivative(lambda points: step(points, later=1), point), slope):
+        raise NotLinear("the law changes from sample to sample")
+    loop = LinearLoop(
+        control_dt=scenario.control_dt,
+        delay=float(truth.delay[0]),
+        lag=float(truth.lag[0]),
+        motion=motion,
+        drive=drive * truth.gain[0],
+        measured=len(motion) - 4 if scenario.joint is not None and scenario.joint.encoder == "motor" else 0,
+        encoder=(
+            encoder.latency,
+            encoder.difference or 0,
+            1.0 - np.exp(-2 * np.pi * (encoder.low_pass or np.inf) * scenario.control_dt),
+        ),
+        matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
+        readings=tuple(layout.names[i] for i in entries),
+        action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
+    )
+    _check_motion(loop, step, point, slope)
+    return loop
+
+
+def _motion(scenario: Scenario, truth: Truth) -> tuple[Array, Array]:
+    """Return the derivatives of the state's rate by the state and by the drives' torque.
+
+    A tooth that is pressed stays pressed.
+    """
+    arm, gap = TrueArm(truth, scenario, scenario.arm.gravity), 0.5 * truth.backlash
+    if arm.elastic and np.any(np.abs(truth.motor_position - truth.position) < gap + 2 * max(STEPS)):
+        raise NotLinear("a joint is within the gap of its backlash, where motor and link do not touch")
+    slope = arm.slope(arm.state)[0]
+    return slope[:, :-2], slope[:, -2:]
+
+
+def _law(
+    actor: Any, interface: Interface, observation: Array, entries: Array, state: Any
+) -> tuple[Callable[..., Array], Array]:
+    """Return a policy as a function of lanes, and the point at which it is linearised.
+
+    The function maps entries of the observation, and the state's finite floating-point parts, to
+    the torque and the next state.
+    """
+    layout, m = interface.layout, len(entries)
+    parts = [np.asarray(part) for part in leaves(state or ())]
+    if any(part.shape[:1] != (1,) for part in parts):
+        raise NotLinear("the policy's state has no row for each lane")
+    # An infinite part is a limit that does not act.
+    real = [i for i, part in enumerate(parts) if part.dtype.kind == "f" and np.isfinite(part).all()]
+    cuts = np.cumsum([m, *(parts[i].size for i in real)])
+    if cuts[-1] > MOST_NUMBERS:
+        raise NotLinear(f"the policy's state has too many numbers, {cuts[-1] - m}")
+
+    def step(points: Array, later: int = 0) -> Array:
+        """Return torque and next state [n x ...]; the state's counters are increased by `later`."""
+        n = len(points)
+        observations = np.tile(observation, (n, 1))
+        observations[:, entries] = points[:, :m]
+        lanes = [np.repeat(part + later if part.dtype.kind in "iu" else part, n, axis=0) for part in parts]
+        for i, start, stop in zip(real, cuts[:-1], cuts[1:], strict=True):
+            lanes[i] = points[:, start:stop].reshape(n, *parts[i].shape[1:])
+        rows = iter(lanes)
+        now = None if state is None else map_state(lambda _: next(rows), state)
+        action, after = actor.predict(observations, state=now, deterministic=True)
+        after = leaves(after or ())
+        q = observations[:, layout["position"]]
+        v = observations[:, layout["velocity"]] if "velocity" in layout else np.zeros_like(q)
+        torque = interface.torque_from_action(np.asarray(action), q, v)
+        return np.hstack([torque, *(after[i].reshape(n, -1) for i in real)])
+
+    return step, np.concatenate([observation[entries], *(parts[i].ravel() for i in real)])
+
+
+def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, slope: Array) -> None:
+    """Raise `NotLinear` if the law departs from its linearisation while a linear plant moves.
+
+    An estimator, such as that of `adaptive-flm`, may switch only if its samples are those of a
+    moving arm. The plant is delayed, since an estimator with an exact model would find it again.
+    """
+    a, b, c = loop.plant(1.5 * loop.control_dt)
+    m, centre = len(c), step(point[None])[0]
+    x, states = np.zeros(len(a)), np.zeros(len(point) - m)
+    x[: len(loop.motion)] = [1e-6, -1e-6, 1e-5, 2e-5] * (len(loop.motion) // 4)
+    largest = 0.0
+    for _ in range(100):
+        inputs = np.concatenate([c @ x, states])
+        change, expected = step((point + inputs)[None])[0] - centre, slope @ inputs
+        largest = max(largest, np.abs(expected[:2]).max())
+        if np.abs(change - expected)[:2].max() > 0.02 * largest:
+            raise NotLinear("the law does not follow its linearisation")
+        if np.abs(c @ x).max() > 1e-3:
+            break
+        x, states = a @ x + b @ change[:2], change[2:]
+
+
+def _derivative(function: Callable[[Array], Array], point: Array) -> Array:
+    """Return the derivative [k x m] of a function of lanes [n x m] -> [n x k]."""
+    steps = [step * np.maximum(1.0, np.abs(point)) for step in STEPS]
+    moved = [point + sign * np.diag(step) for step in steps for sign in (1.0, -1.0)]
+    values = function(np.concatenate([point[None], *moved]))
+    centre, (up, down, fine_up, fine_down) = values[0], np.split(values[1:], 4)
+    coarse, slope = (up - down).T / (2.0 * steps[0]), (fine_up - fine_down).T / (2.0 * steps[1])
+    # The slopes of both sides differ in proportion to the step, or there is a kink.
+    gap, fine_gap = (up + down - 2.0 * centre).T / steps[0], (fine_up + fine_down - 2.0 * centre).T / steps[1]
+    if _differ(coarse, slope) or _differ(slope + fine_gap, slope, 0.3 * np.abs(gap)):
+        raise NotLinear("the law has no derivative at this point")
+    return slope
+
+
+def _differ(one: Array, other: Array, allowed: Array | float = 0.0) -> bool:
+    """Return True if two derivatives differ by more than is allowed and their rounding."""
+    rounding = 1e-3 * np.abs(other) + 1e-5 * np.abs(other).max(axis=1, keepdims=True)
+    return bool(np.any(np.abs(one - other) > allowed + rounding))
+
+
+def _minimal(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
+    """Return A, B, C without the states that no input moves or no output shows."""
+    for _ in range(2):
+        basis, block = np.zeros((len(a), 0)), b
+        while block.any():
+            block = block / np.maximum(np.linalg.norm(block, axis=0), 1e-300)
+            for _ in range(2):  # rounding leaves nothing after the second time
+                block = block - basis @ (basis.T @ block)
+            directions, sizes, _ = np.linalg.svd(block, full_matrices=False)
+            new = directions[:, sizes > 1e-7]
+            basis, block = np.hstack([basis, new]), a @ new
+        a, b, c = (basis.T @ a @ basis).T, (c @ basis).T, (basis.T @ b).T
+    return a, b, c

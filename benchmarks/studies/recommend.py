@@ -1,0 +1,355 @@
+"""The policies to use on an arm that is described by a scenario.
+
+Policies run in the scenario. The best laws among them may be tuned for it. The best policies then
+run in conditions around it. In each of these, one kind of uncertainty is twice as large. The order
+is that of the mean logarithm of the errors, plus the divergence penalty of the score; a condition
+costs at most as much as the motionless baseline. The scenario itself counts as much as all its
+conditions together.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import controllers
+from benchmarks.analysis.statistics import proportion, tail_mean
+from benchmarks.analysis.transfer import Runs
+from benchmarks.policies.spec import resolve_isolated
+from benchmarks.run.rollout import reference_motion
+from benchmarks.run.store import Result
+from benchmarks.run.suite import Cell, Suite
+from benchmarks.seeds import SPLITS
+from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics
+from fbl_gym.options import SensorError
+from fbl_gym.records.record import Distribution, ends, scaled
+from fbl_gym.scenarios import Scenario
+from fbl_gym.scenarios.classes import CLASSES, LEAST, conditions, stretched_inertia
+
+Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
+"""Runs cells and returns their results by id. A failed one has an error."""
+
+SCREENED = 8
+"""Policies that go on from the scenario alone to its conditions."""
+
+Tune = Callable[[Sequence[str]], Sequence[str]]
+"""Tunes the laws of some policies, the best first, and names those with new gains."""
+
+SAFE_DIVERGED = 0.01
+"""A policy is not safe if the lower bound of its share of diverged runs is above this one."""
+
+SAFE_ERROR = 0.5
+"""A policy is not safe if it errs more than this share of the motionless baseline."""
+
+RULE = (
+    f"safe: in the scenario itself, and in all conditions together, at most {100 * SAFE_DIVERGED:g} % of the runs diverge "
+    f"(lower bound of Clopper and Pearson's 95 % interval), and the error is below {SAFE_ERROR:g} of that of the "
+    "motionless baseline"
+)
+
+SPRINGY = 25.0
+"""Joints of which one alone vibrates at a lower rate [Hz] count as elastic."""
+
+MUCH_FRICTION = 0.14
+"""Dry friction above this share of the arm's weight is that of the class `geared`."""
+
+BETWEEN = 0.5
+"""An arm is between two classes if the distances of both differ by no more than that."""
+
+KINDS = (
+    "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "saturation"
+)  # fmt: skip
+"""What a condition pushes; "everything" pushes all but the saturation, half as far."""
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """The classes of robots that a robot is most like.
+
+    The distance of a class is half the number of doublings between both rates, and 1 each for
+    another side of the encoders and another amount of friction.
+
+    Attributes:
+        classes: the nearest class, and the next one if the arm is between both.
+        text: the class in one line, and the reasons.
+    """
+
+    classes: tuple[str, ...]
+    text: str
+
+    @classmethod
+    def of(cls, base: Scenario) -> "Likeness":
+        """Return the likeness of a scenario's arm."""
+        inertia = stretched_inertia(base.arm)
+        fast, friction, joint = ("servo", "direct"), base.friction, base.joint
+        sides: tuple[str, ...] = fast
+        reasons = [f"{1 / base.control_dt:.0f} Hz"]
+        if joint is None:
+            reasons.append("rigid joints")
+        else:
+            stiffness = np.array([ends(k)[0] for k in joint.stiffness])  # type: ignore[union-attr]
+            rate = float(np.sqrt(stiffness / inertia).min() / (2 * np.pi))
+            sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
+            reasons.append(f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s")
+        reasons += ["links that bend"] if base.link is not None else []
+        levels: tuple[str, ...] = tuple(CLASSES)
+        if friction is not None:
+            both = [np.array([np.mean(ends(x)) for x in level]) for level in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
+            share = float(np.mean(sum(both) / _weight(base.arm)))
+            levels = ("geared",) if share > MUCH_FRICTION else fast
+            reasons.append(f"dry friction of {100 * share:.0f} % of the weight")
+        distances = {
+            robot: abs(np.log2(base.control_dt / kind.times[0])) / 2 + (robot not in sides) + (robot not in levels)
+            for robot, kind in CLASSES.items()
+        }
+        first, second = sorted(distances, key=distances.__getitem__)[:2]
+        if distances[second] - distances[first] <= BETWEEN:
+            return cls((first, second), f"class: between {first} and {second} ({', '.join(reasons)})")
+        return cls((first,), f"class: {first} ({', '.join(reasons)})")
+
+
+def around(base: Scenario) -> dict[str, Scenario]:
+    """Return the conditions around a scenario, by name; the first one is the scenario itself.
+
+    What a scenario does not have, such as noise, comes in the size of its class of robots. Rigid
+    joints and links stay rigid: no stiffness can be guessed.
+    """
+    scenarios, robot = {"as described": base}, Likeness.of(base).classes[0]
+    for kind in KINDS:
+        if (changed := push(base, kind, 2.0, robot)) != base:
+            scenarios[kind] = changed.replace(name=f"{base.name}+{kind.replace(' ', '-')}")
+    everything = base
+    for kind in KINDS[:-1]:
+        everything = push(everything, kind, 1.5, robot)
+    return scenarios | {"everything": everything.replace(name=f"{base.name}+everything")}
+
+
+def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
+    """Return a scenario in which one of `KINDS` of uncertainty is larger by a factor above 1.
+
+    `robot` is the class whose sizes are taken where the scenario has none.
+    """
+    more, actuator, error = factor - 1.0, base.actuator, base.parameter_error
+    match kind:
+        case "parameters":
+            radius = factor * error.radius if error is not None and error.radius > 0 else 0.2 * more
+            changes: dict[str, Any] = {"parameter_error": _replaced(error, radius=radius)}
+            if base.joint is not None or base.link is not None:  # a lighter link is faster on its spring
+                changes["physics_dt"] = base.physics_dt / 2
+        case "payload":
+            mass = max(0.5 * more * base.arm.m2, factor * _payload(base))
+            times = {"pick_up": _uniform(0.1, 0.3, base.duration), "drop": _uniform(0.6, 0.8, base.duration)}
+            changes = {"parameter_error": _replaced(error, payload={"mass": _uniform(0.0, mass), **times})}
+        case "delay":
+            late = ends(actuator.delay)[1], ends(actuator.delay_samples)[1] * base.control_dt
+            delay = factor * late[0] + more * late[1] if any(late) else more * base.control_dt
+            changes = {"actuator": _replaced(actuator, delay=round(delay / base.physics_dt) * base.physics_dt)}
+        case "lag":
+            changes = {
+                "actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or more * CLASSES[robot].lag[1])
+            }
+        case "friction":
+            usual = conditions(base.arm, robot)["friction"]
+            levels = ("viscous", "coulomb", "stiction", *(["load"] if base.friction is None else []))
+            changes = {"friction": _larger(base.friction, usual, levels, factor)}
+        case "disturbance":
+            if base.disturbance is not None and not hasattr(base.disturbance, "amplitude"):
+                return base
+            usual = conditions(base.arm, robot, "disturbance", 2)["disturbance"]
+            changes = {"disturbance": _larger(base.disturbance, usual, ("amplitude",), factor)}
+        case "noise":
+            noise = getattr(base.noise, "position", None) or SensorError()
+            usual = conditions(base.arm, robot, "noise", 2)["noise"]
+            given = ends(noise.sigma)[1] > 0
+            sigma = scaled(noise.sigma, factor) if given else usual["position"] * more
+            changes = {"noise": _replaced(base.noise, position=_replaced(noise, sigma=sigma))}
+        case "elastic":  # half the stiffness, of joints and of links
+            changes = {
+                name: _replaced(record, **{field: scaled(getattr(record, field), factor**power)})
+                for name, field, power in (("joint", "stiffness", -1.0), ("link", "frequency", -0.5))
+                if (record := getattr(base, name)) is not None
+            }
+        case "torque constant":
+            low, high = ends(actuator.gain)
+            changes = {"actuator": _replaced(actuator, gain=_uniform(low - 0.2 * more, high + 0.2 * more))}
+        case _:
+            changes = {"actuator": _replaced(actuator, torque_limit=_scarce_torque(base))}
+    return base.replace(**changes)
+
+
+def _scarce_torque(base: Scenario, episodes: int = 8) -> tuple[float, float]:
+    """Return torque limits that the nominal motion exceeds in about a tenth of the samples [N m].
+
+    They exceed the arm's weight by a tenth, and no limit is above the given one. As everywhere in
+    the classes, an arm in a horizontal plane has the torque of an acceleration as its weight.
+    """
+    motion = reference_motion(base, SPLITS["test"][:episodes])[:, :-1]
+    torques = np.abs(inverse_dynamics(base.arm, *motion))
+    limit = np.maximum(np.quantile(torques, 0.9, axis=(0, 1)), 1.1 * _weight(base.arm))
+    given = base.actuator.torque_limit
+    return tuple(limit if given is None else np.minimum(limit, given))
+
+
+def _weight(arm: ArmParameters) -> Array:
+    """Return the largest torques of gravity, or of an acceleration of `LEAST`, [2] N m."""
+    return np.maximum(np.abs(gravity_torque(arm, (0.0, 0.0))), LEAST * stretched_inertia(arm))
+
+
+def _replaced(record: Any, **changes: Any) -> Any:
+    """Return a record with other fields, or their plain data where there is no record."""
+    return changes if record is None else dataclasses.replace(record, **changes)
+
+
+def _larger(record: Any, usual: dict[str, Any], names: Sequence[str], factor: float) -> Any:
+    """Return a record with some fields times a factor; without one, the usual times factor - 1."""
+    if record is None:
+        return usual | {name: scaled(usual[name], factor - 1.0) for name in names}
+    return dataclasses.replace(record, **{name: scaled(getattr(record, name), factor) for name in names})
+
+
+def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
+    return Distribution(uniform=(low * scale, high * scale))
+
+
+def _payload(scenario: Scenario) -> float:
+    """Return the largest payload of a scenario [kg]."""
+    payload = None if scenario.parameter_error is None else scenario.parameter_error.payload
+    return ends(getattr(payload, "mass", payload or 0.0))[1]
+
+
+def candidates(robots: Sequence[str]) -> list[str]:
+    """Return the policies that are tried by default: all of those that do not know the truth.
+
+    Laws also have the gains for some classes of robots. `computed-torque-ilc` is left out, since
+    it learns over trials.
+    """
+    without = ("zero", "computed-torque-ilc")
+    known = (*controllers.names(), *(name for robot in robots for name in controllers.tuned(robot)))
+    return [name for name in known if (spec := resolve_isolated(name)).ranked and spec.parsed.source not in without]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A policy in the scenario and its conditions.
+
+    Attributes:
+        policy: its name.
+        safe: True if it is, by `RULE`.
+        median_pct: median error of all runs [%].
+        worst_pct: mean of the largest 5 % of the errors [%].
+        diverged: number of diverged runs.
+        runs: number of runs.
+        diverged_bound: upper bound of the share of diverged runs.
+        errors_pct: error in each condition [%], the geometric mean of the runs.
+        lost: number of diverged runs in each condition.
+        effort: variation of the torque, relative to that of the calmest policy that is recommended.
+    """
+
+    policy: str
+    safe: bool
+    median_pct: float
+    worst_pct: float
+    diverged: int
+    runs: int
+    diverged_bound: float
+    errors_pct: tuple[float, ...]
+    lost: tuple[int, ...]
+    effort: float
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """The policies to use, the best first.
+
+    Attributes:
+        scenario: its name.
+        choices: up to three safe policies of different laws; if there is none, the best ones that
+            are not safe.
+        conditions: names of the conditions.
+        failed: policies that failed, each with the error.
+    """
+
+    scenario: str
+    choices: tuple[Choice, ...]
+    conditions: tuple[str, ...]
+    failed: dict[str, str]
+
+    @property
+    def safe(self) -> bool:
+        """True if there is a policy to use."""
+        return any(choice.safe for choice in self.choices)
+
+
+def recommend(
+    base: Scenario, policies: Sequence[str], number: int, run: Run, tune: Tune | None = None
+) -> Recommendation:
+    """Return the best three of some policies on the arm of a scenario, on a number of test seeds.
+
+    With `tune`, the laws with new gains compete, too.
+
+    Raises:
+        ValueError: every policy failed.
+    """
+    results: dict[str, Result] = {}
+
+    def measured(names: Sequence[str], *tasks: Scenario) -> list[Result]:
+        cells = Suite("recommend", tuple(names), tasks, number).cells
+        results.update(run(cells))
+        return [results[cell.id] for cell in cells]
+
+    screened = measured(policies, base)
+    names = _best(screened)
+    if tune is not None and (tuned := tune(names)):
+        names = _best([*screened, *measured(tuned, base)])
+    tasks = around(base)
+    measured(names[:SCREENED], *tasks.values())
+    failed = {result.cell.policy.name: result.error for result in results.values() if result.error}
+    complete = [name for name in names[:SCREENED] if name not in failed]
+    table = [[results[f"{name}/{task.name}"] for task in tasks.values()] for name in complete]
+    runs = Runs.of(table)
+    safe = [is_safe(row[:1]) and is_safe(row) for row in table]
+    levels = np.minimum(runs.levels, np.log(_metric(table, "baseline_error_pct")).mean(axis=-1))
+    levels = levels[:, 0] + levels[:, 1:].mean(axis=1)
+    order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
+    laws: dict[str, int] = {}
+    for i in order:
+        laws.setdefault(table[i][0].cell.policy.parsed.law, i)
+    best = [*laws.values()][:3]
+    variation = np.median(_metric(table, "variation"), axis=(1, 2))
+    calmest = min(filter(None, variation[best]), default=1.0)  # a policy without a torque has none
+    choices = []
+    for i in best:
+        errors, diverged, count = runs.error[i].ravel(), int(runs.diverged[i].sum()), runs.diverged[i].size
+        choices.append(
+            Choice(
+                complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors)), diverged, count,
+                float(proportion(diverged, count).high), tuple(np.exp(runs.logs[i].mean(axis=-1)).tolist()),
+                tuple(int(lost) for lost in runs.diverged[i].sum(axis=-1)), float(variation[i] / calmest),
+            )
+        )  # fmt: skip
+    return Recommendation(base.name, tuple(choices), tuple(tasks), failed)
+
+
+def _metric(table: Sequence[Sequence[Result]], name: str) -> Array:
+    """Return a metric of results [policies x scenarios], for each run."""
+    return np.array([[[run[name] for run in result.rows] for result in row] for row in table])
+
+
+def is_safe(results: Sequence[Result]) -> bool:
+    """Return True if a policy is safe by `RULE`, from its results in some conditions together."""
+    diverged, error, baseline = (
+        _metric([results], name)[0].ravel() for name in ("diverged", "error_pct", "baseline_error_pct")
+    )
+    share = proportion(diverged.sum(), len(diverged)).low
+    return bool(share <= SAFE_DIVERGED and np.log(error / baseline).mean() < np.log(SAFE_ERROR))
+
+
+def _best(results: Sequence[Result]) -> list[str]:
+    """Return the policies that did not fail, the best in the scenario first."""
+    working = [result for result in results if not result.error]
+    if not working:
+        raise ValueError(f"every policy failed, the first one with: {results[0].error}")
+    levels = Runs.of([[result] for result in working]).levels[:, 0]
+    return [working[i].cell.policy.name for i in np.argsort(levels)]

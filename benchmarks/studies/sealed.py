@@ -1,0 +1,112 @@
+"""The sealed test of a release: does the board's order hold on arms and seeds that nobody has seen?
+
+`python -m benchmarks.studies.sealed` takes the board from the store. Arms, motions and seeds are
+drawn from the board's version, a hash of its code, which nobody can choose: they are known when the
+last change is made, and are others after the next one. So the test is used once, at the end.
+"""
+
+import argparse
+import contextlib
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.analysis.board import Board, assemble
+from benchmarks.analysis.transfer import Runs
+from benchmarks.policies.spec import PolicySpec
+from benchmarks.run.runner import run as run_cells
+from benchmarks.run.store import Store
+from benchmarks.run.suite import Cell, load
+from benchmarks.seeds import SPLITS
+from fbl_gym import Scenario
+from fbl_gym.model.arm import ArmParameters
+from fbl_gym.scenarios.classes import CLASSES, conditions, families, stretched_inertia
+
+SEVERITY = 3
+"""The board has severity 2."""
+
+
+def draw(version: str, robot: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
+    """Return the task of a class's family, with another arm and other moves, and its 32 seeds.
+
+    An arm is drawn again if its springs are too fast for the physics step, behind a tiny rotor.
+    """
+    random = np.random.default_rng((int(version, 16), *map(ord, family)))
+    for _ in range(100):
+        options = conditions(draw_arm(random, robot), robot, family, SEVERITY)
+        motion = options["reference"]
+        pace, rest = random.uniform(0.9, 1.3), random.uniform(0.1, 0.6)
+        options["reference"] = dataclasses.replace(motion, move_time=pace * motion.move_time, hold_time=rest)
+        with contextlib.suppress(ValueError):
+            task = Scenario(name=f"sealed-{family}", **options)
+            return task, tuple(random.choice(SPLITS["sealed"], 32, replace=False).tolist())
+    raise ValueError(f"no arm of the class {robot} can be drawn for {family}")
+
+
+def draw_arm(rng: np.random.Generator, robot: str) -> ArmParameters:
+    """Return an arm of links of 1 to 30 kg and 0.2 to 1 m, between rods and point masses.
+
+    Each rotor has at most the share of the links' inertia that it has in the arm of a class.
+    """
+    mass, length = np.exp(rng.uniform(np.log(1.0), np.log(30.0), 2)), rng.uniform(0.2, 1.0, 2)
+    point = rng.uniform(0.0, 1.0, 2)
+    shape = {"centre": tuple(0.5 + 0.5 * point), "inertia": tuple((1.0 - point) / 12.0)}
+    links = ArmParameters(mass[0], mass[1], length[0], length[1], **shape)  # type: ignore[arg-type]
+    usual = CLASSES[robot].arm
+    rotor = rng.uniform(0.0, 1.0, 2) * usual.rotor * stretched_inertia(links) / stretched_inertia(usual)
+    return dataclasses.replace(links, rotor=tuple(rotor))
+
+
+def tau(board: Board, rows: Sequence[int], names: Sequence[str], sealed: Runs) -> dict[str, float]:
+    """Return Kendall's tau between the rows' errors on the board and in the sealed test.
+
+    Args:
+        board: with the families.
+        rows: indices of the board's policies that are compared.
+        names: of the families.
+        sealed: their runs [rows x families x seeds], in the order of their names.
+    """
+    logs = sealed.logs.mean(axis=-1)
+    return {
+        "all": float(stats.kendalltau(board.error.value[rows], logs.mean(axis=1)).statistic),
+        **{
+            family: float(stats.kendalltau(board.family_errors[family].value[rows], logs[:, k]).statistic)
+            for k, family in enumerate(names) if family in board.family_errors
+        },
+    }  # fmt: skip
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the sealed test of the board in the store, and print it."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.studies.sealed", description=__doc__)
+    parser.add_argument("--suite", default="servo", choices=tuple(CLASSES), help="class of robots (servo)")
+    parser.add_argument("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
+    parser.add_argument("--seeds", type=int, metavar="N", help="test seeds of the board (the suite's)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
+    arguments = parser.parse_args(argv)
+    store = Store(arguments.store)
+    cells = load(arguments.suite).build(arguments.policies, (), arguments.seeds).cells
+    board = assemble([result for cell in cells if (result := store.find(cell))], cells)
+    names = tuple(families(arguments.suite))
+    tasks = [draw(board.version, arguments.suite, family) for family in names]
+    first: dict[str, PolicySpec] = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
+    sealed = {(name, task.name): Cell(spec, task, seeds) for name, spec in first.items() for task, seeds in tasks}
+    results = {result.cell.id: result for _, result in run_cells([*sealed.values()], store, workers=arguments.workers)}
+    table = {name: [results[sealed[name, task.name].id] for task, _ in tasks] for name in first}
+    table = {name: row for name, row in table.items() if not any(result.error for result in row)}
+    runs = Runs.of([*table.values()])
+    print(f"The sealed test of the board {board.version}: {len(tasks)} families, 32 seeds each")
+    print("| policy | sealed error % | diverged % |\n| --- | --- | --- |")
+    for name, logs, diverged in zip(table, runs.logs, runs.diverged, strict=True):
+        print(f"| `{name}` | {np.exp(logs.mean()):.3g} | {100 * diverged.mean():.2g} |")
+    rows = [board.policies.index(name) for name in table]
+    print(*(f"{value:6.2f}  tau, {family}" for family, value in tau(board, rows, names, runs).items()), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Training agents with stable-baselines3 on a batch of arms."""

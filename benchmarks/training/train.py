@@ -1,0 +1,85 @@
+"""Training of an agent with stable-baselines3, `fbl-gym train`.
+
+A run writes to its folder:
+
+    agent.json, weights.npz  the agent with the smallest validation error so far
+    curve.csv                  the learning curve
+    run.json, checkpoint.pt    settings and state, from which a stopped run goes on
+    tensorboard/               logs
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from benchmarks.agents.sb3 import find_class
+from benchmarks.files import write_text
+from benchmarks.text import reason_of
+from benchmarks.training.progress import CHECKPOINT, Progress
+from benchmarks.training.training_settings import TrainingSettings, training_seeds
+from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
+from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
+
+
+def train(settings: TrainingSettings, folder: Path, command: str = "", evaluations: int = 40) -> None:
+    """Train an agent, or continue a run of the same settings that was stopped or shall be longer.
+
+    Args:
+        settings: of the run.
+        folder: for the agent with the smallest validation error, and the run's own files.
+        command: for `agent.json`.
+        evaluations: number of validations and checkpoints.
+
+    Raises:
+        ValueError: the folder holds a run of other settings, or one that is damaged.
+    """
+    text, run_file = json.dumps(asdict(settings), indent=1) + "\n", folder / "run.json"
+    began = (folder / CHECKPOINT).exists()
+    if began and _without_length(run_file.read_text(encoding="utf-8")) != _without_length(text):
+        raise ValueError(f"only steps and minutes of a run may change; run.json of {str(folder)!r} has other settings")
+
+    # Lane i draws its episodes from the stream of seed first + i.
+    first = training_seeds(settings.seed)[0]
+    lanes, ahead, reward = settings.lanes, settings.adapter.previewed, settings.hyperparameters.get("reward")
+    arms = [
+        TwoLinkArmVectorEnv(lanes, x, autoreset_mode="SameStep", preview=ahead(x.control_dt), reward=reward)
+        for x in settings.scenarios
+    ]
+    env = ArmVecEnv(*(VectorAdapter(arm, settings.adapter) for arm in arms))
+    progress = Progress(settings, folder, command, evaluations)
+    algorithm = find_class(settings.algorithm)
+    arguments = copy.deepcopy(settings.hyperparameters["arguments"])  # SB3 adds to dicts in it
+    begin = arguments["learning_rate"]
+    # SB3's own measure of progress does not know `minutes`.
+    arguments["learning_rate"] = lambda _: begin * (1.0 - progress.fraction)
+    logs = str(folder / "tensorboard")
+    try:
+        model = algorithm("MlpPolicy", env, seed=first, device="cpu", tensorboard_log=logs, **arguments)
+    except Exception as problem:  # SB3 checks some arguments, torch some, and neither others
+        raise ValueError(f"hyperparameters.arguments must fit {algorithm.__name__}: {reason_of(problem)}") from None
+    write_text(run_file, text)
+    if began:
+        try:
+            progress.resume(model)
+        except Exception as problem:  # of torch, pickle, zipfile or SB3
+            raise ValueError(f"{folder} cannot be resumed ({reason_of(problem)}); give another --out") from None
+        for _ in range(model.num_timesteps // (env.num_envs * settings.scenarios[0].steps)):
+            env.reset()  # skip the episodes that the run has trained on
+    remaining = (settings.steps or sys.maxsize) - model.num_timesteps
+    if remaining > 0:
+        model.learn(remaining, callback=progress, reset_num_timesteps=False, tb_log_name="run")
+    else:
+        print(f"the run has {model.num_timesteps:,} steps already; more --steps extend it", file=sys.stderr)
+
+
+def _without_length(text: str) -> dict[str, Any] | None:
+    """Return the settings of a run without its length; None: the text has none."""
+    try:
+        return {**json.loads(text), "steps": None, "minutes": None}
+    except (ValueError, TypeError, RecursionError):
+        return None

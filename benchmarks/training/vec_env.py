@@ -1,0 +1,162 @@
+"""The batched environment for training: with an agent's view of it, and as SB3's `VecEnv`."""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+from stable_baselines3.common.vec_env import VecEnv
+
+from benchmarks.agents.adapter import AdapterSettings, AgentAdapter
+from controllers.base import where_lanes
+from fbl_gym.envs.env_common import check_reset_options
+from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array
+
+
+class VectorAdapter(VectorWrapper):
+    """A wrapper with an agent's observations and actions, for an environment in SAME_STEP mode.
+
+    A step lasts until the agent's next decision, and its reward is the mean one. Where an episode
+    ends within a step, the law under the agent begins the next one alone.
+    """
+
+    def __init__(self, env: VectorEnv, settings: AdapterSettings) -> None:
+        super().__init__(env)
+        self._interface: Interface = env.unwrapped.interface  # type: ignore[attr-defined]
+        self._adapter = AgentAdapter(settings, self._interface)
+        self.single_observation_space = spaces.Box(-10.0, 10.0, (self._adapter.size,), dtype=np.float64)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (2,), dtype=np.float32)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every lane, as Gymnasium's `VectorEnv.reset`."""
+        self._observation, infos = self.env.reset(seed=seed, options=options)
+        self._state = self._adapter.initial(self._observation)
+        return self._adapter.observe(self._observation, self._state), infos
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Take one step with the agent's actions [n x 2], as Gymnasium's `VectorEnv.step`."""
+        total, final = np.zeros(self.num_envs), np.full(self.num_envs, None, dtype=object)
+        ends = np.zeros((2, self.num_envs), dtype=bool)  # terminated, truncated
+        age = np.zeros_like(self._state.age)  # the agent decides in every lane
+        for _ in range(self._adapter.hold):
+            self._state = self._state._replace(age=age)
+            observed, rewards, terminated, truncated, infos = self._step(actions)
+            fresh = ~(ends[0] | ends[1])
+            total += np.where(fresh, rewards, 0.0)
+            ends |= fresh & np.array([terminated, truncated], dtype=bool)
+            for lane in np.flatnonzero(fresh & np.logical_or(terminated, truncated)):
+                final[lane] = infos["final_obs"][lane]
+            age = np.maximum(self._state.age, 1)
+        if ends.any():
+            infos |= {"final_obs": final, "_final_obs": ends.any(axis=0)}
+        return observed, total / self._adapter.hold, ends[0], ends[1], infos
+
+    def _step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Take one step of the environment."""
+        torque, state = self._adapter.torque(actions, self._observation, self._state)
+        q, v = (self._observation[:, self._interface.layout[name]] for name in ("position", "velocity"))
+        self._observation, rewards, terminated, truncated, infos = self.env.step(
+            self._interface.action_from_torque(torque, q, v)
+        )
+        if "final_obs" in infos:
+            done, final, last = infos["_final_obs"], infos["final_obs"], self._observation.copy()
+            last[done] = np.stack(final[done])
+            observed = self._adapter.observe(last, state)
+            for lane in np.flatnonzero(done):
+                final[lane] = observed[lane]
+            state = where_lanes(done, self._adapter.initial(self._observation), state)
+        self._state = state
+        return self._adapter.observe(self._observation, state), rewards, terminated, truncated, infos
+
+
+class ArmVecEnv(VecEnv):
+    """A `VecEnv` of SB3 over one or more `TwoLinkArmVectorEnv` of the same spaces, wrapped or not.
+
+    The lanes of the environments follow one another. Each environment is in SAME_STEP mode: the
+    last step of an episode returns the first observation of the next. A step is equal to that of a
+    `DummyVecEnv` bit for bit.
+    """
+
+    def __init__(self, *envs: VectorEnv) -> None:
+        for mode in (env.metadata["autoreset_mode"] for env in envs):
+            if mode != AutoresetMode.SAME_STEP:
+                raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
+        self.envs = envs
+        ends = np.cumsum([env.num_envs for env in envs])
+        self._cuts = ends[:-1]
+        super().__init__(int(ends[-1]), envs[0].single_observation_space, envs[0].single_action_space)
+        self.metadata = dict(envs[0].metadata)
+
+    def reset(self) -> Array:
+        """Start an episode in every lane, with the seeds of `seed()` if it was called since.
+
+        Each environment has the seeds from the first on.
+        """
+        for options in self._options:
+            check_reset_options(options, ())
+        observations = [env.reset(seed=self._seeds[: env.num_envs])[0] for env in self.envs]  # type: ignore[arg-type]
+        self._reset_seeds()
+        self._reset_options()
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        return np.concatenate(observations)
+
+    def step_async(self, actions: Array) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+        """Take one step; return observations, rewards, dones and infos as SB3 defines them."""
+        pairs = zip(self.envs, np.split(self._actions, self._cuts), strict=True)
+        *signals, infos = zip(*(_step(env, actions) for env, actions in pairs), strict=True)
+        observations, rewards, done = map(np.concatenate, signals)
+        for lane in np.flatnonzero(done):
+            self.reset_infos[lane] = {}
+        return observations, rewards, done, list(chain(*infos))
+
+    def close(self) -> None:
+        """Close the environments."""
+        for env in self.envs:
+            env.close()
+
+    def get_images(self) -> list[Any]:
+        """Return a frame of each lane."""
+        return [frame for env in self.envs for frame in env.render() or ()]
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return for each lane the attribute of its batch, wrapped or not."""
+        lanes = [env for env in self.envs for _ in range(env.num_envs)]
+        envs = [lanes[lane] for lane in self._get_indices(indices)]
+        return [getattr(env if hasattr(env, attr_name) else env.unwrapped, attr_name) for env in envs]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ARG002
+        """Raise an `AttributeError`, since the lanes share one environment."""
+        raise AttributeError(f"the lanes share one environment: make it with {attr_name}={value!r} for all lanes")
+
+    def env_method(self, method_name: str, *_: Any, **__: Any) -> list[Any]:
+        """Raise an `AttributeError`, since the lanes share one environment."""
+        raise AttributeError(f"the lanes share one environment: a single lane has no method {method_name!r}")
+
+    def env_is_wrapped(self, _: type, indices: Any = None) -> list[bool]:
+        """Return False for each lane, since no lane has wrappers."""
+        return [False for _ in self._get_indices(indices)]
+
+
+def _step(env: VectorEnv, actions: Array) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+    """Take one step in a batch; return observations, rewards, dones, and the info of each lane."""
+    observations, rewards, terminated, truncated, batch_infos = env.step(actions)
+    done = terminated | truncated
+    infos: list[dict[str, Any]] = [{"TimeLimit.truncated": cut} for cut in (truncated & ~terminated).tolist()]
+    if "cost" in batch_infos:
+        last = batch_infos.get("final_info", batch_infos)["cost"]
+        for info, cost in zip(infos, np.where(done, last, batch_infos["cost"]).tolist(), strict=True):
+            info["cost"] = cost
+    for lane in np.flatnonzero(done):
+        infos[lane]["terminal_observation"] = batch_infos["final_obs"][lane]
+    return observations, rewards.astype(np.float32), done, infos

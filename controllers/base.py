@@ -1,0 +1,259 @@
+"""A policy is anything with stable-baselines3's `predict`; `TorqueLaw` is the base of laws.
+
+A controller therefore goes wherever an SB3 model goes. Laws are frozen records of their gains.
+Values that change during a run travel in `state`.
+"""
+
+import copy
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeAlias
+
+import numpy as np
+
+from controllers.parts import Drive
+from fbl_gym.interface import Interface, clip
+from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
+from fbl_gym.records.record import Record
+
+State: TypeAlias = Any
+"""A `NamedTuple` of arrays with a row for each lane, or of such states; () for a law without."""
+
+ACCESS = ("none", "nominal", "privileged")
+"""A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked)."""
+
+
+class IntegralState(NamedTuple):
+    """State of a law with integral action."""
+
+    integral: Array  # [n x 2]
+
+
+def map_state(function: Callable[..., Any], *states: State) -> State:
+    """Return the state with the results of a function of the arrays of some states of one law."""
+    if not isinstance(states[0], tuple | list):
+        return function(*states)
+    parts = [map_state(function, *arrays) for arrays in zip(*states, strict=True)]
+    return type(states[0])(*parts) if hasattr(states[0], "_fields") else tuple(parts)
+
+
+def leaves(state: State) -> list[Any]:
+    """Return all arrays of a state."""
+    return [array for part in state for array in leaves(part)] if isinstance(state, tuple | list) else [state]
+
+
+def where_lanes(lanes: Array, new: State, old: State) -> State:
+    """Return the new state in some lanes [n] and the old one in all others."""
+    return map_state(lambda x, y: np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y), new, old)
+
+
+def reference_at(interface: Interface, observation: Array, times: Array) -> Array:
+    """Return the reference's position, velocity and acceleration [n x k x 6] at k times.
+
+    It comes from the preview as far as that reaches, with the acceleration linear between two
+    samples. Before the first and after the last one, the acceleration is held.
+
+    Args:
+        interface: of the policy.
+        observation: [n x size].
+        times: from now on [k] or [n x k] s.
+    """
+    return sampled_at(known_reference(interface, observation), interface.control_dt, times)
+
+
+def known_reference(interface: Interface, observation: Array) -> Array:
+    """Return the reference of an observation, now and at the previewed samples [n x k x 6]."""
+    return observation.take(interface.layout.reference, axis=-1).reshape(len(observation), -1, 6)
+
+
+def sampled_at(known: Array, dt: float, times: Array) -> Array:
+    """Return a motion [n x k x 6] at times [k] or [n x k] s from its samples, dt apart."""
+    last, following, t = steps_at(dt, known.shape[1], times)
+    lanes = slice(None) if times.ndim == 1 else np.arange(len(known))[:, None]
+    return between(known[lanes, last], known[lanes, following], t, dt)
+
+
+def steps_at(dt: float, samples: int, times: Array) -> tuple[Array, Array, Array]:
+    """Return the sample before each time, the one that follows it, and the time since [... x 1]."""
+    last = clip((times / dt + 1e-9).astype(int), 0, samples - 1)
+    return last, np.minimum(last + 1, samples - 1), (times - last * dt)[..., None]
+
+
+def between(sample: Array, following: Array, t: Array, dt: float) -> Array:
+    """Return position, velocity and acceleration [... x 6] a time t [... x 1] s after a sample.
+
+    The acceleration is linear up to the following sample, dt later. Samples are [... x 6].
+    """
+    r, r_dot, r_ddot = sample[..., :2], sample[..., 2:4], sample[..., 4:]
+    jerk = np.where(t > 0.0, (following[..., 4:] - r_ddot) / dt, 0.0)
+    position = r + t * r_dot + t**2 * (r_ddot / 2.0 + t * jerk / 6.0)
+    return np.concatenate([position, r_dot + t * r_ddot + 0.5 * t**2 * jerk, r_ddot + t * jerk], axis=-1)
+
+
+class Policy(Protocol):
+    """A policy, classical or learned."""
+
+    def predict(
+        self, observation: Array, state: State = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Array, State]:
+        """Return the action for an observation [size], or actions for a batch [n x size].
+
+        Args:
+            observation: in the environment's layout.
+            state: the state that the last call returned; None starts an episode in every lane.
+            episode_start: [n] or one flag; True in lanes where an episode starts; they are reset.
+                A policy that learns over trials may keep what it knows of the same motion.
+            deterministic: without effect on a controller.
+
+        Returns:
+            The action, [2] or [n x 2], and the state for the next call.
+        """
+        ...
+
+
+class Law(Record):
+    """Base of `TorqueLaw` and of the oracles: `predict` from a torque for batches of observations.
+
+    Attributes:
+        interface: of the environment.
+    """
+
+    interface: Interface
+
+    def initial(self, observation: Array) -> State:
+        """Return the state before the first decision of an episode; observations are [n x size]."""
+        return ()
+
+    def restart(self, observation: Array, state: State) -> State:
+        """Return the state before the first decision of the next episode, after one that ended.
+
+        A law that learns from episode to episode keeps it there; all others begin afresh.
+        """
+        return self.initial(observation)
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m for observations [n x size], and the next state.
+
+        The torque may exceed the limits; `predict` applies them.
+        """
+        raise NotImplementedError
+
+    def read(self, observation: Array, *slots: str) -> tuple[Array, ...]:
+        """Return slots of `interface.layout` of an observation [... x size], each [... x 2]."""
+        layout = self.interface.layout
+        return tuple([np.ascontiguousarray(observation[..., layout[slot]]) for slot in slots])
+
+    def measured_motion(self, observation: Array) -> tuple[Array, Array]:
+        """Return the measured position and velocity [... x 2]; zeros for an absent velocity."""
+        (position,) = self.read(observation, "position")
+        if "velocity" not in self.interface.layout:
+            return position, np.zeros_like(position)
+        return position, self.read(observation, "velocity")[0]
+
+    def predict(
+        self, observation: Array, state: State = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Array, State]:
+        """Return the action and the next state, as `Policy.predict` describes."""
+        size = self.interface.layout.size
+        observation = np.asarray(observation, dtype=float)
+        if observation.ndim not in (1, 2) or observation.shape[-1] != size:
+            raise ValueError(
+                f"observation must have shape ({size},) or (n, {size}), as this policy was built for, "
+                f"got {observation.shape}"
+            )
+        batch = np.atleast_2d(observation)
+        if state is None:
+            state = self.initial(batch)
+        elif episode_start is not None and np.any(episode_start):
+            starts = np.broadcast_to(np.asarray(episode_start, dtype=bool), len(batch))
+            state = where_lanes(starts, self.restart(batch, state), state)
+        torque, state = self.torque(batch, state)
+        action = self.interface.action_from_torque(torque, *self.measured_motion(batch))
+        return (action if observation.ndim == 2 else action[0]), state
+
+
+@dataclass(frozen=True)
+class TorqueLaw(Law):
+    """Base of the laws: a subclass computes a torque, and is a policy.
+
+    A subclass is a frozen dataclass, and its fields are its gains. It defines `torque`, and
+    `initial` if it has a state. Both work on batches: an observation is [n x size], a torque
+    [n x 2] N m, and a state a `NamedTuple` of arrays with n rows each.
+
+    A gain may be declared with its unit, bounds and tuning range, and is then checked:
+
+        frequency: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 100.0))
+
+    A subclass of a law keeps the declaration with a plain default, `frequency: Pair | float =
+    20.0`. A rule for several gains goes into `validate`, after `super().validate()`.
+
+    Notation of the laws' equations: r is the reference, q the position, v the velocity and
+    e = r - q. M, C and G are the nominal inertia, Coriolis and gravity terms. A prime is the time
+    derivative of a signal, and the transpose of a vector or matrix. int is the integral over time,
+    and p^ an estimate of p. Sections and equations without a source are those of the paper, which
+    `fbl_gym.model.arm` names.
+
+    Args:
+        interface: all that the law may know: `env.unwrapped.interface`.
+
+    Attributes:
+        needs: the sensors that the law requires.
+        access: what the law may know of the arm, one of `ACCESS`.
+        preview: how far ahead the law uses the reference, where the observation has it [s].
+    """
+
+    interface: Interface = dataclasses.field(repr=False)
+
+    needs: ClassVar[tuple[str, ...]] = ("position", "velocity")
+    access: ClassVar[str] = "nominal"
+    preview: ClassVar[float] = 0.0
+
+    def validate(self) -> None:
+        """Refuse an interface without a sensor that the law needs."""
+        for sensor in self.needs:
+            if sensor not in self.interface.layout:
+                raise ValueError(
+                    f"{type(self).__name__} needs a sensor of {sensor}, but the observation only has "
+                    f"{', '.join(slot.name for slot in self.interface.layout.slots)}"
+                )
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The known drive, by which a law pairs a motion with the torque of its time."""
+        return Drive.of(self.interface)
+
+    def sending(self, torque: Array) -> Self:
+        """Return the law as it decides where another torque than its own is sent at this sample.
+
+        Its observers and predictors need the torque [n x 2] N m that acts on the arm.
+        """
+        law = copy.copy(self)
+        vars(law)["drive"] = dataclasses.replace(self.drive, sent=torque)
+        return law
+
+    def decide(self, observation: Array, state: State) -> tuple[Array, Any]:
+        """Return the torque [n x 2] N m, and a draft for `settle`, as another one may be sent."""
+        return self.torque(observation, state)[0], (observation, state)
+
+    def settle(self, draft: Any, torque: Array) -> State:
+        """Return the next state after `decide`, where a torque [n x 2] N m is sent."""
+        return self.sending(torque).torque(*draft)[1]
+
+    def holding(self, position: Array) -> Array:
+        """Return the torque within the limits that holds the nominal arm still [n x 2] N m."""
+        return self.interface.saturate(gravity_torque(self.interface.nominal, position))
+
+    @cached_property
+    def stretched(self) -> Array:
+        """Diagonal of the inertia of the stretched nominal arm [2], kg m^2."""
+        return np.diagonal(inertia_matrix(self.interface.nominal, (0.0, 0.0)))
+
+
+class IntegralLaw(TorqueLaw):
+    """Base of the laws whose only state is an integral."""
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: the integral [n x 2], zero."""
+        return IntegralState(np.zeros((len(observation), 2)))

@@ -1,0 +1,1 @@
+"""Compiled mathematics that laws share."""

@@ -1,0 +1,1 @@
+"""The oracles, which see the real arm."""

@@ -1,0 +1,174 @@
+"""Oracles, which read the real arm from `env.truth`. They are not ranked."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from controllers.base import Law, State, known_reference, sampled_at
+from controllers.laws.lqg_elastic import ANGLES, COSINES, at_angle, design, past_reference, rate
+from controllers.oracles.true_arm import TrueArm
+from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics, with_rotors
+from fbl_gym.records.checks import Pair
+from fbl_gym.records.record import number, pair
+
+PREVIEW = 0.15
+"""How far ahead the oracles that predict use the reference [s]."""
+
+
+@dataclass(frozen=True)
+class _Oracle(Law):
+    """Base of the oracles. Each acts only in the environment that it was built for."""
+
+    env: Any = dataclasses.field(repr=False)
+
+    access: ClassVar[str] = "privileged"
+
+    @property
+    def interface(self) -> Interface:  # type: ignore[override]
+        """The environment's interface."""
+        return self.env.interface
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque command [n x 2] N m, and the next state."""
+        arm = TrueArm.of(self.env)
+        torque, state = self.drive(observation, arm, state)
+        return torque / arm.truth.gain, state
+
+    def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m that the drives are asked for, and the next state."""
+        raise NotImplementedError
+
+    def measured_motion(self, observation: Array) -> tuple[Array, Array]:
+        """Return the true position and velocity."""
+        truth = TrueArm.of(self.env).truth
+        return truth.position, truth.velocity
+
+
+@dataclass(frozen=True)
+class OracleFlm(_Oracle):
+    """The oracle: feedback linearisation that knows everything but delay, lag and springs.
+
+        torque = M a + C v + G + friction + d,    a = r'' + kp (r - q) + kd (r' - v)
+
+    All terms are true ones, and e'' + kd e' + kp e = 0 up to sampling and torque limits. The dry
+    friction is that along the reference, whose sign is steady.
+
+    Args:
+        env: the environment, single or batched.
+        kp: proportional gain [1/s^2], per joint.
+        kd: derivative gain [1/s], per joint.
+    """
+
+    kp: Pair | float = pair(400.0, unit="1/s^2")
+    kd: Pair | float = pair(40.0, unit="1/s")
+
+    def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m that the drives are asked for, and `state` unchanged."""
+        truth, v = arm.truth, arm.truth.velocity
+        error, rate = truth.reference - truth.position, truth.reference_velocity - v
+        a = truth.reference_acceleration + np.array(self.kp) * error + np.array(self.kd) * rate
+        load = inverse_dynamics(with_rotors(truth.lumped, truth.rotor), truth.position, v, a)
+        dry = arm.dry(v) * np.sign(truth.reference_velocity)
+        return load + (truth.viscous * v + dry) + truth.disturbance, state
+
+
+class ElasticState(NamedTuple):
+    """State of `OracleElastic`."""
+
+    design: Array  # parameters of each arm that gains were computed for [n x 14]; NaN: none yet
+    gains: Array  # [n x 5 x 2 x size]
+    past: Array  # reference of the last two samples [n x 2 x 6]
+
+
+@dataclass(frozen=True)
+class OracleElastic(_Oracle):
+    """The oracle of springs in joints and links: an optimal regulator on the full true state.
+
+        command = feed-forward + K (x_r - x)
+
+    x is the state of links, hinges, motors and drives, predicted with the true arm to the time at
+    which the command begins to act. x_r is its course along the reference, by inverse dynamics of
+    straight links, springs, motors and lag. K is the gain of the discrete optimal regulator for
+    each lane's true arm, linearised at rest without gravity, with the lag of its drives, and
+    interpolated over the cosine of the second joint's angle. Where joints or links are rigid, their
+    motors or hinges are left out.
+
+    Source: Anderson and Moore, "Optimal Control", 1990, §2.4; De Luca and Book, "Robots with
+    flexible elements", Springer Handbook of Robotics, chapter 11.
+
+    Args:
+        env: the environment, single or batched.
+        bandwidth: of the regulator without delay and lag [rad/s]; bandwidth^2 is the weight of the
+            links' error against 1 for the command over the inertia.
+        damping: weight of the error's rate over 2 bandwidth.
+    """
+
+    bandwidth: float = number(40.0, unit="rad/s", above=0)
+    damping: float = number(0.5, low=0)
+
+    preview: ClassVar[float] = PREVIEW
+
+    def initial(self, observation: Array) -> State:
+        """Return the state before any gains are computed."""
+        n, size = len(observation), 2 * len(TrueArm.of(self.env).state)
+        past = past_reference(self.interface, observation)
+        return ElasticState(np.full((n, 14), np.nan), np.zeros((n, len(COSINES), 2, size)), past)
+
+    def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m that the drives are asked for, and the gains."""
+        truth, gains = arm.truth, state.gains
+        columns = truth.lumped, truth.stiffness, truth.damping, truth.viscous, truth.lag[:, None], truth.bend_rate
+        design = np.concatenate(columns, axis=-1)
+        changed = np.any(design != state.design, axis=-1)
+        if changed.any():
+            gains = gains.copy()
+            gains[changed] = self.gains(arm.of_lanes(changed))
+        x = arm.predicted()
+        gain = at_angle(gains, x[0][:, 1])
+        known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
+        wanted, command = self.course(known, arm, x)
+        error = np.concatenate([r - y for r, y in zip(wanted, x, strict=True)], axis=-1)
+        return command + np.einsum("nij,nj->ni", gain, error), ElasticState(design, gains, known[:, 1:3])
+
+    def course(self, known: Array, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
+        """Return the state along the reference, and the feed-forward command [n x 2] N m.
+
+        The known reference begins two samples before now.
+        """
+        truth, h = arm.truth, arm.scenario.control_dt
+        # Differences over five times. At the middle one the command begins to act.
+        r, r_dot, r_ddot = np.split(sampled_at(known, h, truth.delay[:, None] + h * np.arange(5.0)), 3, axis=-1)
+        load = inverse_dynamics(arm.links[:, None], r, r_dot, r_ddot) + truth.disturbance[:, None]
+        motion = [r, r_dot]
+        if arm.scenario.link is not None:  # bent by weight and acceleration
+            zero = np.zeros_like(r[:, 0])
+            chains = [arm.chain(r[:, i], r_dot[:, i], zero, zero) for i in range(5)]
+            carried = [load - np.einsum("nij,nj->ni", m[..., :2], r_ddot[:, i]) for i, (m, load) in enumerate(chains)]
+            stiffness, _ = arm.scenario.link.springs(arm.scenario.arm, truth.bend_rate)
+            bend = np.stack(carried, axis=1)[..., 2:] / stiffness[:, None]
+            motion += [bend, rate(bend, h)]
+        if arm.elastic:
+            stiffness = truth.stiffness[:, None]
+            stretch = load / stiffness
+            stretch = stretch - truth.damping[:, None] * rate(stretch, h) / stiffness
+            stretch = stretch + 0.5 * truth.backlash[:, None] * np.clip(load / (0.01 * stiffness), -1.0, 1.0)
+            motion += [r + stretch, r_dot + rate(load, h) / stiffness]
+            load = load + truth.rotor[:, None] * (r_ddot + rate(rate(load, h), h) / stiffness)
+        toward = r_dot[:, 2] + 10.0 * (r[:, 2] - x[0])
+        speed = motion[arm.side]
+        load = load + truth.viscous[:, None] * speed
+        dry = arm.dry(speed[:, 2]) * np.clip(toward / 0.02, -1.0, 1.0)
+        slope = rate(load, h)[:, 2]
+        torque = load[:, 2] + dry
+        command = torque + (0.5 * h + truth.lag[:, None]) * slope
+        return [*(m[:, 2] for m in motion), torque], command
+
+    def gains(self, arm: TrueArm) -> Array:
+        """Return K of each lane at each of `COSINES` [n x 5 x 2 x size]."""
+        truth, dt = arm.truth, arm.scenario.control_dt
+        m = inertia_matrix(with_rotors(truth.lumped, truth.rotor)[:, None], ANGLES[None])
+        slope, lag = arm.linear(ANGLES[:, 1]), truth.lag[:, None]
+        return design(slope, lag, dt, self.bandwidth, self.damping, m[..., [0, 1], [0, 1]])

@@ -1,0 +1,1 @@
+"""Engines other than the package's own kernel."""

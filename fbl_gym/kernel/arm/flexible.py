@@ -1,0 +1,201 @@
+"""The motion of an arm whose links bend over one physics step; see `options/link.py`.
+
+The hinges are taken out of the equations first. The joints then move as in `physics.py`, or with
+their motors as in `elastic.py`, under the inertia and load that are left. The hinges follow.
+"""
+
+from fbl_gym.kernel.arm import elastic
+from fbl_gym.kernel.arm.physics import FREE, friction_of, hold, make_runge_kutta, moved, rub, solve_terms, weighted
+from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.memory.layout import EXACT_FRICTION
+from fbl_gym.kernel.memory.views import pair, put
+from fbl_gym.model import chain
+
+bend_terms = inline_njit(chain.bend_terms)
+chain_inertia = inline_njit(chain.chain_inertia)
+chain_load = inline_njit(chain.chain_load)
+reduce_terms = inline_njit(chain.reduce_terms)
+
+
+@inline_njit
+def _links_of(block, settings, lane):
+    """Return J, f and lengths of a lane's links, gravity, stiffness and damping of the hinges."""
+    (rate1, rate2), (i1, i2), (z1, z2) = pair(block.bend_rate, lane), settings.beyond, settings.bend_damping
+    j, f = block.segment_inertia, block.segment_moment
+    return (
+        pair(j, lane) + pair(j[2:], lane), pair(f, lane) + pair(f[2:], lane), pair(block.parameters[2:], lane),
+        settings.gravity, (i1 * rate1 * rate1, i2 * rate2 * rate2), (2.0 * z1 * i1 * rate1, 2.0 * z2 * i2 * rate2),
+    )  # fmt: skip
+
+
+@inline_njit
+def _state(block, lane):
+    """Return angles of joints and motors, and of hinges; their velocities."""
+    x = elastic.both(block.position, block.motor_position, lane)
+    v = elastic.both(block.velocity, block.motor_velocity, lane)
+    return (x, pair(block.bend, lane)), (v, pair(block.bend_velocity, lane))
+
+
+@inline_njit
+def _inertia(links, q, b):
+    """Return `chain_inertia` at angles of joints and hinges, and the cosines of the segments."""
+    inertia, moment, (length1, length2), _, _, _ = links
+    angle2 = q[0] + b[0]
+    angle3 = angle2 + q[1]
+    s1, c1 = sincos(q[0])
+    s2, c2 = sincos(angle2)
+    s3, c3 = sincos(angle3)
+    s4, c4 = sincos(angle3 + b[1])
+    cosines = c1, c2, c3, c4
+    return chain_inertia(inertia, moment, length1, length2, (s1, s2, s3, s4), cosines), cosines
+
+
+@inline_njit
+def _load_on_chain(links, q, b, v, u):
+    """Return the parts of the inertia, and the loads of joints and hinges without any torque."""
+    (joints, mixed, bends, turns), cosines = _inertia(links, q, b)
+    second = v[0] + u[0]
+    rates = v[0], second, second + v[1], second + v[1] + u[1]
+    load1, bend1, load2, bend2 = chain_load(links[1], links[3], turns, cosines, rates)
+    return joints, mixed, bends, load1, load2, bend1, bend2
+
+
+@inline_njit
+def _load_on_joints(links, rotor, q, b, v, u, torque):
+    """Return inertia and load of the joints under torques, and the rest that `bend_terms` needs."""
+    (m11, m12, m22), mixed, bends, load1, load2, bend1, bend2 = _load_on_chain(links, q, b, v, u)
+    _, _, _, _, (k1, k2), (d1, d2) = links
+    bend1, bend2 = bend1 - k1 * b[0] - d1 * u[0], bend2 - k2 * b[1] - d2 * u[1]
+    joints, load1, load2 = (m11 + rotor[0], m12, m22 + rotor[1]), load1 + torque[0], load2 + torque[1]
+    return reduce_terms(joints, mixed, bends, load1, load2, bend1, bend2)
+
+
+@inline_njit
+def _stage(x, v, load, constants):
+    """Return the accelerations of joints, motors and hinges at one stage of a physics step.
+
+    Args:
+        x: angles of joints and motors, and of hinges. With rigid joints, the motors are not used.
+        v: their velocities.
+        load: torques on the links, then those of the drives.
+        constants: of the links, and as for `elastic.turn_motors`; True if the joints are elastic.
+    """
+    links, joint, friction, held, springs = constants
+    (x, b), (v, u), (load1, load2, tau1, tau2) = x, v, load
+    dry1, dry2, free1, free2, _, _ = held
+    if springs:
+        pull1, pull2, th1, th2 = elastic.turn_motors(x, v, (tau1, tau2), joint, friction, held)
+        rotor, free1, free2 = (0.0, 0.0), 1.0, 1.0
+    else:
+        pull1, pull2 = tau1 - friction[0][0] * v[0] - dry1, tau2 - friction[0][1] * v[1] - dry2
+        rotor, th1, th2 = joint[6:], 0.0, 0.0
+    torque = load1 + pull1, load2 + pull2
+    (m11, m12, m22), (load1, load2), rest = _load_on_joints(links, rotor, x[:2], b, v[:2], u, torque)
+    a1, a2 = solve_terms(m11, m12 * (free1 * free2), m22, free1 * load1, free2 * load2)
+    return (a1, a2, th1, th2), bend_terms(rest, a1, a2)
+
+
+@inline_njit
+def _moved(x, h, rate):
+    """Return x + h rate."""
+    return elastic.moved_joints(x[0], h, rate[0]), moved(x[1], h, rate[1])
+
+
+@inline_njit
+def _weighted(a, b, c, d):
+    """Return a + 2 (b + c) + d."""
+    return elastic.weighted_joints(a[0], b[0], c[0], d[0]), weighted(a[1], b[1], c[1], d[1])
+
+
+_runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
+
+
+@inline_njit
+def _advance(block, settings, lane, h, springs):
+    """Advance one lane by one physics step h."""
+    links, ((x, b), (v, u)) = _links_of(block, settings, lane), _state(block, lane)
+    joint, friction = elastic.joint_of(block, settings, lane), friction_of(block, lane)
+    tau1, tau2 = pair(block.tau[0], lane)
+    if springs:
+        held = elastic.hold_motors(x, v, (tau1, tau2), joint, friction, h)
+    else:
+        left = tau1 - friction[0][0] * v[0], tau2 - friction[0][1] * v[1]
+        inertia, load, _ = _load_on_joints(links, joint[6:], x[:2], b, v[:2], u, left)
+        held = hold(h, v[:2], inertia, load, friction)
+    ((q1, q2, th1, th2), b), ((v1, v2, w1, w2), u) = _runge_kutta(
+        h, (x, b), (v, u), elastic.both(block.load[0], block.tau[0], lane), elastic.both(block.load[1], block.tau[1], lane),
+        elastic.both(block.load[2], block.tau[2], lane), (links, joint, friction, held, springs),
+    )  # fmt: skip
+    moves1, moves2 = held[4] != 0.0, held[5] != 0.0
+    if springs:
+        put(block.motor_position, lane, (th1, th2))
+        put(block.motor_velocity, lane, (w1 if moves1 else 0.0, w2 if moves2 else 0.0))
+    else:
+        v1, v2 = v1 if moves1 else 0.0, v2 if moves2 else 0.0
+    put(block.position, lane, (q1, q2))
+    put(block.velocity, lane, (v1, v2))
+    put(block.bend, lane, b)
+    put(block.bend_velocity, lane, u)
+
+
+@kernel_njit
+def advance_flexible(block, settings, width):
+    """Advance the first `width` lanes of a block whose links bend by one physics step."""
+    h = settings.physics_dt
+    if settings.elastic:
+        for lane in range(width):
+            _advance(block, settings, lane, h, True)
+    else:
+        for lane in range(width):
+            _advance(block, settings, lane, h, False)
+
+
+@inline_njit
+def flexible_acceleration_and_friction(block, settings, lane):
+    """Return the joints' acceleration on the side of the links now, and the friction torque."""
+    links, ((x, b), (v, u)) = _links_of(block, settings, lane), _state(block, lane)
+    joint, friction = elastic.joint_of(block, settings, lane), friction_of(block, lane)
+    (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
+    if settings.elastic:
+        load = -push1, -push2, tau1, tau2
+        constants = links, joint, friction, FREE, True
+        (a1, a2, w1, w2), _ = _stage((x, b), (v, u), load, constants)
+        return a1, a2, *elastic.motor_friction(v[2:], w1, w2, joint, friction)
+    torque = tau1 - push1, tau2 - push2
+    inertia, load, _ = _load_on_joints(links, joint[6:], x[:2], b, v[:2], u, torque)
+    return rub(inertia, load, v[:2], friction, EXACT_FRICTION)
+
+
+@kernel_njit
+def start_bends(block, settings, lane):
+    """Bend the links of a lane as far as weight and velocity of the start do, at rest."""
+    links, still = _links_of(block, settings, lane), (0.0, 0.0)
+    q, v, (k1, k2) = pair(block.position, lane), pair(block.velocity, lane), links[4]
+    put(block.bend, lane, still)
+    put(block.bend_velocity, lane, still)
+    for _ in range(3):
+        _, _, _, _, _, bend1, bend2 = _load_on_chain(links, q, pair(block.bend, lane), v, still)
+        put(block.bend, lane, (bend1 / k1, bend2 / k2))
+
+
+@inline_njit
+def chain_momentum(block, settings, lane, rotor):
+    """Return the momentum of joints and hinges of a lane [N m s]."""
+    (x, b), ((v1, v2, _, _), (u1, u2)) = _state(block, lane)
+    (joints, mixed, bends, _), _ = _inertia(_links_of(block, settings, lane), x[:2], b)
+    (m11, m12, m22), (b11, b12, b21, b22), (d11, d12, d22) = joints, mixed, bends
+    return (
+        (m11 + rotor[0]) * v1 + m12 * v2 + b11 * u1 + b12 * u2, m12 * v1 + (m22 + rotor[1]) * v2 + b21 * u1 + b22 * u2,
+        b11 * v1 + b21 * v2 + d11 * u1 + d12 * u2, b12 * v1 + b22 * v2 + d12 * u1 + d22 * u2,
+    )  # fmt: skip
+
+
+@inline_njit
+def chain_velocity(block, settings, lane, rotor, momentum):
+    """Return the velocities of joints and hinges of a lane with a momentum [rad/s]."""
+    ((x, b), _), (p1, p2, p3, p4) = _state(block, lane), momentum
+    ((m11, m12, m22), mixed, bends, _), _ = _inertia(_links_of(block, settings, lane), x[:2], b)
+    joints = m11 + rotor[0], m12, m22 + rotor[1]
+    (m11, m12, m22), (left1, left2), rest = reduce_terms(joints, mixed, bends, p1, p2, p3, p4)
+    v1, v2 = solve_terms(m11, m12, m22, left1, left2)
+    return v1, v2, *bend_terms(rest, v1, v2)

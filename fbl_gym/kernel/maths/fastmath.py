@@ -1,0 +1,170 @@
+"""Elementary functions that vectorise and give the same bits on every machine.
+
+A call to the C library's `sin` keeps the compiler from running a loop on several lanes at once, and
+its last bit differs between C libraries. Each function here is a fixed sequence of additions,
+multiplications and fused multiply-adds without a branch, which LLVM may not reorder or fuse: no
+fast-math flag is set anywhere in this package.
+
+The polynomials of sine and cosine are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`; Sun
+Microsystems 1993). Those of exp and log are plain Taylor series, long enough that truncation lies
+below rounding. `tests/fbl_gym/test_fastmath.py` bounds their distance from the C library.
+"""
+
+import hashlib
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+from numba.core import caching
+from numba.extending import intrinsic
+
+# Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) leaves no exits
+# in the loops over lanes: a loop with an exit is not vectorised.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "_nrt": False}
+
+inline_njit = njit(forceinline=True, **_INNER)
+"""Compile a function that becomes part of its callers, which leaves their loops free of calls."""
+
+kernel_njit = njit(**_INNER)
+"""Compile a function that Python does not call; without a wrapper it compiles faster."""
+
+merged_njit = njit(inline="always", **_INNER)
+"""Copy a function's source into its only caller before compilation, where that compiles faster."""
+
+
+_PACKAGE = Path(__file__).parents[2]
+_SOURCES = hashlib.sha256()
+for _path in (*sorted((_PACKAGE / "model").rglob("*.py")), *sorted((_PACKAGE / "kernel").rglob("*.py"))):
+    _SOURCES.update(_path.read_bytes())
+
+
+class _Cache(caching.FunctionCache):
+    """Numba's cache on disk, which alone notices changes in a function's own file only."""
+
+    variant: object = None
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return the key of compiled code, with a hash of all that functions may call.
+
+        Numba's own key hashes what a closure refers to. A compiled function among it has another
+        hash in each process.
+        """
+        return sig, codegen.magic_tuple(), self.variant, _SOURCES.hexdigest()
+
+
+def cached_njit(function: Any, variant: object = None) -> Any:
+    """Compile a function that Python calls, and cache the result on disk.
+
+    A `variant` tells apart functions of the same place in the code, such as closures.
+    The folder is Numba's choice. Where none can be written, warn; then each process compiles.
+    """
+    dispatcher = njit(nogil=True, **_OPTIONS)(function)
+    try:
+        dispatcher._cache = _Cache(function)
+        dispatcher._cache.variant = variant
+    except RuntimeError:
+        warnings.warn(
+            "compiled code cannot be kept, as no folder can be written: every process compiles for some seconds. Set "
+            "the environment variable NUMBA_CACHE_DIR to a folder that can be written.",
+            RuntimeWarning,
+            stacklevel=1,
+        )
+    return dispatcher
+
+
+@intrinsic
+def fma(_context, _a, _b, _c):
+    """Return a b + c, rounded once: one instruction, or the C library's exact function."""
+
+    def emit(_context, builder, _signature, arguments):
+        return builder.fma(*arguments)
+
+    return types.float64(types.float64, types.float64, types.float64), emit
+
+
+# Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer. The sum's low bits hold
+# that integer.
+_ROUND = 6755399441055744.0
+
+# pi/2 and log(2) as the sum of two doubles. A fused multiply-add subtracts k times the first from x
+# without rounding.
+_HALF_PI_HIGH, _HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
+_TWO_OVER_PI = 0.6366197723675814
+_LN2_HIGH, _LN2_LOW = 0.6931471805599453, 2.3190468138462996e-17
+_ONE_OVER_LN2 = 1.4426950408889634
+
+_S3, _S5, _S7 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
+_S9, _S11, _S13 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
+_C4, _C6, _C8 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
+_C10, _C12, _C14 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
+
+_E2, _E3, _E4, _E5, _E6, _E7 = 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720, 1 / 5040
+_E8, _E9, _E10, _E11, _E12, _E13 = 1 / 40320, 1 / 362880, 1 / 3628800, 1 / 39916800, 1 / 479001600, 1 / 6227020800
+
+_SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # sqrt(1/2) as a double
+
+
+@inline_njit
+def clip(x, bound):
+    """Return x clipped to [-bound, bound]; NaN becomes -bound."""
+    x = x if x > -bound else -bound
+    return x if x < bound else bound
+
+
+@inline_njit
+def sincos(x):
+    """Return sine and cosine of x [rad].
+
+    They are within 2e-16 of the truth for |x| < 1e14, and meaningless beyond 3e15.
+    """
+    shifted = fma(x, _TWO_OVER_PI, _ROUND)
+    quadrant = np.float64(shifted).view(np.int64)
+    k = shifted - _ROUND
+    r = fma(-k, _HALF_PI_LOW, fma(-k, _HALF_PI_HIGH, x))
+    z = r * r
+    zz = z * z  # the polynomials by halves, which do not wait for each other
+    s = fma(zz, fma(zz, fma(z, _S13, _S11), fma(z, _S9, _S7)), fma(z, _S5, _S3))
+    s = fma(r * z, s, r)
+    c = fma(zz, fma(zz, fma(z, _C14, _C12), fma(z, _C10, _C8)), fma(z, _C6, _C4))
+    c = fma(zz, c, fma(z, -0.5, 1.0))
+    odd = (quadrant & 1) != 0
+    sine = c if odd else s
+    cosine = s if odd else c
+    sine = -sine if (quadrant & 2) != 0 else sine
+    cosine = -cosine if ((quadrant + 1) & 2) != 0 else cosine
+    return sine, cosine
+
+
+@inline_njit
+def exp(x):
+    """Return e**x within 3e-16 relative; x is clipped to [-700, 700]."""
+    x = clip(x, 700.0)
+    shifted = fma(x, _ONE_OVER_LN2, _ROUND)
+    exponent = np.float64(shifted).view(np.int64)
+    k = shifted - _ROUND
+    r = fma(-k, _LN2_LOW, fma(-k, _LN2_HIGH, x))
+    tail = fma(r, fma(r, fma(r, fma(r, fma(r, _E13, _E12), _E11), _E10), _E9), _E8)
+    p = fma(r, fma(r, fma(r, fma(r, fma(r, fma(r, tail, _E7), _E6), _E5), _E4), _E3), _E2)
+    p = fma(r, fma(r, p, 1.0), 1.0)
+    power_of_two = np.int64((exponent + np.int64(1023)) << np.int64(52)).view(np.float64)
+    return p * power_of_two
+
+
+@inline_njit
+def log(x):
+    """Return the natural logarithm of a positive, normal x, within 4e-16 relative."""
+    bits = np.float64(x).view(np.int64)
+    # Split x = 2**e * m with m in [sqrt(1/2), sqrt(2)).
+    shifted = bits - _SQRT_HALF_BITS
+    e = shifted >> np.int64(52)
+    m = np.int64(bits - (e << np.int64(52))).view(np.float64)
+    # The integer e as a double without a conversion: the inverse of the rounding trick.
+    k = np.int64(e + np.int64(0x4338000000000000)).view(np.float64) - _ROUND
+    s = (m - 1.0) / (m + 1.0)
+    z = s * s
+    p = fma(z, fma(z, fma(z, fma(z, 1 / 21, 1 / 19), 1 / 17), 1 / 15), 1 / 13)
+    p = z * fma(z, fma(z, fma(z, fma(z, fma(z, p, 1 / 11), 1 / 9), 1 / 7), 1 / 5), 1 / 3)
+    return fma(k, _LN2_HIGH, fma(k, _LN2_LOW, 2.0 * fma(s, p, s)))

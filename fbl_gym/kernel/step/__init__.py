@@ -1,0 +1,1 @@
+"""One control step: torque, events, readings, reference, and the episode, in order."""

@@ -1,0 +1,313 @@
+"""The functions that `batch.py` calls, compiled once and cached on disk."""
+
+import numpy as np
+
+from fbl_gym.kernel.arm.elastic import advance_elastic, elastic_acceleration_and_friction, start_motors
+from fbl_gym.kernel.arm.flexible import advance_flexible, flexible_acceleration_and_friction, start_bends
+from fbl_gym.kernel.arm.physics import acceleration_and_friction, advance_by_law, advance_smoothly
+from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.memory.layout import (
+    BLOCK,
+    BLOCK_SIZE,
+    ENDED,
+    LANES,
+    NEXT_STEP,
+    RESTART,
+    RUNNING,
+    SAME_STEP,
+    SETTINGS,
+    SETTINGS_SIZE,
+)
+from fbl_gym.kernel.memory.views import array_at, record_at
+from fbl_gym.kernel.step import readings
+from fbl_gym.kernel.step.episode import judge, start
+from fbl_gym.kernel.step.events import apply_events, carry_payload
+from fbl_gym.kernel.step.motion import update_reference
+from fbl_gym.kernel.step.torque import add_ripple, apply_torque, command, disturb, start_disturbance
+
+_ZERO, _ONE = np.int64(0), np.uint64(1)
+
+
+@inline_njit
+def _count(settings, number):
+    """Return the number of arms in a block."""
+    return min(LANES, settings.lanes - number * LANES)
+
+
+@merged_njit
+def _views(memory, settings, number):
+    """Return a block, the same memory as rows, its last torque commands, and its way-points."""
+    index, depth = settings.blocks + number * settings.block_size, settings.delay_steps + 1
+    rows = array_at(memory, index, (settings.block_size // LANES, LANES), np.float64)
+    queue = array_at(memory, index + BLOCK_SIZE, (depth, 2, LANES), np.float64)
+    waypoints = array_at(memory, index + BLOCK_SIZE + 2 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
+    return record_at(memory, index, BLOCK), rows, queue, waypoints
+
+
+@merged_njit
+def _tables(memory, settings):
+    """Return the arrays that the scenario contains, one after the other."""
+    return array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+
+
+@merged_njit
+def _actions(memory, settings, number, count):
+    """Return the actions of a block."""
+    return array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+
+
+@kernel_njit
+def _check(memory):
+    """Return -1 if all lanes can be stepped.
+
+    Else return 2 i if lane i is the first whose action is not finite, or 2 i + 1 if all actions
+    are finite and lane i is the first whose episode is over.
+    """
+    settings = record_at(memory, 0, SETTINGS)
+    for lane in range(settings.lanes):
+        index = settings.actions + 2 * lane
+        if not (np.isfinite(memory[index]) and np.isfinite(memory[index + 1])):
+            return 2 * lane
+    if settings.autoreset != NEXT_STEP:
+        for lane in range(settings.lanes):
+            block = record_at(memory, settings.blocks + lane // LANES * settings.block_size, BLOCK)
+            if block.status[lane % LANES] != RUNNING:
+                return 2 * lane + 1
+    return -1
+
+
+@merged_njit
+def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, advance, accelerate):
+    """Advance a block by one control step."""
+    command(block, rows, queue, settings, actions, count)
+    for substep in range(settings.substeps):
+        _load(block, rows, queue, settings, tables, width, substep, real, rare)
+        advance(block, settings, width)
+    _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
+
+
+@merged_njit
+def _load(block, rows, queue, settings, tables, width, substep, real, rare):
+    """Apply events, and set torques and payload of a block, for one physics step."""
+    if rare and settings.events > 0:
+        apply_events(block, rows, settings, tables, width, substep)
+    if substep == 0 or settings.torque_varies:
+        apply_torque(block, queue, settings, width, substep)
+        if real and settings.rippled:
+            add_ripple(block, settings, width)
+        if real:
+            disturb(block, settings, tables, width, substep)
+    if real and settings.has_payload:
+        carry_payload(block, settings, width, substep)
+
+
+@merged_njit
+def _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate):
+    """End the control step of a block, after its physics."""
+    for lane in range(width):
+        block.step[lane] += _ONE
+    readings.sense(block, rows, settings, width, real, rare, accelerate)
+    update_reference(block, waypoints, settings, tables, width)
+    judge(block, settings, width)
+
+
+@merged_njit
+def _report(block, rows, waypoints, settings, tables, memory, first, count):
+    """Write rewards and flags of a block, and mark the lanes that start another episode now."""
+    flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
+    events = 0
+    for lane in range(count):
+        memory[settings.rewards + first + lane] = block.reward[lane]
+        flags[0, first + lane] = flags[1, first + lane] = 0
+    for lane in range(count):
+        events += (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != RUNNING)
+    if events == 0:
+        return
+    for lane in range(count):
+        over = block.terminated[lane] + block.truncated[lane] != 0.0
+        restarts = over and settings.autoreset == SAME_STEP
+        if restarts:
+            size = settings.observation_size
+            final = array_at(memory, settings.final_observations + first * size, (count, size), np.float64)
+            readings.observe(block, rows, waypoints, settings, tables, final, lane, lane + 1)
+        elif settings.autoreset == NEXT_STEP and block.status[lane] != RUNNING:
+            block.reward[lane], block.terminated[lane], block.truncated[lane] = 0.0, 0.0, 0.0
+            restarts = True
+        block.status[lane] = ENDED if over else RUNNING
+        if restarts:
+            block.episode[lane] += _ONE
+            block.status[lane] = RESTART
+        memory[settings.rewards + first + lane] = block.reward[lane]
+        flags[0, first + lane] = block.terminated[lane] != 0.0
+        flags[1, first + lane] = block.truncated[lane] != 0.0
+
+
+def _compile_step(real, rare, advance, accelerate):
+    """Return the step of a class of scenarios, without the code that only other classes use.
+
+    `real`: there may be payloads, disturbances, dry friction and errors of the sensors. `rare`:
+    also events, encoders and another engine.
+    `advance` moves a block over a physics step, `accelerate` computes its acceleration. Each step
+    is compiled when it is first called.
+    """
+
+    def step(memory, out, moves):
+        """Advance every lane by one control step; start an episode in lanes marked RESTART.
+
+        Nothing moves if `_check` finds a problem.
+
+        Args:
+            memory: of the batch, see `memory.py`.
+            out: takes the observations [lanes * size].
+            moves: False: no lane moves, but episodes start and readings are taken.
+
+        Returns:
+            The result of `_check`; then reward, terminated and truncated of the first lane.
+        """
+        if moves:
+            problem = _check(memory)
+            if problem >= 0:
+                return problem, 0.0, False, False
+        settings = record_at(memory, 0, SETTINGS)
+        lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
+        for number in range((lanes + LANES - 1) // LANES):
+            block, rows, queue, waypoints = _views(memory, settings, number)
+            first, count = number * LANES, _count(settings, number)
+            # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
+            width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
+            if moves:
+                actions = _actions(memory, settings, number, count)
+                _move(
+                    block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, advance, accelerate
+                )  # fmt: skip
+                _report(block, rows, waypoints, settings, tables, memory, first, count)
+            restarts = 0
+            for lane in range(width):
+                restarts += block.status[lane] == RESTART
+            if restarts > 0:
+                for lane in range(width):
+                    if block.status[lane] == RESTART:
+                        start(block, rows, queue, waypoints, settings, tables, lane)
+                        if real:
+                            start_disturbance(block, settings, tables, lane)
+                        if rare and settings.elastic:
+                            start_motors(block, lane)
+                        if rare and settings.flexible:
+                            start_bends(block, settings, lane)
+            if restarts > 0 or not moves:
+                readings.sense(block, rows, settings, width, real, rare, accelerate)
+            observations = array_at(out, first * size, (count, size), np.float64)
+            readings.observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
+        flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
+        return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
+
+    return cached_njit(step, variant=(real, rare, advance.__name__))
+
+
+@cached_njit
+def inspect(memory, out):
+    """Write the truth of each lane that the blocks do not have.
+
+    Args:
+        memory: of the batch, see `memory.py`.
+        out: takes it, records of the type `INSTANT` [lanes].
+    """
+    settings = record_at(memory, 0, SETTINGS)
+    for i in range(len(out)):
+        block, _, _, _ = _views(memory, settings, i // LANES)
+        lane, instant = i % LANES, out[i]
+        if settings.flexible:
+            a1, a2, friction1, friction2 = flexible_acceleration_and_friction(block, settings, lane)
+        elif settings.elastic:
+            a1, a2, friction1, friction2 = elastic_acceleration_and_friction(block, settings, lane)
+        else:
+            law = settings.friction_law
+            a1, a2, friction1, friction2 = acceleration_and_friction(block, settings, lane, law)
+        instant.time = float(np.int64(block.step[lane])) * settings.control_dt
+        instant.acceleration[0], instant.acceleration[1] = a1, a2
+        instant.friction_torque[0], instant.friction_torque[1] = friction1, friction2
+
+
+@cached_njit
+def load(memory, substep):
+    """Set the torques and payloads of a physics step, for an engine other than the kernel.
+
+    With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
+    load(memory, substeps - 1), each before the engine's physics step, then `end`, then
+    step(memory, out, False).
+
+    Args:
+        memory: of the batch, see `memory.py`.
+        substep: number of the physics step within the control step. 0 takes the actions first.
+
+    Returns:
+        The result of `_check` at substep 0, else -1.
+    """
+    if substep == 0:
+        problem = _check(memory)
+        if problem >= 0:
+            return problem
+    settings = record_at(memory, 0, SETTINGS)
+    tables = _tables(memory, settings)
+    for number in range((settings.lanes + LANES - 1) // LANES):
+        block, rows, queue, _ = _views(memory, settings, number)
+        count = _count(settings, number)
+        if substep == 0:
+            actions = _actions(memory, settings, number, count)
+            command(block, rows, queue, settings, actions, count)
+        _load(block, rows, queue, settings, tables, count, substep, True, True)
+    return -1
+
+
+@cached_njit
+def end(memory):
+    """End a control step after its physics: clock, readings, reference, reward and flags."""
+    settings = record_at(memory, 0, SETTINGS)
+    tables = _tables(memory, settings)
+    for number in range((settings.lanes + LANES - 1) // LANES):
+        block, rows, _, waypoints = _views(memory, settings, number)
+        count = _count(settings, number)
+        _end(block, rows, waypoints, settings, tables, count, True, True, readings.accelerate_by_law)
+        _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+
+
+@cached_njit
+def subtract_and_scale(observations, columns, out):
+    """Write entries of observations, less others, in units of their scales, clipped to +-10.
+
+    Args:
+        observations: [lanes * size].
+        columns: of each result, the entry, the entry that is subtracted, or -1 for a number,
+            this number, and the scale, [results x 4].
+        out: takes them [lanes * results].
+    """
+    lanes = len(out) // len(columns)
+    for lane in range(lanes):
+        first = lane * (len(observations) // lanes)
+        for i in range(len(columns)):
+            less = int(columns[i, 1])
+            value = observations[first + int(columns[i, 0])]
+            value = (value - (observations[first + less] if less >= 0 else columns[i, 2])) / columns[i, 3]
+            out[lane * len(columns) + i] = min(max(value, -10.0), 10.0)
+
+
+STEPS = (
+    _compile_step(False, False, advance_smoothly, readings.accelerate_smoothly),
+    _compile_step(True, False, advance_by_law, readings.accelerate_by_law),
+    _compile_step(True, True, advance_by_law, readings.accelerate_by_law),
+    _compile_step(True, True, advance_elastic, readings.accelerate_elastic),
+    _compile_step(True, True, advance_flexible, readings.accelerate_flexible),
+)
+"""The steps of plain scenarios, of real ones, of those with rare options, of elastic joints, and of
+links that bend."""
+
+_REAL = ("has_payload", "disturbance_kind", "friction_law", "noisy", "rippled")
+_RARE = ("events", "history", "dropout_length")
+
+
+def class_of(settings):
+    """Return the index in `STEPS` of the step that a scenario needs."""
+    if settings["external_physics"]:
+        return 2
+    real, rare = (any(settings[name] > 0 for name in names) for names in (_REAL, _RARE))
+    return 4 if settings["flexible"] else 3 if settings["elastic"] else 2 if rare else int(real)

@@ -1,0 +1,164 @@
+"""The start of an episode, the reward of a step, and the end of an episode."""
+
+import numpy as np
+
+from fbl_gym.kernel.arm.physics import lump
+from fbl_gym.kernel.maths.fastmath import clip, exp, kernel_njit, log
+from fbl_gym.kernel.maths.streams import stream_key, uniforms
+from fbl_gym.kernel.memory.layout import (
+    CHOICE,
+    DRAW_SIZE,
+    EVENT_ROWS,
+    FIRST_VARIED,
+    LOG_UNIFORM,
+    NORMALIZED,
+    RUNNING,
+    STEPS,
+    TORQUE,
+)
+from fbl_gym.kernel.memory.views import pair, put
+from fbl_gym.kernel.step.motion import draw_reference, reference, store_reference
+from fbl_gym.kernel.step.torque import nominal_torque, ripple_of
+
+_PARAMETERS = stream_key("parameter error")
+_ZERO = np.uint64(0)
+
+
+@kernel_njit
+def start(block, rows, queue, waypoints, settings, tables, lane):
+    """Start an episode in a lane: draw its arm and reference, and put the arm on its reference."""
+    seed, episode = block.seed[lane], _ZERO if settings.drawn_per_seed else block.episode[lane]
+    block.step[lane] = _ZERO
+    block.status[lane] = RUNNING
+    draws = uniforms(seed, _PARAMETERS, episode, _ZERO, _ZERO)
+    for i in range(4):
+        draw = draws[0] if settings.drawn_together else draws[i]
+        radius = settings.log_radius[i]
+        factor = exp((2.0 * draw - 1.0) * radius) if radius > 0.0 else 1.0
+        block.parameters[i, lane] = settings.parameters[i] * settings.ratio[i] * factor
+    _draw(block, rows, settings, tables, lane, episode)
+    carried = block.payload_pick_up[lane] == 0.0 and block.payload_drop[lane] > 0.0
+    block.held_payload[lane] = block.payload_mass[lane] if carried else 0.0
+    block.payload[lane] = block.held_payload[lane]
+    lump(block, settings, lane)
+
+    draw_reference(waypoints, settings, tables, lane, seed, episode)
+    q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, np.int64(0))
+    store_reference(block, lane, (q1, q2, v1, v2, a1, a2))
+    if settings.reference_kind == STEPS:  # they jump at once, away from the arm's start
+        q1, q2 = pair(waypoints[0], lane)
+    (error1, error2), (more1, more2) = pair(block.initial_error, lane), pair(block.initial_velocity, lane)
+    if more1 != 0.0 or more2 != 0.0:  # else keep the sign of -0.0
+        v1, v2 = v1 + more1, v2 + more2
+    put(block.position, lane, (q1 + error1, q2 + error2))
+    put(block.start_position, lane, (q1 + error1, q2 + error2))
+    put(block.velocity, lane, (v1, v2))
+    _hold_still(block, rows, queue, settings, lane)
+    block.far[lane] = 0.0
+
+
+@kernel_njit
+def _draw(block, rows, settings, tables, lane, episode):
+    """Set the numbers that may vary to their fixed values, or to draws from their streams."""
+    for i in range(len(settings.varied)):
+        rows[FIRST_VARIED + i, lane] = settings.varied[i]
+    for i in range(settings.draws):
+        index = settings.draw_table + DRAW_SIZE * i
+        key = np.uint64(tables[index + 5]) << np.uint64(32) | np.uint64(tables[index + 6])
+        joint, kind = np.uint64(tables[index + 1]), tables[index + 2]
+        draw, _, _, _ = uniforms(block.seed[lane], key, episode, _ZERO, joint)
+        first, second = tables[index + 3], tables[index + 4]
+        value = first + draw * (second - first)
+        if kind == LOG_UNIFORM:
+            value = first * exp(draw * second)
+        elif kind == CHOICE:
+            value = tables[int(first) + int(draw * second)]
+        rows[int(tables[index]), lane] = value
+    for i in range(settings.events):
+        row = settings.event_row + EVENT_ROWS * i
+        rows[row, lane] = np.rint(rows[row, lane])
+    block.payload_pick_up[lane] = np.rint(block.payload_pick_up[lane])
+    block.payload_drop[lane] = np.rint(block.payload_drop[lane])
+    block.delay[lane] = np.rint(block.delay[lane]) + settings.substeps * np.rint(block.delay_samples[lane])
+    lag = block.lag[lane]
+    begin = 1.0 if lag > 0.0 else 0.0
+    end = exp(-1.0 / lag) if lag > 0.0 else 0.0
+    # Runge-Kutta's weights 1/6, 4/6, 1/6 give the exact impulse of an exponential, however short.
+    half = 0.25 * (6.0 * lag * (1.0 - end) - begin - end)
+    block.fade[0, lane], block.fade[1, lane], block.fade[2, lane] = begin, half, end
+
+
+@kernel_njit
+def _hold_still(block, rows, queue, settings, lane):
+    """Apply the torque that holds the nominal arm still at its start, within the limit."""
+    put(block.measured[0], lane, pair(block.position, lane))
+    put(block.measured[1], lane, (0.0, 0.0))
+    tau1, tau2 = nominal_torque(block, settings, lane, 0.0, 0.0)
+    kind = settings.action_kind
+    # The box of torque actions has bounds even if the torque has no limit.
+    limit = settings.action_limit if kind == TORQUE else settings.torque_limit
+    tau1, tau2 = clip(tau1, limit[0]), clip(tau2, limit[1])
+    put(block.command, lane, (tau1, tau2))
+    put(block.target, lane, (tau1, tau2))
+    put(block.lagged, lane, (tau1, tau2))
+    block.late[lane], block.age[lane] = 0.0, float(settings.delay_steps)
+    gain1, gain2 = pair(block.gain, lane)
+    put(block.torque, lane, (gain1 * tau1, gain2 * tau2))
+    if settings.rippled:
+        put(block.motor_position, lane, pair(block.position, lane))  # until `start_motors` winds the springs
+        put(block.motor_velocity, lane, pair(block.velocity, lane))
+        for joint in range(2):
+            block.torque[joint, lane] += ripple_of(block, settings, lane, joint)
+    for age in range(settings.delay_steps + 1):
+        put(queue[age], lane, (tau1, tau2))
+    action1, action2 = 0.0, 0.0  # no acceleration
+    if kind == NORMALIZED:
+        action1, action2 = tau1 / limit[0], tau2 / limit[1]
+    elif kind == TORQUE:
+        action1, action2 = tau1, tau2
+    put(block.action, lane, (action1, action2))
+    for row in range(settings.past_row, settings.past_row + 2 * settings.past_actions, 2):
+        rows[row, lane], rows[row + 1, lane] = action1, action2
+
+
+@kernel_njit
+def judge(block, settings, width):
+    """Compute rewards (see `reward.py`) and costs of a block, and the ends of its episodes.
+
+    An episode is terminated when the arm leaves its limits, violates a constraint that ends it, or
+    has numbers that are not finite. It is truncated when its time is up. It can be both.
+    """
+    limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
+    logarithmic, last = settings.reward_logarithmic, np.uint64(settings.last_step)
+    max_position, max_velocity = settings.max_position, settings.max_velocity
+    (low1, low2), (high1, high2) = settings.constraint_low, settings.constraint_high
+    (fastest1, fastest2), ends = settings.constraint_velocity, settings.violation_ends
+    weight1, weight2, weight3 = settings.reward_weights
+    for lane in range(width):
+        (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
+        (r1, r2), (start1, start2) = pair(block.reference_position, lane), pair(block.start_position, lane)
+        error1, error2 = abs(r1 - q1), abs(r2 - q2)
+        block.far[lane] = block.far[lane] + 1.0 if max(error1, error2) > settings.max_error else 0.0
+        keeps = (
+            ((low1 <= q1) & (q1 <= high1) & (abs(v1) <= fastest1))
+            & ((low2 <= q2) & (q2 <= high2) & (abs(v2) <= fastest2))
+        )  # fmt: skip
+        block.cost[lane] = 0.0 if keeps else 1.0
+        stays = (
+            (abs(q1 - start1) <= max_position)
+            & (abs(q2 - start2) <= max_position)
+            & (abs(v1) <= max_velocity)
+            & (abs(v2) <= max_velocity)
+            & (block.far[lane] < settings.error_steps)
+            & (keeps | (not ends))
+        )
+        tracking = settings.reward_scale * (error1 + error2)
+        logarithm = settings.reward_norm * log(1.0 + tracking)
+        tracking = logarithm if logarithmic else tracking
+        tau1, tau2 = pair(block.command, lane)
+        effort = 0.5 * (abs(tau1) / limit1 + abs(tau2) / limit2)
+        chatter = 0.25 * block.chatter[lane]
+        loss = weight1 * min(tracking, 1.0) + weight2 * effort + weight3 * chatter
+        block.reward[lane] = max(1.0 - loss, 0.0) if stays else 0.0
+        block.terminated[lane] = 0.0 if stays else 1.0
+        block.truncated[lane] = 1.0 if block.step[lane] >= last else 0.0

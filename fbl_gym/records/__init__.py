@@ -1,0 +1,1 @@
+"""Records with declared fields, checks of single values, and their documentation."""
