@@ -4,6 +4,7 @@ import argparse
 import sys
 import time
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
@@ -30,23 +31,47 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"fbl_gym, controllers and benchmarks are imported from {ROOT}")
     if arguments.compile:
         _compile()
-    return _self_check()
+    return max(_check_readings(), _self_check())
+
+
+CLASSES: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "friction": {"friction": {"coulomb": 1.0}},
+    "events": {"events": [{"kind": "drop", "time": 1.0}]},
+    "springs": {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
+    "bending": {"link": 10.0},
+}
+"""A scenario of each class, which has a compiled step of its own, and readings without errors."""
 
 
 def _compile() -> None:
     """Compile all code that the kernel and the laws use."""
     begin = time.perf_counter()
-    for options in (
-        {"friction": {"coulomb": 1.0}},
-        {"events": [{"kind": "drop", "time": 1.0}]},
-        {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
-        {"link": 10.0},
-    ):
-        TwoLinkArmVectorEnv(1, **options)  # a class of scenarios has a step of its own
+    for options in CLASSES.values():
+        TwoLinkArmVectorEnv(1, **options)
     moving = scenarios.get("nominal").replace(duration=3.0)  # until the arms have moved enough to be estimated
     for name in ("adaptive-flm", "computed-torque-dob+predictor", "ppo-memory"):  # together they use all compiled code
         rollout(name, moving, range(32))
     print(f"everything is compiled, after {time.perf_counter() - begin:.1f} s")
+
+
+def _check_readings() -> int:
+    """Compare the sensors with the true motion in each class, with the compiled code as kept."""
+    worst = {}
+    for name, options in CLASSES.items():
+        env = TwoLinkArmVectorEnv(2, action="torque", **options)
+        env.reset(seed=0)
+        for k in range(50):
+            observation = env.step(np.full((2, 2), (80.0, -40.0)) * np.sin(k))[0]
+        truth = env.truth
+        motion = np.concatenate([truth.motor_position, truth.motor_velocity, truth.acceleration], axis=1)
+        worst[name] = float(np.abs(observation[:, :6] - motion).max())
+    wrong = [name for name, error in worst.items() if not error < 1e-9]
+    errors = ", ".join(f"{name} {error:.0e}" for name, error in worst.items())
+    print(f"readings less the true motion [rad, rad/s, rad/s^2]: {errors}")
+    if wrong:
+        print(f"something is wrong with {', '.join(wrong)}: remove the compiled code and run this again")
+    return 1 if wrong else 0
 
 
 def _self_check() -> int:

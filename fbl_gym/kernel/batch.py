@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fbl_gym.kernel.memory import layout as memory
 from fbl_gym.kernel.memory.layout import (
     BLOCK,
     BLOCK_SIZE,
@@ -23,7 +24,6 @@ from fbl_gym.kernel.memory.layout import (
     SETTINGS,
     SETTINGS_SIZE,
 )
-from fbl_gym.kernel.memory import layout as memory
 from fbl_gym.kernel.memory.program import Program
 from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import Array

@@ -1,14 +1,25 @@
 """The cache of compiled code: shared by processes; without one, an environment still works."""
 
+import contextlib
+import gc
+import importlib
 import os
+import pkgutil
 import subprocess
 import sys
+from collections import defaultdict
 
 import pytest
+from numba.core import config
+from numba.core.dispatcher import Dispatcher
 
+import benchmarks
+import controllers
+import fbl_gym
 from fbl_gym.kernel.maths import fastmath
 from fbl_gym.kernel.memory.program import make_program
 from fbl_gym.kernel.step import api
+from fbl_gym.model.arm import inertia_terms
 from fbl_gym.options import Reward
 from fbl_gym.scenarios import Scenario
 
@@ -58,10 +69,54 @@ def test_processes_share_what_one_has_compiled(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == files
 
 
+def test_every_compiled_function_has_a_name_of_its_own():
+    """Numba tells functions of one name apart by a counter of the process, which a cache outlives."""
+    for package in (fbl_gym, controllers, benchmarks):
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if not module.name.endswith("__main__"):
+                with contextlib.suppress(ImportError):  # of an extra
+                    importlib.import_module(module.name)
+    functions = defaultdict(set)
+    for thing in gc.get_objects():
+        if issubclass(type(thing), Dispatcher) and thing.py_func.__module__.startswith(
+            ("fbl_gym", "controllers", "benchmarks")
+        ):
+            functions[thing.py_func.__module__, thing.py_func.__qualname__].add(thing.py_func)
+    assert len(functions) > 100
+    assert not [name for name, several in functions.items() if len(several) > 1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "order",
+    ["springs friction", "friction springs", "bending plain friction", "events springs bending",
+     "plain events friction", "friction bending events"],
+)  # fmt: skip
+def test_readings_are_true_whichever_process_filled_the_cache(tmp_path, order):
+    """Each process compiles one class of steps; the last one loads all of them."""
+    check = "import sys; from benchmarks.cli import doctor; "
+    check += "doctor.CLASSES = {name: doctor.CLASSES[name] for name in sys.argv[1].split()}; sys.exit(doctor._check_readings())"
+    for classes in (*order.split(), order, " ".join(reversed(order.split()))):
+        command = [sys.executable, "-c", check, classes]
+        done = subprocess.run(
+            command, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_configuration_in_the_current_folder_does_not_move_the_cache(tmp_path, monkeypatch):
+    """Whoever writes a cache writes code."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(config, "CACHE_LOCATOR_CLASSES", "nowhere.Locator", raising=False)
+    assert not fastmath.cached_njit(inertia_terms)._cache.cache_path.startswith(str(tmp_path))
+    assert str(tmp_path) == config.CACHE_DIR
+
+
 def test_a_change_of_any_source_changes_the_key():
     """Numba itself notices changes in the file of a cached function only."""
     keys = {step._cache._index_key(None, step.targetctx.codegen()) for step in api.STEPS}
-    assert len(keys) == len(api.STEPS)
+    assert len({step._cache._impl.filename_base for step in api.STEPS}) == len(api.STEPS)
     assert {key[-1] for key in keys} == {fastmath._SOURCES.hexdigest()}
 
 

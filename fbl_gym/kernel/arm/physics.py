@@ -1,7 +1,7 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
 from fbl_gym.kernel.arm.friction import dry_friction, resist, sign
-from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, named, sincos
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.memory.views import pair, put
 from fbl_gym.model import arm, chain
@@ -35,7 +35,6 @@ def make_runge_kutta(stage, moved, weighted):
         weighted: (a, b, c, d) -> a + 2 (b + c) + d.
     """
 
-    @inline_njit
     def runge_kutta(h, q, v, load_start, load_half, load_end, constants):
         half, sixth = 0.5 * h, h / 6.0
         a = stage(q, v, load_start, constants)
@@ -47,7 +46,7 @@ def make_runge_kutta(stage, moved, weighted):
         a_4 = stage(q_4, v_4, load_end, constants)
         return moved(q, sixth, weighted(v, v_2, v_3, v_4)), moved(v, sixth, weighted(a, a_2, a_3, a_4))
 
-    return runge_kutta
+    return inline_njit(named(runge_kutta, stage.__module__))
 
 
 @inline_njit

@@ -11,13 +11,14 @@ below rounding. `tests/fbl_gym/test_fastmath.py` bounds their distance from the 
 """
 
 import hashlib
+import os
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit, types
-from numba.core import caching
+from numba.core import caching, config
 from numba.extending import intrinsic
 
 # Options of all compiled functions. NumPy's rule for division (x / 0 is infinite) leaves no exits
@@ -35,6 +36,17 @@ merged_njit = njit(inline="always", **_INNER)
 """Copy a function's source into its only caller before compilation, where that compiles faster."""
 
 
+def named(function: Any, *parts: object) -> Any:
+    """Give a closure a qualified name of its own, before it is compiled.
+
+    The symbol of compiled code is made of this name, the types of the arguments, and a number that
+    counts the functions of the process. Two closures of one name may get one symbol in two
+    processes. A third process that loads both from the cache would then use one for both.
+    """
+    function.__qualname__ = "_".join((function.__qualname__, *map(str, parts)))
+    return function
+
+
 _PACKAGE = Path(__file__).parents[2]
 _SOURCES = hashlib.sha256()
 for _path in (*sorted((_PACKAGE / "model").rglob("*.py")), *sorted((_PACKAGE / "kernel").rglob("*.py"))):
@@ -42,9 +54,21 @@ for _path in (*sorted((_PACKAGE / "model").rglob("*.py")), *sorted((_PACKAGE / "
 
 
 class _Cache(caching.FunctionCache):
-    """Numba's cache on disk, which alone notices changes in a function's own file only."""
+    """Numba's cache on disk, which alone notices changes in a function's own file only.
 
-    variant: object = None
+    The folder is that of the environment variable NUMBA_CACHE_DIR, else beside the source, else the
+    user's. A configuration file of Numba in the current folder has no say: what is in the cache is
+    code.
+    """
+
+    def __init__(self, function: Any) -> None:
+        settings = {"CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", ""), "CACHE_LOCATOR_CLASSES": ""}
+        kept = {name: getattr(config, name, "") for name in settings}
+        try:
+            vars(config).update(settings)
+            super().__init__(function)
+        finally:
+            vars(config).update(kept)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Return the key of compiled code, with a hash of all that functions may call.
@@ -52,19 +76,17 @@ class _Cache(caching.FunctionCache):
         Numba's own key hashes what a closure refers to. A compiled function among it has another
         hash in each process.
         """
-        return sig, codegen.magic_tuple(), self.variant, _SOURCES.hexdigest()
+        return sig, codegen.magic_tuple(), _SOURCES.hexdigest()
 
 
-def cached_njit(function: Any, variant: object = None) -> Any:
+def cached_njit(function: Any) -> Any:
     """Compile a function that Python calls, and cache the result on disk.
 
-    A `variant` tells apart functions of the same place in the code, such as closures.
-    The folder is Numba's choice. Where none can be written, warn; then each process compiles.
+    Where no folder can be written, warn; then each process compiles.
     """
     dispatcher = njit(nogil=True, **_OPTIONS)(function)
     try:
         dispatcher._cache = _Cache(function)
-        dispatcher._cache.variant = variant
     except RuntimeError:
         warnings.warn(
             "compiled code cannot be kept, as no folder can be written: every process compiles for some seconds. Set "

@@ -5,7 +5,7 @@ import numpy as np
 from fbl_gym.kernel.arm.elastic import advance_elastic, elastic_acceleration_and_friction, start_motors
 from fbl_gym.kernel.arm.flexible import advance_flexible, flexible_acceleration_and_friction, start_bends
 from fbl_gym.kernel.arm.physics import acceleration_and_friction, advance_by_law, advance_smoothly
-from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit, named
 from fbl_gym.kernel.memory.layout import (
     BLOCK,
     BLOCK_SIZE,
@@ -201,7 +201,7 @@ def _compile_step(real, rare, advance, accelerate):
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
         return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
 
-    return cached_njit(step, variant=(real, rare, advance.__name__))
+    return cached_njit(named(step, real, rare, advance.__name__))
 
 
 @cached_njit

@@ -5,7 +5,7 @@ import numpy as np
 from fbl_gym.kernel.arm.elastic import elastic_acceleration_and_friction
 from fbl_gym.kernel.arm.flexible import flexible_acceleration_and_friction
 from fbl_gym.kernel.arm.physics import acceleration_and_friction
-from fbl_gym.kernel.maths.fastmath import clip, inline_njit, kernel_njit, merged_njit
+from fbl_gym.kernel.maths.fastmath import clip, inline_njit, kernel_njit, merged_njit, named
 from fbl_gym.kernel.maths.streams import normals, stream_key, uniforms
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.memory.views import pair, put
@@ -40,14 +40,13 @@ def _make_accelerate(function, *law):
         law: of rigid joints, whose number is then a constant in the loop.
     """
 
-    @kernel_njit
     def accelerate(block, settings, width):
         if settings.senses_acceleration:
             for lane in range(width):
                 a1, a2, _, _ = function(block, settings, lane, *law)
                 put(block.acceleration, lane, (a1, a2))
 
-    return accelerate
+    return kernel_njit(named(accelerate, function.__name__, *law))
 
 
 accelerate_smoothly = _make_accelerate(acceleration_and_friction, NO_FRICTION)
