@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from fbl_gym.exact import log1p
 from fbl_gym.interface import ACTIONS, Interface, make_layout
 from fbl_gym.kernel.maths.streams import stream_key
-from fbl_gym.kernel.memory.layout import FIRST_VARIED, LANES, SETTINGS, VARIED
 from fbl_gym.kernel.memory import layout as memory
+from fbl_gym.kernel.memory.layout import FIRST_VARIED, LANES, SETTINGS, VARIED
 from fbl_gym.model.arm import Array
 from fbl_gym.options import EVENTS, SENSORS, Constraints, Friction, ParameterError, Reward
 from fbl_gym.records.checks import check_choice, check_whole
