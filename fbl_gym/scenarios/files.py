@@ -165,12 +165,14 @@ def get(name: str) -> Scenario:
             file. Each may end in "@" and one of `WORLDS`: "everything-2@mujoco-lab".
     """
     path, entry, world = split(name)
-    if not path and entry in MEMBERS:
+    if path:
+        scenario = load(Path(path), entry)
+    elif entry in MEMBERS:
         scenario = tier_scenario(entry)
-    elif not path and entry not in _FILES:
-        raise unknown("scenario", entry, names())
+    elif entry in _FILES:
+        scenario = load(_FILES[entry], entry)
     else:
-        scenario = load(Path(path) if path else _FILES[entry], entry)
+        raise unknown("scenario", entry, names())
     return in_world(scenario, world) if world else scenario
 
 
