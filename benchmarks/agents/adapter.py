@@ -15,13 +15,12 @@ from controllers.registry import LawName, is_composed
 from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix
+from fbl_gym.options import SENSORS
 from fbl_gym.records.checks import check_choice, check_number
 from fbl_gym.records.record import Record, choice, choices, declared, number, whole
 from fbl_gym.scenarios.classes import CLASSES
 
 ACTIONS = ("torque", "residual", "blend")
-
-SENSORS = ("position", "velocity", "acceleration")
 
 DRIVE_SCALE = 0.05
 """Scale of the drive's delay and lag in the agent's observation [s]."""

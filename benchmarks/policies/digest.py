@@ -23,7 +23,7 @@ SKIPPED = (
     "controllers.runner",
     "fbl_gym.view.picture",
     "fbl_gym.view.render",
-    *(f"fbl_gym.scenarios.{name}" for name in ("files", "classes", "families", "ideal", "paper", "real", "worlds")),
+    *(f"fbl_gym.scenarios.{name}" for name in ("files", "classes", "families", "ideal", "tiers", "worlds")),
 )
 """Modules that choose a policy, run it on a robot, draw pictures, or hold scenarios.
 

@@ -18,7 +18,7 @@ from fbl_gym import Scenario
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import as_scenario
 
-LANES, STEPS = 5, 30
+ARMS, STEPS = 5, 30
 
 LAST_BITS = 1e-4
 """Largest difference of the actions of a batch and of one arm, as a fraction of the limits. A
@@ -97,11 +97,11 @@ def _shapes(policy: PolicySpec, scenario: Scenario) -> str:
     own = policy.kind == "learned" and policy.external  # it may know only the actions of its training
     kinds = (usual,) if own else dict.fromkeys((usual, "torque", "acceleration"))
     for action in kinds:
-        env, single = make_env(policy, scenario, LANES, action), make_env(policy, scenario, None, action)
+        env, single = make_env(policy, scenario, ARMS, action), make_env(policy, scenario, None, action)
         box = env.interface.action_space
         for _, actions, _ in _loop(policy.make(env), env):
             shape = np.shape(actions)
-            _expect(shape == (LANES, 2), f"got shape {shape} for {LANES} observations ({action})")
+            _expect(shape == (ARMS, 2), f"got shape {shape} for {ARMS} observations ({action})")
             _expect(np.isfinite(actions).all(), f"got {actions} ({action})")
             rounded = np.asarray(actions, box.dtype)  # as a torque limit is
             _expect(((rounded >= box.low) & (rounded <= box.high)).all(), f"got {actions}, outside the box ({action})")
@@ -111,10 +111,10 @@ def _shapes(policy: PolicySpec, scenario: Scenario) -> str:
 
 
 def _lanes(policy: PolicySpec, scenario: Scenario) -> str:
-    batch = make_env(policy, scenario, LANES)
+    batch = make_env(policy, scenario, ARMS)
     log = _loop(policy.make(batch), batch, seed=10)
     worst = 0.0
-    for lane in range(LANES):
+    for lane in range(ARMS):
         # The single arm repeats the lane's actions and the policy gets the lane's readings: a
         # closed loop would amplify the last bits, in which a batch may differ.
         env = make_env(policy, scenario, None)

@@ -21,10 +21,10 @@ from benchmarks.text import reason_of
 from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
 from fbl_gym.records.checks import check_choice, check_whole, unknown
-from fbl_gym.records.record import set_fields
+from fbl_gym.records.record import merged, set_fields
 from fbl_gym.scenarios import as_scenario
 from fbl_gym.scenarios.classes import CLASSES
-from fbl_gym.scenarios.files import from_table, merged, read_toml
+from fbl_gym.scenarios.files import from_table, read_toml
 from fbl_gym.scenarios.files import split as split_file
 
 
@@ -254,7 +254,7 @@ class SuiteSpec:
         """The scenarios of its tiers, and its tasks."""
         members = [name for tier, severities in self.tiers.items() for name in scenarios.in_tier(tier, severities)]
         tasks = [
-            from_table(task, scenarios.get, self.file) if isinstance(task, dict)
+            from_table(task, self.file) if isinstance(task, dict)
             else str(self.file.parent / task) if self.file and split_file(task)[0]
             else task
             for task in self.tasks

@@ -11,7 +11,7 @@ from controllers import Runner
 from fbl_gym import TwoLinkArmEnv, scenarios
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 
-SCENARIO, BATCH, LANES = "servo-delay-2", "geared-delay-2", 32
+SCENARIO, BATCH, ARMS = "servo-delay-2", "geared-delay-2", 32
 """Of the single arm, and of a batch at 1 kHz with its number of arms."""
 
 WARM_UP = 50
@@ -42,8 +42,8 @@ def decisions(policy: str) -> Iterator[float]:
 
 
 def batch_decisions(policy: str) -> Iterator[float]:
-    """Yield the time of each decision for `LANES` arms of `BATCH` [s], without end."""
-    env = TwoLinkArmVectorEnv(LANES, BATCH)
+    """Yield the time of each decision for `ARMS` arms of `BATCH` [s], without end."""
+    env = TwoLinkArmVectorEnv(ARMS, BATCH)
     law, state = resolve(policy).make(env), None
     observation, _ = env.reset(seed=0)
     while True:

@@ -23,7 +23,7 @@ from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell, Suite
 from benchmarks.seeds import SPLITS
 from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics
-from fbl_gym.options import SensorError
+from fbl_gym.options import Friction, PiecewiseConstantDisturbance, SensorError
 from fbl_gym.records.record import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario
 from fbl_gym.scenarios.classes import CLASSES, LEAST, conditions, stretched_inertia
@@ -101,7 +101,7 @@ class Likeness:
             levels = ("geared",) if share > MUCH_FRICTION else fast
             reasons.append(f"dry friction of {100 * share:.0f} % of the weight")
         distances = {
-            robot: abs(np.log2(base.control_dt / kind.times[0])) / 2 + (robot not in sides) + (robot not in levels)
+            robot: abs(np.log2(base.control_dt / kind.control_dt)) / 2 + (robot not in sides) + (robot not in levels)
             for robot, kind in CLASSES.items()
         }
         first, second = sorted(distances, key=distances.__getitem__)[:2]
@@ -147,17 +147,16 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             delay = factor * late[0] + more * late[1] if any(late) else more * base.control_dt
             changes = {"actuator": _replaced(actuator, delay=round(delay / base.physics_dt) * base.physics_dt)}
         case "lag":
-            changes = {
-                "actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or more * CLASSES[robot].lag[1])
-            }
+            usual = CLASSES[robot].scenario["actuator"]["lag"]["log_uniform"][1]
+            changes = {"actuator": _replaced(actuator, lag=factor * ends(actuator.lag)[1] or more * usual)}
         case "friction":
-            usual = conditions(base.arm, robot)["friction"]
+            usual = Friction(**conditions(base.arm, robot)["friction"])
             levels = ("viscous", "coulomb", "stiction", *(["load"] if base.friction is None else []))
             changes = {"friction": _larger(base.friction, usual, levels, factor)}
         case "disturbance":
             if base.disturbance is not None and not hasattr(base.disturbance, "amplitude"):
                 return base
-            usual = conditions(base.arm, robot, "disturbance", 2)["disturbance"]
+            usual = PiecewiseConstantDisturbance(**conditions(base.arm, robot, "disturbance", 2)["disturbance"])
             changes = {"disturbance": _larger(base.disturbance, usual, ("amplitude",), factor)}
         case "noise":
             noise = getattr(base.noise, "position", None) or SensorError()
@@ -202,10 +201,10 @@ def _replaced(record: Any, **changes: Any) -> Any:
     return changes if record is None else dataclasses.replace(record, **changes)
 
 
-def _larger(record: Any, usual: dict[str, Any], names: Sequence[str], factor: float) -> Any:
+def _larger(record: Any, usual: Any, names: Sequence[str], factor: float) -> Any:
     """Return a record with some fields times a factor; without one, the usual times factor - 1."""
     if record is None:
-        return usual | {name: scaled(usual[name], factor - 1.0) for name in names}
+        record, factor = usual, factor - 1.0
     return dataclasses.replace(record, **{name: scaled(getattr(record, name), factor) for name in names})
 
 

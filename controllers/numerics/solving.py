@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fbl_gym.kernel.maths.fastmath import cached_njit
 from fbl_gym.model.arm import Array
 
-LANES = 32
-"""Lanes of a block: few enough that their data stay in the processor's first cache."""
+TOGETHER = 32
+"""Lanes that are solved together: few enough for their data to stay in the first cache."""
 
 # Division follows NumPy's rule: x / 0 is infinite or nan, and no comparison below accepts those.
 # Vectors [m x lanes] and matrices [k x k x lanes] of a block of lanes.
@@ -73,8 +73,8 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
     """
     n, m, k = rows.shape
     solution, rich = np.empty((n, k)), np.ones(n, dtype=np.bool_)
-    for first in range(0, n, LANES):
-        lanes = min(LANES, n - first)
+    for first in range(0, n, TOGETHER):
+        lanes = min(TOGETHER, n - first)
         a, size, x = np.empty((k + 1, m, lanes)), np.empty((k, lanes)), np.empty((k, lanes))
         r, t, s = np.empty((k, k + 1, lanes)), np.empty((k, k, lanes)), np.empty((k, k, lanes))
         for lane in range(lanes):

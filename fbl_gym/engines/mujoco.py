@@ -106,7 +106,7 @@ class MuJoCoBatch(ArmBatch):
         """Start the lanes marked RESTART, and write all observations, by the compiled step."""
         blocks, lanes = self._blocks, self._lanes
         starts = np.flatnonzero(self.field("status") == RESTART)
-        self._step(self._memory, out, False)
+        self.sense(out)
         if not len(starts):
             return
         models = self._models()
@@ -115,7 +115,7 @@ class MuJoCoBatch(ArmBatch):
             arm.start(*(blocks[name][lanes][lane] for name in _MOTION))
         if self._senses_acceleration:
             blocks["acceleration"][lanes] = self._accelerate()[0]
-            self._step(self._memory, out, False)
+            self.sense(out)
 
     def _mean(self, torque: str) -> Array:
         """Return the mean of a torque over the physics step, [lanes x 2]."""

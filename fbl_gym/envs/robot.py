@@ -6,14 +6,11 @@ import numpy as np
 
 from fbl_gym.envs.env_common import configure
 from fbl_gym.kernel.batch import ArmBatch
-from fbl_gym.kernel.memory import layout as memory
-from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import Array
-from fbl_gym.options import ArrayReference, Reward
+from fbl_gym.options import SENSORS, ArrayReference, Reward
 from fbl_gym.scenarios import Scenario
 
 _LANE = np.zeros(1, dtype=np.int64)
-_SIGNALS = ("position", "velocity", "acceleration")
 _KEPT = ("actuator", "sensors", "limits", "control_dt", "physics_dt", "duration", "arm")
 
 
@@ -45,11 +42,9 @@ class Robot(ArmBatch):
         program = configure(calm, {}, **task)[1]
         program.settings["external_physics"] = True
         super().__init__(program, 1)
-        first, layout = self._parts["blocks"].start, self.interface.layout
-        names = (*self.needs, *(f"reference_{name}" for name in _SIGNALS))
-        self._inputs = first + memory.LANES * np.concatenate([memory.rows(name) for name in names])
-        self._command = first + memory.LANES * np.array(memory.rows("command"))
-        self._time = first + memory.LANES * memory.rows("step")[0]
+        self._inputs = self.index(*self.needs, *(f"reference_{name}" for name in SENSORS))
+        self._command = self.index("command")
+        layout = self.interface.layout
         self._ahead = layout["preview"] if preview else slice(0)
         self._bounds = [bound[self._ahead] for bound in layout.bounds]
 
@@ -72,15 +67,13 @@ class Robot(ArmBatch):
                 preview, [6 x (1 + preview)] rad, rad/s, rad/s^2.
         """
         observation = np.empty((1, self.interface.layout.size))
-        self._memory[self._inputs] = np.concatenate([motion, reference[:6]])
-        self._step(self._memory, observation, False)
+        self.write(self._inputs, np.concatenate([motion, reference[:6]]))
+        self.sense(observation)
         if len(reference) > 6:
             observation[0, self._ahead] = np.clip(reference[6:], *self._bounds)
         return observation
 
     def command(self, action: Array) -> Array:
         """Return the torque [2] N m of a finite action [2], and go on to the next control step."""
-        self._memory[self._actions] = action
-        api.load(self._memory, 0)
-        self._memory[self._time : self._time + 1].view(np.uint64)[0] += np.uint64(1)
-        return self._memory[self._command]
+        self.pass_step(action)
+        return self.read(self._command)

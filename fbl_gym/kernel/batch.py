@@ -148,7 +148,7 @@ class ArmBatch:
         self._actions = self._parts["actions"]
         self._first_action = self._actions.start
         self.lanes = lanes
-        self._class = api.class_of(settings)
+        self._class = api.step_number(settings)
         self._memory = np.zeros(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
         self._settings[...] = settings
@@ -157,7 +157,7 @@ class ArmBatch:
             self._settings[name] = self._parts[name].start
         # The last block's spare lanes get an episode too, which keeps their numbers finite.
         self._blocks["status"] = RESTART
-        self._step(self._memory, np.empty(lanes * size), False)
+        self.sense(np.empty(lanes * size))
         # Before its first step, a lane must be reset.
         self._blocks["status"] = ENDED
 
@@ -183,11 +183,6 @@ class ArmBatch:
         """The same memory as rows, [blocks x rows x lanes of a block]."""
         return self._memory[self._parts["blocks"]].reshape(-(-self.lanes // LANES), -1, LANES)
 
-    @property
-    def _step(self) -> Any:
-        """The compiled step of this scenario's class."""
-        return _STEPS[self._class]
-
     def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
         """Give lanes their seeds; the next episode of each lane is the first one of its seed."""
         self._blocks["seed"][lanes // LANES, lanes % LANES] = seeds
@@ -211,7 +206,29 @@ class ArmBatch:
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
-        self._step(self._memory, out, False)
+        self.sense(out)
+
+    def sense(self, out: Array) -> None:
+        """Take readings without motion; write all observations to `out` [lanes * size]."""
+        _STEPS[self._class](self._memory, out, False)
+
+    def index(self, *names: str) -> NDArray[np.int64]:
+        """Return the places of fields of the first lane, for `read` and `write`."""
+        return self._parts["blocks"].start + LANES * np.concatenate([memory.rows(name) for name in names])
+
+    def read(self, index: NDArray[np.int64]) -> Array:
+        """Return the numbers at places that `index` returned."""
+        return self._memory[index]
+
+    def write(self, index: NDArray[np.int64], values: Array) -> None:
+        """Set the numbers at places that `index` returned."""
+        self._memory[index] = values
+
+    def pass_step(self, actions: Array) -> None:
+        """Let a control step pass without motion: only torque commands and clock go on."""
+        self._memory[self._actions] = actions
+        api.load(self._memory, 0)
+        self._blocks["step"] += np.uint64(1)
 
     def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
         """Advance every lane by one control step, unless an action or a lane is refused.

@@ -31,6 +31,36 @@ class _Joint(NamedTuple):
     origin: Array
 
 
+class _Mass(NamedTuple):
+    """A link's mass [kg], its centre [3] and its inertia about it [3 x 3]."""
+
+    mass: float
+    centre: Array
+    inertia: Array
+
+
+class _Robot(NamedTuple):
+    """A file's content, at zero angles.
+
+    Attributes:
+        path: of the file, for errors.
+        joints: all, in the file's order.
+        poses: of each link [4 x 4].
+        bodies: number of turning joints before each link, so the base is 0.
+        masses: of each link.
+    """
+
+    path: str
+    joints: list[_Joint]
+    poses: dict[str, Array]
+    bodies: dict[str, int]
+    masses: dict[str, _Mass]
+
+    def position(self, link: str) -> Array:
+        """Return the position of a link's frame [3]."""
+        return self.poses[link][:3, 3]
+
+
 @np.errstate(over="ignore", invalid="ignore")  # the arm refuses numbers that are not finite
 def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
     """Return the arm of a URDF file.
@@ -48,64 +78,139 @@ def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
     """
     file, named, tip = path.partition(".urdf:")
     try:
-        robot = ElementTree.fromstring(Path(file + ".urdf" if named else path).read_bytes())
-        links = {link.attrib["name"]: link for link in robot.findall("link")}
-        joints = [_read_joint(joint) for joint in robot.findall("joint")]
-        poses, bodies = _bodies(links, joints)
-        masses = {name: _read_mass(link, poses[name]) for name, link in links.items()}
+        robot = _read_robot(path, Path(file + ".urdf" if named else path).read_bytes())
     except (OSError, ElementTree.ParseError, KeyError, ValueError) as problem:
         raise ValueError(f"{path} must be a URDF file: {type(problem).__name__}: {problem}") from None
-    turning = [joint for joint in joints if joint.type != "fixed"]
-    kinds = [joint.type for joint in turning]
-    if len(kinds) != 2 or not {*kinds} <= {"revolute", "continuous"}:
-        raise ValueError(f"{path} must have two revolute joints, and fixed ones; got {', '.join(kinds) or 'none'}")
-    inner, outer = sorted(turning, key=lambda joint: bodies[joint.child])
-    if (bodies[inner.child], bodies[outer.child]) != (1, 2):
-        raise ValueError(f"{path} must be a chain, got both joints {inner.name!r} and {outer.name!r} on one body")
-    axes = [poses[joint.child][:3, :3] @ (joint.axis / np.linalg.norm(joint.axis)) for joint in (inner, outer)]
-    if np.linalg.norm(np.cross(axes[0], axes[1])) > _ON_LINE:
-        raise ValueError(f"{path} must have parallel axes, got {axes[0].round(6)} and {axes[1].round(6)}")
-    axis = axes[0]
-
-    def flat(point: Array) -> Array:
-        """Return a vector's part in the plane of motion."""
-        return point - axis * (axis @ point)
-
-    shoulder, elbow = (poses[joint.child][:3, 3] for joint in (inner, outer))
-    frames = {link: flat(poses[link][:3, 3] - elbow) for link, body in bodies.items() if body == 2}
-    frames = {link: frame for link, frame in frames.items() if np.linalg.norm(frame) > _ON_LINE}
-    if not frames:
-        raise ValueError(f"{path} must have a frame at its tip: a link on a fixed joint beyond {outer.name!r}")
-    if named:
-        frames = {check_choice(f"tip in {path}", tip, frames): frames[tip]}
-    arms = (flat(elbow - shoulder), *frames.values())
-    if max(np.linalg.norm(frame - arms[1]) for frame in arms[1:]) > _ON_LINE:
-        raise ValueError(
-            f"{path} must have one frame at its tip, got {', '.join(frames)}: name it, as in {path}:{min(frames)}"
-        )
-    lengths = [float(np.linalg.norm(arm)) for arm in arms[:2]]
-    if lengths[0] < _ON_LINE:
+    inner, outer = _turning_joints(robot)
+    axis = _common_axis(robot, inner, outer)
+    shoulder, elbow = robot.position(inner.child), robot.position(outer.child)
+    end = robot.position(_tip(robot, outer, axis, tip))
+    if np.linalg.norm(_in_plane(axis, elbow - shoulder)) < _ON_LINE:
         raise ValueError(f"{path} must have its joints apart, got {inner.name!r} and {outer.name!r} on one axis")
-    merged = []
-    for body, (joint, arm, reach) in enumerate(zip((shoulder, elbow), arms[:2], lengths, strict=True), start=1):
-        parts = [masses[name] for name in links if bodies[name] == body]
-        mass = float(sum(part[0] for part in parts))
-        if mass <= 0.0:
-            raise ValueError(f"{path} must give link {body} a mass (an <inertial> element), got {mass:g} kg")
-        centre = flat(np.sum([share * point for share, point, _ in parts], axis=0) / mass)
-        inertia = sum(axis @ own @ axis + share * np.sum((flat(point) - centre) ** 2) for share, point, own in parts)
-        along = float((centre - flat(joint)) @ arm) / reach
-        beside = float(np.linalg.norm(centre - flat(joint) - along * arm / reach))
-        if beside > _ON_LINE * reach:
-            raise ValueError(
-                f"{path} must have each centre of mass on the line from joint to joint (or tip), "
-                f"got {beside:g} m beside it in link {body}"
-            )
-        merged.append((mass, reach, along, float(inertia)))
+    links = _link(robot, 1, axis, shoulder, elbow), _link(robot, 2, axis, elbow, end)
     upright = float(np.linalg.norm(np.cross(axis, (0.0, 0.0, 1.0))))
     gravity = gravity * upright if upright > _ON_LINE else 0.0
-    columns = zip(*merged, strict=True)
-    return ArmParameters.from_links(*columns, gravity=gravity)  # type: ignore[arg-type, misc]
+    return ArmParameters.from_links(*zip(*links, strict=True), gravity=gravity)  # type: ignore[arg-type, misc]
+
+
+# The arm of a robot.
+
+
+def _turning_joints(robot: _Robot) -> tuple[_Joint, _Joint]:
+    """Return the joints of the first and the second link."""
+    turning = [joint for joint in robot.joints if joint.type != "fixed"]
+    kinds = [joint.type for joint in turning]
+    if len(kinds) != 2 or not {*kinds} <= {"revolute", "continuous"}:
+        raise ValueError(
+            f"{robot.path} must have two revolute joints, and fixed ones; got {', '.join(kinds) or 'none'}"
+        )
+    inner, outer = sorted(turning, key=lambda joint: robot.bodies[joint.child])
+    if robot.bodies[outer.child] != 2:
+        raise ValueError(f"{robot.path} must be a chain, got both joints {inner.name!r} and {outer.name!r} on one body")
+    return inner, outer
+
+
+def _common_axis(robot: _Robot, *joints: _Joint) -> Array:
+    """Return the direction of the joints' parallel axes [3]."""
+    first, second = (robot.poses[joint.child][:3, :3] @ (joint.axis / np.linalg.norm(joint.axis)) for joint in joints)
+    if np.linalg.norm(np.cross(first, second)) > _ON_LINE:
+        raise ValueError(f"{robot.path} must have parallel axes, got {first.round(6)} and {second.round(6)}")
+    return first
+
+
+def _in_plane(axis: Array, vector: Array) -> Array:
+    """Return a vector's part in the plane of motion."""
+    return vector - axis * (axis @ vector)
+
+
+def _tip(robot: _Robot, outer: _Joint, axis: Array, name: str) -> str:
+    """Return the link at the tip: that of a name, or the only one off the second joint's axis."""
+    elbow = robot.position(outer.child)
+    frames = {
+        link: frame
+        for link, body in robot.bodies.items()
+        if body == 2 and np.linalg.norm(frame := _in_plane(axis, robot.position(link) - elbow)) > _ON_LINE
+    }
+    if not frames:
+        raise ValueError(f"{robot.path} must have a frame at its tip: a link on a fixed joint beyond {outer.name!r}")
+    if name:
+        return check_choice(f"tip in {robot.path}", name, frames)
+    first, *others = frames
+    if any(np.linalg.norm(frames[link] - frames[first]) > _ON_LINE for link in others):
+        raise ValueError(
+            f"{robot.path} must have one frame at its tip, got {', '.join(frames)}: name it, as in "
+            f"{robot.path}:{min(frames)}"
+        )
+    return first
+
+
+def _link(robot: _Robot, body: int, axis: Array, start: Array, end: Array) -> tuple[float, float, float, float]:
+    """Return mass, length, centre and inertia of a body, from its joint to the next or the tip."""
+    parts = [part for link, part in robot.masses.items() if robot.bodies[link] == body]
+    mass = float(sum(part.mass for part in parts))
+    if mass <= 0.0:
+        raise ValueError(f"{robot.path} must give link {body} a mass (an <inertial> element), got {mass:g} kg")
+    line, joint = _in_plane(axis, end - start), _in_plane(axis, start)
+    length = float(np.linalg.norm(line))
+    centre = _in_plane(axis, np.sum([part.mass * part.centre for part in parts], axis=0) / mass)
+    along = float((centre - joint) @ line) / length
+    beside = float(np.linalg.norm(centre - joint - along * line / length))
+    if beside > _ON_LINE * length:
+        raise ValueError(
+            f"{robot.path} must have each centre of mass on the line from joint to joint (or tip), "
+            f"got {beside:g} m beside it in link {body}"
+        )
+    inertia = sum(
+        axis @ part.inertia @ axis + part.mass * np.sum((_in_plane(axis, part.centre) - centre) ** 2) for part in parts
+    )
+    return mass, length, along, float(inertia)
+
+
+# The robot of a file.
+
+
+def _read_robot(path: str, text: bytes) -> _Robot:
+    root = ElementTree.fromstring(text)
+    links = {link.attrib["name"]: link for link in root.findall("link")}
+    joints = [_read_joint(joint) for joint in root.findall("joint")]
+    poses, bodies = _place(links, joints)
+    return _Robot(path, joints, poses, bodies, {name: _read_mass(link, poses[name]) for name, link in links.items()})
+
+
+def _place(links: Iterable[str], joints: list[_Joint]) -> tuple[dict[str, Array], dict[str, int]]:
+    """Return each link's pose at zero angles, and the number of turning joints before it."""
+    children = {joint.child for joint in joints}
+    poses = {name: np.eye(4) for name in links if name not in children}
+    bodies = dict.fromkeys(poses, 0)
+    waiting = list(joints)
+    while waiting:
+        joint = next((joint for joint in waiting if joint.parent in poses), None)
+        if joint is None:
+            raise ValueError(f"the joints {', '.join(sorted(joint.name for joint in waiting))} hang on no link")
+        waiting.remove(joint)
+        poses[joint.child] = poses[joint.parent] @ joint.origin
+        bodies[joint.child] = bodies[joint.parent] + (joint.type != "fixed")
+    return poses, bodies
+
+
+def _read_joint(joint: Element) -> _Joint:
+    name, kind = joint.attrib["name"], joint.attrib["type"]
+    parent, child = (_child(joint, end).attrib["link"] for end in ("parent", "child"))
+    axis = _read_vector(joint.find("axis"), "xyz", "1 0 0")
+    if not np.linalg.norm(axis) > 0.0:
+        raise ValueError(f"axis of {name} must have a direction, got {axis}")
+    return _Joint(name, kind, parent, child, axis, _read_pose(joint))
+
+
+def _read_mass(link: Element, pose: Array) -> _Mass:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return _Mass(0.0, np.zeros(3), np.zeros((3, 3)))
+    moments = {name: float(value) for name, value in _child(inertial, "inertia").attrib.items()}
+    matrix = [[moments.get("i" + "".join(sorted(row + column)), 0.0) for column in "xyz"] for row in "xyz"]
+    pose = pose @ _read_pose(inertial)
+    turn = pose[:3, :3]
+    return _Mass(float(_child(inertial, "mass").attrib["value"]), pose[:3, 3], turn @ np.array(matrix) @ turn.T)
 
 
 def _read_vector(element: Element | None, name: str, default: str) -> Array:
@@ -133,40 +238,3 @@ def _child(element: Element, name: str) -> Element:
     if child is None:
         raise KeyError(f"{name} of <{element.tag} name={element.get('name')!r}>")
     return child
-
-
-def _read_joint(joint: Element) -> _Joint:
-    name, kind = joint.attrib["name"], joint.attrib["type"]
-    parent, child = (_child(joint, end).attrib["link"] for end in ("parent", "child"))
-    axis = _read_vector(joint.find("axis"), "xyz", "1 0 0")
-    if not np.linalg.norm(axis) > 0.0:
-        raise ValueError(f"axis of {name} must have a direction, got {axis}")
-    return _Joint(name, kind, parent, child, axis, _read_pose(joint))
-
-
-def _read_mass(link: Element, pose: Array) -> tuple[float, Array, Array]:
-    """Return a link's mass [kg], centre [3] and inertia about it [3 x 3], from the link's pose."""
-    inertial = link.find("inertial")
-    if inertial is None:
-        return 0.0, np.zeros(3), np.zeros((3, 3))
-    moments = {name: float(value) for name, value in _child(inertial, "inertia").attrib.items()}
-    matrix = [[moments.get("i" + "".join(sorted(row + column)), 0.0) for column in "xyz"] for row in "xyz"]
-    pose = pose @ _read_pose(inertial)
-    turn = pose[:3, :3]
-    return float(_child(inertial, "mass").attrib["value"]), pose[:3, 3], turn @ np.array(matrix) @ turn.T
-
-
-def _bodies(links: Iterable[str], joints: list[_Joint]) -> tuple[dict[str, Array], dict[str, int]]:
-    """Return each link's pose at zero angles, and the number of turning joints before it."""
-    children = {joint.child for joint in joints}
-    poses = {name: np.eye(4) for name in links if name not in children}
-    bodies = dict.fromkeys(poses, 0)
-    waiting = list(joints)
-    while waiting:
-        joint = next((joint for joint in waiting if joint.parent in poses), None)
-        if joint is None:
-            raise ValueError(f"the joints {', '.join(sorted(joint.name for joint in waiting))} hang on no link")
-        waiting.remove(joint)
-        poses[joint.child] = poses[joint.parent] @ joint.origin
-        bodies[joint.child] = bodies[joint.parent] + (joint.type != "fixed")
-    return poses, bodies

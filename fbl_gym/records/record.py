@@ -219,6 +219,11 @@ class Distribution(Record):
         return self.uniform or self.log_uniform or self.choice or ()
 
 
+def is_distribution(value: object) -> bool:
+    """Return True for the plain data of a distribution."""
+    return isinstance(value, Mapping) and len(value) > 0 and value.keys() <= Distribution.__dataclass_fields__.keys()
+
+
 Number: TypeAlias = float | Distribution | Mapping[str, Sequence[float]]
 """A number of an option that may vary."""
 
@@ -286,25 +291,21 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
     """
     if isinstance(value, cls):
         return value
-    fields = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
-    varies = isinstance(value, Mapping) and len(value) > 0 and set(value) <= {"uniform", "log_uniform", "choice"}
-    if isinstance(value, Mapping) and not (scalar and varies):
-        for key in value:
-            if key not in fields:
-                raise unknown(f"field of {name}", key, fields)
-        lacking = [f.name for f in dataclasses.fields(cls) if _is_required(f) and f.name not in value]  # type: ignore[arg-type]
-        if lacking:
-            raise ValueError(f"{name} must give {either(lacking, 'and')}, got {dict(value)!r}")
+    fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    if isinstance(value, Mapping) and not (scalar and is_distribution(value)):
         given = dict(value)
     elif scalar is not None and not isinstance(value, str):
         given = {scalar: value}
     else:
         form = f"{_article(cls)}, a dict of its fields ({', '.join(fields)})" + (f" or its {scalar}" if scalar else "")
         raise ValueError(f"{name} must be {form}, got {value!r}")
+    for key in given:
+        if key not in fields:
+            raise unknown(f"field of {name}", key, fields)
+    if lacking := [key for key, field in fields.items() if _is_required(field) and key not in given]:
+        raise ValueError(f"{name} must give {either(lacking, 'and')}, got {given!r}")
     try:
         return cls(**given)
-    except TypeError as problem:
-        raise ValueError(f"{name} must have the fields of {cls.__name__}: {problem}; got {given!r}") from None
     except ValueError as problem:
         raise ValueError(f"{name}: {problem}") from None
 
@@ -327,17 +328,10 @@ def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
 def merged(base: Any, changes: Any) -> Any:
     """Return plain data with changes, table by table; the base is left alone.
 
-    A table of another `kind` and a distribution replace the base's value. `False` becomes None.
+    A distribution, and a table of another `kind`, replace the base's value.
     """
-    if changes is False:
-        return None
-    if (
-        not isinstance(base, Mapping)
-        or not isinstance(changes, Mapping)
-        or set(changes) in ({"uniform"}, {"log_uniform"}, {"choice"})
-    ):
-        return changes
-    if changes.get("kind", base.get("kind")) != base.get("kind"):
+    tables = isinstance(base, Mapping) and isinstance(changes, Mapping)
+    if not tables or is_distribution(changes) or changes.get("kind", base.get("kind")) != base.get("kind"):
         return changes
     return {**base, **{name: merged(base.get(name), value) for name, value in changes.items()}}
 

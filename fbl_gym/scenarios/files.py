@@ -1,4 +1,4 @@
-"""Scenarios from TOML files and tables, which may change a base.
+"""Scenarios by name, from TOML files and from tables, which may change a base.
 
 A table has the fields of `Scenario`. Its entry `base` names another scenario or file, with which
 the table is merged, record by record. `false` switches an option off. Where the base is of a class
@@ -18,18 +18,16 @@ import dataclasses
 import re
 import tomllib
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.records.checks import unknown
 from fbl_gym.records.record import build, merged
-from fbl_gym.scenarios import classes
 from fbl_gym.scenarios.scenario import Scenario, as_arm
-
-Named = Callable[[str], Scenario]
-"""The function `scenarios.get`."""
+from fbl_gym.scenarios.tiers import MEMBERS, tier_scenario
+from fbl_gym.scenarios.worlds import in_world
 
 FARTHEST = 1.5
 """Centres of mass farther from a link's joint, in its lengths, are taken for a mistake of units.
@@ -48,9 +46,11 @@ _FILE = re.compile(r"(?P<path>.+\.toml)(:(?P<entry>[^:@]+))?(@(?P<world>.+))?$")
 
 
 def split(text: str) -> tuple[str, str, str]:
-    """Return the file, the entry and the world that a text names; three empty texts: no file."""
-    match = _FILE.match(text)
-    return ("", "", "") if match is None else (match["path"], match["entry"] or "", match["world"] or "")
+    """Return the file, the entry or name, and the world that a text names, each may be empty."""
+    if match := _FILE.match(text):
+        return match["path"], match["entry"] or "", match["world"] or ""
+    name, _, world = text.partition("@")
+    return "", name, world
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -62,13 +62,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path} is no TOML: {problem}") from None
 
 
-def load(path: Path, entry: str, named: Named, above: tuple[str, ...] = ()) -> Scenario:
+def load(path: Path, entry: str, above: tuple[str, ...] = ()) -> Scenario:
     """Return the scenario of a file. Without a name in it, the file's name is the scenario's.
 
     Args:
         path: of a TOML file.
         entry: name of one of the file's `scenarios`, if it is a suite; empty: the whole file.
-        named: returns a scenario by name.
         above: the files whose base this one is.
     """
     if (place := f"{path.resolve()}:{entry}") in above:
@@ -80,45 +79,51 @@ def load(path: Path, entry: str, named: Named, above: tuple[str, ...] = ()) -> S
             raise unknown(f"scenario of {path}", entry, filter(None, names))
         table = table["scenarios"][names.index(entry)]
         if isinstance(table, str):
-            return named(table)
+            return get(table)
     elif "scenarios" in table:
         raise ValueError(f"{path} is a suite: give it to --suite, or name one of its scenarios, {path}:NAME")
-    return from_table({"name": path.stem, **table}, named, path, (*above, place))
+    return from_table({"name": path.stem, **table}, path, (*above, place))
 
 
-def from_table(
-    table: Mapping[str, Any], named: Named, path: Path | None = None, above: tuple[str, ...] = ()
-) -> Scenario:
+def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[str, ...] = ()) -> Scenario:
     """Return the scenario of a table: fields of `Scenario`, and optionally `base`.
 
-    The path is that of the table's file, for errors and for relative paths; None: it has none. The
-    other arguments are those of `load`.
+    The path is that of the table's file, for errors and for relative paths; None: it has none.
+    `above` is that of `load`.
     """
     folder = path.parent if path else Path()
-    fields = {name: value for name, value in table.items() if name != "base"}
+    fields = {name: _off(value) for name, value in table.items() if name != "base"}
     base = table.get("base", "")
     file, entry, world = split(str(base))
-    parent = load(folder / file, entry, named, above) if file else Scenario()
+    parent = load(folder / file, entry, above) if file else Scenario()
     if ".urdf" in str(arm := fields.get("arm")):
         fields["arm"] = str(folder / str(arm))
     try:
         if not isinstance(base, str) or (file and world):
             raise ValueError(f"base must be a name, or a .toml file without a world, got {base!r}")
         if base and not file:
-            parent = named(base)
+            parent = get(base)
         if isinstance(arm, Mapping) and arm.keys() & {"mass", "length"}:
             if mixed := arm.keys() & {"m1", "m2", "L1", "L2"}:
                 raise ValueError(f"arm must have mass and length, or m1, m2, L1 and L2, got also {min(mixed)}")
             fields["arm"] = dataclasses.asdict(as_arm("arm", arm))
         if "arm" in fields:
             given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
-            for doubt in _doubts(given):  # before an error that follows from the mistake
+            known = isinstance(arm, str) and ".urdf" not in arm
+            for doubt in () if known else _doubts(given):  # before an error that follows from the mistake
                 warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
-            parent = classes.get(str(base), given) if base in classes.MEMBERS else parent
+            parent = tier_scenario(base, given) if base in MEMBERS else parent
         fields.setdefault("description", f"{parent.name} with other options")
         return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:
         raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
+
+
+def _off(data: Any) -> Any:
+    """Return plain data with None in place of False, since TOML has no None."""
+    if isinstance(data, Mapping):
+        return {name: _off(value) for name, value in data.items()}
+    return None if data is False else data
 
 
 def _doubts(arm: ArmParameters) -> Iterator[str]:
@@ -137,3 +142,47 @@ def _doubts(arm: ArmParameters) -> Iterator[str]:
                 f"the inertia of link {link} is {inertia:.3g} times its mass times its length squared; "
                 "beside m1 and L1, arm.inertia is that share; beside arm.mass, it is in kg m^2"
             )
+
+
+_FILES = {
+    table["name"]: file
+    for file in (Path(__file__).with_name("paper.toml"), Path(__file__).with_name("real.toml"))
+    for table in read_toml(file)["scenarios"]
+}
+"""The file of each scenario of the paper's figures and of laboratories' arms."""
+
+
+def names() -> tuple[str, ...]:
+    """Return every name that `get` knows: the paper's figures, laboratories' arms, tiers."""
+    return (*_FILES, *MEMBERS)
+
+
+def get(name: str) -> Scenario:
+    """Return the scenario of a name or a file.
+
+    Args:
+        name: one of `names()`; the TOML file of a scenario; or "FILE:NAME", a scenario of a suite's
+            file. Each may end in "@" and one of `WORLDS`: "everything-2@mujoco-lab".
+    """
+    path, entry, world = split(name)
+    if path:
+        scenario = load(Path(path), entry)
+    elif entry in MEMBERS:
+        scenario = tier_scenario(entry)
+    elif entry in _FILES:
+        scenario = load(_FILES[entry], entry)
+    else:
+        raise unknown("scenario", entry, names())
+    return in_world(scenario, world) if world else scenario
+
+
+def as_scenario(value: Any) -> Scenario:
+    """Return a scenario from itself, its name, its file or its plain data; None: the nominal one.
+
+    Plain data may have a `base`, as `from_table` describes.
+    """
+    if isinstance(value, str | Path):
+        return get(str(value))
+    if isinstance(value, Mapping) and "base" in value:
+        return from_table(value)
+    return Scenario() if value is None else build("scenario", value, Scenario)

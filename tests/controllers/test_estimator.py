@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controllers.numerics import dynamics
-from controllers.numerics.solving import LANES, least_squares
+from controllers.numerics.solving import TOGETHER, least_squares
 from controllers.paper.estimator import estimate, lumped_of, plausible, point_masses
 from fbl_gym import TABLE_1, ArmParameters
 from fbl_gym.model import arm
@@ -92,7 +92,7 @@ def test_implausible_parameters_are_refused(i):
     np.testing.assert_array_equal(plausible(lumped), [True, False])
 
 
-COUNTS = (1, LANES - 1, LANES, 3 * LANES + 5)
+COUNTS = (1, TOGETHER - 1, TOGETHER, 3 * TOGETHER + 5)
 
 
 def deficient(n, weak, seed=0):
@@ -148,7 +148,7 @@ def test_columns_that_are_zero_equal_or_not_finite_are_refused():
 
 
 def test_a_lane_alone_has_the_bits_it_has_in_a_batch():
-    n = 2 * LANES + 7
+    n = 2 * TOGETHER + 7
     rows, target = deficient(n, np.full(n, 1e-3))
     together = least_squares(rows, target, 1e-7)[0]
     for i in range(n):

@@ -7,7 +7,8 @@ import controllers
 from benchmarks.run.rollout import rollout, rollout_trials
 from controllers.laws.iterative_learning import CAPACITY
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.scenarios import classes
+from fbl_gym.scenarios.classes import CLASSES
+from fbl_gym.scenarios.tiers import tier_scenario
 from tests.controllers.closed_loop import nominal
 
 W, GAIN, BANDWIDTH, DT = 10.0, 0.6, 20.0, 0.004
@@ -37,8 +38,8 @@ def test_an_error_that_repeats_shrinks_by_the_factor_of_the_theory(frequency):
 
 
 def test_the_first_trial_is_computed_torque_and_later_ones_err_less_on_the_hardware():
-    arm = classes.CLASSES["servo"].arm
-    scenario = classes.get("servo-practice-friction-3", arm).replace(duration=4.0)
+    arm = CLASSES["servo"].arm
+    scenario = tier_scenario("servo-practice-friction-3", arm).replace(duration=4.0)
     seeds = range(10_000, 10_004)
     first, *_, last = rollout_trials("computed-torque-ilc", scenario, seeds, 5)
     np.testing.assert_array_equal(first.torque, rollout("computed-torque@frequency=10", scenario, seeds).torque)

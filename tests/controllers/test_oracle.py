@@ -10,7 +10,8 @@ from controllers.laws.lqg_elastic import regulator
 from controllers.oracles.true_arm import TrueArm
 from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics, with_rotors
-from fbl_gym.scenarios import classes
+from fbl_gym.scenarios.classes import CLASSES
+from fbl_gym.scenarios.tiers import tier_scenario
 from tests.controllers.closed_loop import tracking
 from tests.fbl_gym.declared import VARYING
 
@@ -123,7 +124,7 @@ def test_a_feasible_reference_is_the_plan():
 
 def test_the_plan_keeps_the_limits_and_errs_least():
     """Within the limits between the knots too, but for a few samples; less than half the error without a plan."""
-    env, motion, arm = planned(classes.get("servo-saturation-2", classes.CLASSES["servo"].arm), [7, 9], duration=2.6)
+    env, motion, arm = planned(tier_scenario("servo-saturation-2", CLASSES["servo"].arm), [7, 9], duration=2.6)
     q, v, a = np.split(motion[:, 1:260], 3, axis=-1)
     truth = arm.truth
     torque = inverse_dynamics(with_rotors(truth.lumped, truth.rotor)[:, None], q, v, a)

@@ -132,4 +132,4 @@ def test_a_change_of_any_source_changes_the_key():
 )
 def test_a_scenario_gets_the_step_of_its_class(options, number):
     program = make_program(Scenario(**options), action="normalized", reward=Reward(), preview=0)
-    assert api.class_of(program.settings) == number
+    assert api.step_number(program.settings) == number

@@ -13,10 +13,10 @@ def test_perfect_sensors_read_the_truth():
         assert np.array_equal(seen[..., layout[name]], [getattr(truth, name) for truth in truths])
 
 
-SENSORS = [("position",), ("position", "velocity"), ("position", "acceleration"), ("acceleration", "position")]
+SENSED = [("position",), ("position", "velocity"), ("position", "acceleration"), ("acceleration", "position")]
 
 
-@pytest.mark.parametrize("sensors", SENSORS, ids=str)
+@pytest.mark.parametrize("sensors", SENSED, ids=str)
 def test_sensors_in_any_order_fill_their_slots_and_the_missing_have_none(sensors):
     (layout, seen, truths), (usual_layout, usual, usual_truths) = play(sensors=sensors), plain()
     assert same(truths, usual_truths, *PLANT)

@@ -10,8 +10,9 @@ import pytest
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix, inverse_dynamics
 from fbl_gym.model.real_arms import CICESE, DFKI_C1, PELICAN, REAL_ARMS
-from fbl_gym.scenarios.real import REAL
+from fbl_gym.scenarios import get
 
+REAL = ("dfki-c1", "dfki-a0", "cicese")
 STATES = np.random.default_rng(0).uniform(-3, 3, (50, 2))
 
 
@@ -68,7 +69,7 @@ def test_identified_arms_have_the_numbers_of_the_page():
 @pytest.mark.parametrize("name", REAL)
 def test_the_reference_stays_within_the_torque_limits(name):
     """At the corners of its box and along its moves, with friction, two thirds of the limit are enough."""
-    scenario = REAL[name]
+    scenario = get(name)
     env = TwoLinkArmVectorEnv(64, scenario, preview=500)
     observation, _ = env.reset(seed=0)
     ahead = observation[:, env.layout["preview"]].reshape(64, -1, 3, 2)
@@ -89,7 +90,7 @@ def test_the_reference_stays_within_the_torque_limits(name):
 @pytest.mark.parametrize("name", REAL)
 def test_feedback_linearisation_follows_on_the_ideal_arm(name):
     """Without friction and noise, the nominal mapping keeps the error small: rate and step suit the arm."""
-    env = TwoLinkArmEnv(REAL[name], action="acceleration", friction=None, noise=None, duration=4.0)
+    env = TwoLinkArmEnv(name, action="acceleration", friction=None, noise=None, duration=4.0)
     observation, _ = env.reset(seed=0)
     errors, over = [], False
     while not over:

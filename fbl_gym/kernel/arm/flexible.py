@@ -2,7 +2,11 @@
 
 The hinges are taken out of the equations first. The joints then move as in `physics.py`, or with
 their motors as in `elastic.py`, under the inertia and load that are left. The hinges follow.
+`docs/explanation/links-that-bend.md` derives the matrices, by their names here. Angles are q of the
+joints, b of the hinges, and x of joints and motors together. Velocities are v, u, and again v.
 """
+
+from collections import namedtuple
 
 from fbl_gym.kernel.arm import elastic
 from fbl_gym.kernel.arm.physics import FREE, friction_of, hold, make_runge_kutta, moved, rub, solve_terms, weighted
@@ -17,15 +21,23 @@ chain_load = inline_njit(chain.chain_load)
 reduce_terms = inline_njit(chain.reduce_terms)
 
 
+_Links = namedtuple("_Links", "J f lengths gravity stiffness damping")
+"""J and f of the segments, lengths of the links, gravity, stiffness and damping of the hinges."""
+
+
 @inline_njit
 def _links_of(block, settings, lane):
-    """Return J, f and lengths of a lane's links, gravity, stiffness and damping of the hinges."""
+    """Return the `_Links` of a lane."""
     (rate1, rate2), (i1, i2), (z1, z2) = pair(block.bend_rate, lane), settings.beyond, settings.bend_damping
-    j, f = block.segment_inertia, block.segment_moment
-    return (
-        pair(j, lane) + pair(j[2:], lane), pair(f, lane) + pair(f[2:], lane), pair(block.parameters[2:], lane),
-        settings.gravity, (i1 * rate1 * rate1, i2 * rate2 * rate2), (2.0 * z1 * i1 * rate1, 2.0 * z2 * i2 * rate2),
-    )  # fmt: skip
+    J, f = block.segment_inertia, block.segment_moment
+    return _Links(
+        J=pair(J, lane) + pair(J[2:], lane),
+        f=pair(f, lane) + pair(f[2:], lane),
+        lengths=pair(block.parameters[2:], lane),
+        gravity=settings.gravity,
+        stiffness=(i1 * rate1 * rate1, i2 * rate2 * rate2),
+        damping=(2.0 * z1 * i1 * rate1, 2.0 * z2 * i2 * rate2),
+    )
 
 
 @inline_njit
@@ -39,7 +51,7 @@ def _state(block, lane):
 @inline_njit
 def _inertia(links, q, b):
     """Return `chain_inertia` at angles of joints and hinges, and the cosines of the segments."""
-    inertia, moment, (length1, length2), _, _, _ = links
+    L1, L2 = links.lengths
     angle2 = q[0] + b[0]
     angle3 = angle2 + q[1]
     s1, c1 = sincos(q[0])
@@ -47,27 +59,27 @@ def _inertia(links, q, b):
     s3, c3 = sincos(angle3)
     s4, c4 = sincos(angle3 + b[1])
     cosines = c1, c2, c3, c4
-    return chain_inertia(inertia, moment, length1, length2, (s1, s2, s3, s4), cosines), cosines
+    return chain_inertia(links.J, links.f, L1, L2, (s1, s2, s3, s4), cosines), cosines
 
 
 @inline_njit
 def _load_on_chain(links, q, b, v, u):
     """Return the parts of the inertia, and the loads of joints and hinges without any torque."""
-    (joints, mixed, bends, turns), cosines = _inertia(links, q, b)
+    (Mqq, Mqb, Mbb, products), cosines = _inertia(links, q, b)
     second = v[0] + u[0]
     rates = v[0], second, second + v[1], second + v[1] + u[1]
-    load1, bend1, load2, bend2 = chain_load(links[1], links[3], turns, cosines, rates)
-    return joints, mixed, bends, load1, load2, bend1, bend2
+    load1, bend1, load2, bend2 = chain_load(links.f, links.gravity, products, cosines, rates)
+    return Mqq, Mqb, Mbb, load1, load2, bend1, bend2
 
 
 @inline_njit
 def _load_on_joints(links, rotor, q, b, v, u, torque):
-    """Return inertia and load of the joints under torques, and the rest that `bend_terms` needs."""
-    (m11, m12, m22), mixed, bends, load1, load2, bend1, bend2 = _load_on_chain(links, q, b, v, u)
-    _, _, _, _, (k1, k2), (d1, d2) = links
-    bend1, bend2 = bend1 - k1 * b[0] - d1 * u[0], bend2 - k2 * b[1] - d2 * u[1]
-    joints, load1, load2 = (m11 + rotor[0], m12, m22 + rotor[1]), load1 + torque[0], load2 + torque[1]
-    return reduce_terms(joints, mixed, bends, load1, load2, bend1, bend2)
+    """Return `reduce_terms` under torques on the joints."""
+    (m11, m13, m33), Mqb, Mbb, load1, load2, bend1, bend2 = _load_on_chain(links, q, b, v, u)
+    (k1, k2), (d1, d2) = links.stiffness, links.damping
+    load_q = load1 + torque[0], load2 + torque[1]
+    load_b = bend1 - k1 * b[0] - d1 * u[0], bend2 - k2 * b[1] - d2 * u[1]
+    return reduce_terms((m11 + rotor[0], m13, m33 + rotor[1]), Mqb, Mbb, load_q, load_b)
 
 
 @inline_njit
@@ -90,9 +102,9 @@ def _stage(x, v, load, constants):
         pull1, pull2 = tau1 - friction[0][0] * v[0] - dry1, tau2 - friction[0][1] * v[1] - dry2
         rotor, th1, th2 = joint[6:], 0.0, 0.0
     torque = load1 + pull1, load2 + pull2
-    (m11, m12, m22), (load1, load2), rest = _load_on_joints(links, rotor, x[:2], b, v[:2], u, torque)
-    a1, a2 = solve_terms(m11, m12 * (free1 * free2), m22, free1 * load1, free2 * load2)
-    return (a1, a2, th1, th2), bend_terms(rest, a1, a2)
+    (s11, s12, s22), (load1, load2), eliminated = _load_on_joints(links, rotor, x[:2], b, v[:2], u, torque)
+    a1, a2 = solve_terms(s11, s12 * (free1 * free2), s22, free1 * load1, free2 * load2)
+    return (a1, a2, th1, th2), bend_terms(eliminated, a1, a2)
 
 
 @inline_njit
@@ -182,11 +194,11 @@ def start_bends(block, settings, lane):
 def chain_momentum(block, settings, lane, rotor):
     """Return the momentum of joints and hinges of a lane [N m s]."""
     (x, b), ((v1, v2, _, _), (u1, u2)) = _state(block, lane)
-    (joints, mixed, bends, _), _ = _inertia(_links_of(block, settings, lane), x[:2], b)
-    (m11, m12, m22), (b11, b12, b21, b22), (d11, d12, d22) = joints, mixed, bends
+    (Mqq, Mqb, Mbb, _), _ = _inertia(_links_of(block, settings, lane), x[:2], b)
+    (m11, m13, m33), (m12, m14, m23, m34), (m22, m24, m44) = Mqq, Mqb, Mbb
     return (
-        (m11 + rotor[0]) * v1 + m12 * v2 + b11 * u1 + b12 * u2, m12 * v1 + (m22 + rotor[1]) * v2 + b21 * u1 + b22 * u2,
-        b11 * v1 + b21 * v2 + d11 * u1 + d12 * u2, b12 * v1 + b22 * v2 + d12 * u1 + d22 * u2,
+        (m11 + rotor[0]) * v1 + m13 * v2 + m12 * u1 + m14 * u2, m13 * v1 + (m33 + rotor[1]) * v2 + m23 * u1 + m34 * u2,
+        m12 * v1 + m23 * v2 + m22 * u1 + m24 * u2, m14 * v1 + m34 * v2 + m24 * u1 + m44 * u2,
     )  # fmt: skip
 
 
@@ -194,8 +206,8 @@ def chain_momentum(block, settings, lane, rotor):
 def chain_velocity(block, settings, lane, rotor, momentum):
     """Return the velocities of joints and hinges of a lane with a momentum [rad/s]."""
     ((x, b), _), (p1, p2, p3, p4) = _state(block, lane), momentum
-    ((m11, m12, m22), mixed, bends, _), _ = _inertia(_links_of(block, settings, lane), x[:2], b)
-    joints = m11 + rotor[0], m12, m22 + rotor[1]
-    (m11, m12, m22), (left1, left2), rest = reduce_terms(joints, mixed, bends, p1, p2, p3, p4)
-    v1, v2 = solve_terms(m11, m12, m22, left1, left2)
-    return v1, v2, *bend_terms(rest, v1, v2)
+    ((m11, m13, m33), Mqb, Mbb, _), _ = _inertia(_links_of(block, settings, lane), x[:2], b)
+    Mqq = m11 + rotor[0], m13, m33 + rotor[1]
+    (s11, s12, s22), (left1, left2), eliminated = reduce_terms(Mqq, Mqb, Mbb, (p1, p2), (p3, p4))
+    v1, v2 = solve_terms(s11, s12, s22, left1, left2)
+    return v1, v2, *bend_terms(eliminated, v1, v2)

@@ -301,13 +301,16 @@ STEPS = (
 """The steps of plain scenarios, of real ones, of those with rare options, of elastic joints, and of
 links that bend."""
 
-_REAL = ("has_payload", "disturbance_kind", "friction_law", "noisy", "rippled")
-_RARE = ("events", "history", "dropout_length")
+_NEEDS = (
+    (2, ("external_physics",)),
+    (4, ("flexible",)),
+    (3, ("elastic",)),
+    (2, ("events", "history", "dropout_length")),
+    (1, ("has_payload", "disturbance_kind", "friction_law", "noisy", "rippled")),
+)
+"""Indices in `STEPS`, with settings of which any one needs it; the first that fits is taken."""
 
 
-def class_of(settings):
+def step_number(settings):
     """Return the index in `STEPS` of the step that a scenario needs."""
-    if settings["external_physics"]:
-        return 2
-    real, rare = (any(settings[name] > 0 for name in names) for names in (_REAL, _RARE))
-    return 4 if settings["flexible"] else 3 if settings["elastic"] else 2 if rare else int(real)
+    return next((number for number, names in _NEEDS if any(settings[name] > 0 for name in names)), 0)
