@@ -14,9 +14,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Policy, State, TorqueLaw, between, steps_at
+from controllers.base import Policy, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics
-from controllers.parts import OBSERVERS, Acting, Barrier, Predictor, Springs
+from controllers.parts.barrier import Barrier
+from controllers.parts.drive import Acting
+from controllers.parts.observers import OBSERVERS
+from controllers.parts.predictor import Predictor
+from controllers.parts.springs import Springs
+from controllers.preview import Places, between, places
 from fbl_gym.interface import Interface, clip, make_layout
 from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, Limits
@@ -92,11 +97,11 @@ class Composed(TorqueLaw):
         return {**made, "observer": OBSERVERS[observer](self.interface.control_dt, **self._gains(observer))}
 
     @cached_property
-    def _ahead(self) -> tuple[Array, Array, Array]:
-        """`steps_at` of the reference that the law inside gets, when its torque acts."""
+    def _ahead(self) -> Places:
+        """Places of the reference that the law inside gets, when its torque acts."""
         samples, dt = len(self.interface.layout.reference) // 6, self.interface.control_dt
         ahead = self.drive.delay - self.interface.latency + self._made["predictor"].lateness
-        return steps_at(dt, samples, ahead + dt * np.arange(samples, dtype=float))
+        return places(dt, samples, ahead + dt * np.arange(samples, dtype=float))
 
     @cached_property
     def _estimates(self) -> bool:
@@ -182,8 +187,7 @@ class Composed(TorqueLaw):
         signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
         reference = observation.take(layout.reference, axis=-1).reshape(len(q), -1, 6)
         if predictor is not None:
-            last, following, t = self._ahead
-            reference = between(reference[:, last], reference[:, following], t, inside.control_dt)
+            reference = between(reference, self._ahead, inside.control_dt)
         bend = state.bend
         if "springs" in self._made:
             reference, bend = self._made["springs"].moved(reference, bend)

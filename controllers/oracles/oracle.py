@@ -6,9 +6,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Law, State, known_reference, sampled_at
-from controllers.laws.lqg_elastic import ANGLES, COSINES, at_angle, design, past_reference, rate
+from controllers.base import Law, State
+from controllers.numerics.elastic import rate
+from controllers.numerics.regulator import ANGLES, COSINES, at_angle, design
 from controllers.oracles.true_arm import TrueArm
+from controllers.preview import known_reference, past_reference, sampled_at
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics, with_rotors
 from fbl_gym.records.checks import Pair

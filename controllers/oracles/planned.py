@@ -16,9 +16,10 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from controllers.base import State, between
+from controllers.base import State
 from controllers.oracles.oracle import PREVIEW, ElasticState, OracleElastic
 from controllers.oracles.true_arm import TrueArm
+from controllers.preview import Places, between
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import Array, coriolis_terms, gravity_terms, inertia_terms, inverse_dynamics, with_rotors
 from fbl_gym.records.record import number
@@ -161,5 +162,5 @@ class OraclePlanned(OracleElastic):
             plan = np.asarray(x).reshape(-1, 8)[:, :6] * UNITS
             at = np.arange(stride * (len(plan) - 1) + 1)
             k = np.minimum(at // stride, len(plan) - 2)
-            t = (dt * (at - stride * k))[:, None]
-            motion[i, first : first + len(at)] = between(plan[k], plan[k + 1], t, step)
+            places = Places(k[None], k[None] + 1, dt * (at - stride * k)[None])
+            motion[i, first : first + len(at)] = between(plan[None], places, step)[0]

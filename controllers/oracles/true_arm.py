@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from controllers.parts import runge_kutta
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 from fbl_gym.model.chain import chain_dynamics
 from fbl_gym.scenarios import Scenario
+
+
+def runge_kutta(
+    rates: Callable[[Sequence[Any], Any], Sequence[Any]], x: Sequence[Any], h: Any, inputs: Sequence[Any]
+) -> list[Any]:
+    """Return the state x after a classical Runge-Kutta step of h [s].
+
+    Args:
+        rates: (state, input) -> the state's time derivative.
+        x: the state's parts.
+        h: a number, or [n x 1].
+        inputs: at the step's start, middle and end.
+    """
+    k1 = rates(x, inputs[0])
+    k2 = rates([y + 0.5 * h * k for y, k in zip(x, k1, strict=True)], inputs[1])
+    k3 = rates([y + 0.5 * h * k for y, k in zip(x, k2, strict=True)], inputs[1])
+    k4 = rates([y + h * k for y, k in zip(x, k3, strict=True)], inputs[2])
+    return [y + h / 6.0 * (a + 2.0 * (b + c) + d) for y, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
 
 
 def diagonal(x: Array) -> Array:
