@@ -185,7 +185,7 @@ class LqgElastic(TorqueLaw):
         """Return the next state where a torque [n x 2] N m is sent."""
         state, turned = draft
         acting = self.drive.act(state.acting, torque)
-        x, _ = self.moved(state.estimate, acting.mean, acting.mean[:, None], self._sample)
+        x, _ = self.moved(state.estimate, acting.mean, acting.mean[:, None], np.array([self.drive.dt]))
         x[:, -2:] += turned
         # An arm that diverges may carry the estimate away; its numbers stay finite.
         return state._replace(estimate=clip(x, -1e6, 1e6), acting=acting)
@@ -199,13 +199,14 @@ class LqgElastic(TorqueLaw):
         share = -math.expm1(-self.interface.control_dt / self.friction)
         return state.mean + share * innovation, np.maximum(state.dry - share * sign * innovation, 0.0)
 
-    def moved(self, x: Array, due: Array, commands: Array, spans: Array) -> tuple[Array, Array]:
+    def moved(self, x: Array, due: Array, commands: Array, durations: Array) -> tuple[Array, Array]:
         """Return states [n x (s + 2)] and the drives' torque [n x 2] N m after some commands.
 
-        The commands [n x m x 2] N m have the newest first, and `spans` has their durations.
+        The commands [n x m x 2] N m have the newest first, their durations [m] s the oldest.
         """
         x, due = x.copy(), due.copy()
-        move(self._links, self.springs, spans, np.ascontiguousarray(commands), x, due)
+        commands = np.ascontiguousarray(commands)
+        move(self._links, self.springs, durations, self.drive.lag, self._fastest, commands, x, due)
         return x, due
 
     def followed(self, motion: Array, x: Array, due: Array, d: Array) -> Array:
@@ -225,24 +226,10 @@ class LqgElastic(TorqueLaw):
         brake(error, at_angle(self.near, x[:, 1]))
         return command - d + _product(at_angle(self.feedback, x[:, 1]), error)
 
-    def spans(self, *durations: float) -> Array:
-        """Return the spans that `elastic.move` takes for commands with durations [s], in turn."""
-        rows = []
-        for h in durations:
-            keep = math.exp(-h / self.drive.lag) if self.drive.lag > 0.0 else 0.0
-            share = self.drive.lag * (1.0 - keep) / h if h > 0.0 else 0.0
-            rows.append((h, keep, share, max(1, math.ceil(max(3.0 * h * self._fastest, h / 0.005) - 1e-9))))
-        return np.array(rows)
-
     @cached_property
     def _coming(self) -> Array:
-        """`spans` of the commands under way."""
-        return self.spans(self.drive.rest, *[self.drive.dt] * self.drive.whole)
-
-    @cached_property
-    def _sample(self) -> Array:
-        """`spans` of a control interval."""
-        return self.spans(self.drive.dt)
+        """Durations of the commands under way [s]."""
+        return np.array([self.drive.rest, *[self.drive.dt] * self.drive.whole])
 
     @cached_property
     def _fastest(self) -> float:

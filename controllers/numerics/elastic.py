@@ -5,6 +5,8 @@ a torque d on the motors that stays. The springs [3 x 2] are stiffness [N m/rad]
 [N m s/rad] and inertia of the rotor [kg m^2] of each joint; [0 x 2]: joints are rigid.
 """
 
+import math
+
 import numpy as np
 
 from fbl_gym.kernel.arm.prediction import find_accelerations, find_torques
@@ -15,14 +17,15 @@ RATES = np.gradient(np.eye(5), axis=0, edge_order=2)
 
 
 @cached_njit
-def move(arm, springs, spans, commands, x, due):
+def move(arm, springs, durations, lag, fastest, commands, x, due):
     """Move states and the torque of the drives through commands, by leapfrog steps.
 
     Args:
         arm: lumped parameters and rotors of the links [1 x 7].
         springs: see the module.
-        spans: of each command the duration [s], the share of the gap to it that is left at the
-            end, this share's mean, and the number of steps [m x 4].
+        durations: of the commands, the oldest first [m] s; one may be 0.
+        lag: time constant with which the torque follows a command [s]; 0: at once.
+        fastest: the fastest natural frequency [rad/s].
         commands: the newest first [n x m x 2] N m.
         x: the states, which this replaces.
         due: torque of the drives [n x 2] N m, which this replaces.
@@ -30,17 +33,20 @@ def move(arm, springs, spans, commands, x, due):
     n, elastic = len(x), len(springs) > 0
     q, v, torque, load, a = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2))
     q[:], v[:] = x[:, :2], x[:, 2:4]
-    for k in range(len(spans)):
-        if spans[k, 0] == 0.0:
+    for k in range(len(durations)):
+        h = durations[k]
+        if h == 0.0:
             continue
-        steps = int(spans[k, 3])
-        h = spans[k, 0] / steps
+        keep = math.exp(-h / lag) if lag > 0.0 else 0.0
+        share = lag * (1.0 - keep) / h
+        steps = max(1, math.ceil(max(3.0 * h * fastest, h / 0.005) - 1e-9))
+        h /= steps
         for lane in range(n):
             for j in range(2):
-                command = commands[lane, len(spans) - 1 - k, j]
+                command = commands[lane, len(durations) - 1 - k, j]
                 gap = due[lane, j] - command
-                torque[lane, j] = command + spans[k, 2] * gap + x[lane, x.shape[1] - 2 + j]
-                due[lane, j] = command + spans[k, 1] * gap
+                torque[lane, j] = command + share * gap + x[lane, x.shape[1] - 2 + j]
+                due[lane, j] = command + keep * gap
         for _ in range(steps):
             for lane in range(n):
                 for j in range(2):

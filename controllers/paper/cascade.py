@@ -63,14 +63,9 @@ class CascadeFlm(IntegralLaw):
         return torque, IntegralState(integral)
 
     def loops(
-        self,
-        observation: Array,
-        q: Array,
-        v: Array,
-        integral: Array,
-        model: ArmParameters | Array,
+        self, observation: Array, q: Array, v: Array, integral: Array, model: ArmParameters | Array,
         schedule: Array | float = 1.0,
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Return the torque [n x 2] N m of both loops, and the next integral [n x 2].
 
         q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped

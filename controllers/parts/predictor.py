@@ -5,7 +5,13 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-from controllers.parts.drive import Drive
+import numpy as np
+
+from controllers.numerics.dynamics import forward_dynamics
+from controllers.parts.drive import Acting, Drive
+from controllers.preview import Places, between, places
+from fbl_gym.interface import Interface
+from fbl_gym.model.arm import Array
 from fbl_gym.records.record import Record, number
 
 
@@ -24,12 +30,17 @@ class Predictor(Record):
     (1 - lead) lag. A large share amplifies the noise.
 
     Args:
-        drive: of the interface.
+        interface: of the policy.
         lead: share of the lag that is inverted.
     """
 
-    drive: Drive = dataclasses.field(repr=False)
+    interface: Interface = dataclasses.field(repr=False)
     lead: float = number(0.5, low=0, high=1, tune=(0.05, 1.0))
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The known drive."""
+        return Drive.of(self.interface)
 
     @cached_property
     def gain(self) -> float:
@@ -50,3 +61,28 @@ class Predictor(Record):
         # ones are smaller by the same factor each.
         area = dt - self.gain * (dt - lag * gap)
         return area / (self.gain * gap)
+
+    def motion(self, motion: dict[str, Array], f: Array, acting: Acting) -> tuple[dict[str, Array], Array]:
+        """Return the motion at which a torque acts, and the torque due before it [n x 2] N m.
+
+        Args:
+            motion: position, velocity and acceleration at the last reading, [n x 2] each.
+            f: the acceleration that the model does not explain [n x 2] rad/s^2.
+            acting: the torques at that reading.
+        """
+        arm, drive, (q, v, a) = self.interface.nominal, self.drive, motion.values()
+        q_due, v_due, due = drive.predict(arm, q, v, f, acting.torque, drive.coming(acting.queue))
+        q_then, v_then, torque = drive.predict(arm, q_due, v_due, f, due, [(self.lateness, acting.queue[:, 0])])
+        a = forward_dynamics(arm, q_then, v_then, torque) + (a - forward_dynamics(arm, q, v, acting.torque))
+        return {"position": q_then, "velocity": v_then, "acceleration": a}, due
+
+    def reference(self, known: Array) -> Array:
+        """Return the reference at that time and later [n x k x 6], from that of an observation."""
+        return between(known, self._places, self.drive.dt)
+
+    @cached_property
+    def _places(self) -> Places:
+        """Places of the law's reference in that of an observation."""
+        samples = len(self.interface.layout.reference) // 6
+        ahead = self.drive.delay - self.interface.latency + self.lateness
+        return places(self.drive.dt, samples, ahead + self.drive.dt * np.arange(samples, dtype=float))
