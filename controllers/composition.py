@@ -97,8 +97,10 @@ class Composed(TorqueLaw):
         position, velocity, acceleration, _ = self._bounds
         limits = Limits(position=position / 2, velocity=velocity / 2, acceleration=acceleration)
         layout = make_layout(sensors, limits, outer.action_limit, "", 0, len(outer.layout.reference) // 6 - 1)
-        drive = {"delay": (0.0, 0.0), "lag": (0.0, 0.0), "latency": 0.0} if "predictor" in self._parts else {}
-        return dataclasses.replace(outer, layout=layout, **drive)
+        inner = dataclasses.replace(outer, layout=layout)
+        if "predictor" in self._parts:
+            inner = dataclasses.replace(inner, delay=(0.0, 0.0), lag=(0.0, 0.0), latency=0.0)
+        return inner
 
     def _gains(self, part: str) -> dict[str, Any]:
         """Return the gains of a part that is named."""

@@ -142,7 +142,8 @@ class TrueArm:
 
     def rates(self, x: Array, torque: Array, dry: Array | float = 0.0) -> Array:
         """Return the time derivative of a state without its torque."""
-        truth, q, v, motors = self.truth, x[:, :2], x[:, 2:4], ()
+        truth, q, v = self.truth, x[:, :2], x[:, 2:4]
+        motors: tuple[Array, ...] = ()
         load = torque - truth.viscous * x[:, self.side] - dry
         if self.elastic:
             motor, w = x[:, -4:-2], x[:, -2:]
